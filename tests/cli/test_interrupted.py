@@ -1,13 +1,11 @@
-"""Interrupts by Ctrl-C or signals: results are kept, the status is 130, no process remains."""
+"""Interrupts by Ctrl-C or signals: results are kept, the status is 130."""
 
 import json
 import os
 import pickle
 import signal
-import subprocess
 import sys
 import threading
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,29 +14,13 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main, stopped_by_signals
 from pinadapt.description.catalogue import robots_folder
+from pinadapt.simulation.simulate import record
 from tests.support.loops import circle_at_home
 
 pytestmark = pytest.mark.slow
 
 PLANAR = str(robots_folder() / "planar_2r" / "wang_xie_2009.toml")
 SETTINGS = ["--set", "simulation.duration=0.1", "controller.law=adaptive-inverse-dynamics"]
-
-SCRIPT = """
-import os, signal, sys
-import pinadapt.simulation.simulate
-from pinadapt.cli.command_line import main
-from pinadapt.plots.style import Picture
-Picture.png = lambda picture, dpi=100: b"not painted"
-module = sys.modules["pinadapt.simulation.simulate"]
-record, signals = module.record, [signal.SIGINT, signal.SIGTERM]
-def told(stream, indices, *options):
-    tell = lambda k: k != 50 or os.kill(os.getpid(), signals.pop(0)) is None
-    return record(stream, (k for k in indices if tell(k)), *options)
-module.record = told
-place, *arguments = sys.argv[1:]
-assert main(["run", *arguments, "--out", place + "/SIGINT"]) == 130
-sys.exit(main(["run", *arguments, "--out", place + "/SIGTERM"]))
-"""
 
 
 def stopping(at):
@@ -93,23 +75,22 @@ def test_an_interrupt_carries_the_rollout_so_far(mode, at, tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text())["steps"] == at
 
 
-def test_a_signal_ends_a_run_with_its_outputs_and_130(tmp_path):
-    environment = {**os.environ, "PYTHONPATH": str(Path(pa.__file__).parents[1])}
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(tmp_path), PLANAR, *SETTINGS],
-        env=environment,
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
-    assert done.returncode == 130 and "Traceback" not in done.stderr
-    lines = [line for line in done.stdout.splitlines() if line.startswith("interrupted at 0.049 s")]
-    assert len(lines) == 2
-    for folder in (tmp_path / "SIGINT", tmp_path / "SIGTERM"):
-        summary = json.loads((folder / "summary.json").read_text())
-        assert summary["interrupted"] == pytest.approx(0.049) and summary["steps"] == 50
-        assert len(np.load(folder / "rollout.npz")["error"]) == 50
-        assert (folder / "animation.html").is_file() and (folder / "learned.json").is_file()
+@pytest.mark.usefixtures("blank_pictures")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_with_its_outputs_and_130(number, tmp_path, monkeypatch, capsys):
+    def told(stream, indices, *options):
+        tell = lambda k: k != 50 or signal.raise_signal(number) is None  # noqa: E731
+        return record(stream, (k for k in indices if tell(k)), *options)
+
+    monkeypatch.setattr(sys.modules["pinadapt.simulation.simulate"], "record", told)
+    assert main(["run", PLANAR, *SETTINGS, "--out", str(tmp_path)]) == 130
+    out, err = capsys.readouterr()
+    assert any(line.startswith("interrupted at 0.049 s") for line in out.splitlines())
+    assert "Traceback" not in err
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["interrupted"] == pytest.approx(0.049) and summary["steps"] == 50
+    assert len(np.load(tmp_path / "rollout.npz")["error"]) == 50
+    assert (tmp_path / "animation.html").is_file() and (tmp_path / "learned.json").is_file()
 
 
 def test_an_interrupt_while_outputs_are_written_keeps_the_rollout(tmp_path, monkeypatch, capsys):

@@ -1,10 +1,10 @@
 """Output files: complete and of one run, however writing ends; refused before the run."""
 
 import errno
+import io
 import json
 import os
 import signal
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import pinadapt as pa
 from pinadapt._output import UNFINISHED, check_writable, one_run, whole_file, write_text
 from pinadapt.cli.command_line import main
 from pinadapt.cli.outputs import RUN_FILES
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.exceptions import InputError
+from pinadapt.simulation.simulate import record
 from tests.support.loops import run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
@@ -110,23 +110,16 @@ def test_a_process_killed_while_it_writes_leaves_whole_files_of_one_run(
     assert set(of_run(tmp_path)) == {"15"} and shown(tmp_path) == set(RUN_FILES)
 
 
-def test_a_run_killed_while_it_runs_leaves_the_one_before(tmp_path):
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
+def test_a_run_killed_while_it_runs_leaves_the_one_before(tmp_path, monkeypatch):
+    def killed(stream, indices, *options):
+        kill = lambda k: k < 50 or os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
+        return record(stream, (k for k in indices if kill(k)), *options)
+
     assert main(command(tmp_path, "--no-html", title="first")) == 0
-    script = (
-        "import importlib, os, signal, sys\n"
-        "module = importlib.import_module('pinadapt.simulation.simulate')\n"
-        "record = module.record\n"
-        "def killed(stream, indices, *options):\n"
-        "    kill = lambda k: k < 50 or os.kill(os.getpid(), signal.SIGKILL)\n"
-        "    return record(stream, (k for k in indices if kill(k)), *options)\n"
-        "module.record = killed\n"
-        "from pinadapt.cli.command_line import main\n"
-        "main(sys.argv[1:])\n"
-    )
-    arguments = command(tmp_path, steps=100, title="second")
-    environment = {**os.environ, "PYTHONPATH": str(Path(pa.__file__).parents[1])}
-    done = subprocess.run([sys.executable, "-c", script, *arguments], env=environment)
-    assert done.returncode == -signal.SIGKILL
+    monkeypatch.setattr(sys.modules["pinadapt.simulation.simulate"], "record", killed)
+    second = command(tmp_path, steps=100, title="second")
+    assert os.WTERMSIG(forked(lambda: main(second))) == signal.SIGKILL
     assert json.loads((tmp_path / "summary.json").read_text())["title"] == "first"
     assert {path.name for path in tmp_path.iterdir()} == {
         *PLOTS,
@@ -253,26 +246,12 @@ def test_a_full_disk_sends_the_rollout_elsewhere(tmp_path, capsys, monkeypatch):
 # --- signs ---
 
 
-def test_an_ascii_pipe_gets_printable_text_and_no_progress_bar(tmp_path):
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(Path(pa.__file__).parents[1]),
-        "PYTHONIOENCODING": "ascii",
-    }
-    script = (  # pictures are not painted
-        "import sys\n"
-        "from pinadapt.cli.command_line import main\n"
-        "from pinadapt.plots.style import Picture\n"
-        "Picture.png = lambda picture, dpi=100: b''\n"
-        "sys.exit(main(sys.argv[1:]))\n"
-    )
-    arguments = command(tmp_path / "ö", "--no-html", title="Größe机")
-    process = subprocess.run(
-        [sys.executable, "-c", script, *arguments],
-        capture_output=True,
-        env=environment,
-    )
-    assert (process.returncode, process.stderr) == (0, b"")
-    shown = process.stdout.decode("ascii")
-    assert shown.splitlines()[0] == "Gr??e?"
-    assert not any(sign in shown for sign in ("\r", "it/s", "%|"))
+def test_an_ascii_pipe_gets_printable_text_and_no_progress_bar(tmp_path, monkeypatch):
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict") for _ in "oe")
+    monkeypatch.setattr("sys.stdout", out)
+    monkeypatch.setattr("sys.stderr", err)
+    assert main(command(tmp_path / "ö", "--no-html", title="Größe机")) == 0
+    monkeypatch.undo()
+    written, told = ((stream.seek(0), stream.read())[1] for stream in (out, err))
+    assert told == "" and written.splitlines()[0] == "Gr??e?"
+    assert not any(sign in written for sign in ("\r", "it/s", "%|"))

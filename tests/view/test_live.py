@@ -1,15 +1,15 @@
 """Live views: what a browser receives, timing, and the end of the server."""
 
+import io
 import os
+import re
 import signal
 import socket
-import subprocess
-import sys
 import threading
+import time
 import urllib.error
 import urllib.request
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -244,25 +244,23 @@ def test_view_of_a_folder_without_one_is_refused(tmp_path, capsys):
     assert "animation.html" in capsys.readouterr().err
 
 
-def test_an_interrupted_live_run_ends_its_process_and_frees_its_port():
-    source = str(Path(pa.__file__).parents[1])
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([source, *sys.path])}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pinadapt", "view", PLANAR],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-        # a shell lets what it starts in the background ignore Ctrl-C, and that is inherited
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
-    line = process.stderr.readline()
-    url = line.split()[-1]
-    assert url.startswith("http://127.0.0.1:")
-    assert urllib.request.urlopen(url, timeout=10).status == 200
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
-    assert process.returncode == 130
+def test_an_interrupted_live_run_is_130_and_frees_its_port(monkeypatch):
+    """A page is asked for while it runs, then Ctrl-C."""
+    told, asked = io.StringIO(), []
+
+    def asking():
+        while not (url := re.search(r"http://127\.0\.0\.1:\S+", told.getvalue())):
+            time.sleep(0.01)
+        asked.append((url[0], urllib.request.urlopen(url[0], timeout=10).status))
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr("sys.stderr", told)
+    thread = threading.Thread(target=asking)
+    thread.start()
+    assert main(["view", PLANAR]) == 130
+    thread.join(10.0)
+    ((url, status),) = asked
+    assert status == 200
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(url, timeout=5)
 

@@ -3,9 +3,8 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
+from pinadapt._output import write_text
 from pinadapt.cli.command_line import main
 from pinadapt.cli.zoo import zoo_table
 from pinadapt.zoo.experiment import (
@@ -181,44 +181,38 @@ def test_a_robot_that_cannot_run_is_a_row_with_the_reason(monkeypatch):
     assert zoo_row("ur5", "adaptive-jacobian").verdict == "refused: no circle will do."
 
 
-def running(session):
-    """Yield the processes of a session that have not ended."""
+def children():
+    """Return the processes that this one has started and that have not ended."""
+    found = set()
     for folder in Path("/proc").glob("[0-9]*"):
-        try:
+        with suppress(OSError):
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[3]) == session and fields[0] != "Z":
-            yield folder.name
+            tracker = b"resource_tracker" in (folder / "cmdline").read_bytes()
+            if int(fields[1]) == os.getpid() and fields[0] != "Z" and not tracker:
+                found.add(folder.name)
+    return found
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc")
-def test_a_zoo_that_is_interrupted_leaves_its_finished_rows_and_no_process(tmp_path):
+def test_a_zoo_that_is_interrupted_leaves_its_finished_rows_and_no_process(
+    tmp_path, monkeypatch, capsys
+):
     """Killed, its processes end as those of any sweep."""
-    arguments = ["--robots", "scara,panda", "--processes", "2", "--task", "pose"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pinadapt", "zoo", *arguments, "--out", str(tmp_path)],
-        env={
-            **os.environ,
-            "PYTHONPATH": str(Path(pa.__file__).parents[1]),
-            "NUMBA_DISABLE_JIT": "1",  # no run gets far
-        },
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
-    while not (tmp_path / "zoo.json").exists() and process.poll() is None:
-        time.sleep(0.05)
-    assert len(list(running(process.pid))) >= 3
-    os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: all of its processes
-    out, err = process.communicate(timeout=60)
+    before, while_it_ran = children(), set()
+
+    def interrupted(*arguments):
+        write_text(*arguments)
+        while_it_ran.update(children())
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("pinadapt.cli.zoo.write_text", interrupted)
+    arguments = ["--robots", "scara,planar_2r", "--processes", "1", "--task", "pose"]
+    assert main(["zoo", *arguments, "--out", str(tmp_path)]) == 130
     rows = json.loads((tmp_path / "zoo.json").read_text())
+    out, err = capsys.readouterr()
     assert [row["robot"] for row in rows] == ["scara"] and rows[0]["verdict"]  # refused at once
-    assert process.returncode == 130 and "Traceback" not in err
-    assert all(row["robot"] in out for row in rows) and "have not run" in out
+    assert "Traceback" not in err and "scara" in out and "1 have not run" in out
     deadline = time.monotonic() + 30.0
-    while list(running(process.pid)) and time.monotonic() < deadline:
+    while children() - before and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not list(running(process.pid))
+    assert while_it_ran - before and not children() - before

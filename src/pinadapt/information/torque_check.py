@@ -242,23 +242,17 @@ class _Motion:
     @cached_property
     def friction(self) -> np.ndarray:
         """Orthonormal bases (n, K, 2) of what the friction of each joint can explain."""
-        found = []
-        for j in range(self.v.shape[1]):
-            columns = np.column_stack([self.v[:, j], self.signs[:, j]])
-            columns = columns / np.maximum(np.linalg.norm(columns, axis=0), _ZERO)
-            left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-            found.append(left * (sizes > _PARALLEL))
-        return np.array(found)
+        columns = np.stack([self.v.T, self.signs.T], axis=2)
+        columns /= np.maximum(np.linalg.norm(columns, axis=1, keepdims=True), _ZERO)
+        left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        return np.asarray(left * (sizes > _PARALLEL)[:, None])
 
     def without_friction(self, values: np.ndarray) -> np.ndarray:
         """Return values (K, n, ...) of the joints without what their friction can explain."""
-        parts = [_outside(basis, values[:, j]) for j, basis in enumerate(self.friction)]
-        return np.stack(parts, axis=1)
-
-
-def _outside(basis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values (K, ...) without their part in the span of an orthonormal basis (K, m)."""
-    return np.asarray(values - basis @ (basis.T @ values))
+        basis, (K, n, *_) = self.friction, values.shape
+        parts = values.swapaxes(0, 1).reshape(n, K, -1)
+        parts = parts - basis @ (basis.swapaxes(1, 2) @ parts)
+        return parts.swapaxes(0, 1).reshape(values.shape)
 
 
 class _Described(NamedTuple):
@@ -480,7 +474,7 @@ def _fit(
     factor = np.where(size > _ZERO, both / np.maximum(size, _ZERO) ** 2, 0.0)
     usual, seen = np.clip(factor, *_USUAL), (size > _ZERO) & (level > _ZERO)
     rest = tau - factor * described
-    shares = np.array([((basis.T @ rest) ** 2).sum(axis=0) for basis in motion.friction])
+    shares = ((motion.friction.swapaxes(1, 2) @ rest) ** 2).sum(axis=1)
     shares /= np.maximum((rest**2).sum(axis=0), _ZERO**2)  # (i, j): of joint j, by friction of i
     own = np.diag(shares).copy()
     np.fill_diagonal(shares, 0.0)
@@ -553,15 +547,19 @@ class _Comparison:
     def _described(self, motion: _Motion) -> _Described:
         """Return the described torques of a motion."""
         model, data, q = self._model, self._data, self._configurations(motion.q)
-        model.gravity.linear = np.zeros(3)
-        D = np.array(
-            [pin.rnea(model, data, *row) for row in zip(q, motion.v, motion.a, strict=True)]
-        )
+        D = self._torques(motion, np.zeros(3))
         G = np.zeros((*D.shape, 3))
         for i, axis in enumerate(np.eye(3)):
             model.gravity.linear = axis
             G[..., i] = [pin.computeGeneralizedGravity(model, data, x) for x in q]
         return _Described(D, G)
+
+    def _torques(self, motion: _Motion, gravity: np.ndarray) -> np.ndarray:
+        """Return the described torques (K, n) of a motion under a gravity (3)."""
+        model, data, q = self._model, self._data, self._configurations(motion.q)
+        model.gravity.linear = gravity
+        rows = zip(q, motion.v, motion.a, strict=True)
+        return np.array([pin.rnea(model, data, *row) for row in rows])
 
     def seen_gravity(self) -> np.ndarray:
         """Return gravity (3) as all joints show it together, with one factor of the inertia."""
@@ -587,26 +585,40 @@ class _Comparison:
         plain: _TorqueFit,
     ) -> _Load:
         """Return the load, a point mass on the last body, that best explains the rest."""
-        model, q = self._model, self._configurations(motion.q)
-        model.gravity.linear = gravity
-        rows = zip(q, motion.v, motion.a, strict=True)
-        Y = np.array([pin.computeJointTorqueRegressor(model, self._data, *row) for row in rows])
-        Y = Y[..., -PER_BODY:] * self._usual  # in units of a usual load
+        as_it_is = motion is self._motion and gravity is self._gravity
+        Y, seen = self._load_as_it_is if as_it_is else self._load_rows(motion, gravity)
         level = np.maximum(np.linalg.norm(tau, axis=0) / math.sqrt(len(tau)), _ZERO)
         noise = np.maximum(plain.left, _LEAST_NOISE) * level
-        visible = motion.without_friction(np.dstack([Y, tau - described]))
+        rest = motion.without_friction(tau - described)
+        rows = np.concatenate([seen, rest[..., None]], axis=2).swapaxes(0, 1)
+        squares = rows.swapaxes(1, 2) @ rows  # (n, 11, 11) of each joint
         for _ in range(_ROUNDS):
-            A = (visible / noise[:, None]).reshape(-1, PER_BODY + 1)
-            inverse = np.linalg.inv(A[:, :-1].T @ A[:, :-1] + np.eye(PER_BODY))
-            x = inverse @ (A[:, :-1].T @ A[:, -1])
-            left = visible[..., -1] - visible[..., :-1] @ x
-            noise = np.maximum(np.sqrt(np.mean(left**2, axis=0)), _LEAST_NOISE * level)
-        pi, body = x * self._usual, float(model.inertias[model.njoints - 1].mass)
+            total = (squares / noise[:, None, None] ** 2).sum(axis=0)
+            inverse = np.linalg.inv(total[:-1, :-1] + np.eye(PER_BODY))
+            x = inverse @ total[:-1, -1]
+            both = np.append(x, -1.0)
+            left = np.maximum(both @ squares @ both, 0.0) / len(tau)
+            noise = np.maximum(np.sqrt(left), _LEAST_NOISE * level)
+        pi, body = x * self._usual, float(self._model.inertias[self._model.njoints - 1].mass)
         mass, deviation = float(pi[0]), float(self._usual[0] * math.sqrt(inverse[0, 0]))
         far = float(np.linalg.norm(pi[1:4]))
         liftable = -body - _CALIBRATION < mass < self._heaviest
         near = far <= _FARTHEST * self._robot.reach * max(abs(mass), body, _CALIBRATION)
         return _Load(mass, _ROWS_A_WINDOW * deviation, liftable and near, Y @ x)
+
+    def _load_rows(self, motion: _Motion, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y (K, n, 10) of a load, in units of a usual one, and Y without friction."""
+        model, q = self._model, self._configurations(motion.q)
+        model.gravity.linear = gravity
+        rows = zip(q, motion.v, motion.a, strict=True)
+        whole = [pin.computeJointTorqueRegressor(model, self._data, *row) for row in rows]
+        Y = np.array([row[:, -PER_BODY:] for row in whole]) * self._usual
+        return Y, motion.without_friction(Y)
+
+    @cached_property
+    def _load_as_it_is(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the motion and the gravity that nothing is mended of."""
+        return self._load_rows(self._motion, self._gravity)
 
     @cached_property
     def _usual(self) -> np.ndarray:
@@ -711,11 +723,13 @@ class _Comparison:
         gravity: np.ndarray | None = None,
     ) -> Iterator[_Explanation]:
         """Yield the fits, without and with a load, after a mistake is mended."""
-        found = self._found if motion is None else self._described(motion)
-        motion = self._motion if motion is None else motion
-        tau = motion.tau if tau is None else tau
         gravity = self._gravity if gravity is None else gravity
-        described, sizes = found.torque(gravity), np.linalg.norm(tau, axis=0)
+        if motion is None:
+            motion, described = self._motion, self._found.torque(gravity)
+        else:
+            described = self._torques(motion, gravity)
+        tau = motion.tau if tau is None else tau
+        sizes = np.linalg.norm(tau, axis=0)
         fit = _fit(motion, tau, described)
         yield _Explanation(cause, fit, numbers)
         load = self._load(motion, tau, described, gravity, fit)
