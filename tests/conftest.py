@@ -21,6 +21,14 @@ def blank_pictures(monkeypatch):
     monkeypatch.setattr(Picture, "png", lambda self, dpi=100: png)
 
 
+@pytest.fixture
+def unpainted(monkeypatch):
+    """Draw pictures and do not paint them, in tests of what can be drawn."""
+    from pinadapt.plots.style import Picture
+
+    monkeypatch.setattr(Picture, "png", lambda self, dpi=100: b"not painted")
+
+
 def pytest_collection_finish(session):
     """Search what is collected and imported for garbage once, not whenever a test searches."""
     gc.collect()

@@ -255,7 +255,7 @@ def test_a_joint_task_gets_sines_of_its_joints(tmp_path, arguments, law):
     tables = read_toml(file)
     assert (tables["robot"]["task"], tables["controller"]["law"]) == ("joint", law)
     assert tables["reference"]["kind"] == "sinusoid" and "tool_translation" not in tables["truth"]
-    short = ["simulation.duration=5.0", TWO_MS]
+    short = ["simulation.duration=3.5", TWO_MS]
     rollout = Scenario.read(file, short).run()
     fixed = Scenario.read(file, [*short, "controller.adaptation='none'"]).run()
     assert rollout.diverged is None and not rollout.limits.exceeded

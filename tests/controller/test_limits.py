@@ -457,7 +457,7 @@ def test_estimates_stay_in_their_box():
                 if box
                 else nullcontext()
             ):
-                runs[box] = pa.simulate(true, controller, path, duration=0.6, engine=engine)
+                runs[box] = pa.simulate(true, controller, path, duration=0.4, engine=engine)
             assert runs[box].diverged is None
         low, high = controller.kinematics.initial - 0.03, controller.kinematics.initial + 0.03
         outside = (

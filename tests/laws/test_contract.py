@@ -180,7 +180,7 @@ def test_the_true_parameters_are_an_equilibrium(law, name):
         path = pa.trajectories.Hold(start)
     plant = pa.plants.PinocchioPlant(true)
     stream = pa.simulation.run_continuous(plant, controller, path, dt=5e-4, ideal_acceleration=True)
-    *_, last = islice(stream, 120)
+    *_, last = islice(stream, 60)
     first = controller.init(plant.measurement(true.q0, np.zeros(plant.nv)))
     s, _ = controller.command(last.state, last.measurement, last.desired)
     assert controller.law.set_point or np.abs(last.measurement.v).max() > 1e-3  # it moves

@@ -105,6 +105,6 @@ def test_a_loop_with_late_motors_rings_until_they_are_declared(tmp_path):
 def test_coarse_sensors_do_not_ring(name, sensors):
     robot = catalogue_robot(name)
     true = robot.changed(payload=pa.Payload(0.03 * robot.mass))
-    controller = pa.make_controller(robot.changed(inertial_scale=0.8), sensors=sensors)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.8), sensors=sensors, dt=2e-3)
     rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=2.0)
     assert rollout.diverged is None and rollout.ringing is None

@@ -204,7 +204,7 @@ def joint_run():
 
 
 @pytest.mark.parametrize("make", [lambda: tracked("pose")[0], joint_run, run], ids=range(3))
-def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path):
+def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, unpainted):
     rollout = make()
     slowed = (Slowdown(0.01, 0.02, "error", 0.5),)
     rollout = replace(rollout, unadapted=0.01, path_time=0.5 * rollout.t, slowed=slowed)

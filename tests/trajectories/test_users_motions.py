@@ -405,25 +405,24 @@ GIVEN = {
 }
 
 
+def run_of(loop, path, mode):
+    """Return a run of a path."""
+    robot, controller, _ = loop
+    continuous, duration = mode == "continuous", 0.3 if mode == "sampled" else 0.15
+    engine = pa.Engine(continuous=continuous)
+    return pa.simulate(robot, controller, path, duration=duration, engine=engine)
+
+
+@pytest.fixture(scope="module", params=["sampled", "continuous"])
+def as_circle(request, loop):
+    """Return a mode, and the run of the circle as such."""
+    return request.param, run_of(loop, loop[2], request.param)
+
+
 @pytest.mark.parametrize("given", GIVEN.values(), ids=GIVEN.keys())
-@pytest.mark.parametrize("mode", ["sampled", "continuous"])
-def test_a_run_is_the_same_however_its_motion_is_given(given, mode, loop):
-    robot, controller, circle = loop
-    duration = 0.3 if mode == "sampled" else 0.15
-    one = pa.simulate(
-        robot,
-        controller,
-        circle,
-        duration=duration,
-        engine=pa.Engine(continuous=mode == "continuous"),
-    )
-    other = pa.simulate(
-        robot,
-        controller,
-        given(circle),
-        duration=duration,
-        engine=pa.Engine(continuous=mode == "continuous"),
-    )
+def test_a_run_is_the_same_however_its_motion_is_given(given, as_circle, loop):
+    (mode, one), circle = as_circle, loop[2]
+    other = run_of(loop, given(circle), mode)
     assert np.allclose(one.q, other.q, atol=1e-6) and np.ptp(one.q) > 1e-2
     assert np.allclose(one.a_d, other.a_d, atol=1e-4)
     if isinstance(given(circle), Spline):

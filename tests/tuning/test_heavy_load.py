@@ -47,14 +47,14 @@ def test_a_spinning_wrist_does_not_swing_the_estimate_of_the_tool(direction, cam
     true = robot.changed(
         tool_translation=tool, payload=pa.Payload(mass=0.05 * robot.mass, com=tool)
     )
-    controller = pa.make_controller(robot.changed(inertial_scale=0.7))
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), dt=2e-3)
     circle = pa.reachable_circle(robot).starting_at(true.position(true.q0))
     rollout = pa.simulate(
         true,
         controller,
         circle,
         duration=4.5,
-        record_every=10,
+        record_every=5,
         sensors=pa.Sensors(camera=camera),
     )
     assert rollout.diverged is None

@@ -161,7 +161,12 @@ def last_error(name, adaptation, actuators, duration=2.0, **given):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a simulated plant that nobody declared
         controller = pa.make_controller(
-            model, adaptation=adaptation, unknown=unknown, limits=pa.Limits(guards=False), **given
+            model,
+            adaptation=adaptation,
+            unknown=unknown,
+            limits=pa.Limits(guards=False),
+            dt=2e-3,
+            **given,
         )
         rollout = pa.simulate(
             true,
@@ -169,7 +174,7 @@ def last_error(name, adaptation, actuators, duration=2.0, **given):
             case.motion,
             duration=duration,
             engine=pa.Engine(actuators=actuators, torque_limits=case.efforts_suffice),
-            record_every=10,
+            record_every=5,
         )
     if rollout.diverged is not None:
         return np.inf

@@ -111,7 +111,7 @@ _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
 _KINEMATICS = "adaptation of the kinematics"
 _SLACK, _NEARLY_NONE = 0.95, 1e-6
 _SHORTEST = 1e-3  # of the period, at which late motors count as stable at no period
-_LEAST, _HALVINGS = 1e-6, 24  # smallest share, and how far its logarithm is bisected
+_LEAST, _HALVINGS = 1e-6, 16  # smallest share, and bisections of its logarithm: to 0.02 %
 _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 _FREE = 1.0 + 1e-6  # of gains that are nearly zero, whose double roots are rounded
 
@@ -418,6 +418,7 @@ class ActuatedJoints:
             self._C[:, :, -2 * n : -n] = np.eye(n)
             if K_f is not None:
                 self._fast = _MARGIN * K_f[:, None] * (motors - self._C)
+        self._last: tuple[float, np.ndarray, np.ndarray] | None = None
 
     def feedback_radius(self, feedback: Sequence[Feedback], dt: float, factor: float) -> float:
         """Return the median spectral radius of the sampled loop, its gains doubled.
@@ -430,11 +431,8 @@ class ActuatedJoints:
         if self._of_task:  # the posture holds the rest
             null = self._M @ (np.eye(self._M.shape[-1]) - self._inverse @ self._J)
             K_P, K_D = K_P + 0.25 * self._w**2 * null, K_D + self._w * null
-        A, B, C = self._A, self._B, self._C
-        n, size = C.shape[1:]
-        placed = np.block([[A, np.zeros((len(A), size, n))], [C, np.zeros((len(A), n, n))]])
-        Phi, Gamma = _held(placed, np.pad(B, ((0, 0), (0, n), (0, 0))), dt)
-        return _median_of(Phi - Gamma @ np.concatenate([K_D @ C + self._fast, K_P], axis=2))
+        Phi, Gamma = self._held(dt)
+        return _median_of(Phi - Gamma @ np.concatenate([K_D @ self._C + self._fast, K_P], axis=2))
 
     def adaptation_radius(
         self, pairs: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, factor: float
@@ -445,13 +443,26 @@ class ActuatedJoints:
         """
         S, E = (np.array(part) for part in zip(*pairs, strict=True))
         S = _ADAPTATION_MARGIN * factor * self._torque(S)
-        Phi, Gamma = _held(self._A, self._B, dt)
+        Phi, Gamma = (part[:, : self._A.shape[1]] for part in self._held(dt))
+        Phi = Phi[..., : self._A.shape[1]]
         damped = Phi - Gamma @ (self._torque(E) @ self._C + self._fast)
         top = np.concatenate([damped, Gamma], axis=2)
         one = np.broadcast_to(np.eye(S.shape[-1]), S.shape)
         return _median_of(
             np.concatenate([top, np.concatenate([-dt * S @ self._C, one], axis=2)], axis=1)
         )
+
+    def _held(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the transitions over dt [s] under a held torque, of the states and displacements.
+
+        Gains are varied at one period, so those of the last one are kept.
+        """
+        if self._last is None or self._last[0] != dt:
+            A, B, C = self._A, self._B, self._C
+            n, size = C.shape[1:]
+            placed = np.block([[A, np.zeros((len(A), size, n))], [C, np.zeros((len(A), n, n))]])
+            self._last = (dt, *_held(placed, np.pad(B, ((0, 0), (0, n), (0, 0))), dt))
+        return self._last[1:]
 
     def _torque(self, feedback: np.ndarray) -> np.ndarray:
         """Return a gain of joints of unit mass, or of the task, as a torque of the joints."""
