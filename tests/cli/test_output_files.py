@@ -14,7 +14,7 @@ import pytest
 
 from pinadapt._output import UNFINISHED, check_writable, one_run, whole_file, write_text
 from pinadapt.cli.command_line import main
-from pinadapt.cli.outputs import RUN_FILES
+from pinadapt.cli.run import RUN_FILES
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.exceptions import InputError
 from pinadapt.simulation.simulate import record

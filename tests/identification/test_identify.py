@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from benchmarks.calibration import measured, random_angles, wrong_arm
 from pinadapt.cli.command_line import main
 from pinadapt.identification.identification import log_of
 from pinadapt.identification.report import FILES
@@ -273,7 +274,7 @@ class Arm:
 
 def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
     page = ROOT / "docs" / "identify.md"
-    whole, loop, online = re.findall(r"```python\n(.*?)```", page.read_text(), re.S)
+    whole, geometry, loop, online = re.findall(r"```python\n(.*?)```", page.read_text(), re.S)
     robot, log = catalogue_robot("ur5"), recorded("ur5", duration=3.0)
     robot.save(tmp_path / "my_robot.urdf", shapes=False)
     as_csv(tmp_path / "log.csv", log, robot)
@@ -282,6 +283,14 @@ def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
     exec(whole, scope)
     assert pa.load("learned.urdf").model.nv == 6
     assert (tmp_path / "identified" / "summary.json").is_file()
+    real, rng = wrong_arm(robot, np.random.default_rng(0)), np.random.default_rng(1)
+    poses = measured(real, random_angles(robot, rng, 60), rng)
+    header = ",".join([*(f"q_{name}" for name in robot.joint_names), *"xyz"])
+    rows = np.hstack([poses.q, poses.x])
+    np.savetxt("poses.csv", rows, "%.9g", ",", header=header, comments="")
+    exec(geometry, own := {"pa": pa})
+    place = own["found"].robot.position(real.q0)
+    assert pa.load("learned.urdf").position(real.q0) == pytest.approx(place, abs=1e-12)
     exec(online, scope)
     assert len(scope["numbers"].dynamic) == 78
     true = pa.load("my_robot.urdf")

@@ -40,6 +40,7 @@ _COMMANDS = {
     "sweep": "run a scenario or a function with many values on all cores, as one table",
     "tune": "search gains over many cases and compare them with the defaults",
     "identify": "estimate a robot's parameters from a recorded motion, without control",
+    "calibrate": "calibrate a robot's joint placements from recorded positions or poses",
     "cite": "print the BibTeX entries of what a scenario uses",
     "robots": "list the robots of the catalogue",
     "zoo": "run the robots of the catalogue with wrong models and default gains, with and without "
@@ -47,7 +48,10 @@ _COMMANDS = {
 }
 
 
-_SHARED = {"replay": "drive", "tell": "drive", "view": "run", "cite": "run", "demo": "compare"}
+_SHARED = {
+    **{"replay": "drive", "tell": "drive", "view": "run", "cite": "run", "demo": "compare"},
+    "calibrate": "identify",
+}
 _GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
 _ENDING = [
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)

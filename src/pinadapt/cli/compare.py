@@ -21,8 +21,7 @@ from ..scenario.scenario import Scenario
 from ..tasks.task import DISPLAYS, JointTask
 from .arguments import add_out, add_scenario, add_unadapted, names
 from .command_line import DONE, INTERRUPTED, interrupted, status_of
-from .outputs import RUN_FILES, check_place, run_scenario, write_run
-from .run import run_beside, unadapted
+from .run import RUN_FILES, check_place, run_beside, run_scenario, unadapted, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
 _FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]

@@ -23,7 +23,7 @@ from ..scenario.scenario import Scenario
 from ..scenario.schema import check_tables
 from ..tuning.unknowns import Unknown
 from .arguments import add_out_file, add_seed, names
-from .outputs import warn_of_findings
+from .init import warn_of_findings
 
 _SCENARIO = ".toml"
 

@@ -1,9 +1,9 @@
-"""``pinadapt identify``: estimate a robot's parameters from a recorded motion."""
+"""``pinadapt identify`` and ``calibrate``: a robot's parameters from a recorded motion."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 from .._output import check_writable, one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
 from ..excitation.exciting_motion import excite
+from ..identification import calibration
 from ..identification.identification import Identification, log_and_robot
 from ..identification.identification import identify as identify_log
 from ..identification.report import FILES
@@ -20,33 +21,20 @@ from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
+from ..simulation.simulate import watched
 from ..tuning.unknowns import Unknown
 from .arguments import add_description, add_out, assignment, names
 from .command_line import DONE, INCOMPLETE, REFUSED
-from .outputs import RUN_FILES, steps_bar
+from .run import RUN_FILES
 
 _SCENARIO = ".toml"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    parser.add_argument(
-        "log",
-        type=Path,
-        nargs="+",
-        metavar="LOG",
-        help="npz, CSV, ROS bag or MCAP, or a folder that `pinadapt run` wrote; rad, m, N m, N, s",
-    )
-    parser.add_argument(
-        "--robot",
-        required=True,
-        metavar="ROBOT",
-        help="URDF, xacro or MJCF file, a name as for `init`, or a scenario: its initial model",
-    )
-    parser.add_argument("--frame", metavar="LINK", help="task frame (default: as for `init`)")
+    """Add the arguments of ``identify``."""
+    _add_log_and_robot(parser)
     parser.add_argument("--task", metavar="TASK", help="xyz, xy, xz, yz, pose or joint")
     for option, what in (
-        ("--lock", "joints that did not move (default: those off the chain)"),
         (
             "--kinematic",
             "unknown translations: tool, base, joint names (default: tool if x is recorded)",
@@ -104,23 +92,75 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
     )
-    _add_intake(parser)
+    _add_intake(parser).add_argument(
+        "--write-intake",
+        action="store_true",
+        help="read and check the log, write that file, and stop",
+    )
     add_description(parser)
     add_out(parser, "out/ and the log's name and -identified")
 
 
-def _add_intake(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how a log is to be read; see ``Intake``."""
+def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``calibrate``."""
+    _add_log_and_robot(parser)
+    parser.add_argument(
+        "--unknown",
+        type=names,
+        default=calibration.ALL,
+        metavar="A,B",
+        help="placements: base, joints, tool, names of joints; or offsets, of the encoders alone "
+        "(default: base,joints,tool)",
+    )
+    parser.add_argument(
+        "--tracker",
+        action="store_true",
+        help="x is in axes of its own, anywhere; by default in those of the robot's base",
+    )
+    parser.add_argument(
+        "--encoder",
+        type=float,
+        default=0.0,
+        metavar="RAD",
+        help="standard deviation of the noise of the joint positions, rad or m (default: 0)",
+    )
+    _add_intake(parser)
+    add_description(parser)
+    add_out(parser, "out/ and the log's name and -calibrated")
+    parser.set_defaults(task=None, test=[], empty=None, write_intake=False)
+
+
+def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
+    """Add the logs, the robot, its frame and its locked joints."""
+    parser.add_argument(
+        "log",
+        type=Path,
+        nargs="+",
+        metavar="LOG",
+        help="npz, CSV, ROS bag or MCAP, or a folder that `pinadapt run` wrote; rad, m, N m, N, s",
+    )
+    parser.add_argument(
+        "--robot",
+        required=True,
+        metavar="ROBOT",
+        help="URDF, xacro or MJCF file, a name as for `init`, or a scenario: its initial model",
+    )
+    parser.add_argument("--frame", metavar="LINK", help="task frame (default: as for `init`)")
+    parser.add_argument(
+        "--lock",
+        type=names,
+        metavar="A,B",
+        help="joints that did not move (default: those off the chain)",
+    )
+
+
+def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add a group of options that say how a log is to be read, see ``Intake``; return it."""
     group = parser.add_argument_group(
         "how the log is read", f"they override the file beside the log: run{SUFFIX} of run.csv"
     )
     group.add_argument(
         "--intake", type=Path, metavar="FILE", help="in place of the file beside the log"
-    )
-    group.add_argument(
-        "--write-intake",
-        action="store_true",
-        help="read and check the log, write that file, and stop",
     )
     group.add_argument(
         "--columns",
@@ -203,6 +243,7 @@ def _add_intake(parser: argparse.ArgumentParser) -> None:
         default=None,
         help="learn although the torques do not fit the description; the exit status stays 2",
     )
+    return group
 
 
 def _signal(text: str) -> tuple[str, list[str]]:
@@ -309,7 +350,7 @@ def identify(options: argparse.Namespace) -> int:
     if options.write_intake:
         return max(_write_intake(options, log, intake) for log in (options.log, *more))
     folder = options.out or Path("out") / f"{options.log.stem or 'log'}-identified"
-    _check_place(folder, options.log)
+    _check_place(folder, FILES)
     robot, unknown = _robot_and_unknown(options)
     options.compared = _compared(options, robot)
     for name in ("kinematic", "dynamic", "joint"):
@@ -341,6 +382,31 @@ def identify(options: argparse.Namespace) -> int:
     return (INCOMPLETE if missing else DONE) if found.trusted else REFUSED
 
 
+def calibrate(options: argparse.Namespace) -> int:
+    """Calibrate a robot's placements from a log, write the outputs and print the report.
+
+    Nothing is written before the calibration is complete.
+    """
+    folder = options.out or Path("out") / f"{options.log[0].stem or 'log'}-calibrated"
+    _check_place(folder, calibration.FILES)
+    robot, _ = _robot_and_unknown(options)
+    found = calibration.calibrate(
+        options.log,
+        robot,
+        unknown=options.unknown,
+        tracker=options.tracker,
+        encoder=options.encoder,
+        intake=_intake(options),
+    )
+    try:
+        with one_run(folder, calibration.FILES) as beside:
+            found.save(beside)
+    finally:
+        print(found)  # even if it could not be written
+    print(f"\nwritten to {folder}")
+    return DONE if found.trusted else REFUSED
+
+
 def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | None) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
     place = options.intake or place_beside(source)
@@ -362,14 +428,14 @@ def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | No
     return DONE if check.fits else REFUSED
 
 
-def _check_place(folder: Path, log: Path) -> None:
+def _check_place(folder: Path, files: Sequence[str]) -> None:
     """Refuse a folder that is not writable or that contains a run, perhaps the log itself.
 
     Raises:
         InputError: the folder is refused.
     """
-    check_writable(folder, FILES)
-    if any((folder / name).is_file() for name in set(RUN_FILES) - set(FILES)):
+    check_writable(folder, files)
+    if any((folder / name).is_file() for name in set(RUN_FILES) - set(files)):
         raise InputError(
             "holds a run, whose files have the same names.",
             where=str(folder),
@@ -428,7 +494,7 @@ def _write(found: Identification, folder: Path, options: argparse.Namespace) -> 
     steps: list[Callable[[Path], object]] = [found.plot, page, save]
     missing = []
     with one_run(folder, FILES) as beside:
-        for step in steps_bar(steps, "identify: outputs"):
+        for step, _ in zip(steps, watched(range(len(steps)), None, "outputs"), strict=True):
             try:
                 step(beside)
             except ParameterError as reason:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from pathlib import Path
 
 from .._output import check_writable, write_text
@@ -11,7 +12,6 @@ from ..laws import DEFAULT, LAWS
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
 from .arguments import add_description, add_out_file
-from .outputs import warn_of_findings
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,3 +80,13 @@ def init(options: argparse.Namespace) -> int:
     warn_of_findings(Scenario.read(file))
     print(f"\npinadapt run {file}")
     return 0
+
+
+def warn_of_findings(scenario: Scenario) -> None:
+    """Warn of what the pre-run check finds in a scenario, or say that it passed."""
+    found = scenario.findings()
+    for finding in found:
+        warnings.warn(finding, stacklevel=2)
+    if not found:
+        law, dt = scenario.controller.law.name, scenario.tables.simulation.dt
+        print(f"Pre-run check passed: '{law}' is stable at {1e3 * dt:g} ms.")

@@ -1,20 +1,36 @@
-"""``pinadapt run``, ``view`` and ``cite``: what is done with one scenario."""
+"""``pinadapt run``, ``view`` and ``cite``: what is done with one scenario, and a run's files."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+import tempfile
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from .._output import check_writable, one_run
 from ..citation import citation
-from ..exceptions import InputError
+from ..exceptions import InputError, Interrupted
 from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
+from ..simulation.simulate import watched
 from ..view.live import LiveView, open_in_browser
 from .arguments import add_out, add_scenario, add_settings, add_unadapted, positive
 from .command_line import DONE, status_of
-from .outputs import check_place, run_scenario, write_run
+
+RUN_FILES = (
+    "rollout.npz",
+    "error.png",
+    "parameters.png",
+    "torque.png",
+    "animation.html",
+    "learned.json",
+    "learned.urdf",
+    "summary.json",
+)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,11 +121,11 @@ def view(options: argparse.Namespace) -> int:
 
 def _attached(scenario: Scenario, port: int) -> int:
     """Show a running loop until it ends; the loop does not notice."""
-    from ..realtime.recorder import watched
+    from ..realtime.recorder import watched as samples_of
 
     seconds = scenario.tables.simulation.duration
     robot, controller = scenario.true, scenario.controller
-    samples = watched(port, controller, robot)
+    samples = samples_of(port, controller, robot)
     with LiveView(robot, controller, scenario.trajectory, duration=seconds) as live:
         for _ in live.watch(samples):
             pass
@@ -139,3 +155,79 @@ def cite(options: argparse.Namespace) -> int:
     """Print the BibTeX entries of what a scenario's controller uses."""
     print(citation(Scenario.read(options.scenario, options.set).controller), end="")
     return 0
+
+
+# The files of a run: complete, never mixed with another run's, rescued from a full disk
+
+
+def check_place(folder: Path) -> Path:
+    """Return the folder after a check that the files of a run can be written to it.
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    check_writable(folder, RUN_FILES)
+    return folder
+
+
+def run_scenario(scenario: Scenario, *, live: bool = False) -> Rollout:
+    """Return the rollout of a scenario; if it is interrupted, the part that was simulated."""
+    try:
+        return scenario.run(view=live)
+    except Interrupted as stop:
+        print(f"pinadapt: {stop}; the outputs end there.", file=sys.stderr)
+        return stop.rollout
+
+
+def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
+    """Replace the files of an earlier run by those of this one; ``html``: with the animation.
+
+    Raises:
+        OSError: some could not be written; the message names the folder with the others.
+    """
+    steps: list[Callable[[Path], object]] = [
+        rollout.save,
+        rollout.plot,
+        partial(_keep_learned, rollout),
+        *([partial(_animate, rollout)] if html else []),
+    ]
+    saved = False
+    try:
+        with one_run(folder, RUN_FILES) as beside:
+            try:
+                for k in watched(range(len(steps)), None, f"{rollout.title}: outputs"):
+                    steps[k](beside)
+            finally:
+                saved = (beside / RUN_FILES[0]).is_file()
+    except OSError as error:
+        place = folder if saved else _rescued(rollout)
+        raise OSError(
+            f"{folder}: not all could be written: {error.strerror or error}. "
+            + (f"The rollout is in {place}." if place else "The rollout is lost.")
+        ) from error
+
+
+def _animate(rollout: Rollout, folder: Path) -> None:
+    rollout.animate().save(folder / "animation.html")
+
+
+def _keep_learned(rollout: Rollout, folder: Path) -> None:
+    """Write the learned parameters, if any: as JSON and, if they are those of bodies, as URDF."""
+    if not (rollout.kinematic_names or rollout.dynamic_names):
+        return
+    try:
+        rollout.parameters().save(folder / "learned.json")
+        if rollout.evaluated().controller.dynamics.per_body:
+            rollout.learned().save(folder / "learned.urdf")
+    except InputError as reason:
+        print(f"pinadapt: some learned parameters were not written: {reason}", file=sys.stderr)
+
+
+def _rescued(rollout: Rollout) -> Path | None:
+    """Save a rollout to a temporary folder and return it, or None if that fails too."""
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="pinadapt-"))
+        rollout.save(folder)
+    except OSError:
+        return None
+    return folder

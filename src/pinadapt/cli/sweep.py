@@ -15,7 +15,7 @@ from ..sweep.sweep_report import PAGE, Report
 from ..sweep.table import CaseTable, read
 from .arguments import add_out, add_scenario, not_negative, positive
 from .command_line import DONE, INTERRUPTED, status_of
-from .outputs import check_place, write_run
+from .run import check_place, write_run
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

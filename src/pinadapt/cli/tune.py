@@ -15,13 +15,13 @@ import numpy as np
 
 from .._output import Sheet, Table, check_writable, percent, write_text
 from ..exceptions import InputError
+from ..simulation.simulate import watched
 from ..sweep.cases import Cases, Plan, Values, parsed_setting
 from ..sweep.execution import engine, rows, work_of
 from ..sweep.sweep_report import Rate, percentile, rate
 from ..sweep.table import DONE, CaseTable
 from .arguments import add_out, add_scenario, positive
 from .command_line import DONE as STATUS
-from .outputs import steps_bar
 
 FILE = "tune.json"
 _OTHER_SEED = 1  # added to the sweep's seed for the validation
@@ -139,7 +139,7 @@ def tune(options: argparse.Namespace) -> int:
         judge = Judge(plan, workers, options.objective, options.percentile)
         default = judge({}, plan.cases)
         trials = []
-        for _ in steps_bar(range(options.trials), "tune"):
+        for _ in watched(range(options.trials), None, "tune"):
             trial, chosen = suggest()
             trials.append(judge(chosen, plan.cases))
             tell(trial, trials[-1].objective)

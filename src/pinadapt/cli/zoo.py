@@ -12,10 +12,10 @@ from pathlib import Path
 from .._output import check_writable, columns, number, write_text
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
+from ..simulation.simulate import watched
 from ..zoo.experiment import CONVERGED, POSE, ZooRow, run_zoo, zoo_names
 from .arguments import add_out, add_seed, names, not_negative
 from .command_line import DONE, INTERRUPTED
-from .outputs import rows_bar
 
 TABLE = "zoo.json"
 _DEGREES = 180.0 / math.pi
@@ -73,7 +73,7 @@ def zoo(options: argparse.Namespace) -> int:
     rows: list[ZooRow] = []
     status = DONE
     try:
-        for row in rows_bar(coming, len(names)):
+        for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
             found[row.robot] = row
             rows = [found[name] for name in names if name in found]
             text = json.dumps([asdict(row) for row in rows], indent=2) + "\n"

@@ -24,6 +24,7 @@ from .urdf import Origin, parse_xml, xml_text
 from .xacro import Packages
 
 _MOVED = 1e-12  # [m] below which a translation counts as unchanged
+_TURNED = 1e-9  # the same of an entry of a rotation
 _SAME = 1e-9  # relative difference of inertias that counts as rounding
 _HALVINGS = 30  # how often the inertia kept by the other links of a body is halved at most
 _LEAST_RADIUS = 1e-3  # [m] of gyration, of a link that never moves
@@ -138,7 +139,7 @@ class _Edited:
             strict=True,
         )
         for name, now, before in pairs:
-            if np.abs(now.translation - before.translation).max() > _MOVED:
+            if _differ(now, before):
                 self._set_origin(self.joints[name], now)
                 changed.append(("placement", name))
         return changed
@@ -150,7 +151,7 @@ class _Edited:
         """
         name, frame = self.chain.frame, self.chain.tip
         before = self.described.frames[frame_id(self.described, name)]
-        if np.abs(frame.placement.translation - before.placement.translation).max() <= _MOVED:
+        if not _differ(frame.placement, before.placement):
             return []
         own = (j for j in self.joints.values() if name in (_end(j, "child"), j.get("name")))
         joint = next(own, None)
@@ -219,11 +220,22 @@ class _Edited:
         return mended
 
     def _set_origin(self, joint: ElementTree.Element, placement: pin.SE3) -> None:
-        """Set the translation of a joint, given in the axes of the moving joint before it."""
+        """Set the placement of a joint, given in the axes of the moving joint before it.
+
+        Angles that are the same up to rounding keep the digits of the description.
+        """
         local = self.placed[_end(joint, "parent")][1].actInv(placement)
         described = placement_of_element(joint)
-        assert np.allclose(described.rotation, local.rotation, atol=1e-6)
-        child(joint, "origin").set("xyz", digits(local.translation))
+        origin = child(joint, "origin")
+        origin.set("xyz", digits(local.translation))
+        if np.abs(described.rotation - local.rotation).max() > _TURNED:
+            origin.set("rpy", digits(pin.rpy.matrixToRpy(local.rotation)))
+
+
+def _differ(one: pin.SE3, other: pin.SE3) -> bool:
+    """Tell whether two placements differ by more than rounding."""
+    moved = np.abs(one.translation - other.translation).max()
+    return bool(moved > _MOVED or np.abs(one.rotation - other.rotation).max() > _TURNED)
 
 
 def _find_files(root: ElementTree.Element, packages: Packages) -> None:

@@ -119,7 +119,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
             hint="Move every joint, such that the frame moves by centimetres.",
         )
     found = _lumped(kinematics, p, r, x)
-    _check_axes(found.reshape(x.shape[1], -1)[:, :3], p, x, motion)
+    check_axes(found.reshape(x.shape[1], -1)[:, :3], p, x, motion)
     tracker, residual, information = _fitted(kinematics, kinematics.tracker(found), p, r, x)
     names = information.names
     sigma = _noise(residual, len(names), reach)
@@ -249,11 +249,11 @@ def _fitted(
     return Tracker(pin.SE3(R, t), a), residual, told
 
 
-def _check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:
+def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:
     """Refuse frames whose rotation block B (m_p, 3) shows another unit or another handedness."""
     size = _rms(x - x.mean(axis=0)) / motion * math.sqrt(x.shape[1] / 3.0)
     if abs(math.log(size)) > _SCALE:
-        unit = "in millimetres? " if 300.0 < size < 3000.0 else ""
+        unit = "In millimetres? " if 300.0 < size < 3000.0 else ""
         still = "x does not move with the arm. " if size < 0.01 else ""
         raise LogError(
             f"the frames move {size:.3g} times as far as the arm. {still}{unit}".strip(),

@@ -28,6 +28,8 @@ class Selection:
         topics: signal -> its topic in a bag; without q the only one that fits.
         pose_topic: of the frame's pose in a bag; None: none.
         named: whether ``joints`` are stated names of the log's, and nothing else is looked for.
+        torques: whether they are needed; if not, they may be missing and are NaN then, and so may
+            be the times, which count the samples then.
     """
 
     joints: Sequence[str]
@@ -37,6 +39,7 @@ class Selection:
     topics: Mapping[str, str] = field(default_factory=dict)
     pose_topic: str | None = None
     named: bool = False
+    torques: bool = True
 
 
 # Usual names of each signal, the likeliest first; case is ignored.
@@ -101,10 +104,14 @@ def log_of_columns(table: Mapping[str, np.ndarray], selection: Selection, source
     if q is None:
         raise finder.missing("q")
     if tau is None:
-        raise separate.get("tau", finder).missing("tau")
+        if selection.torques:
+            raise separate.get("tau", finder).missing("tau")
+        tau = np.full(q.shape, np.nan)
     t = separate.get("q", finder).times(len(q)) if "q" in separate else finder.times(len(q))
     if t is None:
-        raise finder.missing("t")
+        if selection.torques or not finder.headed:
+            raise finder.missing("t")
+        t = np.arange(float(len(q)))
     apart = {"tau", "v"} if "q" in separate else {"tau", "v"} & set(separate)
     homes = {signal: separate.get(signal, finder) for signal in apart}
     if "tau" in homes:

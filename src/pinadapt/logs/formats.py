@@ -307,7 +307,7 @@ class Bag(Format):
                     own, where = found[place], f"{path}, {place}"
                     times = own.times_by(main, where)
                     parts[signal] = at_times(main.t, own.signal(signal), times, where)
-            if not np.isfinite(parts["tau"]).any():
+            if selection.torques and not np.isfinite(parts["tau"]).any():
                 raise _no_effort(bag, topics, selection, path)
         start, v = main.t[0], parts["v"]
         return Log(
@@ -688,6 +688,7 @@ def read_log(
     robot: Robot,
     *,
     intake: Intake | Mapping[str, Any] | Path | str | None = None,
+    torques: bool = True,
 ) -> Log:
     """Return a recorded motion of a robot, checked, its columns in the order of the joints.
 
@@ -700,6 +701,8 @@ def read_log(
         robot: whose motion it is.
         intake: how it is to be read, an ``Intake``, its fields, or a TOML file of it; by default
             the one beside the log, ``run.intake.toml`` of ``run.csv``, if there is one.
+        torques: whether they are needed. A log for the geometry alone may have none, and as few
+            samples as there are frames.
 
     Raises:
         LogError: no such file, an unknown format, a missing signal or joint, or impossible numbers;
@@ -709,18 +712,18 @@ def read_log(
     intake = Intake.of(Intake.beside(source) if intake is None else intake)
     if not isinstance(source, Log):
         path = Path(instance(source, Path | str, "log"))
-        source = _read(path, _selection(path, intake, robot))
+        source = _read(path, _selection(path, intake, robot, torques=torques))
     elif intake.rate is not None:
         source = replace(source, t=np.arange(len(source.t)) / intake.rate)
     log = source.from_zero()
     if intake.repeated == "drop":
         log = _without_repeated(log)
     log = intake.converted(log, robot)
-    check(log, robot)
+    check(log, robot, torques=torques)
     return log
 
 
-def _selection(path: Path, intake: Intake, robot: Robot) -> Selection:
+def _selection(path: Path, intake: Intake, robot: Robot, *, torques: bool) -> Selection:
     """Return what is to be read from a file, and from others beside it."""
     columns = {key: name_list(names, "columns", LogError) for key, names in intake.columns.items()}
     tables = {}
@@ -730,7 +733,9 @@ def _selection(path: Path, intake: Intake, robot: Robot) -> Selection:
     foreign = intake.foreign(robot)
     joints = foreign or robot.joint_names
     topics = intake.topics, intake.pose_topic
-    return Selection(joints, columns, tables, intake.rate, *topics, named=bool(foreign))
+    return Selection(
+        joints, columns, tables, intake.rate, *topics, named=bool(foreign), torques=torques
+    )
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:

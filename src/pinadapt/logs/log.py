@@ -287,25 +287,27 @@ def repeated(log: Log) -> np.ndarray:
     return np.asarray(late | (same & changed))
 
 
-def check(log: Log, robot: Robot) -> None:
+def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     """Raise an error for a log from which no parameters can be estimated.
+
+    Without ``torques``, only times and positions are checked, and few samples will do.
 
     Raises:
         LogError: times that do not ascend, too few or too short a time, more than half of a signal
             not finite, torques that are all zero, or numbers that look like other units.
     """
-    for part in (
-        _check_times,
-        _check_repeated,
-        _check_finite,
-        _check_degrees,
-        _check_velocities,
-        _check_torques,
-    ):
-        part(log, robot)
+    _check_times(log)
+    _check_finite(log, robot, "q")
+    _check_degrees(log, robot)
+    if torques:
+        _check_rate(log)
+        _check_repeated(log)
+        _check_finite(log, robot, "tau")
+        _check_velocities(log, robot)
+        _check_torques(log, robot)
 
 
-def _check_times(log: Log, robot: Robot) -> None:
+def _check_times(log: Log) -> None:
     where = f"{log.source}: t"
     if not np.isfinite(log.t).all():
         row = int(np.flatnonzero(~np.isfinite(log.t))[0])
@@ -320,6 +322,10 @@ def _check_times(log: Log, robot: Robot) -> None:
             hint="--repeated drop leaves out samples of repeated or earlier times. Otherwise name "
             "another column: --columns t=NAME.",
         )
+
+
+def _check_rate(log: Log) -> None:
+    where = f"{log.source}: t"
     if len(log.t) < _FEWEST or log.duration < _SHORTEST:
         raise LogError(
             f"{len(log.t)} samples over {log.duration:.3g} s are too short; at least {_FEWEST} and "
@@ -344,7 +350,7 @@ def _other_unit(period: float) -> str:
     return ""
 
 
-def _check_repeated(log: Log, robot: Robot) -> None:
+def _check_repeated(log: Log) -> None:
     share = float(np.mean(repeated(log)))
     if share > _REPEATED:
         raise LogError(
@@ -355,15 +361,15 @@ def _check_repeated(log: Log, robot: Robot) -> None:
         )
 
 
-def _check_finite(log: Log, robot: Robot) -> None:
-    for name, part in (("q", log.q), ("tau", log.tau)):
-        share = np.isfinite(part).mean(axis=0)
-        if (share < _MEASURED).any():
-            joint = int(np.argmin(share)) if part.shape[1] == robot.model.nv else 0
-            raise LogError(
-                f"only {share.min():.0%} of the samples of {robot.joint_names[joint]} are numbers.",
-                where=f"{log.source}: {name}",
-            )
+def _check_finite(log: Log, robot: Robot, name: str) -> None:
+    part = getattr(log, name)
+    share = np.isfinite(part).mean(axis=0)
+    if (share < _MEASURED).any():
+        joint = int(np.argmin(share)) if part.shape[1] == robot.model.nv else 0
+        raise LogError(
+            f"only {share.min():.0%} of the samples of {robot.joint_names[joint]} are numbers.",
+            where=f"{log.source}: {name}",
+        )
 
 
 def _check_degrees(log: Log, robot: Robot) -> None:

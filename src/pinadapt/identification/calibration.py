@@ -1,0 +1,918 @@
+"""Calibration of a robot's geometry from measured positions or poses: ``calibrate``.
+
+Each placement of the chain, of the joints and of the task frame, is the described one times a small
+displacement exp(d), six numbers in the axes of what it places. A measured frame y then deviates by
+
+    y - y(q) = sum over placements of K_i(q) d_i + noise,
+
+to first order, K_i from Pinocchio's ``computeFrameKinematicRegressor``. Gauss-Newton steps move the
+placements themselves, on SE(3), so that nothing of second order is left out in the end. A turn
+about the axis of a joint, or a shift along that of a slide, is the offset of its encoder.
+
+Some combinations have no effect on any frame: for each revolute joint the offset, which a turn of
+the next placement undoes, and the shift along the axis; for each slide four; of parallel axes more
+than that. Along these the description decides, as the mean of a prior. A QR factorisation with
+column pivoting names them.
+
+W. Khalil and E. Dombre, *Modeling, Identification and Control of Robots*, 2002, chapter 11, for
+the method; M. Gautier and W. Khalil, *Direct calculation of minimum set of inertial parameters of
+serial robots*, IEEE Trans. Robotics and Automation 6 (1990) 368-373, for the QR.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import flag, name_list, positive, vector
+from .._compiled import one_blas_thread
+from .._output import Sheet, Table, write_text
+from .._version import __version__
+from ..description.chain import is_slide
+from ..description.urdf_writer import axis_of
+from ..exceptions import InputError, LogError, did_you_mean
+from ..information.tracker import check_axes
+from ..logs.intake import Intake
+from ..logs.log import Log
+from ..models.translations import BASE, FIRST, TOOL
+from ..robot.changes import move_base
+from ..robot.loading import load
+from ..robot.robot import Robot
+from ..rollout.rollout import Rollout
+from ..tasks.frame import TASKS, FrameTask, matrix
+from .identification import log_of
+
+OFFSETS, JOINTS, TRACKER = "offsets", "joints", "tracker"
+ALL = (BASE, JOINTS, TOOL)
+FILES = ("learned.urdf", "summary.json")
+
+# Standard deviations of a description: turns [rad], and shifts as shares of the reach.
+_TURN, _SHIFT = 0.02, 0.005
+_OFFSET = 3.0  # times those: of the offset of an encoder
+_TOOL = (1.0, 0.5)  # a turn and a shift of the tool
+_TRACKER = (10.0, 100.0)  # of the base, where x is in the axes of a tracker
+
+_MOST = 2000  # frames
+_BLOCKS = 12  # of time, some of which are held out
+_LEAST = 1.5  # equations a combination that is told
+_ROUNDS = 60
+_CONVERGED, _NEARLY = 1e-3, 3e-2  # of a standard deviation; the latter before frames are left out
+_HUBER, _OUTLIER = 3.0, 6.0  # deviations from which a frame counts less, and not at all
+_MOST_OUTLIERS = 0.2  # share of the frames
+_LEAST_SHARE = 0.3  # of the variance, below which the noise of a tracker is found slowly
+_LEAST_NOISE = 1e-7  # of the reach, and [rad]
+_TURNED = 0.5  # [rad] that no base is mounted off its description
+_LEAST_WAY = 1e-3  # of the reach, that a frame moves (rms)
+_WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
+_LATE = 5.0  # deviations from which the frames have another clock
+_ENOUGH = 3.0  # equations a combination that are advised
+_TINY = 1e-9
+_KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
+_SHOWN = 0.05  # of the effect of a parameter, from which another one that cancels it is named
+_NAMED = 3  # parts that a table names
+
+
+class GeometryError(NamedTuple):
+    """How far measured frames are from those of a model.
+
+    Attributes:
+        position: root mean square of the distance [m].
+        largest: distance [m].
+        turn: root mean square of the angle [rad]; None where x has no orientation.
+    """
+
+    position: float
+    largest: float
+    turn: float | None
+
+    def words(self) -> str:
+        """Return the numbers in mm and degrees."""
+        text = f"{1e3 * self.position:.3g} mm"
+        return text if self.turn is None else f"{text}, {math.degrees(self.turn):.3g} deg"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration:
+    """A robot with calibrated geometry; ``print`` shows a report.
+
+    Attributes:
+        described: the robot as described.
+        robot: with the calibrated placements, x in the axes of its base. Offsets of encoders are
+            part of the placements, so it takes joint positions as they are measured.
+        tracker: placement of the base in the axes of x, if that was unknown; else None.
+        names: (p) of the parameters: ``joint.shift_x``, ``joint.turn_x``, ``joint.offset``, in the
+            axes of the joint; likewise of the tool and of the tracker.
+        estimate: (p) of them, relative to the description, those of the tracker as ``tracker``
+            [m or rad].
+        deviations: (p) standard deviations, with the description as prior [m or rad]; those of the
+            tracker are of the first joint, in the axes of x.
+        prior: (p) standard deviations of the description [m or rad].
+        combinations: what the motion tells, one sum of parameters each.
+        untold: name of a parameter that the motion does not tell -> names of those with which it
+            can be confused, the strongest first; none: it has no effect.
+        noise: residual of a coordinate [m], and of an orientation [rad] or None.
+        frames: how many were used.
+        outliers: how many others were left out as impossible.
+        before: error of the description in the held-out part. With an unknown tracker, of the
+            described arm seen by the tracker that fits best.
+        after: error of the robot that was calibrated without the held-out part, there.
+        motion: rms distance of the frames from their mean [m].
+        late: by how much the frames seem to be older than their times [s], and its deviation.
+        source: of the log.
+    """
+
+    described: Robot
+    robot: Robot
+    tracker: pin.SE3 | None
+    names: tuple[str, ...]
+    estimate: np.ndarray
+    deviations: np.ndarray
+    prior: np.ndarray
+    combinations: tuple[str, ...]
+    untold: Mapping[str, tuple[str, ...]]
+    noise: tuple[float, float | None]
+    frames: int
+    outliers: int
+    before: GeometryError
+    after: GeometryError
+    motion: float
+    late: tuple[float, float]
+    source: str
+
+    @property
+    def offsets(self) -> dict[str, tuple[float, float]]:
+        """Joint name -> offset of its encoder and its deviation [rad or m].
+
+        The offset is to be added to the measured position. Where a turn of the next joint's
+        placement has the same effect, three times the deviation is granted to the offset, so that
+        nine tenths of the effect are taken for it.
+        """
+        rows = zip(self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True)
+        ending = f".{_OWN}"
+        return {
+            name.removesuffix(ending): (value, deviation)
+            for name, value, deviation in rows
+            if name.endswith(ending)
+        }
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the calibrated robot explains the frames, held-out ones better than before."""
+        return self.after.position <= min(self.before.position, _WORST * self.motion)
+
+    @property
+    def verdict(self) -> str:
+        """The result in one line."""
+        words = f"error of held-out frames: {self.before.words()} -> {self.after.words()} (rms)"
+        late, known = self.late
+        clock = ""
+        if abs(late) > _LATE * known:
+            sign = "before" if late > 0.0 else "after"
+            clock = f" Frames taken {1e3 * abs(late):.2g} ms {sign} their time would explain more."
+        if self.after.position > _WORST * self.motion:
+            return (
+                f"NOT TO BE TRUSTED: {words}, in a motion of {1e3 * self.motion:.3g} mm. Is x of "
+                f"this frame, of this robot, and timed on the clock of q?{clock}"
+            )
+        if self.after.position > self.before.position:
+            return f"NOT TO BE TRUSTED: {words}, WORSE than described. Record more frames.{clock}"
+        return f"{words}.{clock}"
+
+    def __repr__(self) -> str:
+        """Return the report."""
+        return str(self.sheet)
+
+    def _repr_html_(self) -> str:
+        return self.sheet.html()
+
+    @cached_property
+    def sheet(self) -> Sheet:
+        """The report: what was measured, each placement, and what the motion does not tell."""
+        told = f"{len(self.combinations)} combinations of {len(self.names)} numbers"
+        noise, turn = self.noise
+        residual = f"{1e3 * noise:.3g} mm a coordinate"
+        if turn is not None:
+            residual += f", {math.degrees(turn):.3g} deg"
+        summary = [
+            ("frames", f"{self.frames}, {self.outliers} others left out as impossible"),
+            ("told by this motion", told),
+            ("residual", residual),
+            ("largest held-out error", f"{1e3 * self.after.largest:.3g} mm"),
+        ]
+        tables = [Table(summary), Table(list(self._rows()), _HEADER)]
+        if self.untold:
+            rows = [(name, _listed(others)) for name, others in self.untold.items()]
+            tables.append(Table(rows, ("not told by this motion", "told only together with")))
+        return Sheet(f"{self.described.name}, calibrated from {self.source}", tables, self.verdict)
+
+    def _rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield a row for each placement: how far it was moved and turned, and the offset."""
+        found: dict[str, list[int]] = {}
+        for k, name in enumerate(self.names):
+            found.setdefault(name.rpartition(".")[0], []).append(k)
+        slides = self.described.slides
+        for place, indices in found.items():
+            parts = {self.names[k].rpartition(".")[2]: k for k in indices}
+            cells = []
+            for kind, scale in (("shift", 1e3), ("turn", math.degrees(1.0))):
+                own = [k for part, k in parts.items() if part.startswith(kind)]
+                size = scale * float(np.linalg.norm(self.estimate[own]))
+                cells.append(f"{size:.3g}" if own else "-")
+            if (own_k := parts.get(_OWN)) is None:
+                yield place, *cells, "-", ""
+                continue
+            scale, unit = (1e3, "mm") if slides.get(place) else (math.degrees(1.0), "deg")
+            value, deviation = scale * self.estimate[own_k], scale * self.deviations[own_k]
+            yield place, *cells, f"{value:.3g}", f"+- {deviation:.2g} {unit}"
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of ``summary.json``."""
+        tracker = None if self.tracker is None else self.tracker.homogeneous.tolist()
+        return {
+            "verdict": self.verdict,
+            "trusted": self.trusted,
+            "log": self.source,
+            "robot": self.described.name,
+            "frames": self.frames,
+            "outliers": self.outliers,
+            "before": self.before._asdict(),
+            "after": self.after._asdict(),
+            "noise": self.noise,
+            "motion": self.motion,
+            "late": self.late,
+            "tracker": tracker,
+            "parameters": [
+                {"name": name, "value": value, "known_to": known, "described_to": prior}
+                for name, value, known, prior in zip(
+                    self.names,
+                    self.estimate.tolist(),
+                    self.deviations.tolist(),
+                    self.prior.tolist(),
+                    strict=True,
+                )
+            ],
+            "combinations": self.combinations,
+            "untold": self.untold,
+            "version": __version__,
+        }
+
+    def save(self, folder: Path | str) -> None:
+        """Write ``learned.urdf``, with the calibrated placements, and ``summary.json``.
+
+        Raises:
+            OSError: they cannot be written.
+        """
+        self.robot.save(Path(folder) / FILES[0])
+        write_text(Path(folder) / FILES[1], json.dumps(self.summary(), indent=2) + "\n")
+
+
+_OWN = "offset"
+_HEADER = ("placement", "shifted [mm]", "turned [deg]", "encoder offset", "known to")
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return the first names, and how many more there are."""
+    if not names:
+        return "nothing: it has no effect"
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+@one_blas_thread()
+def calibrate(
+    log: Path | str | Log | Rollout | Sequence[Any],
+    robot: Robot | Path | str,
+    *,
+    unknown: str | Sequence[str] = ALL,
+    tracker: bool = False,
+    encoder: ArrayLike = 0.0,
+    held_out: float = 0.25,
+    intake: Intake | Mapping[str, Any] | Path | str | None = None,
+) -> Calibration:
+    """Calibrate the geometry of a robot from measured positions or poses of its frame.
+
+    Blocks of time are held out once, to measure how well the rest predicts them; the result is the
+    estimate from all frames. Up to 2000 frames are used, evenly chosen. A frame that is six
+    standard deviations off the others is left out.
+
+    Args:
+        log: a file, folder or ``Log`` with q and x; torques are not needed; or several of these.
+            x is a position (3) [m] or a pose with a quaternion xyzw (7). Ten to fifty
+            configurations all over the workspace tell more than a long motion in a corner of it.
+        robot: as it is described, a ``Robot`` or what ``load`` takes.
+        unknown: placements: "base" for that of the first joint, "joints" for those of all others,
+            "tool", or names of joints; "offsets" for the encoders alone.
+        tracker: whether x is in axes of its own, anywhere; the placement of the first joint is then
+            told only relative to these, and stays as described.
+        encoder: standard deviation of the noise of the joint positions, one number or (n)
+            [rad or m].
+        held_out: share of the frames, at most a half.
+        intake: how logs are to be read, as of ``identify``.
+
+    Raises:
+        LogError: a log that cannot be used: without x, with too few frames, x in millimetres, in
+            left-handed axes or turned against the base, or x that does not move with the arm.
+        InputError: unknown words.
+        RobotError: a robot that cannot be loaded.
+    """
+    described = (robot if isinstance(robot, Robot) else load(robot)).in_base_axes
+    share = positive(held_out, "held_out", error=InputError)
+    if share > 0.5:
+        raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
+    words = name_list(unknown, "unknown", InputError)
+    moving = flag(tracker, "tracker")
+    noise = vector(encoder, described.model.nv, "encoder", error=InputError)
+    if (noise < 0.0).any():
+        raise InputError(f"must not be negative, got {noise.tolist()}.", where="encoder")
+    sources = log if isinstance(log, list | tuple) else (log,)
+    logs = []
+    for source in sources:
+        way = Intake.of(Intake.beside(source) if intake is None else intake)
+        logs.append(log_of(source, described, intake=way, torques=False))
+    name = ", ".join(one.source for one in logs)
+    seen = _seen(logs, described, name)
+    seen = seen._replace(encoder=noise)
+    start = _start(described, seen, name, tracker=moving)
+    parts = _unknown_placements(described, words, seen.task, start if moving else None)
+    motion = _rms_distance(seen.x[:, : seen.task.positions])
+
+    whole = _Geometry(described, parts, start)
+    fit = _fitted(whole, seen, name)
+    kept = fit.kept
+    held = _held_out(len(seen.x), share)
+    part = _Geometry(described, parts, start)
+    _fitted(part, seen.only(kept & ~held), name, fit.noise)
+    frame = [one for one in parts if one.name == TRACKER]
+    before = _Geometry(described, frame, start)
+    if frame:
+        _fitted(before, seen.only(kept & ~held), name, fit.noise)
+    last = seen.only(kept & held)
+    combinations, untold = _told(whole, fit.rows)
+    return Calibration(
+        described=described,
+        robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
+        tracker=whole.tracker() if moving else None,
+        names=whole.names,
+        estimate=whole.value(),
+        deviations=whole.prior * np.sqrt(np.diag(fit.covariance)),
+        prior=whole.prior,
+        combinations=combinations,
+        untold=untold,
+        noise=(float(fit.noise[0]), float(fit.noise[1]) if len(fit.noise) > 1 else None),
+        frames=int(np.count_nonzero(kept)),
+        outliers=int(np.count_nonzero(~kept)),
+        before=_errors(before, last),
+        after=_errors(part, last),
+        motion=motion,
+        late=fit.late,
+        source=name,
+    )
+
+
+# What was measured
+
+
+class _MeasuredFrames(NamedTuple):
+    """M measured frames.
+
+    Attributes:
+        task: coordinates of x: those of a position, or a pose.
+        q: (M, nq) configurations when they were taken.
+        v: (M, nv) joint velocities then [rad/s or m/s].
+        x: (M, m) coordinates.
+        encoder: (nv) standard deviations of the noise of q.
+    """
+
+    task: FrameTask
+    q: np.ndarray
+    v: np.ndarray
+    x: np.ndarray
+    encoder: np.ndarray
+
+    def only(self, chosen: np.ndarray) -> _MeasuredFrames:
+        """Return the frames of a mask (M)."""
+        return self._replace(q=self.q[chosen], v=self.v[chosen], x=self.x[chosen])
+
+
+def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
+    """Return the frames of logs, with the configurations when they were taken.
+
+    Raises:
+        LogError: there are none, or they have other coordinates than a position or a pose.
+    """
+    model: pin.Model = robot.model
+    q, v, x = [], [], []
+    for log in logs:
+        times, frames = log.frames()
+        configurations = log.configurations(robot)
+        finite = np.isfinite(configurations).all(axis=1)
+        t, known = log.t[finite], configurations[finite]
+        for time, frame in zip(times, frames, strict=True):
+            if not (len(t) > 1 and t[0] <= time <= t[-1]):
+                continue
+            k = min(max(int(np.searchsorted(t, time, side="right")) - 1, 0), len(t) - 2)
+            moved = pin.difference(model, known[k], known[k + 1])
+            step = float(t[k + 1] - t[k])
+            q.append(pin.integrate(model, known[k], moved * ((time - t[k]) / step)))
+            v.append(moved / step)
+            x.append(frame)
+    if not x:
+        raise LogError(
+            "has no positions or poses of the frame at the times of q.",
+            where=where,
+            hint="Record x, y, z in metres, or with a quaternion xyzw; --columns x=NAME,... names "
+            "them.",
+        )
+    chosen = np.unique(np.linspace(0, len(x) - 1, _MOST).astype(int))
+    size = len(x[0])
+    kinds = {3: TASKS["xyz"], 7: TASKS["pose"]}
+    if any(len(frame) != size for frame in x):
+        raise LogError("logs have frames of different coordinates.", where=where)
+    task = kinds.get(size)
+    if task is None and robot.task.positions == size and isinstance(robot.task, FrameTask):
+        task = robot.task
+    if task is None:
+        raise LogError(
+            f"frames of {size} coordinates are neither positions (3) nor poses (7).",
+            where=f"{where}: x",
+        )
+    picked = [np.array(part)[chosen] for part in (q, v, x)]
+    return _MeasuredFrames(task, picked[0], picked[1], picked[2], np.zeros(model.nv))
+
+
+def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) -> pin.SE3:
+    """Return the placement of the base in the axes of x to begin with.
+
+    It is the identity, or that which maps the described positions to the measured ones best
+    (P. H. Schönemann, Psychometrika 31, 1966, 1-10).
+
+    Raises:
+        LogError: frames of another unit, of left-handed axes or of another point; or axes that are
+            turned where they should be those of the base.
+    """
+    rows, data = seen.task.place, robot.model.createData()
+    p = np.empty((len(seen.q), 3))
+    for k, q in enumerate(seen.q):
+        pin.forwardKinematics(robot.model, data, q)
+        p[k] = pin.updateFramePlacement(robot.model, data, robot.frame_id).translation
+    x, motion = seen.x[:, : seen.task.positions], math.sqrt(float(np.mean(np.var(p, axis=0))))
+    if motion < _LEAST_WAY * robot.reach:
+        raise LogError(
+            f"the arm moves its frame by {1e3 * motion:.2g} mm (rms) only.",
+            where=where,
+            hint="Move every joint, such that the frame goes all over the workspace.",
+        )
+    U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
+    if x.shape[1] < 3:
+        check_axes(np.eye(2), p[:, rows], x, motion)
+        if tracker:
+            raise LogError("a tracker needs positions (3) or poses (7).", where=f"{where}: x")
+        return pin.SE3.Identity()
+    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))])
+    R = U @ mirror @ V
+    turned, mirrored = (_rms_distance(x - p @ part.T) for part in (R, U @ V))
+    check_axes(U @ V if mirrored < 0.5 * turned else R, p, x, motion)
+    if tracker:
+        return pin.SE3(R, x.mean(axis=0) - R @ p.mean(axis=0))
+    angle, straight = float(np.linalg.norm(pin.log3(R))), _rms_distance(x - p)
+    if angle > _TURNED and turned < 0.5 * straight:
+        raise LogError(
+            f"x is turned by {math.degrees(angle):.3g} deg against the base of the robot.",
+            where=where,
+            hint="If the tracker stands anywhere: tracker=True, or --tracker.",
+        )
+    return pin.SE3.Identity()
+
+
+def _held_out(count: int, share: float) -> np.ndarray:
+    """Return a mask (M) of the frames in blocks of time that are held out."""
+    held = np.floor(np.arange(1, _BLOCKS + 1) * share) > np.floor(np.arange(_BLOCKS) * share)
+    return np.asarray(held[np.arange(count) * _BLOCKS // count])
+
+
+# What is unknown
+
+
+class _Placement(NamedTuple):
+    """An unknown placement.
+
+    Attributes:
+        name: of the joint, "tool" or "tracker".
+        joint: index of the joint; None: of the task frame.
+        columns: (6, k) directions of its displacement, in the axes of what it places.
+        labels: (k) of the parameters.
+        prior: (k) standard deviations [m or rad].
+        along: (k) whether a direction is along or about the axis of the joint.
+    """
+
+    name: str
+    joint: int | None
+    columns: np.ndarray
+    labels: tuple[str, ...]
+    prior: np.ndarray
+    along: np.ndarray
+
+
+def _unknown_placements(
+    robot: Robot, words: Sequence[str], task: FrameTask, base: pin.SE3 | None
+) -> list[_Placement]:
+    """Return the placements that a user's words name.
+
+    Args:
+        robot: as described.
+        words: of the user.
+        task: coordinates of x.
+        base: first guess of its placement in the axes of a tracker; None: the axes are those of the
+            base.
+
+    Raises:
+        InputError: an unknown word, or none.
+    """
+    known, names = (BASE, JOINTS, TOOL, OFFSETS), robot.joint_names
+    for word in words:
+        if word not in (*known, *names):
+            raise InputError(
+                f"there is no placement '{word}'; expected {', '.join(known)}, or joints among "
+                f"{names}.{did_you_mean(word, [*known, *names])}",
+                where="unknown",
+            )
+    shift, turn = _SHIFT * robot.reach, _TURN
+    plain = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
+    found = []
+    for joint, name in enumerate(names, 1):
+        basis, own = _axes(robot.model, joint)
+        prior = np.repeat([shift, turn], 3)
+        prior[own] *= _OFFSET
+        labels = [*plain[:own], _OWN, *plain[own + 1 :]]
+        along = np.arange(6) % 3 == own % 3
+        chosen = np.full(6, name in words or (BASE if joint == FIRST else JOINTS) in words)
+        chosen[own] |= OFFSETS in words
+        if base is not None and joint == FIRST:
+            name, prior = TRACKER, np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
+            axes = (base.rotation @ robot.model.jointPlacements[FIRST].rotation).T
+            labels, basis = plain, np.kron(np.eye(2), axes)
+            along, chosen = np.full(6, False), np.full(6, True)
+        if chosen.any():
+            own_labels = tuple(label for label, yes in zip(labels, chosen, strict=True) if yes)
+            directions = basis[:, chosen]
+            found.append(
+                _Placement(name, joint, directions, own_labels, prior[chosen], along[chosen])
+            )
+    if TOOL in words:
+        k = 6 if task.size > task.positions else 3  # a position does not show how a tool is turned
+        prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)[:k]
+        along = np.full(k, False)
+        found.append(_Placement(TOOL, None, np.eye(6)[:, :k], tuple(plain[:k]), prior, along))
+    if not found:
+        raise InputError("nothing is unknown, so there is nothing to calibrate.", where="unknown")
+    return found
+
+
+def _axes(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
+    """Return orthonormal directions (6, 6) of a joint's displacement, and which one is its own.
+
+    They are the axes of the joint frame, but for the own one; where the joint's axis is none of
+    these, they are turned such that the last one is.
+    """
+    axis = axis_of(model, joint)
+    k = int(np.argmax(np.abs(axis)))
+    basis = np.eye(3)
+    if abs(abs(axis[k]) - 1.0) > 1e-9:
+        k, basis = 2, np.linalg.svd(axis[None, :])[2].T[:, [1, 2, 0]]
+    basis[:, k] = axis
+    blocks = np.zeros((6, 6))
+    blocks[:3, :3] = blocks[3:, 3:] = basis
+    return blocks, k if is_slide(model.joints[joint]) else 3 + k
+
+
+class _Geometry:
+    """A chain whose unknown placements are moved; p parameters.
+
+    Attributes:
+        names: (p) of the parameters.
+        prior: (p) standard deviations of the description [m or rad].
+        along: (p) whether they are along or about the axis of a joint.
+        reach: of the robot [m].
+    """
+
+    def __init__(self, robot: Robot, parts: Sequence[_Placement], base: pin.SE3) -> None:
+        """Use the unknown placements of a robot, its base at a placement in the axes of x."""
+        self.model, self.frame, self.reach = robot.model.copy(), robot.frame_id, robot.reach
+        move_base(self.model, base)
+        self.data, self._parts = self.model.createData(), parts
+        self._described = [self._at(part.joint).copy() for part in parts]
+        self._first = robot.model.jointPlacements[FIRST].copy()
+        self.names = tuple(f"{part.name}.{label}" for part in parts for label in part.labels)
+        self.prior = np.concatenate([np.zeros(0), *(part.prior for part in parts)])
+        self.along = np.concatenate([np.zeros(0, dtype=bool), *(part.along for part in parts)])
+        self._ends = np.cumsum([0, *(len(part.prior) for part in parts)])
+
+    def _at(self, joint: int | None) -> pin.SE3:
+        """Return the placement of a joint, or of the task frame."""
+        model = self.model
+        return model.frames[self.frame].placement if joint is None else model.jointPlacements[joint]
+
+    def _slices(self) -> Iterator[tuple[_Placement, slice]]:
+        for part, first, last in zip(self._parts, self._ends, self._ends[1:], strict=False):
+            yield part, slice(int(first), int(last))
+
+    def move(self, step: np.ndarray) -> None:
+        """Move the placements by a step (p) of their displacements."""
+        for part, own in self._slices():
+            moved = self._at(part.joint) * pin.exp6(part.columns @ step[own])
+            if part.joint is None:
+                self.model.frames[self.frame].placement = moved
+            else:
+                self.model.jointPlacements[part.joint] = moved
+        self.data = self.model.createData()
+
+    def value(self) -> np.ndarray:
+        """Return how far each placement is from the description (p) [m or rad].
+
+        That of a tracker is the placement of the base in its axes.
+        """
+        found = np.zeros(len(self.names))
+        for (part, own), described in zip(self._slices(), self._described, strict=True):
+            known = part.name == TRACKER
+            off = self.tracker() if known else described.actInv(self._at(part.joint))
+            six = np.concatenate([off.translation, pin.log3(off.rotation)])
+            found[own] = six if known else part.columns.T @ six
+        return found
+
+    def robot(self, described: Robot, remark: str) -> Robot:
+        """Return a described robot with these placements, but for that of the tracker."""
+        model = described.model.copy()
+        for part in self._parts:
+            if part.joint is None:
+                model.frames[self.frame].placement = self._at(None)
+            elif part.name != TRACKER:
+                model.jointPlacements[part.joint] = self._at(part.joint)
+        return replace(described, model=model, remark=remark)
+
+    def tracker(self) -> pin.SE3:
+        """Return the placement of the base in the axes of x, the first joint as described."""
+        return self.model.jointPlacements[FIRST] * self._first.inverse()
+
+    def rows(self, seen: _MeasuredFrames) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return measured less modelled coordinates of frames, and their regressors.
+
+        Returns:
+            (M, m), (M, m, p) by the parameters, (M, m, nv) by the joint positions. Orientations are
+            compared by the vector phi of a turn, exp(phi) R = R_measured, in the axes of x.
+        """
+        model, data, rows = self.model, self.data, seen.task.rows
+        shape = len(seen.q), 6
+        r, J = np.zeros(shape), np.empty((*shape, model.nv))
+        K = np.empty((*shape, 6 * model.njoints))
+        pose, place = seen.task.size > seen.task.positions, seen.task.place
+        K[:, :, -6:] = 0.0
+        for k, (q, x) in enumerate(zip(seen.q, seen.x, strict=True)):
+            pin.computeJointJacobians(model, data, q)
+            at = pin.updateFramePlacement(model, data, self.frame)
+            J[k] = pin.getFrameJacobian(model, data, self.frame, pin.LOCAL_WORLD_ALIGNED)
+            K[k, :, :-6] = pin.computeFrameKinematicRegressor(
+                model, data, self.frame, pin.LOCAL_WORLD_ALIGNED
+            )
+            K[k, :3, -6:-3] = K[k, 3:, -3:] = at.rotation
+            r[k, :3][place] = x[: seen.task.positions] - at.translation[place]
+            if pose:
+                r[k, 3:] = pin.log3(matrix(x[3:]) @ at.rotation.T)
+        columns = np.zeros((6 * model.njoints, len(self.names)))
+        for part, own in self._slices():
+            first = 6 * (model.njoints if part.joint is None else part.joint) - 6
+            columns[first : first + 6, own] = part.columns
+        return r[:, rows], (K @ columns)[:, rows], J[:, rows]
+
+
+# The fit
+
+
+class _GeometryFit(NamedTuple):
+    """A fit of p parameters to M frames.
+
+    Attributes:
+        kept: (M) whether a frame was used.
+        rows: (N, p) of the used frames, in units of their noise.
+        covariance: (p, p) in units of the prior.
+        noise: of a coordinate of the position [m], and of the orientation [rad] of poses.
+        late: age of the frames at their times [s], and its deviation.
+    """
+
+    kept: np.ndarray
+    rows: np.ndarray
+    covariance: np.ndarray
+    noise: np.ndarray
+    late: tuple[float, float]
+
+
+def _fitted(
+    geometry: _Geometry, seen: _MeasuredFrames, where: str, known: np.ndarray | None = None
+) -> _GeometryFit:
+    """Move the placements of a geometry such that it fits frames best.
+
+    Frames with large residuals count less at first (Huber), then those beyond six deviations do not
+    count. The noise is that of the residuals.
+
+    Args:
+        geometry: that is moved.
+        seen: the frames.
+        where: of the log, for messages.
+        known: noise of a coordinate of the position [m] and of the orientation [rad], of frames
+            that all count; None: it is to be found.
+
+    Raises:
+        LogError: too few frames, too many that do not fit, or no convergence.
+    """
+    m, s = seen.task.size, geometry.prior
+    groups = [group.rows for group in seen.task.groups]
+    least = np.array([_LEAST_NOISE * geometry.reach, _LEAST_NOISE])[: len(groups)]
+    kept, weights = np.ones(len(seen.x), dtype=bool), np.ones(len(seen.x))
+    robust, noise = known is None, np.zeros(len(groups)) if known is None else known
+    for _ in range(_ROUNDS):
+        r, W, J = geometry.rows(seen)
+        if not noise.all():
+            noise = np.array([math.sqrt(float(np.median(r[:, part] ** 2))) for part in groups])
+            noise = np.maximum(noise, least)
+        roots, share = _inverse_roots(J, groups, noise, seen.encoder)
+        A, b, moved = (roots @ part for part in (W * s, r[:, :, None], J @ seen.v[:, :, None]))
+        off = np.sqrt(np.mean(b**2, axis=(1, 2)))
+        if robust:
+            weights = np.minimum(1.0, _HUBER / np.maximum(off, 1.0))
+        counted = np.sqrt(weights)[:, None, None]
+        rows, right = (A * counted).reshape(-1, len(s)), (b * counted).ravel()
+        # Not by normal equations: what is not told has 1 there, and the rest up to 1e16.
+        Q, R = np.linalg.qr(np.vstack([rows, np.eye(len(s))]))
+        inverse = np.linalg.inv(R)
+        covariance = inverse @ inverse.T
+        score = Q.T @ np.concatenate([right, -geometry.value() / s])
+        step = inverse @ score
+        told, count = len(s) - float(np.trace(covariance)), int(np.count_nonzero(kept)) * m
+        if count < _LEAST * told:
+            raise LogError(
+                f"{count // m} frames of {m} numbers are too few for {told:.0f} combinations of "
+                "the geometry.",
+                where=where,
+                hint=f"Record {math.ceil(_ENOUGH * told / m)} or more, or name fewer unknowns.",
+            )
+        geometry.move(step * s)
+        last = math.sqrt(float(score @ score) / len(s))  # deviations that are stepped
+        if known is None:
+            growth = _growth(b, groups, None if robust else kept, told / count)
+            noise = np.maximum(noise * growth ** (1.0 / np.maximum(share, _LEAST_SHARE)), least)
+            last = max(last, *np.where(noise > least, np.abs(growth - 1.0), 0.0))
+        if last > (_NEARLY if robust else _CONVERGED):
+            continue
+        found = kept & (off < _OUTLIER)
+        if known is not None or (not robust and (found == kept).all()):
+            break
+        robust, kept, weights = False, found, found.astype(float)
+        if np.mean(kept) < 1.0 - _MOST_OUTLIERS:
+            raise LogError(
+                f"{np.mean(~kept):.0%} of the frames do not fit the others.",
+                where=where,
+                hint="Lost frames of a tracker are NaN, not 0; is x of this frame?",
+            )
+    else:
+        raise LogError(
+            "no geometry near the described one explains these frames.",
+            where=where,
+            hint="Is x of this frame, of this robot, and timed on the clock of q?",
+        )
+    rows, right = A[kept].reshape(-1, len(s)), b[kept].ravel()
+    late = _lateness(rows, right, covariance, -moved[kept].ravel())
+    return _GeometryFit(kept, rows / s, covariance, noise, late)
+
+
+def _inverse_roots(
+    J: np.ndarray, groups: Sequence[slice], noise: np.ndarray, encoder: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return matrices (M, m, m) that turn rows of frames into units of their noise.
+
+    Args:
+        J: (M, m, nv) by which the noise of the encoders moves the frame.
+        groups: coordinates with a common noise of the tracker.
+        noise: one for each of these [m or rad].
+        encoder: (nv) standard deviations [rad or m].
+
+    Returns:
+        The matrices, and the share of the variance of each group that is the tracker's.
+    """
+    sigma = np.empty(J.shape[1])
+    for part, size in zip(groups, noise, strict=True):
+        sigma[part] = size
+    if not encoder.any():
+        return np.tile(np.diag(1.0 / sigma), (len(J), 1, 1)), np.ones(len(groups))
+    scaled = J * encoder
+    covariance = np.diag(sigma**2) + scaled @ scaled.swapaxes(1, 2)
+    roots = np.linalg.inv(np.linalg.cholesky(covariance))
+    shares = np.mean(np.sum((roots * sigma) ** 2, axis=1), axis=0)
+    return roots, np.array([float(np.mean(shares[part])) for part in groups])
+
+
+def _growth(
+    b: np.ndarray, groups: Sequence[slice], kept: np.ndarray | None, told: float
+) -> np.ndarray:
+    """Return by what factor residuals b (M, m, 1) are larger than their unit, one for each group.
+
+    Args:
+        b: the residuals, in units of their noise.
+        groups: of coordinates.
+        kept: (M) the frames that count; None: it is taken from the median.
+        told: share of the numbers that the parameters explain in any case.
+    """
+    from scipy.special import chdtri  # here, because scipy is slow to import
+
+    found = np.empty(len(groups))
+    for g, part in enumerate(groups):
+        squares = np.sum(b[:, part, 0] ** 2, axis=1)
+        size = part.stop - part.start
+        if kept is None:
+            found[g] = float(np.median(squares)) / float(chdtri(size, 0.5))
+        else:
+            found[g] = float(np.mean(squares[kept])) / size / (1.0 - told)
+    return np.sqrt(found)
+
+
+def _lateness(
+    rows: np.ndarray, right: np.ndarray, covariance: np.ndarray, column: np.ndarray
+) -> tuple[float, float]:
+    """Return a parameter of one more column (N) beside those of a fit, and its deviation.
+
+    Args:
+        rows: (N, p) of the fit.
+        right: (N) its residuals.
+        covariance: (p, p) of its parameters.
+        column: (N) the effect of the other one.
+    """
+    own = column - rows @ (covariance @ (rows.T @ column))
+    size = float(column @ own)
+    if not size > _TINY * float(column @ column):
+        return 0.0, math.inf
+    return float(own @ right) / size, 1.0 / math.sqrt(size)
+
+
+def _told(
+    geometry: _Geometry, rows: np.ndarray
+) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """Return the combinations of p parameters that rows tell, and the parameters they do not.
+
+    A QR factorisation with column pivoting takes the parameters by turns: the one whose effect is
+    farthest from those taken before is next. What is left when no effect is larger than the noise
+    is not told: to first order, a change of it and changes of the others cancel. Displacements
+    along and about the axis of a joint are taken last.
+
+    Args:
+        geometry: with the names of the parameters.
+        rows: (N, p) in units of the noise.
+
+    Returns:
+        The combinations as text, and name -> names of those that can cancel it.
+    """
+    from scipy.linalg import qr, solve_triangular  # here, because scipy is slow to import
+
+    names, s = geometry.names, geometry.prior
+    rows, last = rows * s, np.where(geometry.along, _KEPT_LAST, 1.0)
+    R, order = qr(rows * last, mode="r", pivoting=True)
+    order = order[: min(R.shape)]
+    told = np.abs(np.diag(R)) > last[order]
+    taken, others = np.sort(order[told]), np.setdiff1d(np.arange(len(names)), order[told])
+    Q, R = np.linalg.qr(rows[:, taken])
+    parts = solve_triangular(R, Q.T @ rows[:, others])
+    sizes = np.linalg.norm(rows, axis=0)
+    effects = np.abs(parts) * sizes[taken, None] / np.maximum(sizes[others], 1.0)
+    combinations = []
+    for i, own, sized in zip(taken, parts, effects, strict=True):
+        terms = [
+            f" {'-' if part < 0.0 else '+'} {abs(part) * s[i] / s[d]:.3g} {names[d]}"
+            for d, part, effect in zip(others, own, sized, strict=True)
+            if effect > _SHOWN
+        ]
+        combinations.append(names[i] + "".join(terms))
+    untold = {
+        names[d]: tuple(names[taken[i]] for i in np.argsort(-sized) if sized[i] > _SHOWN)
+        for d, sized in zip(others, effects.T, strict=True)
+    }
+    return tuple(combinations), untold
+
+
+def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> GeometryError:
+    """Return how far frames are from those of a geometry."""
+    r, _, _ = geometry.rows(seen)
+    distances = np.linalg.norm(r[:, : seen.task.positions], axis=1)
+    turns = np.linalg.norm(r[:, seen.task.positions :], axis=1)
+    turn = float(np.sqrt(np.mean(turns**2))) if seen.task.size > seen.task.positions else None
+    return GeometryError(float(np.sqrt(np.mean(distances**2))), float(distances.max()), turn)
+
+
+def _rms_distance(points: np.ndarray) -> float:
+    """Return the rms distance of points (M, m) from their mean."""
+    return math.sqrt(float(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
