@@ -33,6 +33,7 @@ from . import (
     alternatives,
     alternatives_report,
     calibration,
+    image,
     known_load,
     lying_sensors,
     modifications,
@@ -153,6 +154,7 @@ TABLES: dict[str, Callable[[], str]] = {
         "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
     ),
     "calibration": of("calibration", calibration.report),
+    "image": of("image", image.report),
     "known_load": of("known_load", known_load.as_described),
     "known_load_off": of("known_load", known_load.off_by_some_per_cent),
     "lying_sensors": of_json("lying_sensors", lying_sensors.report),

@@ -191,9 +191,9 @@ class _InverseKinematics:
         """Return the Jacobian (m, n), rotations times the reach, and the coordinates at q (nq)."""
         model, data, frame = self._model, self._data, self._robot.frame_id
         pin.computeJointJacobians(model, data, q)
-        x = self._task.of(pin.updateFramePlacement(model, data, frame))
-        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[self._task.rows]
-        return self._arms[:, None] * J, x
+        placement = pin.updateFramePlacement(model, data, frame)
+        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        return self._arms[:, None] * self._task.jacobian(placement, J), self._task.of(placement)
 
 
 _SHARE, _MARGIN = 0.8, 0.3

@@ -32,11 +32,13 @@ def test_the_quickstart_runs(tmp_path, monkeypatch, capsys, blank_pictures):
 
 def test_the_page_without_calibration_runs():
     scope = {}
-    for block in blocks("without_calibration"):
-        exec(block, scope)
+    of_tracker, of_camera = blocks("without_calibration")
+    exec(of_tracker, scope)
     assert scope["rollout"].distance.max() < 1e-4
     found, true = scope["rollout"].tracker().tracker, scope["true"].tracker
     assert found.placement.homogeneous == pytest.approx(true.homogeneous, abs=1e-5)
+    exec(of_camera, scope)
+    assert scope["rollout"].distance.max() < 2e-3
 
 
 class Arm:

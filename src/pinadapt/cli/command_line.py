@@ -49,8 +49,13 @@ _COMMANDS = {
 
 
 _SHARED = {
-    **{"replay": "drive", "tell": "drive", "view": "run", "cite": "run", "demo": "compare"},
+    "replay": "drive",
+    "tell": "drive",
+    "view": "run",
+    "cite": "run",
+    "demo": "compare",
     "calibrate": "identify",
+    "robots": "command_line",
 }
 _GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
 _ENDING = [
@@ -145,6 +150,30 @@ class _CommandParser(argparse.ArgumentParser):
 
 def _module(command: str) -> ModuleType:
     return import_module(f".{_SHARED.get(command, command)}", __package__)
+
+
+def robots_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add nothing: the command has no arguments."""
+
+
+def robots(options: argparse.Namespace) -> int:
+    """Print the catalogue: name, number of joints, task, frame, source of the model, remark."""
+    from .._output import columns  # here, because no other command needs them at once
+    from ..description.catalogue import catalogue
+
+    rows = [
+        (
+            each.name,
+            str(each.joints),
+            each.task,
+            each.frame,
+            "pinadapt" if each.path else each.origin,
+            each.about,
+        )
+        for each in catalogue().values()
+    ]
+    print(columns(("name", "joints", "task", "frame", "from", "about"), rows))
+    return DONE
 
 
 class _Told:

@@ -529,8 +529,9 @@ class Senses:
                 q, v, x.copy(), _NOTHING, _NO_COLUMNS, None, (), first, after
             ), still, measurement  # fmt: skip
         epsilon = kinematics.p_hat - x[: kinematics.positions]
+        X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
         return SensedState(
-            q, v, x.copy(), epsilon, kinematics.X_k, None, (), first, after
+            q, v, x.copy(), epsilon, X_k, None, (), first, after
         ), still, measurement  # fmt: skip
 
     def _late_frame(

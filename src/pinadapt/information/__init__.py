@@ -8,4 +8,5 @@ from .payload import PayloadEstimate as PayloadEstimate
 from .torque_check import TorqueCheck as TorqueCheck
 from .torque_check import check_torques as check_torques
 from .tracker import FoundTracker as FoundTracker
+from .tracker import find_camera as find_camera
 from .tracker import find_tracker as find_tracker

@@ -193,7 +193,7 @@ def position_information(
     measurements = [sample.measurement for sample in samples if kinematics.size]
     for q, v, x in frames(kinematics, measurements):
         kinematics.update(state.a_k, q, v)
-        W.append(kinematics.X_k)
+        W.append(kinematics.explaining(x))
         r.append(x - kinematics.p_hat)
     shape = len(W), m
     return _information(

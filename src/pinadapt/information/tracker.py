@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from .._output import Sheet, Table
 from ..exceptions import LogError
+from ..models.camera_kinematics import CameraKinematics
 from ..models.task_kinematics import TaskKinematics
 from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
@@ -146,6 +147,50 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         len(p),
         tuple(unseen),
     )
+
+
+def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> Information:
+    """Return what the frames of a motion say about cameras, at the estimate that explains them.
+
+    Args:
+        kinematics: of a controller with the task "image", see ``Robot.filmed_by``.
+        samples: measurements of a motion, with x at some of them, as ``find_tracker``.
+
+    Raises:
+        LogError: no camera explains the frames: fewer than four, a picture that hardly moves, of
+            another point, or of another clock.
+    """
+    if not isinstance(kinematics, CameraKinematics):
+        raise LogError("these kinematics have no camera.", hint='Take the task "image".')
+    found = list(frames(kinematics, samples))
+    x, reach = np.array([each for *_, each in found]), kinematics.robot.reach
+    motion = _rms(x - x.mean(axis=0)) if len(x) else 0.0
+    if len(x) < _FEWEST or motion < _LEAST_WAY * reach:
+        raise LogError(
+            f"{len(x)} frames whose picture moves by {motion:.2g} (rms) do not show the camera.",
+            hint="Move every joint, such that the picture moves by some hundredths of the reach "
+            f"({reach:.2g} m), a pixel counted as about the length that it covers at the arm.",
+        )
+    a_0, known = kinematics.standing_at(x[0]), 1.0 / kinematics.sizes**2
+    a = a_0.copy()
+    for _ in range(_ROUNDS):
+        kept = []
+        for q, v, y in found:
+            kinematics.update(a, q, v)
+            kept.append((kinematics.X_k, y - kinematics.p_hat))
+        W, residual = (np.array(column) for column in zip(*kept, strict=True))
+        sigma = _noise(residual, len(a), reach)
+        told = _told(kinematics.names, a, W / sigma, residual / sigma, known, a_0 - a)
+        a = a + told.correction
+        if np.abs(told.correction).max() < _CONVERGED:
+            break
+    if sigma * _correlated(residual) > _WORST * motion:
+        raise LogError(
+            f"no camera explains these frames: they are off by {sigma:.3g} (rms) in a motion of "
+            f"{motion:.3g}.",
+            hint="Is the picture that of this frame, of this robot, and timed on the clock of q?",
+        )
+    return told
 
 
 def _seen(

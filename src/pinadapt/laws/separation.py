@@ -68,6 +68,9 @@ class Separation(Law):
                   terms and the last two each belong to a V of their own.
     Pose:         the rotation error of the estimated orientation, which no estimate enters, takes
                   the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
+    Picture:      of a camera (task "image") the prediction error alone is linear in the parameters,
+                  by way of the measured depth-scaled picture, so c is zero and the terms of dx_o
+                  leave V: epsilon -> 0 and a_k that settles leave d(dx_o)/dt = -beta dx_o.
     Noise:        qdd_r holds -alpha J^+ J qd, and s holds qd, so noise of qd has a mean in Y^T s.
                   With a finite lambda_s the regressor is Y(q, qd_r + s_f, qd_r, qdd_r + alpha J^+ J
                   (s - s_f)), s_f = s through the low pass lambda_s / (lambda_s + p), in torque and
@@ -90,7 +93,7 @@ class Separation(Law):
         K_v: (n, n) K_D [N m s/rad or N s/m], or what it is at most; see ``lag``.
         alpha: [1/s].
         beta: [1/s].
-        c: weight of the observation error.
+        c: weight of the observation error; zero by default for pictures.
         R_k: (m_p, m_p) R, weight of the prediction error.
         lambda_s: decorrelation [1/s], infinite for none.
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
@@ -158,7 +161,8 @@ class Separation(Law):
         Raises:
             GainError: gains that are not positive (definite) or of the wrong size.
         """
-        check_in_place(self, "alpha", "beta", "c", "R_k")
+        check_in_place(self, "alpha", "beta", "R_k")
+        object.__setattr__(self, "c", positive(self.c, "c", zero=True))
         if not (isinstance(self.lambda_s, float) and self.lambda_s == math.inf):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
@@ -192,6 +196,7 @@ class Separation(Law):
             "Kv": _DAMPING * w * _loaded_inertia(motion.robot),
             "alpha": w,
             "beta": _OBSERVER * w,
+            "c": 1.0 if motion.kinematics.affine else 0.0,
             "R_k": 1.0,
             "lambda_s": math.inf,
             "lag": dt / _STEP if given.get("Kv") is None else 0.0,
@@ -432,7 +437,7 @@ class Separation(Law):
 
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling of observation and prediction."""
-        return KinematicLoop(self.c, self.beta, self.R_k)
+        return KinematicLoop(self.c or 1.0, self.beta, self.R_k)
 
 
 class NominalInertia:

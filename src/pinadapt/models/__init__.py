@@ -4,6 +4,7 @@ from .basis import BaseParameters as BaseParameters
 from .basis import BasisDynamics as BasisDynamics
 from .basis import base_parameters as base_parameters
 from .bodies import BodyDynamics as BodyDynamics
+from .camera_kinematics import CameraKinematics as CameraKinematics
 from .delay_compensation import DelayCompensator as DelayCompensator
 from .delay_compensation import SensedState as SensedState
 from .dynamics import Dynamics as Dynamics

@@ -124,7 +124,7 @@ class DelayCompensator:
             if x is None:
                 return SensedState(q, v)
             error = kinematics.p_hat - x[: kinematics.positions]
-            return SensedState(q, v, x, error, kinematics.X_k)
+            return SensedState(q, v, x, error, kinematics.explaining(x))
         frame, history = before.frame, before.history
         if frame is None:  # the position was measured at the sample before
             history = ((t_before, before.q),)
@@ -152,7 +152,7 @@ class DelayCompensator:
         before: Frame | None,
     ) -> Frame:
         """Return the frame x taken at time t [s] and configuration q (nq), after another one."""
-        task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at(q)
+        task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at(q, x)
         X_a = X_k.dot(a_k)
         b = task.position(x_hat) - task.position(x) - X_a
         b_smooth, turn = b, task.turn(x_hat, x)

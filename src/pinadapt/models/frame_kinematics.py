@@ -177,7 +177,7 @@ class FrameKinematics(TaskKinematics):
             blocks.append(pin.skew(dw) + W.dot(W))
         return self._padded(self._stack(blocks))
 
-    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
 
         The estimate is that of the last update. The attributes do not change.

@@ -34,6 +34,7 @@ class TaskKinematics(ABC):
         initial: (p) the values of the nominal robot [m].
         translations: the unknown translations, in the order of their parameters.
         calibrated: whether it is known how the axes of x stand against the robot's base.
+        affine: whether positions and velocities are affine in the parameters; pictures are not.
         sizes: (p) how far each parameter may be off, relative to each other.
         bounds: (2, p) where the parameters stay by default.
         a_k: (p) the estimate [m].
@@ -59,6 +60,7 @@ class TaskKinematics(ABC):
     a_k: np.ndarray
     translations: Sequence[Translation] = ()
     calibrated: bool = True
+    affine: bool = True
     sizes: np.ndarray
     bounds: np.ndarray
     last_joint: np.ndarray
@@ -88,11 +90,22 @@ class TaskKinematics(ABC):
         return self.initial
 
     @abstractmethod
-    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
 
         The estimate is that of the last update. The attributes do not change.
+
+        Args:
+            q: (nq) configuration.
+            seen: coordinates measured there, see ``explaining``; None: the estimated ones.
         """
+
+    def explaining(self, x: np.ndarray) -> np.ndarray:
+        """Return the regressor (m_p, p) of the prediction error of measured coordinates x.
+
+        It is X with p_hat - x = X da_k, exactly: X_k but for cameras, where X depends on x.
+        """
+        return self.X_k
 
     @abstractmethod
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
@@ -173,7 +186,7 @@ class JointKinematics(TaskKinematics):
         """The joint coordinates (nv) [rad or m]."""
         return self.task.of(self._q)
 
-    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the joint coordinates (nv) [rad or m] at q (nq), and an empty X_k (0, 0)."""
         return self.task.of(q), self.X_k
 

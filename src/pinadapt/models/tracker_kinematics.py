@@ -48,22 +48,99 @@ class Tracker(NamedTuple):
     misfit: float = 0.0
 
 
-class TrackerKinematics(TaskKinematics):
+class LumpedKinematics(TaskKinematics):
+    """Kinematics with products of unknowns as parameters, which are linear in phi(q) (4 + 3 k).
+
+    phi = (p, r_1, ..., r_k, 1), each but the last relative to its value at home; with the Jacobian
+    Phi, dphi/dt = Phi v.
+
+    Attributes:
+        nominal: (k) the described translations [m].
+        translation_names: (k) names of the translations.
+    """
+
+    task: FrameTask
+    calibrated = False
+
+    def _take(self, robot: Robot, unknown: str | Sequence[str | Translation]) -> None:
+        """Take a nominal robot and its unknown translations."""
+        task = robot.frame_task
+        inside = FrameKinematics(replace(robot, task=TASKS["pose"]), unknown)
+        self._inside, self.translations = inside, inside.translations
+        self.robot, self.task, self.frame = robot.undrawn(), task, robot.frame
+        self.joint_names, self.nq, self.nv = robot.joint_names, inside.nq, inside.nv
+        self.positions, self.nominal = task.positions, inside.initial
+        inside.update(self.nominal, robot.q0, np.zeros(self.nv))
+        self._home = _stacked(inside.p_hat, inside.X_k)
+        self.translation_names = inside.names
+        of = [f"{name}_{axis}" for name in ("base", *inside.names) for axis in "xyz"]
+        self._columns = (*of, "home")
+        self._still, self._none_moves = np.zeros(self.nv), np.zeros(inside.size)
+
+    def _look(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Evaluate phi, dphi/dt, Phi, and dPhi/dt v at q (nq) and v (nv)."""
+        inside = self._inside
+        inside.update(self.nominal, q, v)
+        J, r = inside.J, inside.X_k
+        blocks = [-pin.skew(r[:, i]).dot(J_w) for i, J_w in enumerate(self._turning_of(J))]
+        self._Phi = np.concatenate([J[:3], *blocks, np.zeros((1, self.nv))])
+        turning = inside.acceleration_regressor(self._still)
+        self._drift = np.append(_stacked(inside.Jdot_v, turning[:3]), 0.0)
+        self._phid = np.append(_stacked(inside.xd_hat, inside.Y_k[:3]), 0.0)
+        self._phi = self.lumped(inside.p_hat, r)
+
+    def _Phi_rate(self) -> np.ndarray:
+        """Return dPhi/dt (4 + 3 k, nv) by the motion."""
+        inside = self._inside
+        Jd, r, rd = inside.jacobian_rate(self._none_moves), inside.X_k, inside.Y_k
+        pairs = zip(self._turning_of(inside.J), self._turning_of(Jd, rate=True), strict=True)
+        blocks = [
+            -pin.skew(rd[:3, i]).dot(own) - pin.skew(r[:, i]).dot(rate)
+            for i, (own, rate) in enumerate(pairs)
+        ]
+        return np.concatenate([Jd[:3], *blocks, np.zeros((1, self.nv))])
+
+    def lumped(self, p: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Return phi (4 + 3 k) at a position p (3) and r (3, k)."""
+        return np.append(_stacked(p, r) - self._home, 1.0)
+
+    def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
+        self._inside.update(self.nominal, q, v)
+        return self._inside.p_hat, self._inside.X_k, self._inside.xd_hat[:3]
+
+    def _turning_of(self, J: np.ndarray, rate: bool = False) -> Iterator[np.ndarray]:
+        """Yield the angular Jacobian (3, n), or its rate, of the parent joint of each parameter.
+
+        Args:
+            J: (6, n) that of the frame, or its rate.
+            rate: whether it is the rate.
+        """
+        of = pin.getJointJacobianTimeVariation if rate else pin.getJointJacobian
+        model, data = self._inside.chain
+        for part, parent in zip(self.translations, self._inside.parents, strict=True):
+            own = J if part.joint is None else of(model, data, parent, pin.LOCAL_WORLD_ALIGNED)
+            yield from [own[3:]] * part.size
+
+    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
+        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
+        return self._inside.between(q_0, q_1, share)
+
+    def base(self, samples: int = 50) -> int:
+        """Return the number of identifiable combinations of the parameters."""
+        return base_parameters(self, self.robot, samples=samples).size
+
+
+class TrackerKinematics(LumpedKinematics):
     """The estimated kinematics of the task frame in the axes of a tracker, x = Theta phi(q).
 
     The parameters are the rows of Theta (m_p, 4 + 3 k), one after the other. The estimated Jacobian
     must have full rank; the rotation block needs not be orthogonal.
 
-    Attributes:
-        nominal: (k) the described translations [m].
-        translation_names: (k) names of the translations.
-
     H. Wang, *Adaptive control of robot manipulators with uncertain kinematics and dynamics*, IEEE
     Trans. Automatic Control 62 (2017) 948-954, for the law; the lumped parameters are those of
     uncalibrated visual servoing.
     """
-
-    task: FrameTask
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
@@ -71,26 +148,14 @@ class TrackerKinematics(TaskKinematics):
         Raises:
             ParameterError, RobotError: as ``unknown_translations``.
         """
-        task = robot.frame_task
-        inside = FrameKinematics(replace(robot, task=TASKS["pose"]), unknown)
-        self._inside, self.translations = inside, inside.translations
-        self.robot, self.task, self.frame = robot.undrawn(), task, robot.frame
-        self.joint_names, self.nq, self.nv = robot.joint_names, inside.nq, inside.nv
-        self._rows, self.positions, self.calibrated = task.place, task.positions, False
-        self._turns, self.nominal = task.size > task.positions, inside.initial
-        inside.update(self.nominal, robot.q0, np.zeros(self.nv))
-        self._home = _stacked(inside.p_hat, inside.X_k)
+        self._take(robot, unknown)
+        task, k = self.task, self.nominal.size
+        self._rows, self._turns = task.place, task.size > task.positions
         labels = task.labels[: self.positions]
-        self.translation_names = inside.names
-        of = [f"{name}_{axis}" for name in ("base", *inside.names) for axis in "xyz"]
-        self.names = tuple(f"{row}({name})" for row in labels for name in (*of, "home"))
-        self.size, k = len(self.names), inside.size
+        self.names = tuple(f"{row}({name})" for row in labels for name in self._columns)
+        self.size = len(self.names)
         self._shape, self._eye = (self.positions, 4 + 3 * k), np.eye(self.positions)
-        self._still, self._none_moves, self._none = (
-            np.zeros(self.nv),
-            np.zeros(k),
-            np.zeros(3 * k + 1),
-        )
+        self._none = np.zeros(3 * k + 1)
         self.initial = self.parameters(Tracker(pin.SE3.Identity(), self.nominal))
         off = np.repeat([1.0, _OFF * robot.reach], [3, 3 * k + 1])
         wide = np.repeat([_TURNED, _TURNED * _WIDE * robot.reach, _FARTHEST], [3, 3 * k, 1])
@@ -143,31 +208,14 @@ class TrackerKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        inside = self._inside
-        inside.update(self.nominal, q, v)
-        self.a_k, self._Theta = a_k, a_k.reshape(self._shape)
-        J, r = inside.J, inside.X_k
-        blocks = [-pin.skew(r[:, i]).dot(J_w) for i, J_w in enumerate(self._turning_of(J))]
-        self._Phi = np.concatenate([J[:3], *blocks, np.zeros((1, self.nv))]), J[3:]
-        self._drift = self._rate(inside.Jdot_v, inside.acceleration_regressor(self._still))
-        phid, phi = self._rate(inside.xd_hat, inside.Y_k), self.lumped(inside.p_hat, r)
-        self.J, self.Jdot_v = self._mapped(*self._Phi), self._mapped(*self._drift)
-        self.xd_hat, self.Y_k = self._mapped(*phid), self._regressor(*phid)
-        self.p_hat, self.X_k = self._Theta.dot(phi), np.kron(self._eye, phi)
+        self._look(q, v)
+        self.a_k, self._Theta, inside = a_k, a_k.reshape(self._shape), self._inside
+        self.J = self._mapped(self._Phi, inside.J[3:])
+        self.Jdot_v = self._mapped(self._drift, inside.Jdot_v[3:])
+        self.xd_hat = self._mapped(self._phid, inside.xd_hat[3:])
+        self.Y_k = self._regressor(self._phid, inside.xd_hat[3:])
+        self.p_hat, self.X_k = self._Theta.dot(self._phi), np.kron(self._eye, self._phi)
         self.last_joint = self.p_hat
-
-    def lumped(self, p: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Return phi (4 + 3 k) at a position p (3) and r (3, k)."""
-        return np.append(_stacked(p, r) - self._home, 1.0)
-
-    def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
-        self._inside.update(self.nominal, q, v)
-        return self._inside.p_hat, self._inside.X_k, self._inside.xd_hat[:3]
-
-    def _rate(self, motion: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rate of phi (4 + 3 k) and the angular part of a motion (6), r (6, k)."""
-        return np.append(_stacked(motion[:3], r[:3]), 0.0), motion[3:]
 
     def _mapped(self, lumped: np.ndarray, turning: np.ndarray) -> np.ndarray:
         """Return Theta times a rate of phi (4 + 3 k, .), and R_c times an angular one (3, .)."""
@@ -183,19 +231,6 @@ class TrackerKinematics(TaskKinematics):
             return linear
         return np.concatenate([linear, np.kron(self._eye, np.append(turning, self._none))])
 
-    def _turning_of(self, J: np.ndarray, rate: bool = False) -> Iterator[np.ndarray]:
-        """Yield the angular Jacobian (3, n), or its rate, of the parent joint of each parameter.
-
-        Args:
-            J: (6, n) that of the frame, or its rate.
-            rate: whether it is the rate.
-        """
-        of = pin.getJointJacobianTimeVariation if rate else pin.getJointJacobian
-        model, data = self._inside.chain
-        for part, parent in zip(self.translations, self._inside.parents, strict=True):
-            own = J if part.joint is None else of(model, data, parent, pin.LOCAL_WORLD_ALIGNED)
-            yield from [own[3:]] * part.size
-
     @property
     def x_hat(self) -> np.ndarray:
         """The estimated positions (m) [m], or position and quaternion xyzw (7) of a pose."""
@@ -208,36 +243,28 @@ class TrackerKinematics(TaskKinematics):
         R = _orthonormal(self._Theta[:, :3]).dot(matrix(inside[3:]))
         return np.concatenate([p_hat, quaternion(R)])
 
-    def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there."""
         x, r = self._inside.at(q)
         phi = self.lumped(x[:3], r)
         return self._coordinates(self._Theta.dot(phi), x), np.kron(self._eye, phi)
 
-    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
-        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
-        return self._inside.between(q_0, q_1, share)
-
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate."""
-        inside, (Phi, J_w) = self._inside, self._Phi
-        Jd, r, rd = inside.jacobian_rate(self._none_moves), inside.X_k, inside.Y_k
-        pairs = zip(self._turning_of(inside.J), self._turning_of(Jd, rate=True), strict=True)
-        blocks = [
-            -pin.skew(rd[:3, i]).dot(own) - pin.skew(r[:, i]).dot(rate)
-            for i, (own, rate) in enumerate(pairs)
-        ]
-        by_motion = self._mapped(np.concatenate([Jd[:3], *blocks, np.zeros((1, self.nv))]), Jd[3:])
+        Jd = self._inside.jacobian_rate(self._none_moves)[3:]
         Theta_rate = a_k_rate.reshape(self._shape)
-        by_estimate = Theta_rate.dot(Phi)
+        by_estimate = Theta_rate.dot(self._Phi)
         if self._turns:
-            by_estimate = np.concatenate([by_estimate, Theta_rate[:, :3].dot(J_w)])
-        return np.asarray(by_motion + by_estimate)
+            turned = Theta_rate[:, :3].dot(self._inside.J[3:])
+            by_estimate = np.concatenate([by_estimate, turned])
+        return np.asarray(self._mapped(self._Phi_rate(), Jd) + by_estimate)
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27) at joint acceleration a (nv)."""
-        pairs = zip(self._Phi, self._drift, strict=True)
-        return self._regressor(*(Phi.dot(a) + drift for Phi, drift in pairs))
+        inside = self._inside
+        return self._regressor(
+            self._Phi.dot(a) + self._drift, inside.J[3:].dot(a) + inside.Jdot_v[3:]
+        )
 
     def initial_at(self, q: np.ndarray, x: np.ndarray | None) -> np.ndarray:
         """Return the estimate (p) to start from: as described, with the position measured.
@@ -277,10 +304,6 @@ class TrackerKinematics(TaskKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return an estimate a_k (p) with the translations of a model of the chain [m]."""
         return self.parameters(self.tracker(a_k)._replace(a=self._inside.read(model, a_k)))
-
-    def base(self, samples: int = 50) -> int:
-        """Return the number of identifiable combinations of the parameters."""
-        return base_parameters(self, self.robot, samples=samples).size
 
 
 def _stacked(p: np.ndarray, r: np.ndarray) -> np.ndarray:

@@ -138,8 +138,8 @@ class MujocoPlant(SimulatedPlant):
         """Return what ideal sensors measure now."""
         task = self.robot.task
         if isinstance(task, FrameTask):
-            x = task.of(self._chain.placement(self.data))
-            xd = task.velocity_of(self._chain.velocity(self.data))
+            chain, data = self._chain, self.data
+            x, xd = task.moving(chain.placement(data), chain.velocity(data))
         else:
             x, xd = task.measured(None, self._q), self._v
         return Measurement(self._t, self._q, self._v, x, None, xd)

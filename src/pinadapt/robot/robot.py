@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, flag, instance, mapping, shown, vector
+from .._checks import LARGEST, flag, instance, mapping, numbers, shown, vector
 from .._output import Sheet, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
@@ -30,7 +30,7 @@ from ..description.mjcf import WrittenShaft, mjcf_text
 from ..description.urdf import Origin
 from ..description.urdf_writer import WrittenChain, urdf_text
 from ..exceptions import InputError, RobotError
-from ..tasks.frame import FrameTask
+from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.task import Task
 from . import changes
 from .changes import Friction
@@ -231,6 +231,39 @@ class Robot:
         changes.move_base(model, tracker)
         before = pin.SE3.Identity() if self.tracker is None else self.tracker
         return replace(self, model=model, tracker=tracker * before, mounting=None)
+
+    def filmed_by(self, *cameras: ArrayLike) -> Robot:
+        """Return this robot with the task "image": the picture of the frame in one or two cameras.
+
+        With one camera two coordinates of the frame's picture are controlled, with two also the
+        first one of the second picture, which fixes the frame in space. A controller finds its
+        cameras by itself: give them to the true robot alone.
+
+        Args:
+            cameras: (3, 4) projections from the world's axes to homogeneous coordinates (y_1, y_2,
+                1) of the image, a pixel counted as about the length [m] that it covers at the arm:
+                see ``tasks.ImageTask``. None: one that looks along an axis from far away, as a
+                controller's robot may have it.
+
+        Raises:
+            RobotError: three cameras, wrong sizes, a frame that is not before a camera at home, or
+                a joint task.
+        """
+        task = self.frame_task
+        plane = np.array([*np.arange(3)[task.place], *range(3)])[:2]
+        given = [numbers(H, "cameras", error=RobotError) for H in cameras]
+        if not given:
+            given = [np.concatenate([np.eye(4)[plane], np.eye(4)[3:]])]
+        if len(given) > 2 or any(H.shape != (3, 4) for H in given):
+            raise RobotError("expected one or two matrices (3, 4).", where="cameras")
+        p = self.placement(self.q0).translation
+        if any(H[2, :3] @ p + H[2, 3] <= 0.0 for H in given):
+            raise RobotError(
+                "at home the frame is behind a camera.",
+                where="cameras",
+                hint="The depth, row 3 of H times (p, 1), must be positive.",
+            )
+        return replace(self, task=ImageTask.seen_by(task, given))
 
     @cached_property
     def in_base_axes(self) -> Robot:

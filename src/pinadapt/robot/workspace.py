@@ -19,6 +19,7 @@ from ..description.chain import (
     velocity_limits,
 )
 from ..exceptions import InputError, RobotError
+from ..tasks.frame import ImageTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
 from ..trajectories.trajectory import Trajectory
@@ -124,11 +125,17 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
 
     Raises:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
-            task is the joint task.
+            task is the joint task or a picture.
     """
     instance(robot, Robot, "robot")
     for given, where in ((largest, "largest"), (tool_error, "tool_error")):
         positive(given, where, zero=where == "tool_error", error=InputError)
+    if isinstance(robot.task, ImageTask):
+        raise RobotError(
+            "a picture has no circle in space.",
+            where="task",
+            hint="Find one for the same robot before filmed_by, or draw a motion in the picture.",
+        )
     length = robot.reach
     planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
     followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]

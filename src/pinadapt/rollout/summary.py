@@ -18,7 +18,7 @@ from ..controller.state import Bridged
 from ..exceptions import InputError
 from ..information.information import TorquePrediction
 from ..laws import DEFAULT, LAWS
-from ..tasks.frame import TASKS
+from ..tasks.frame import IMAGE, TASKS, ImageTask
 from ..tasks.task import DISPLAYS, JointTask, Task
 from .limit_excess import LimitExcess
 from .recording import CLOSE, Recording, Ringing, Slowdown, Transient, extreme, window
@@ -304,7 +304,9 @@ def load(folder: Path, kind: type[Run]) -> Run:
         given |= {name: array for name, array in arrays.items() if name in names}
         given |= {name: rest[name] for name in ("path_extent", "unadapted")}
         given |= {name: tuple(numbers[name]) for name in _NAMES}
-        given["task"] = _task(numbers["task"], given["joint_names"], rest["continuous"])
+        given["task"] = _task(
+            numbers["task"], given["joint_names"], rest["continuous"], given["x"].shape[1]
+        )
         given["slowed"] = tuple(
             Slowdown(*(part[name] for name in _SLOWDOWN)) for part in numbers["slowed"]
         )
@@ -349,8 +351,15 @@ def load(folder: Path, kind: type[Run]) -> Run:
 _NAMES = ("joint_names", "kinematic_names", "dynamic_names")
 
 
-def _task(name: str, joints: tuple[str, ...], continuous: Sequence[bool]) -> Task:
-    """Return the task of this name; a joint task needs its joints and which are continuous."""
+def _task(name: str, joints: tuple[str, ...], continuous: Sequence[bool], coordinates: int) -> Task:
+    """Return the task of this name; a joint task needs its joints and which are continuous.
+
+    Of a picture with so many coordinates the cameras are not kept.
+    """
+    if name == IMAGE:
+        return ImageTask.seen_by(
+            TASKS["xyz"], [np.eye(4)[[0, 1, 3]]] * (coordinates // 2 + coordinates % 2)
+        )
     return TASKS[name] if name in TASKS else JointTask(name, joints, tuple(continuous))
 
 

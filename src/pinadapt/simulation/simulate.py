@@ -22,7 +22,8 @@ from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
 from ..controller.state import Bridged, Sample
 from ..exceptions import DivergedError, InputError, Interrupted
-from ..information.tracker import FoundTracker, find_tracker
+from ..information.tracker import find_camera, find_tracker
+from ..models.camera_kinematics import CameraKinematics
 from ..plants.mujoco_plant import MujocoFile
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..plants.plant import Plant, PlantMaker, SimulatedPlant
@@ -208,7 +209,7 @@ def simulate(
     if not controller.kinematics.calibrated and not isinstance(start, LearnedParameters):
         given = {"a_k": None} if start is None else dict(start)
         if given.get("a_k", ()) is None:
-            start = {**given, "a_k": wiggled(plant, controller, dt, simulated).a_k}
+            start = {**given, "a_k": wiggled(plant, controller, dt, simulated)}
     state = prepare(plant, controller, trajectory, start, duration)
     believed = controller.kinematics.seen(state.a_k)
     trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
@@ -256,20 +257,20 @@ def wiggled(
     dt: float,
     sensors: SimulatedSensors | None = None,
     duration: float = 2.0,
-) -> FoundTracker:
-    """Return where the tracker stands, from a ``Wiggle`` of all joints of a plant.
+) -> np.ndarray:
+    """Return the kinematic estimate (p_k) that a ``Wiggle`` of all joints of a plant shows.
 
     A controller of the joints moves it, with the default unknowns and limits.
 
     Args:
         plant: at its home, to which it returns.
-        controller: with an unknown tracker.
+        controller: with an unknown tracker or camera.
         dt: period [s].
         sensors: through which the plant is seen; None for perfect ones.
         duration: of the wiggle [s].
 
     Raises:
-        LogError: the frames show no tracker, see ``find_tracker``.
+        LogError: the frames show none, see ``find_tracker`` and ``find_camera``.
         DivergedError: the arm could not be wiggled.
     """
     robot = controller.kinematics.robot
@@ -287,7 +288,9 @@ def wiggled(
     loop = run(plant, own, motion, dt=dt, duration=duration + late, sensors=sensors)
     measurements = [sample.measurement for sample in loop]
     plant.reset()
-    return find_tracker(controller.kinematics, measurements)
+    if isinstance(controller.kinematics, CameraKinematics):
+        return find_camera(controller.kinematics, measurements).estimate
+    return find_tracker(controller.kinematics, measurements).a_k
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from .frame import TASKS as TASKS
 from .frame import FrameTask as FrameTask
+from .frame import ImageTask as ImageTask
 from .frame import PoseTask as PoseTask
 from .frame import PositionTask as PositionTask
 from .task import JointTask as JointTask

@@ -6,13 +6,14 @@ import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 import pinocchio as pin
 from numpy import empty
 
 from .._kernels import models as kernels
-from .task import RowGroup, Task
+from .task import CoordinateMotion, RowGroup, Task
 
 _SERIES = 0.05  # [rad] below which c is computed from its series, correct to 1e-14
 
@@ -77,6 +78,7 @@ def _second_coefficient(angle: float) -> float:
     return (1.0 - half * math.cos(half) / math.sin(half)) / square
 
 
+IMAGE = "image"
 _LOOSEST = 0.02  # of the square of a quaternion's length
 
 
@@ -97,8 +99,12 @@ class FrameTask(Task):
         """Return the coordinates x of a frame's placement in the world."""
 
     @abstractmethod
-    def velocity_of(self, motion: pin.Motion) -> np.ndarray:
-        """Return the task velocity (m) of a frame's LOCAL_WORLD_ALIGNED motion."""
+    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
+
+    def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
+        """Return the task Jacobian (m, n), J (6, n) the LOCAL_WORLD_ALIGNED one of the frame."""
+        return J[self.rows]
 
     def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x at configuration q (nq)."""
@@ -110,10 +116,9 @@ class FrameTask(Task):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
-        x = self.of(pin.updateFramePlacement(model, data, frame))
-        return x, self.velocity_of(
-            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        )
+        placement = pin.updateFramePlacement(model, data, frame)
+        motion = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        return self.moving(placement, motion)
 
 
 @dataclass(frozen=True)
@@ -134,11 +139,11 @@ class PositionTask(FrameTask):
         """Return the coordinates x (m) of a frame's placement in the world."""
         return np.array(placement.translation[self.place])
 
-    def velocity_of(self, motion: pin.Motion) -> np.ndarray:
-        """Return the task velocity (m) of a frame's LOCAL_WORLD_ALIGNED motion."""
-        return np.asarray(motion.vector[self.rows])
+    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
+        return self.of(placement), np.asarray(motion.vector[self.rows])
 
-    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> PositionMotion:
+    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> CoordinateMotion:
         """Return ``motion`` of one chain, with its data as scratch, as a function of q and v."""
         return PositionMotion(self, model, data, frame)
 
@@ -231,9 +236,9 @@ class PoseTask(FrameTask):
         """Return position [m] and quaternion xyzw, of either sign, (7) of a frame's placement."""
         return np.concatenate([placement.translation, quaternion(placement.rotation)])
 
-    def velocity_of(self, motion: pin.Motion) -> np.ndarray:
-        """Return linear and angular velocity (6) of a frame's LOCAL_WORLD_ALIGNED motion."""
-        return np.array(motion.vector)
+    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Return x (7), linear and angular velocity (6) of a LOCAL_WORLD_ALIGNED motion."""
+        return self.of(placement), np.array(motion.vector)
 
     def position(self, x: np.ndarray) -> np.ndarray:
         """Return the positions (3) among coordinates x (7) or a velocity (6)."""
@@ -285,6 +290,62 @@ class PoseTask(FrameTask):
         if _unit(x[3:].tolist()):
             return None
         return f"has a quaternion xyzw of length {np.linalg.norm(x[3:]):.4g} instead of 1"
+
+
+@dataclass(frozen=True)
+class ImageTask(PositionTask):
+    """Coordinates of the frame's picture in fixed cameras, y = H_12 (p, 1) / h_3 (p, 1).
+
+    A pixel counts as some length [m], about that which it covers at the arm: y is then as large as
+    the motion that it shows, which is what lengths in gains and checks are compared with. A factor
+    of two does not matter.
+
+    Attributes:
+        cameras: one or two matrices H (3, 4), as nested tuples: the projections from the axes of
+            the base to homogeneous coordinates of the images; of the robot that a controller is
+            made for, what it believes at first.
+    """
+
+    cameras: tuple[tuple[tuple[float, ...], ...], ...]
+
+    @classmethod
+    def seen_by(cls, task: FrameTask, cameras: Sequence[np.ndarray]) -> ImageTask:
+        """Return the picture of a frame, whose ``task`` is that of the same robot so far."""
+        labels = ("u", "v", "u_2")[: 2 * len(cameras)]
+        given = tuple(tuple(map(tuple, H.tolist())) for H in cameras)
+        return cls(IMAGE, labels, task.rows, task.place, given)
+
+    @property
+    def picks(self) -> tuple[tuple[int, int], ...]:
+        """Camera and row of H of each coordinate: both of the first, one of the second camera."""
+        return ((0, 0), (0, 1), (1, 0))[: self.size]
+
+    @cached_property
+    def projections(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows (m, 4) of H that give z y of each coordinate, and those that give its depth z."""
+        H = np.array(self.cameras)
+        above = np.array([H[camera, row] for camera, row in self.picks])
+        return above, np.array([H[camera, 2] for camera, _ in self.picks])
+
+    def of(self, placement: pin.SE3) -> np.ndarray:
+        """Return the coordinates y (m) of a frame's placement in the axes of the base."""
+        above, below = (H[:, :3] @ placement.translation + H[:, 3] for H in self.projections)
+        return np.asarray(above / below)
+
+    def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
+        """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian of the frame."""
+        y, (above, below) = self.of(placement), self.projections
+        z = below[:, :3] @ placement.translation + below[:, 3]
+        return np.asarray((above - y[:, None] * below)[:, :3] @ J[:3] / z[:, None])
+
+    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Return y and its velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
+        yd = self.jacobian(placement, motion.vector[:, None])
+        return self.of(placement), yd[:, 0]
+
+    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> CoordinateMotion:
+        """Return ``motion`` of one chain, with its data as scratch, as a function of q and v."""
+        return partial(self.motion, model, data, frame)
 
 
 def _turning(q: np.ndarray) -> pin.Quaternion:

@@ -15,6 +15,7 @@ from ..exceptions import InputError, ParameterError, UnusedGainWarning, did_you_
 from ..laws.law import NAMES, SYMBOLS, Law
 from ..models.basis import BasisDynamics
 from ..models.bodies import PAYLOAD, BodyDynamics
+from ..models.camera_kinematics import CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.frame_kinematics import FrameKinematics
 from ..models.joint_effects import (
@@ -29,6 +30,7 @@ from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
+from ..tasks.frame import ImageTask
 from ..tasks.task import JointTask
 from .rates import FORGETTING, PREDICTING
 
@@ -231,17 +233,20 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     if isinstance(robot.task, JointTask):
         return JointKinematics(robot, unknown.translation_words(tool=False))
     words = unknown.translation_words(tool=True)
+    filmed = isinstance(robot.task, ImageTask)
     tracked = unknown.tracker or TRACKER in words
     kinematics: TaskKinematics
-    if tracked:  # it contains the position of the base
+    if filmed:
+        kinematics = CameraKinematics(robot, [w for w in words if w not in (TRACKER, BASE)])
+    elif tracked:  # it contains the position of the base
         kinematics = TrackerKinematics(robot, [w for w in words if w not in (TRACKER, BASE)])
     else:
         kinematics = FrameKinematics(robot, words)
-    first = tracked or any(part.joint == FIRST for part in kinematics.translations)
+    first = filmed or tracked or any(part.joint == FIRST for part in kinematics.translations)
     if first and not law.uses_position_error:
         raise ParameterError(
             f"the law '{law.name}' learns from velocities, which do not show where "
-            f"'{TRACKER if tracked else BASE}' is.",
+            f"'{'camera' if filmed else TRACKER if tracked else BASE}' is.",
             where="unknown.kinematic",
             hint='Take the law "separation", which learns from positions too.',
         )

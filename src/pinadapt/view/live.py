@@ -285,7 +285,7 @@ class LiveView:
         self._scene = Scene(self._window, self._robots, controller.kinematics, viewpoint.size)
         self._scene.add_point()
         self._scene.add_path("desired", path, DESIRED, 0.004)
-        if not controller.kinematics.calibrated:
+        if not controller.kinematics.calibrated and controller.kinematics.affine:
             self._scene.add_estimated_path(path, 0.004)
         page = Page(title or true.name, self._scene.legend, viewpoint, self._curves, duration)
         self._server = Server(page.html(), self._window, port)

@@ -14,7 +14,7 @@ from meshcat.geometry import Cylinder, Material, Sphere
 from ..description.chain import configuration_from_angles
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
-from ..tasks.frame import FrameTask
+from ..tasks.frame import FrameTask, ImageTask
 from .drawing import (
     BONES,
     DESIRED,
@@ -115,6 +115,8 @@ def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
         tip: (L, 3) or (3) actual positions of the tool [m] in the same axes, for coordinates
             outside of the task.
     """
+    if isinstance(true.task, ImageTask):  # a picture is nowhere in space
+        return np.array(np.broadcast_to(tip, (len(x_d), 3)))
     if isinstance(true.task, FrameTask):
         path, tracker = np.array(np.broadcast_to(tip, (len(x_d), 3))), true.tracker
         if tracker is not None:
@@ -125,7 +127,7 @@ def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
 
 
 def estimated_axes(true: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> np.ndarray | None:
-    """Return by which placements (F, 4, 4) a controller errs about the tracker; None if calibrated.
+    """Return by which placements (F, 4, 4) a controller errs about the tracker; None without one.
 
     A point that the tracker sees at one place of the base's axes seems to the controller to be at
     that place moved by the placement. The placement is the identity for a tracker that is known.
@@ -135,7 +137,7 @@ def estimated_axes(true: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> 
         kinematics: of the controller.
         a_k: (F, p) estimates.
     """
-    if kinematics.calibrated:
+    if kinematics.calibrated or not kinematics.affine:
         return None
     true_placement = pin.SE3.Identity() if true.tracker is None else true.tracker
     placements = []
