@@ -1,12 +1,13 @@
 """The README's lines on descriptions for which nothing was tuned.
 
-``python -m benchmarks.strangers PATH... [--camera] [--duration S] [--unadapted] [--processes N]
-[--out DIR]`` runs descriptions and folders of them with the defaults, as a sweep, and prints a
-table. A folder DIR keeps the rows: what was interrupted goes on there. A tool of 5 % of the
-reach and a load of 5 % of the mass are unknown, every inertia of the model is 30 % too small, and
-the motion is four turns of the circle that the library chooses. With ``--camera`` the position
-comes, as in the README, from a camera of 30 Hz that is 60 ms late. Errors are the largest of
-the last tenth of the run.
+``python -m benchmarks.strangers PATH... [--camera] [--tracker DEGREES] [--duration S]
+[--unadapted] [--processes N] [--out DIR]`` runs descriptions and folders of them with the
+defaults, as a sweep, and prints a table. A folder DIR keeps the rows: what was interrupted goes on
+there. A tool of 5 % of the reach and a load of 5 % of the mass are unknown, every inertia of the
+model is 30 % too small, and the motion is four turns of the circle that the library chooses. With
+``--camera`` the position comes, as in the README, from a camera of 30 Hz that is 60 ms late. With
+``--tracker`` it is given in unknown axes, turned by so many degrees, and found by a wiggle before
+the motion. Errors are the largest of the last tenth of the run.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from texttable import Texttable
 
 import pinadapt as pa
@@ -27,6 +29,7 @@ from pinadapt.sweep import CaseTable
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
 LOAD, INERTIAS = 0.05, 0.7  # relative to the mass; factor on the inertias of the model
 TURNS = 4.0
+AXIS, PLACE = np.array([0.6, -0.64, 0.48]), np.array([0.5, -0.4, 1.1])  # of a tracker; [m]
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
 SUFFIXES = (".urdf",)
 
@@ -61,12 +64,14 @@ class Row:
         return None if self.error is None or self.radius is None else self.error / self.radius
 
 
-def stranger(path: str, duration: float | None, camera: bool, frozen: bool) -> dict[str, Any]:
+def stranger(
+    path: str, duration: float | None, camera: bool, frozen: bool, tracker: float | None = None
+) -> dict[str, Any]:
     """Run the README's lines on one description, as a case of a sweep; also without adaptation."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of bodies that are not physical, for example
         try:
-            return asdict(_run(Path(path), duration, camera, frozen))
+            return asdict(_run(Path(path), duration, camera, frozen, tracker))
         except pa.PinadaptError as error:
             return asdict(Row(Path(path).stem, message=f"refused: {error}"))
 
@@ -84,7 +89,9 @@ def rows_of(table: CaseTable) -> list[Row]:
     return found
 
 
-def _run(path: Path, duration: float | None, camera: bool, frozen: bool) -> Row:
+def _run(
+    path: Path, duration: float | None, camera: bool, frozen: bool, tracker: float | None
+) -> Row:
     robot = pa.load(path)
     circle = pa.reachable_circle(robot)
     duration = duration or TURNS * circle.period
@@ -93,11 +100,19 @@ def _run(path: Path, duration: float | None, camera: bool, frozen: bool) -> Row:
     true = robot.changed(tool_translation=tool, payload=load)
     model = robot.changed(inertial_scale=INERTIAS)
     row = Row(path.stem, robot.frame, robot.model.nv, circle.radius, circle.period)
-    motion = circle.starting_at(true.position(true.q0))
+    motion: Any = circle.starting_at(true.position(true.q0))
+    if tracker is not None:
+        R, seen = pin.exp3(np.radians(tracker) * AXIS), motion
+        true = true.seen_from(R, PLACE)
+
+        def motion(t: float) -> np.ndarray:
+            return R @ seen.at(t).x_d + PLACE
+
     sensors = pa.Sensors(CAMERA if camera else None)
 
     def run(adaptation: str | None = None) -> tuple[pa.Rollout, float | None]:
-        controller = pa.make_controller(model, unknown=pa.Unknown(tool=True), adaptation=adaptation)
+        unknown = pa.Unknown(tool=True, tracker=tracker is not None)
+        controller = pa.make_controller(model, unknown=unknown, adaptation=adaptation)
         rollout = pa.simulate(
             true, controller, motion, duration=duration, record_every=10, sensors=sensors
         )
@@ -175,12 +190,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("paths", type=Path, nargs="+", metavar="PATH")
     parser.add_argument("--camera", action="store_true")
+    parser.add_argument("--tracker", type=float, metavar="DEGREES", help="turned by so much")
     parser.add_argument("--unadapted", action="store_true", help="run each without adaptation, too")
     parser.add_argument("--duration", type=float, help="of the motion [s]; default: four turns")
     parser.add_argument("--processes", type=int, help="0: none besides this one")
     parser.add_argument("--out", type=Path, metavar="DIR", help="keeps the rows")
     options = parser.parse_args()
-    fixed = {"duration": options.duration, "camera": options.camera, "frozen": options.unadapted}
+    fixed = {
+        "duration": options.duration,
+        "camera": options.camera,
+        "frozen": options.unadapted,
+        "tracker": options.tracker,
+    }
     cases = [{"path": str(path.resolve()), **fixed} for path in descriptions(options.paths)]
     print(table(rows_of(pa.sweep(stranger, cases, executor=options.processes, folder=options.out))))
 

@@ -24,6 +24,7 @@ PRINTED = {
     "08_your_own_urdf": ["follows: ", "all limits kept", 'law = "separation"', "'flange'?"],
     "09_your_own_law": ["deg at the end", "largest rise in a sample -"],
     "12_a_thousand_runs": ["0 lost", "the same bits: True", "nothing ran again"],
+    "13_without_calibration": ["120 deg", "the same rotation: True", "within a pixel: True"],
     "10_from_a_log": ["not to be mounted", "--torque-gain=13", "times less", "are swapped"],
     "11_behind_a_protocol": [
         "log: the time is over, running -> stopped",
@@ -34,7 +35,12 @@ PRINTED = {
     ],
 }
 NEEDS = {"11_behind_a_protocol": "pylibfranka"}  # of which there are no wheels everywhere
-ANIMATED = ("01_quickstart", "04_tool_load_camera", "08_your_own_urdf")
+ANIMATED = (
+    "01_quickstart",
+    "04_tool_load_camera",
+    "08_your_own_urdf",
+    "13_without_calibration",
+)
 
 # Clears the names of a notebook, so that the next one starts as in a kernel of its own. Runs keep
 # a million small objects; searching them for garbage as often as by default takes a tenth of all.
