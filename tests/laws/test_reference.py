@@ -19,12 +19,12 @@ PUBLISHED = {"gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
 
 # file: law, acceleration, integration step [s], which may be long where the bounds below are still
 # kept with room to spare, end [s], further gains. The differences are largest in the first turn of
-# 2 s; the filters need short steps, and the loops end after two turns of the file's five.
+# 2 s; the filters need short steps, and the loops end after the first turn of the file's five.
 LOOPS = {
-    "known": ("resolved-acceleration", "filtered", 0.01 / 3, 4.0, {}),
-    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 4.0, {}),
-    "cheah": ("adaptive-jacobian", "ideal", 2e-3, 4.0, {}),
-    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 4.0, {"Q": 1.0}),
+    "known": ("resolved-acceleration", "filtered", 0.01 / 3, 2.0, {}),
+    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 2.0, {}),
+    "cheah": ("adaptive-jacobian", "ideal", 2e-3, 2.0, {}),
+    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 2.0, {"Q": 1.0}),
     "idc_filtered_first_30ms": ("adaptive-inverse-dynamics", "filtered", 1e-4, 0.03, {}),
     "idc_ideal_first_30ms": ("adaptive-inverse-dynamics", "ideal", 1e-4, 0.03, {}),
 }

@@ -44,6 +44,12 @@ def franka():
     server.close()
 
 
+@pytest.fixture(autouse=True)
+def damped_sooner(monkeypatch):
+    """Damp the arm soon after it rests; how long it is held is tested in this process."""
+    monkeypatch.setattr("pinadapt.realtime.realtime_loop._HOLD", 0.05)
+
+
 def drive(server, stage, seconds, *, of=None, recorder=None, each=None, arm=None, **safety):
     """Return ending, messages, and positions (N, 7) and torques (N, 7) of a run."""
     said, q, sent = [], [], []

@@ -252,9 +252,10 @@ def _newton(
 ) -> tuple[np.ndarray, bool]:
     """Return the minimum of |R a - z|^2 / 2 + gamma D(a), and whether ``most`` steps reached it."""
     root, value = np.sqrt(gamma), _value(R, z, physical, a, gamma)
+    rows = np.vstack([R, root * np.eye(a.size)])
     for _ in range(most):
         T, h = physical.local(a)
-        rows = np.vstack([R @ T, root * np.eye(a.size)])
+        np.matmul(R, T, out=rows[: len(R)])
         u = np.linalg.solve(*_square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= decrement * gamma:
