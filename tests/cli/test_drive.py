@@ -5,10 +5,14 @@ import threading
 import time
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
+import pinadapt as pa
 from pinadapt.cli import main
-from pinadapt.realtime import CycleLog, tell
+from pinadapt.realtime import CycleLog, PlantArm, franka, tell
+from pinadapt.realtime.franka import at_task_frame
+from pinadapt.robot import Gravity
 from tests.support.paths import ROOT
 
 SCENARIO = """
@@ -71,6 +75,43 @@ def test_an_arm_of_ones_own_is_driven_replayed_and_learned(folder, capsys):
 
 
 @pytest.mark.slow
+def test_a_franka_carries_the_load_that_is_set_on_it(folder, capsys, monkeypatch):
+    """A stand-in adds the gravity of what it carries; the scenario is changed to know it."""
+    made = {}
+
+    def stand_in(address, robot, **given):
+        made.update(given, address=address)
+        true = pa.load("panda", task="joint").changed(payload=at_task_frame(given["load"], robot))
+        plant = pa.plants.PinocchioPlant(true, compensation=Gravity(true))
+        made["arm"] = PlantArm(plant, 1e-3)
+        return made["arm"]
+
+    monkeypatch.setattr(franka, "FrankaArm", stand_in)
+    log = folder / "franka.mcap"
+    load = '{"mass": 1.5, "com": [0.01, 0.02, 0.15], "inertia": [0.01, 0, 0.01, 0, 0, 0.01]}'
+    given = ["drive", "franka", "here", "--hold", "--duration", "0.05", "--log", str(log)]
+    low = [str(each) for each in range(11, 18)]
+    assert main([*given, "--load", load, "--collision", *low]) == 0
+    assert made["collision"] == [*range(11, 18)] and made["load"].mass == 1.5
+    cycles = CycleLog.read(log).cycles
+    assert np.abs(cycles.sent).max() < 1e-6 and np.ptp(cycles.q, axis=0).max() < 1e-9
+    assert main(["replay", str(log)]) == 0 and "bit for bit" in capsys.readouterr().out
+
+
+def test_the_load_of_a_franka_is_given_once_and_in_the_axes_of_its_flange():
+    robot, load = pa.load("panda"), pa.Payload(1.0, [0.1, 0.0, 0.2], [3e-3, 0, 2e-3, 0, 0, 1e-3])
+    seen, data = at_task_frame(load, robot), robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.q0)
+    places = data.oMf[robot.model.getFrameId("panda_link8")], data.oMf[robot.frame_id]
+    flange, task = (
+        place.act(each.spatial_inertia()) for place, each in zip(places, (load, seen), strict=True)
+    )
+    assert np.allclose(flange.toDynamicParameters(), task.toDynamicParameters(), atol=1e-12)
+    with pytest.raises(pa.InputError, match=r"has no frame '\.\.\._link8'"):
+        at_task_frame(load, pa.load("ur5"))
+
+
+@pytest.mark.slow
 def test_a_simulated_arm_is_commanded_from_another_process(folder, capsys):
     """The plant has a process of its own; commands come by the port that is printed."""
     said = []
@@ -105,6 +146,9 @@ def test_a_simulated_arm_is_commanded_from_another_process(folder, capsys):
         (["drive", "simulated", "--safety", "error=x"], "no number"),
         (["drive", "moteus", "--scenario", "{}/arm.toml"], "[[motors.joint]]"),
         (["drive", "franka"], "ADDRESS: is needed"),
+        (["drive", "franka", "here", "--load", "{"], "--load: is no JSON"),
+        (["drive", "franka", "here", "--load", "null"], "--load: expected a table"),
+        (["drive", "simulated", "--load", "1"], "--load: is set on a Franka only"),
         (["replay", "{}/arm.toml"], "is not an MCAP file"),
         (["tell", "9", "state", "{"], "value: is no JSON"),
     ],

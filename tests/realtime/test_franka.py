@@ -15,7 +15,7 @@ from tests.support.franka_server import MASS, TOOL, Franka
 pytestmark = pytest.mark.slow
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
 pytest.importorskip("franky_sim", reason="franky-sim is not installed")
-from pinadapt.realtime.franka import FrankaArm  # noqa: E402
+from pinadapt.realtime.franka import FrankaArm, at_task_frame  # noqa: E402
 
 
 @cache
@@ -165,7 +165,9 @@ def test_a_load_that_is_set_on_the_robot_is_carried_by_it(franka):
     load = pa.Payload(
         MASS, turn @ (TOOL + np.array([0.0, 0.0, 0.1034])), [1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3]
     )
-    carrying = robot().changed(payload=pa.Payload(MASS, TOOL, load.inertia))
+    seen = at_task_frame(load, robot())
+    assert np.allclose(seen.com, TOOL, atol=1e-4) and seen.mass == MASS
+    carrying = robot().changed(payload=seen)
     moved = {}
     for name, arm in {"unset": {}, "set": {"robot": carrying, "load": load}}.items():
         described = arm.get("robot", robot())

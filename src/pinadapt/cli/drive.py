@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,14 +20,15 @@ from ..exceptions import InputError, ScenarioError
 from ..plants.plant import SimulatedPlant
 from ..realtime.arm import Arm, ProcessArm
 from ..realtime.realtime_loop import Ending, RealtimeLoop, Scheduling, Stage
-from ..realtime.recorder import COMMANDS, CycleLog, Recorder
+from ..realtime.recorder import COMMANDS, CycleLog, Recorder, load_of
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety
 from ..records import Measurement
 from ..reference import starting_from
+from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..scenario.parts import trajectory_of
-from ..scenario.scenario import Scenario
+from ..scenario.scenario import Scenario, described_robot
 from ..scenario.schema import ScenarioTables, check_tables, parsed, read_tables, tables_with
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
@@ -40,6 +41,10 @@ _STAGES = {
     "hold": (Stage.HOLD, "hold the place where the arm is"),
     "slow": (Stage.SLOW, "the motion five times slower, without adaptation"),
     "adapt": (Stage.ADAPT, "the motion with adaptation"),
+}
+_COLLISION = {
+    "collision": (7, "NM", "torques beside the model at which the robot's own reflex stops it"),
+    "forces": (6, "N", "the same for force and torque at the flange"),
 }
 _FRANKA = {
     "title": "Franka, load unknown",
@@ -83,6 +88,16 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--recover", action="store_true", help="acknowledge the error of an earlier run (Franka)"
     )
+    parser.add_argument(
+        "--load",
+        metavar="JSON",
+        help="set on the robot, which then carries it (Franka): mass, com and inertia in the axes "
+        """of the flange, such as '{"mass": 0.7, "com": [0, 0, 0.1]}'""",
+    )
+    for name, (number, unit, text) in _COLLISION.items():
+        parser.add_argument(
+            f"--{name}", type=float, nargs=number, metavar=unit, help=f"{text} (Franka)"
+        )
     parser.add_argument("--core", type=positive, metavar="N", help="processor core to stay on")
     parser.add_argument(
         "--safety",
@@ -106,6 +121,8 @@ def drive(options: argparse.Namespace) -> int:
     safety = _safety(options.safety)
     connected = _maker(options)
     tables, folder = _tables(options)
+    if options.load is not None:
+        tables = _carrying(tables, folder, _load(options.load))
     scenario = Scenario.build(tables, folder)
     controller = scenario.controller
     for finding in preflight(controller, tables.simulation.dt):
@@ -177,6 +194,9 @@ def _maker(options: argparse.Namespace) -> Callable[[Scenario], Arm]:
         InputError: there is no such arm.
     """
     kind, address = options.kind, options.address
+    for name in ("load", *_COLLISION):
+        if kind != "franka" and getattr(options, name) is not None:
+            raise InputError("is set on a Franka only.", where=f"--{name}")
     if kind == "simulated":
         return _simulated
     if kind == "moteus":
@@ -184,7 +204,11 @@ def _maker(options: argparse.Namespace) -> Callable[[Scenario], Arm]:
     if kind == "franka":
         if address is None:
             raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
-        return partial(_franka, address=address, recover=options.recover)
+        given = {name: getattr(options, name) for name in _COLLISION}
+        known = {name: value for name, value in given.items() if value is not None}
+        if options.load is not None:
+            known["load"] = _load(options.load)
+        return partial(_franka, address=address, recover=options.recover, **known)
     file, _, name = kind.rpartition(":")
     if not file.endswith(".py"):
         raise InputError(
@@ -200,10 +224,43 @@ def _simulated(scenario: Scenario) -> Arm:
     return ProcessArm(make, dt, sensors=scenario.sensors)
 
 
-def _franka(scenario: Scenario, address: str, recover: bool) -> Arm:
+def _franka(scenario: Scenario, address: str, **given: Any) -> Arm:
     from ..realtime.franka import FrankaArm
 
-    return FrankaArm(address, scenario.estimated, recover=recover)
+    return FrankaArm(address, scenario.estimated, **given)
+
+
+def _load(text: str) -> Payload:
+    """Return the load of JSON.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        load = load_of(json.loads(text))
+    except ValueError as error:
+        raise InputError(f"is no JSON: {error}.", where="--load") from error
+    if load is None:
+        raise InputError('expected a table such as {"mass": 0.7}.', where="--load")
+    return cast(Payload, load)
+
+
+def _carrying(tables: ScenarioTables, folder: Path, load: Payload) -> ScenarioTables:
+    """Return the tables of a robot that carries a load and adds its gravity.
+
+    Raises:
+        InputError: the scenario has a load already, or its robot no flange.
+    """
+    from ..realtime.franka import at_task_frame
+
+    if tables.belief.payload is not None:
+        raise ScenarioError("is given by --load as well; give one of them.", where="belief.payload")
+    seen = at_task_frame(load, described_robot(tables, folder))
+    raw = tables.model_dump(by_alias=True, exclude_unset=True)
+    com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
+    known = {"mass": seen.mass, "com": com, "inertia": inertia}
+    values = {"belief.payload": known, "simulation.compensated": "loaded"}
+    return tables_with(raw, values, "--load")
 
 
 def _own_arm(made_by: Any, kind: str, address: str | None, scenario: Scenario) -> Arm:

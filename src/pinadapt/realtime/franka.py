@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import vector
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.changes import Payload
@@ -56,6 +57,7 @@ class FrankaArm(Arm):
         robot: Robot,
         *,
         collision: Sequence[float] = COLLISION,
+        forces: Sequence[float] = FORCES,
         load: Payload | None = None,
         recover: bool = False,
         enforce: bool = False,
@@ -67,14 +69,17 @@ class FrankaArm(Arm):
             address: of the control box.
             robot: its description, seven joints; the gravity that the arm adds is taken from it.
             collision: (7) torques beyond the model at which the robot's own reflex stops it [N m].
+            forces: (6) the same for force and torque at the flange [N, N m].
             load: that is set on the robot, which then compensates its gravity; ``robot`` must have
-                it too. com and inertia are given in the axes of the flange. None: nothing is set.
+                it too, see ``at_task_frame``. com and inertia are given in the axes of the flange.
+                None: nothing is set.
             recover: acknowledge the error of an earlier run.
             enforce: refuse a kernel without real-time preemption.
             camera: returns x of a new frame and its time on the robot's clock [s], or None.
 
         Raises:
-            InputError: pylibfranka is missing, nobody answers, or a description of another arm.
+            InputError: pylibfranka is missing, nobody answers, a description of another arm, or
+                thresholds of another number.
         """
         try:
             import pylibfranka
@@ -97,7 +102,9 @@ class FrankaArm(Arm):
             RuntimeError,  # of the network
         )
         self.address, self._camera = address, camera
-        self._collision, self._load, self._recover = list(collision), load, recover
+        self._collision = _thresholds(collision, _JOINTS, "collision")
+        self._forces = _thresholds(forces, 6, "forces")
+        self._load, self._recover = load, recover
         self.facts = ArmFacts.of(
             robot,
             name=f"Franka at {address}",
@@ -180,8 +187,8 @@ class FrankaArm(Arm):
                     where=self.facts.name,
                     hint="Release the user stop, unlock the brakes in Desk, end other programs.",
                 )
-            both = (self._collision, self._collision, list(FORCES), list(FORCES))
-            self._robot.set_collision_behavior(*both)
+            both = (self._collision, self._collision, self._forces, self._forces)
+            self._robot.set_collision_behavior(*both)  # of contact and of collision alike
             if self._load is not None:
                 com, inertia = np.asarray(self._load.com), _full(self._load)
                 self._robot.set_load(float(self._load.mass), com.tolist(), inertia)
@@ -231,6 +238,37 @@ class FrankaArm(Arm):
         hint = _RECOVER if reflex else "Is the cable in, and the control box on?"
         kind = "has stopped the motion" if reflex else "does not answer"
         return ArmError(f"{kind}: {words}.", where=self.facts.name, hint=hint)
+
+
+def at_task_frame(load: Payload, robot: Robot) -> Payload:
+    """Return a load that is given in the axes of the flange in those of the task frame.
+
+    Raises:
+        InputError: the description has no flange, a frame whose name ends in "link8".
+        RobotError: the load is none.
+    """
+    model = robot.model
+    flange = next((frame for frame in model.frames if frame.name.endswith("link8")), None)
+    task = model.frames[robot.frame_id]
+    if flange is None or flange.parentJoint != task.parentJoint:
+        raise InputError(
+            "has no frame '..._link8', the flange, on the body of the task frame.", where="robot"
+        )
+    seen = task.placement.actInv(flange.placement).act(load.spatial_inertia())
+    full = seen.inertia
+    return Payload(seen.mass, seen.lever, full[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+
+
+def _thresholds(values: Sequence[float], size: int, name: str) -> list[float]:
+    """Return positive thresholds.
+
+    Raises:
+        InputError: another number of them, or one that is not positive.
+    """
+    found = vector(values, size, name)
+    if not (found > 0.0).all():
+        raise InputError(f"must be positive, got {found.tolist()}.", where=name)
+    return [float(each) for each in found]
 
 
 def _seconds(stamp: Any) -> float:

@@ -20,7 +20,7 @@ from ..plants.mujoco_plant import MujocoFile
 from ..records import Camera, Sensors
 from ..robot.changes import Payload
 from ..robot.loading import load
-from ..robot.motors import Actuators, compensation_of, torque_limits
+from ..robot.motors import Actuators, Compensation, Gravity, torque_limits
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.engine import Engine
@@ -377,6 +377,10 @@ def _controller(
 ) -> Controller:
     controller, simulation = tables.controller, tables.simulation
     guards = controller.guards
+    compensated: Compensation | None = None
+    if simulation.compensated is not None:  # of the description, or with the load of [belief]
+        carried = load if simulation.compensated == "loaded" else None
+        compensated = Gravity(described.changed(payload=carried))
     return make_controller(
         unloaded,
         payload=load,
@@ -393,7 +397,7 @@ def _controller(
             governor=tables.reference.governor,
             actuators=_declared_actuators(controller.actuators),
         ),
-        compensated=compensation_of(described, simulation.compensated),
+        compensated=compensated,
         dt=1e-3 if simulation.mode == "continuous" else simulation.dt,
         **controller.model_dump(exclude=_NOT_GAINS),
     )

@@ -401,7 +401,7 @@ class SimulationSection(Section):
     carry: bool = True
     encoder: NotNegative | list[NotNegative] = 0.0
     torque_limits: bool | None = None
-    compensated: Literal["nominal"] | None = None
+    compensated: Literal["nominal", "loaded"] | None = None
     seed: Annotated[Count, Field(ge=0)] = 0
 
 
