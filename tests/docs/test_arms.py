@@ -99,7 +99,7 @@ def test_the_node_of_ros_drives_an_arm(ros):
     ending = hold(joints(), loaded("ros2", "RosArm")("/effort", robot()))
     assert not ending.failed and len(sent) > 100 and sent[-1] == [0.0, 0.0]
     assert np.abs(plant.plant.measure().q - robot().q0).max() < 1e-3
-    assert len((ROOT / "docs/arms/ros2.py").read_text().splitlines()) <= 55
+    assert len((ROOT / "docs/arms/ros2.py").read_text().splitlines()) <= 40
 
 
 def test_a_silent_topic_of_ros_is_told(ros):

@@ -1,6 +1,7 @@
 """The log of every cycle, its replay, and the desk: commands and state for other processes."""
 
 import errno
+import json
 import os
 import resource
 import signal
@@ -15,7 +16,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.exceptions import ArmError
-from pinadapt.logs.mcap import McapWriter, Topic, read_mcap, text_message
+from pinadapt.logs.mcap import McapWriter, Topic, pose_message, read_mcap, text_message
 from pinadapt.realtime import CycleLog, ProcessArm, Recorder, Safety, tell, watched
 from tests.support.arms import Loop, arm, circle, controller, faulty, heavy, robot
 from tests.support.paths import ROOT
@@ -103,17 +104,57 @@ def test_bags_and_identification_read_it(run):
 
 
 def test_mcap_reads_it(run):
-    reader = pytest.importorskip("mcap.reader")
+    """Foxglove's own reader decodes every message by the definition that its topic carries."""
+    reader = pytest.importorskip("mcap.reader", reason="mcap-ros2-support is not installed")
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is missing")
+    found = {}
     with run[0].open("rb") as file:
-        made = reader.make_reader(file)
-        counts = made.get_summary().statistics.channel_message_counts
-        topics = {c.topic: counts[i] for i, c in made.get_summary().channels.items()}
-        kinds = {schema.name: schema for schema in made.get_summary().schemas.values()}
-        assert sum(1 for _ in made.iter_messages()) == sum(counts.values())
-    assert topics["/joint_states"] == topics["/pinadapt/cycle"] == run[3].cycles
-    assert {"sensor_msgs/msg/JointState", "geometry_msgs/msg/PointStamped"} <= set(kinds)
-    assert all(schema.encoding == "ros2msg" and schema.data for schema in kinds.values())
-    assert topics["/pinadapt/estimates"] > 0 and topics["/pinadapt/events"] > 5
+        made = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+        summary = made.get_summary()
+        for schema, channel, message, decoded in made.iter_decoded_messages():
+            assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+            found.setdefault(channel.topic, (schema.name, []))[1].append((message, decoded))
+    kinds = {topic: kind for topic, (kind, _) in found.items()}
+    assert kinds == {
+        "/joint_states": "sensor_msgs/msg/JointState",
+        "/pinadapt/cycle": "pinadapt_msgs/msg/Cycle",
+        "/pinadapt/estimates": "pinadapt_msgs/msg/Estimates",
+        "/pinadapt/events": "std_msgs/msg/String",
+    }
+    counts = summary.statistics.channel_message_counts
+    for number, channel in summary.channels.items():
+        assert counts.get(number, 0) == len(found.get(channel.topic, ("", ()))[1])
+    cycles = CycleLog.read(run[0]).cycles
+    rows = [decoded for _, decoded in found["/pinadapt/cycle"][1]]
+    for name in ("t", "q", "v", "x_d", "asked", "sent", "residual"):
+        read = np.array([getattr(row, name) for row in rows]).reshape(getattr(cycles, name).shape)
+        assert read.tobytes() == getattr(cycles, name).tobytes(), name
+    states = [decoded for _, decoded in found["/joint_states"][1]]
+    assert states[0].name == list(robot().joint_names)
+    assert np.array_equal([state.position for state in states], cycles.q)
+    stamps = [message.log_time for message, _ in found["/joint_states"][1]]
+    assert np.allclose(np.diff(stamps), 2e6) and stamps[0] > 1.6e18
+    events = [json.loads(decoded.data) for _, decoded in found["/pinadapt/events"][1]]
+    assert events == CycleLog.read(run[0]).events and "begun" in events[0]
+
+
+def test_a_frame_of_the_camera_is_a_point_or_a_pose(tmp_path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap-ros2-support is not installed")
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is missing")
+    path, pose = tmp_path / "frames.mcap", [0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5]
+    with path.open("wb") as file:
+        kinds = "geometry_msgs/msg/PointStamped", "geometry_msgs/msg/PoseStamped"
+        writer = McapWriter(file, [Topic(f"/{k}", kind) for k, kind in enumerate(kinds)])
+        for k, size in enumerate((3, 7)):
+            writer.add(k, 10**9 + k, pose_message(10**9 + k, np.array(pose[:size])))
+        writer.close()
+    with path.open("rb") as file:
+        made = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+        (_, _, _, point), (_, _, _, placed) = made.iter_decoded_messages()
+    p, o = placed.pose.position, placed.pose.orientation
+    assert [p.x, p.y, p.z, o.x, o.y, o.z, o.w] == pose
+    assert [point.point.x, point.point.y, point.point.z] == pose[:3]
+    assert (point.header.stamp.sec, placed.header.stamp.nanosec) == (1, 1)
 
 
 def test_a_file_without_its_end_is_read_up_to_there(run, tmp_path):
