@@ -6,8 +6,10 @@ loop is late or not. The plant stays on the first core of this process, the loop
 ``--load``: another process keeps the plant's core busy. ``--ordinary``: without real-time
 priority, as any program. The log is written meanwhile. ``step`` is the time from a measurement to
 its torque, ``period`` that between measurements as the loop sees them. Before it, the same arm is
-only read for a sixth of the time: those periods are what the machine itself makes late. After it,
-the steps of the log are computed one after the other, without a pause in which a core forgets them.
+only read for a tenth of the time: those periods are what the machine itself makes late; and the
+same loop runs without rehearsals for a sixth of the time. After it, the steps of the log are
+computed one after the other, without a pause in which a core forgets them. ``--save`` writes the
+figures into a file, with those that it has of the other case.
 """
 
 from __future__ import annotations
@@ -16,15 +18,16 @@ import argparse
 import os
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
-from pinadapt._output import Table
 from pinadapt.realtime import (
     Arm,
     CycleLog,
@@ -37,7 +40,20 @@ from pinadapt.realtime import (
 )
 from pinadapt.realtime.realtime_loop import Histogram
 
-from .timing import save
+from .timing import save, saved
+
+COLUMNS = ("median", "99 %", "99.9 %", "worst")
+LONG, LATE = 3e-4, 3e-3  # [s] a step, and a period that is 2 ms late
+BUSY, READ, ALONE, PLAIN = "loaded", "only read", "controller", "step, not rehearsed"
+WORDS = {
+    "step": "step",
+    PLAIN: "step, without rehearsals",
+    "period": "period",
+    READ: "period of an arm that is only read",
+    ALONE: "controller, steps without pauses",
+    f"step, {BUSY}": "step, load on the other core",
+    f"period, {BUSY}": "period, load on the other core",
+}
 
 
 def spin(core: int) -> None:
@@ -88,10 +104,8 @@ def run(seconds: float, *, load: bool, ordinary: bool) -> tuple[Ending, int, dic
     make = partial(pa.plants.PinocchioPlant, true.undrawn())
     motion = pa.trajectories.Circle(robot.position(robot.q0), 0.05, 4.0)
     plant = partial(ProcessArm, make, core=cores[0], priority=None if ordinary else 70)
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "run.mcap"
-        with plant() as arm, scheduling.applied():
-            beside = {"period, only read": only_read(arm, seconds / 6.0)}
+
+    def driven(log: Path, seconds: float, scheduling: Scheduling) -> Ending:
         with Recorder(log, controller) as recorder, plant() as arm:
             loop = RealtimeLoop(
                 arm,
@@ -102,13 +116,45 @@ def run(seconds: float, *, load: bool, ordinary: bool) -> tuple[Ending, int, dic
                 recorder=recorder,
                 scheduling=scheduling,
             )
-            ending = loop.run(seconds)
+            return loop.run(seconds)
+
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "run.mcap"
+        with plant() as arm, scheduling.applied():
+            beside = {READ: only_read(arm, seconds / 10.0)}
+        plain = driven(log, seconds / 6.0, replace(scheduling, rehearse=False))
+        beside[PLAIN] = plain.step
+        ending = driven(log, seconds, scheduling)
         ending.notes.append(f"log of {log.stat().st_size / 1e6:.0f} MB")
         steps = one_after_another(CycleLog.read(log), controller)
-        beside["controller, without pauses"] = steps
+        beside[ALONE] = steps
     if load:
         busy.kill()
     return ending, unknowns, beside
+
+
+def row(name: str, times: Histogram) -> dict[str, Any]:
+    """Return times as a row, with how many of them are longer than they should be."""
+    longest = LONG if name.startswith(("step", ALONE)) else LATE
+    shares = map(int, times.row())
+    return {
+        "name": name,
+        **dict(zip(COLUMNS, shares, strict=True)),
+        "count": times.count,
+        "above": times.above(longest),
+    }
+
+
+def report(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown."""
+    lines = [["[µs]", *COLUMNS, "", ""], ["---"] * 7]
+    for each in rows:
+        long = each["name"].startswith(("step", ALONE))
+        share = f"{100.0 * (1.0 - each['above'] / each['count']):.2f} % below 300"
+        late = f"{each['above']} of {each['count']:,} more than 2 ms late"
+        words = [WORDS[each["name"]], *(str(each[key]) for key in COLUMNS)]
+        lines.append([*words, share if long else "", "" if long else late])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -121,19 +167,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     ending, unknowns, beside = run(options.seconds, load=options.load, ordinary=options.ordinary)
     print(f"panda, {unknowns} unknowns, {os.cpu_count()} cores\n\n{ending}")
-    header = ("beside it [us]", "median", "99 %", "99.9 %", "worst")
-    print("", Table([(name, *each.row()) for name, each in beside.items()], header), sep="\n")
-    over = ending.step.above(3e-4)
-    print(f"\nsteps over 300 us: {over} of {ending.step.count}; late by over 2 ms: ", end="")
-    print(ending.period.above(3e-3))
+    parts = {"step": ending.step, "period": ending.period}
+    parts = {f"{name}, {BUSY}": part for name, part in parts.items()} if options.load else parts
+    rows = [row(name, part) for name, part in {**parts, **({} if options.load else beside)}.items()]
+    print("", report(rows), sep="\n")
     if options.save:
-        names = ("median", "99 %", "99.9 %", "worst")
-        parts = {"step_us": ending.step, "period_us": ending.period, **beside}
-        rows = [
-            {"name": name, **dict(zip(names, map(float, part.row()), strict=True))}
-            for name, part in parts.items()
-        ]
-        save(options.save, rows)
+        before = {name: each for name, each in saved(options.save).items() if name in WORDS}
+        known = {**before, **{each["name"]: each for each in rows}}
+        save(options.save, [known[name] for name in WORDS if name in known])
 
 
 if __name__ == "__main__":

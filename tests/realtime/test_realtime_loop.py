@@ -1,5 +1,6 @@
 """The loop on an arm: stages, phases, late cycles, signals, faults of drivers."""
 
+import copy
 import gc
 import itertools
 import os
@@ -12,7 +13,15 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.exceptions import ArmError
-from pinadapt.realtime import ArmFacts, PlantArm, RealtimeLoop, Safety, Scheduling, Stage
+from pinadapt.realtime import (
+    ArmFacts,
+    PlantArm,
+    RealtimeLoop,
+    Safety,
+    Scheduling,
+    Stage,
+    realtime_loop,
+)
 from pinadapt.realtime.realtime_loop import Histogram
 from tests.support.arms import (
     ORDINARY,
@@ -151,6 +160,42 @@ def test_an_arm_without_a_cycle_is_paced_by_deadlines():
     ending = loop.ended()
     assert not follower.facts.paced and 0.2 < time.monotonic() - began < 20.0
     assert ending.cycles <= (ending.phases[-1][0]) / PERIOD + 3
+
+
+class Time:
+    """A clock that goes on when it is read, by 10 us, and when somebody sleeps."""
+
+    now = 0.0
+
+    def perf_counter(self):
+        self.now += 1e-5
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_a_step_is_rehearsed_while_the_loop_waits_and_changes_nothing(waits, monkeypatch):
+    """An arm that does not wait for the clock leaves no time for it."""
+    clock, kept, of = Time(), [], copy.deepcopy(controller())
+    step = of.step
+
+    def kept_step(state, m, desired, dt):
+        found = step(state, m, desired, dt)
+        kept.append((state, m, desired, found[0]))
+        return found
+
+    monkeypatch.setattr(realtime_loop, "time", clock)
+    monkeypatch.setattr(of, "step", kept_step)
+    options = {"clock": lambda: clock.now} if waits else {}
+    Loop(arm(**options), of=of, seconds=0.2).ended()
+    pairs = list(itertools.pairwise(kept[60:]))  # after those by which all code has run
+    rehearsed = [pair for pair in pairs if pair[0][0] is pair[1][0]]
+    assert (len(rehearsed) > 0.45 * len(pairs)) is waits and (waits or not rehearsed)
+    for (_, before, _, _), (state, m, desired, torque) in rehearsed:
+        assert before.t == pytest.approx(m.t) and np.abs(before.q - m.q).max() < 1e-4
+        assert np.array_equal(step(state, m, desired, PERIOD)[0], torque)
 
 
 def test_what_the_system_does_not_allow_is_said(monkeypatch):
