@@ -10,11 +10,11 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
-from inspect import Parameter, signature
+from inspect import Parameter, isfunction, signature
 from numbers import Integral, Real
 from reprlib import Repr
 from types import UnionType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ClassVar, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -317,3 +317,131 @@ def positive(
     if 0.0 < number < SMALLEST:
         raise error(f"is too small to compute with, under {SMALLEST:g}: {number:g}.", where=name)
     return number
+
+
+_FLOAT = np.dtype(float)
+_OBJECTS = {
+    *("Robot", "Estimate", "Drive", "Drives", "Signals", "Truth"),
+    *("Measurement", "Desired", "ControllerState"),
+}
+
+
+class Doors:
+    """Public methods that check what they are given, in all subclasses, and cost nothing in a step.
+
+    Every public method of a subclass is wrapped, but those that run in each control step: their
+    computations find for themselves what does not fit, see ``ArrayError``. Arrays are checked by
+    the names of the arguments, objects and numbers by their annotations. Numbers of another kind
+    and lists become arrays of floats; they may be infinite or NaN, as those of a run that diverged.
+
+    Attributes:
+        shapes: as "q: nq, X: size l, estimate.value: size": an argument or a part of one, and its
+            lengths, each a number, an attribute of the object, or any other word. Lengths of the
+            same word must be equal in one call.
+        in_step: the methods that are not wrapped.
+    """
+
+    shapes: ClassVar[str] = ""
+    in_step: ClassVar[frozenset[str]] = frozenset()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Wrap the methods that the subclass defines."""
+        super().__init_subclass__(**options)
+        for name, method in list(vars(cls).items()):
+            wrapped = hasattr(method, "__wrapped__") or name.startswith("_") or name in cls.in_step
+            if isfunction(method) and not wrapped:
+                setattr(cls, name, _with_door(method, cls.shapes))
+
+
+def _with_door(method: Callable[..., R], of_class: str) -> Callable[..., R]:
+    """Return a method that checks its arguments first, or itself if there is nothing to check."""
+    shapes = dict(each.split(": ") for each in of_class.split(", ") if each)
+    checks: dict[str, tuple[str, bool, tuple[str, ...]]] = {}
+    parameters = list(signature(method).parameters.values())[1:]
+    for each in parameters:
+        kinds = [kind.strip() for kind in str(each.annotation).split("|")]
+        parts = tuple(name for name in shapes if name.startswith(f"{each.name}."))
+        if ("np.ndarray" in kinds and each.name in shapes) or kinds[0] in (
+            _OBJECTS | {"float", "int"}
+        ):
+            checks[each.name] = kinds[0], "None" in kinds or each.default is None, parts
+    if not checks:
+        return method
+    names = [each.name for each in parameters]
+
+    @wraps(method)
+    def checked(self: Any, *args: Any, **given: Any) -> R:
+        """Call the method with arguments of the right kind and size."""
+        found: dict[str, int] = {}
+
+        def of(name: str, value: Any) -> Any:
+            """Return an argument as the method needs it."""
+            kind, optional, parts = checks.get(name, ("", True, ()))
+            if not kind or (value is None and optional):
+                return value
+            where = f"{type(self).__name__}.{method.__name__}: {name}"
+            if kind == "np.ndarray":
+                return _sized(value, shapes[name], self, found, where)
+            if kind == "float":
+                return _one_number(value, where)
+            if kind == "int":
+                return whole(value, where, 0)
+            if all(each.__name__ != kind for each in type(value).__mro__):
+                raise InputError(f"expected a {kind}, got {shown(value)}.", where=where)
+            for part in parts:
+                inner, place = getattr(value, part.split(".")[1]), where[: -len(name)] + part
+                if not isinstance(inner, np.ndarray) or inner.dtype != _FLOAT:
+                    raise InputError(
+                        f"expected an array of floats, got {shown(inner)}.", where=place
+                    )
+                _sized(inner, shapes[part], self, found, place)
+            return value
+
+        positional = [of(name, value) for name, value in zip(names, args, strict=False)]
+        named = {name: of(name, value) for name, value in given.items()}
+        return method(self, *positional, *args[len(names) :], **named)
+
+    return checked
+
+
+def _sized(value: Any, lengths: str, owner: Any, found: dict[str, int], where: str) -> np.ndarray:
+    """Return an array of floats of the stated lengths; remember those that are met first."""
+    array = value
+    if value.__class__ is not np.ndarray or value.dtype is not _FLOAT:
+        try:
+            array = np.asarray(value)
+            array = array.astype(float) if array.dtype.kind in "iuf" else None
+        except (TypeError, ValueError, OverflowError):
+            array = None
+        if array is None:
+            raise InputError(f"expected numbers, got {shown(value)}.", where=where)
+    words = lengths.split()
+    if len(words) == array.ndim:
+        for word_, length in zip(words, array.shape, strict=True):
+            if word_ not in found:
+                own = int(word_) if word_.isdigit() else _attribute(owner, word_)
+                found[word_] = length if own is None else own
+            if found[word_] != length:
+                break
+        else:
+            return np.asarray(array)
+    known = [f"{found[each]}" if each in found else each.strip("_") for each in words]
+    raise InputError(
+        f"expected an array of shape ({', '.join(known)}{',' * (len(known) == 1)}), got "
+        f"{array.shape}.",
+        where=where,
+    )
+
+
+def _attribute(owner: Any, path: str) -> int | None:
+    """Return a whole number among the attributes of an object, or None."""
+    for name in path.split("."):
+        owner = getattr(owner, name, None)
+    return int(owner) if isinstance(owner, Integral) else None
+
+
+def _one_number(value: Any, where: str) -> float:
+    """Return a real number, infinite and NaN among them."""
+    if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
+        return float(value)
+    raise InputError(f"expected a number, got {shown(value)}.", where=where)

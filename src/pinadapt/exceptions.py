@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copyreg
 import difflib
+import sys
 from collections.abc import Iterable
 from typing import Any
 
@@ -47,6 +48,48 @@ class InputError(PinadaptError, ValueError):
         self.what, self.where, self.hint = what, where, hint
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message} {hint}" if hint else message)
+
+
+class ArrayError(InputError):
+    """Arrays that a method cannot compute with: sizes that do not fit, or no floats.
+
+    It is raised where the computation finds it, by a kernel or by Pinocchio, which costs nothing
+    while all is well, and says what the public method was given and what its description asks for.
+    """
+
+    def __init__(self) -> None:
+        """Describe the arguments of the outermost method of this package that was given arrays."""
+        where, found, asked = _given_arrays()
+        super().__init__(f"sizes or kinds that do not fit: {found}.", where=where, hint=asked)
+
+
+REFUSED = (TypeError, ValueError)  # what Pinocchio raises for arrays that it cannot take
+
+
+def _given_arrays() -> tuple[str | None, str, str | None]:
+    """Return the outermost calling method with arrays, their shapes and kinds, and its summary."""
+    frame = sys._getframe(2)
+    chosen: tuple[str | None, str, str | None] = None, "the arrays of a kernel", None
+    while frame is not None and str(frame.f_globals.get("__name__")).startswith("pinadapt."):
+        code, names = frame.f_code, frame.f_locals
+        given = {name: names.get(name) for name in code.co_varnames[: code.co_argcount]}
+        owner = type(given.pop("self", None))
+        method = getattr(owner, code.co_name, None)
+        arrays = [f"{name} {_kind(value)}" for name, value in given.items()]
+        if method is not None and any(hasattr(value, "shape") for value in given.values()):
+            summary = (method.__doc__ or "").split("\n\n")[0]
+            asked = f"Its description: {' '.join(summary.split())}" if summary else None
+            chosen = f"{owner.__name__}.{code.co_name}", ", ".join(arrays), asked
+        frame = frame.f_back  # type: ignore[assignment]
+    return chosen
+
+
+def _kind(value: Any) -> str:
+    """Return shape of an array, and the type of its entries unless they are floats."""
+    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
+    if shape is None:
+        return f"of type {type(value).__name__}"
+    return f"{tuple(shape)}" if str(dtype) == "float64" else f"{tuple(shape)} of {dtype}"
 
 
 class RobotError(InputError):

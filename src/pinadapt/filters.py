@@ -15,7 +15,7 @@ from ._checks import instance, numbers, positive
 from ._compiled import compile_all
 from ._kernels import laws as kernels
 from ._kernels import models as regressors
-from .exceptions import InputError
+from .exceptions import REFUSED, ArrayError, InputError
 from .models.delay_compensation import SensedState
 from .models.dynamics import Dynamics
 from .models.task_kinematics import TaskKinematics
@@ -94,12 +94,16 @@ class LowPass:
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return ds/dt for input u, of the state's shape."""
+        if u.shape != state.shape:
+            raise ArrayError
         rate: np.ndarray = u - state
         rate *= self.bandwidth
         return rate
 
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
+        if u.shape != state.shape:
+            raise ArrayError
         return state - math.expm1(-self.bandwidth * dt) * (u - state)
 
 
@@ -316,7 +320,10 @@ class FilteredTorque(NamedTuple):
 
     def error(self, a_d: np.ndarray) -> np.ndarray:
         """Return the prediction error W a_d - y (n) [N m or N] of an estimate a_d (p)."""
-        return np.asarray(self.W.dot(a_d) - self.y)
+        try:
+            return np.asarray(self.W.dot(a_d) - self.y)
+        except REFUSED as error:
+            raise ArrayError from error
 
 
 class FilteredRegressor:
@@ -398,6 +405,8 @@ class FilteredRegressor:
             *momentum, bandwidth, Z_before, before, share_tau, share_u, u, Z, W
         )
         if tau is not None:
+            if tau.shape != y.shape:
+                raise ArrayError
             y, held = y + share_tau * (tau - held), tau
         now = TorqueFilterState(Z, y, u, held, np.zeros(2))
         return FilteredTorque(W[:, :-1], y - W[:, -1], now, bandwidth)
@@ -437,7 +446,7 @@ class FilteredRegressor:
             numbers(given, name)
             for given, name in zip((t, q, v, tau), ("t", "q", "v", "tau"), strict=True)
         )
-        if t.ndim != 1 or not t.size or any(len(part) != t.size for part in (q, v, tau)):
+        if t.ndim != 1 or not t.size or any(len(np.atleast_1d(x)) != t.size for x in (q, v, tau)):
             raise InputError("expected N times with N rows of q, v and tau.", where="t")
         if v.ndim != 2 or v.shape != tau.shape or q.ndim != 2:
             raise InputError("expected one row of numbers per sample.", where="v")

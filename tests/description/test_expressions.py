@@ -107,6 +107,9 @@ ATTACKS = [
     "10**400 * 10**400",
     "'a' * 10**9",
     "10**9 * [0]",
+    "'a' * 99999 * ([0] * 99999)",
+    "[0] * 99999 * ((1,) * 99999)",
+    "'a' * 1.0",
     "list(range(10**9))",
     "round(10**300, -10**9)",
     "round(1.5, 10**9)",
@@ -230,6 +233,15 @@ def test_only_files_of_the_descriptions_packages_are_read(content, tmp_path):
     path = written(tmp_path / "arm", content.format(outside=outside))
     (tmp_path / "arm" / "link.xacro").symlink_to(outside.with_suffix(".xacro"))
     with pytest.raises(pa.RobotError, match="outside of the description's packages"):
+        pa.load(path)
+
+
+@pytest.mark.parametrize("name", ["..", ".", "../secret"])
+def test_a_path_names_no_package(name, tmp_path):
+    (tmp_path / "secret").mkdir()
+    (tmp_path / "secret.xacro").write_text(f"<robot {XMLNS}/>")
+    path = written(tmp_path / "arm", f'<xacro:include filename="$(find {name})/secret.xacro"/>')
+    with pytest.raises(pa.RobotError, match="is not found"):
         pa.load(path)
 
 

@@ -238,7 +238,7 @@ def test_exponentiated_gradient_keeps_estimates_positive():
     ahead, behind = (adaptation.divergence(a + step * rate, true) for step in (h, -h))
     assert (ahead - behind) / (2 * h) == pytest.approx(-(a - true) @ g, rel=1e-6)
     with pytest.raises(pa.ParameterError, match="positive"):
-        adaptation.validate(np.array([0.0, 1.0]))
+        adaptation.validate(np.array([0.0, 1.0, 1.0]))
 
 
 def test_refusals():

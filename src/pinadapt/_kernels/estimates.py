@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from .._compiled import WRONG_SIZE, compiled
+from .._compiled import compiled
+from ..exceptions import ArrayError
 
 LARGEST_STEP = 0.02
 _ONE_TERM = 0.003
@@ -16,7 +17,7 @@ _ONE_TERM = 0.003
 def descent(g: np.ndarray, Gamma: np.ndarray, rate: np.ndarray) -> None:
     """Write -Gamma g (p), Gamma symmetric."""
     if len(g) != len(rate) or Gamma.shape != (len(rate), len(rate)):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(rate)):
         rate[i] = 0.0
     for j in range(len(g)):
@@ -29,7 +30,7 @@ def descend(a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, after: n
     """Write a - dt Gamma g (p), Gamma symmetric."""
     p = len(a)
     if len(g) != p or Gamma.shape != (p, p) or len(after) != p:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(a)):
         after[i] = 0.0
     for j in range(len(g)):
@@ -53,9 +54,9 @@ def fit_rate(
     """Write -P (g + W^T (R - R_0) r) (p), R as in ``fit``."""
     m, p = W.shape
     if P.shape != (p, p) or len(r) != m or R_0.shape != (m, m) or len(g) != p:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(floor) == 0 or len(slope) != p:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     work, L = np.empty((3, max(m, p))), np.empty((m, m))
     gradient, x, P_w = work[0], work[1], work[2]
     for k in range(p):
@@ -140,11 +141,11 @@ def fit(
 
     m, p = W.shape
     if len(a) != p or P.shape != (p, p) or len(r) != m or R_0.shape != (m, m):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(g) != p or len(floor) == 0 or prior.shape != (p, p):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(after) != p or gain.shape != (p, p):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     R, information, gradient = np.empty((m, m)), np.empty((p, p)), np.empty(p)
     for k in range(p):
         gradient[k] = g[k]
@@ -197,7 +198,7 @@ def fit(
 def combine(c: float, g: np.ndarray, d: float, h: np.ndarray, total: np.ndarray) -> None:
     """Write c g + d h (p)."""
     if len(g) != len(total) or len(h) != len(total):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(total)):
         total[i] = c * g[i] + d * h[i]
 
@@ -206,7 +207,7 @@ def combine(c: float, g: np.ndarray, d: float, h: np.ndarray, total: np.ndarray)
 def mean_square(r: np.ndarray, precision: np.ndarray) -> float:
     """Return the mean of r_i^2 precision_i (n); the precision has n entries, or one for all."""
     if len(r) == 0 or len(precision) == 0:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     square = 0.0
     for i in range(len(r)):
         square += r[i] * r[i] * precision[i % len(precision)]
@@ -218,7 +219,7 @@ def squared_ratio(r: np.ndarray, S: np.ndarray) -> float:
     """Return r^T S^-1 r, S (n, n) symmetric but for rounding: S = L D L^T, L y = r, y^T D^-1 y."""
     n, square = len(r), 0.0
     if S.shape != (n, n):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     L, D, y = np.empty((n, n)), np.empty(n), np.empty(n)
     for i in range(n):
         y[i] = r[i]
@@ -239,7 +240,7 @@ def squared_ratio(r: np.ndarray, S: np.ndarray) -> float:
 def let_pass(clock: np.ndarray, dt: float, fades: float, after: np.ndarray) -> None:
     """Write a memory's clock (quiet, due, fresh, left, ...) after dt: fresh and left fade."""
     if len(clock) < 4 or len(after) != len(clock):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(clock)):
         after[i] = clock[i]
     after[1] -= dt
@@ -254,7 +255,7 @@ def exponentiate(
     """Write a exp(-h scale g) (p); exponents are cut to ``largest`` where their norm is larger."""
     p = len(a)
     if len(g) != p or len(scale) != p or len(after) != p:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     square = 0.0
     for i in range(len(a)):
         exponent = -h * scale[i] * g[i]
@@ -271,7 +272,7 @@ def exponentiate(
 def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     """Tell whether low < a < high in every entry."""
     if len(low) != len(a) or len(high) != len(a):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     within = True
     for i in range(len(a)):
         within &= low[i] < a[i] < high[i]
@@ -297,7 +298,7 @@ def follow_geodesic(
     """
     n, p = len(F_0), entries[-1, 0] + 1
     if len(g) != len(a) or len(after) != len(a) or len(a) % p != 0:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     k = len(a) // p
     work = np.zeros((2 + 2 * k, n, n))
     P, L, A, change = work[0], work[1], work[2 : 2 + k], work[2 + k :]  # P, L, P L and P L P
@@ -347,7 +348,7 @@ def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.
     matrix of g_I with its entries off the diagonal halved, for which tr(L P(da)) = g . da.
     """
     if len(g) != len(a) or len(after) != len(a) or len(a) % 10 != 0:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     bodies, square = len(a) // 10, 0.0
     L, work = np.empty((4, 4)), np.empty((3, bodies, 4, 4))
     P, A, change = work[0], work[1], work[2]  # P, P L and P L P
@@ -406,7 +407,7 @@ def gain_of_bodies_times(
 ) -> None:
     """Write Gamma X (10 k, l): gamma_b P L P of every body, as ``follow_geodesic_of_bodies``."""
     if len(a) != 10 * len(gamma) or len(X) != len(a) or product.shape != X.shape:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     work, g, Gamma = np.empty((3, 4, 4)), np.empty(10), np.empty((10, 10))
     P, L, A = work[0], work[1], work[2]
     for b in range(len(gamma)):

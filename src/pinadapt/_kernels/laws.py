@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from .._compiled import WRONG_SIZE, compiled
+from .._compiled import compiled
+from ..exceptions import ArrayError
 
 
 @compiled(
@@ -38,9 +39,9 @@ def filtered_rates(
     if len(low) != z + len(a):
         return False
     if len(x_hat) < m or len(a_k) != p or len(x) < m or len(v) != len(a):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if W_k.shape != (m, p) or len(y) != m:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(m):
         d = x[i] - x_hat[i]
         for j in range(p):
@@ -60,7 +61,7 @@ def observed(memory: np.ndarray, xd_hat: np.ndarray, x: np.ndarray, dx_o: np.nda
     """
     m = len(dx_o)
     if len(memory) < m + 1 or len(xd_hat) < m or len(x) < m:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(dx_o)):
         dx_o[i] = memory[i] + memory[len(dx_o)] * xd_hat[i] - x[i]
 
@@ -81,7 +82,7 @@ def carry(
     """
     m, share = len(dx_o), -math.expm1(-bandwidth * dt)
     if len(memory) != m + 2 or len(xd_hat) < m or len(after) != m + 2:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(m):
         after[i] = memory[i] + (memory[m] + 0.5 * dt) * xd_hat[i] - share * dx_o[i]
     after[m] = 0.5 * dt
@@ -107,7 +108,7 @@ def advance(
     m, p = W_k.shape
     size = m * p + m + len(a)
     if len(low) != size or len(after) != size or len(y) != m:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     way = -math.expm1(-bandwidth * dt) / bandwidth
     way_a = -math.expm1(-bandwidth_a * dt) / bandwidth_a
     for i in range(m):
@@ -127,7 +128,7 @@ def hold(y: np.ndarray, tau: np.ndarray, x: float, after: np.ndarray, shares: np
     """
     n = len(y)
     if len(tau) != n or len(after) != n or len(shares) != 2:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     share = -math.expm1(-x)
     for i in range(len(y)):
         after[i] = y[i] + share * (tau[i] - y[i])
@@ -142,11 +143,25 @@ def posture_offset(q: np.ndarray, posture: np.ndarray, offset: np.ndarray) -> No
     """
     n = len(offset)
     if len(q) != n or posture.shape != (4, n):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(offset)):
         d = q[i] - posture[0, i]
         e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
         offset[i] = d + 2.0 * e * abs(e) / posture[3, i]
+
+
+@compiled("void(f8[:], f8[:,:], f8[:], f8, f8[:])")
+def posture_acceleration(
+    q: np.ndarray, posture: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray
+) -> None:
+    """Write psi = -2 w v - w^2 ``posture_offset`` (n)."""
+    n = len(v)
+    if len(q) != n or posture.shape != (4, n) or len(psi) != n:
+        raise ArrayError
+    for i in range(len(v)):
+        d = q[i] - posture[0, i]
+        e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
+        psi[i] = -2.0 * w * v[i] - w**2 * (d + 2.0 * e * abs(e) / posture[3, i])
 
 
 @compiled("void(f8[:], f8[:,:], f8[:], f8, f8[:], f8[:])", fills=2)
@@ -156,7 +171,7 @@ def posture_velocity(
     """Write psi = -w ``posture_offset`` and its rate -w (1 + 4 |e| / margin) v, both (n)."""
     n = len(v)
     if len(q) != n or posture.shape != (4, n) or len(psi) != n or len(rate) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(v)):
         d = q[i] - posture[0, i]
         e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
@@ -192,11 +207,11 @@ def kinematic_drive(
     """
     m, p, m_p = len(dx), len(a_k), len(y)
     if K_PV.shape != (m, m) or len(xd_hat) != m or len(xd_d) != m or Y_k.shape != (m, p):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if W_k.shape != (m_p, p) or R_k.shape != (m_p, m_p) or len(residual) != m_p:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(e) != m or len(error) != m or len(gradient) != p:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for j in range(len(a_k)):
         gradient[j] = 0.0
     for i in range(len(y)):
@@ -252,15 +267,15 @@ def commanded_acceleration(
     """
     m, n = J.shape
     if len(xdd_d) != m or K_v.shape != (m, m) or len(xd) != m or len(xd_d) != m:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if K_P.shape != (m, m) or len(dx) != m or len(Jdot_v) != m or len(Y_k) != m:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if Y_k.shape[1] < len(a_k_rate) or gram_inverse.shape != (m, m):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(qd) != n or len(missed) != m or len(v) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if w != 0.0 and (len(q) != n or posture.shape != (4, n)):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for t in range(n):
         v[t] = 0.0
         if w == 0.0:
@@ -305,11 +320,11 @@ def subtract_task_force(
     """Write the error v - v_r and feedforward - J^T (K_v (xd - xd_d) + K_P dx), both (n)."""
     m, n = J.shape
     if K_v.shape != (m, m) or len(xd) != m or len(xd_d) != m or K_P.shape != (m, m):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(dx) != m or len(feedforward) != n or len(v) != n or len(v_r) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(error) != n or len(torque) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for t in range(n):
         error[t] = v[t] - v_r[t]
         torque[t] = feedforward[t]
@@ -339,9 +354,9 @@ def observation_drive(
     """
     size, p = len(dx_o), len(gradient)
     if len(Y_k) < size or Y_k.shape[1] != p or X_k.shape != (size, p):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(epsilon) != size or R.shape != (size, size) or len(error) != size:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     m, square = len(dx_o), 0.0
     for i in range(len(Y_k)):
         for j in range(len(gradient)):
@@ -370,9 +385,9 @@ def subtract_damping(
     """Write the error v - v_r (n) and feedforward - K_D error (n)."""
     n = len(torque)
     if len(feedforward) != n or K_D.shape != (n, n) or len(v) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(v_r) != n or len(error) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(torque)):
         error[i] = v[i] - v_r[i]
     for i in range(len(torque)):
@@ -385,7 +400,7 @@ def subtract_damping(
 def weighted_norm(weight: np.ndarray, x: np.ndarray) -> float:
     """Return the norm of (weight_i x_i) (n)."""
     if len(weight) != len(x):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     square = 0.0
     for i in range(len(x)):
         square += (weight[i] * x[i]) ** 2
@@ -410,7 +425,7 @@ def reference(
     """
     m = len(u)
     if len(xd_d) != m or len(dx) != m or len(xdd_d) != m or len(xd) != m or len(ud) != m:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(u)):
         error, rate = dx[i], xd[i] - xd_d[i]
         if i < len(dx_o):
@@ -442,9 +457,9 @@ def subtract_limited_damping(
     """
     n = len(error)
     if len(feedforward) != n or D.shape != (n, n) or M.shape != (n, n) or len(d) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(v) != n or len(v_r) != n or len(torque) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     L, y, z = np.empty((n, n)), np.empty(n), np.empty(n)
     for i in range(n):
         error[i] = v[i] - v_r[i]

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from .._compiled import WRONG_SIZE, compiled
+from .._compiled import compiled
+from ..exceptions import ArrayError
 
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
@@ -20,7 +21,7 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     """
     m, n = J.shape
     if inverse.shape != (m, m):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     L, L_inverse = inverse, np.empty((m, m))  # L stands where the inverse is written in the end
     s, mu_2, lost = 0.0, 0.0, False
     for damped in (False, True):
@@ -76,9 +77,9 @@ def gradient_through_inverse(
     """
     m, n = J.shape
     if M.shape != (n, n) or len(e) != m or Y.shape != (n, len(gradient)):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if L.shape != (n, n) or len(solution) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(n):
         for j in range(i + 1):
             x = M[i, j]
@@ -114,9 +115,9 @@ def right_inverse(
     """Write psi + J^T G (u - J psi) (n), G (m, m) the inverse of the Gram matrix."""
     m, n = J.shape
     if gram_inverse.shape != (m, m) or len(u) != m or len(psi) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(solution) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     rest = np.empty(m)
     for i in range(m):
         x = u[i]
@@ -158,11 +159,11 @@ def right_inverse_and_rate(
     """
     m, n = J.shape
     if gram_inverse.shape != (m, m) or len(u) != m or len(psi) != n or len(ud) != m:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(psid) != n or Jdot.shape != (m, n) or len(missed) != m:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(y) != m or len(x) != n or len(rate) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(m):
         missed[i] = u[i]
         for t in range(n):
@@ -195,7 +196,7 @@ def null_space(J: np.ndarray, gram_inverse: np.ndarray, z: np.ndarray, null: np.
     """Write z - J^T G J z (n)."""
     m, n = J.shape
     if gram_inverse.shape != (m, m) or len(z) != n or len(null) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     task = np.empty(m)
     for i in range(m):
         task[i] = 0.0
@@ -218,7 +219,7 @@ def subtract_null_space_damping(
     """Take N diag(D) N z off the torque (n), N = I - J^T G J, symmetric."""
     m, n = J.shape
     if gram_inverse.shape != (m, m) or len(D) != n or len(z) != n or len(torque) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     null, task = np.empty(n), np.empty(m)
     for t in range(n):
         null[t] = z[t]
@@ -278,7 +279,7 @@ def bound_smoothly(
 def apply(A: np.ndarray, x: np.ndarray, product: np.ndarray) -> None:
     """Write A x (m), A (m, n)."""
     if A.shape != (len(product), len(x)):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(product)):
         y = 0.0
         for j in range(len(x)):
@@ -291,7 +292,7 @@ def multiply(A: np.ndarray, B: np.ndarray, product: np.ndarray) -> None:
     """Write A B (m, p), A (m, n), B (n, p)."""
     m, p = product.shape
     if A.shape != (m, len(B)) or B.shape[1] != p:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(m):
         for j in range(p):
             product[i, j] = 0.0

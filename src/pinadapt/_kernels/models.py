@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from .._compiled import WRONG_SIZE, compiled
+from .._compiled import compiled
+from ..exceptions import ArrayError
 
 PER_BODY = 10
 _LEAST_MASS = (
@@ -23,7 +24,7 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     """
     n = len(tens)
     if len(pi) != PER_BODY * n or len(ballast) != len(pi) or tens.shape[1] != PER_BODY:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     lightest = pi[0]
     for b in range(len(tens)):
         lightest = min(lightest, pi[PER_BODY * b])
@@ -32,6 +33,15 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
         for i in range(PER_BODY):
             tens[b, i] = pi[PER_BODY * b + i] + c * ballast[PER_BODY * b + i]
     return c
+
+
+@compiled("void(f8[:], f8[:], f8[:])")
+def difference(x: np.ndarray, y: np.ndarray, dx: np.ndarray) -> None:
+    """Write x - y (m)."""
+    if len(x) != len(dx) or len(y) != len(dx):
+        raise ArrayError
+    for i in range(len(dx)):
+        dx[i] = x[i] - y[i]
 
 
 @compiled("void(f8[:], i8, f8[:,:], f8[:], f8[:])")
@@ -45,9 +55,9 @@ def place(
     """Write offset + directions theta[first : first + k] (3), directions (3, k)."""
     k = directions.shape[1]
     if len(directions) != 3 or first < 0 or first + k > len(theta):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(offset) != 3 or len(translation) != 3:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(3):
         x = offset[i]
         for j in range(directions.shape[1]):
@@ -168,7 +178,7 @@ def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray)
     """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
     n = len(mean)
     if len(v) != n or len(v_r) != n or len(half) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for t in range(len(mean)):
         mean[t] = 0.5 * (v[t] + v_r[t])
         half[t] = 0.5 * (v[t] - v_r[t])
@@ -178,7 +188,7 @@ def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray)
 def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
     """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
     if Y.shape != (len(tau), len(pi)) or Y_0.shape != Y.shape:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(tau)):
         x = 0.0
         for j in range(len(pi)):
@@ -192,9 +202,9 @@ def take_columns(Y: np.ndarray, columns: np.ndarray, chosen: np.ndarray) -> None
     """Write the columns (p) of Y (n, 10 n) side by side (n, p)."""
     p = len(columns)
     if Y.shape[0] != len(chosen) or chosen.shape[1] != p:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if p > 0 and columns[p - 1] >= Y.shape[1]:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(chosen)):
         for j in range(len(columns)):
             chosen[i, j] = Y[i, columns[j]]
@@ -219,7 +229,7 @@ def add_translation_rates(
     """
     p = len(a_k_rate)
     if len(parent) != p or directions.shape != (3, p):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for j in range(len(a_k_rate)):
         k = parent[j]
         x = y = z = 0.0
@@ -274,7 +284,7 @@ def take_coefficients(
 ) -> None:
     """Write a (p) into the entries (kinds, shafts) of the values (6, m)."""
     if len(a) != len(kinds) or len(shafts) != len(kinds):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for k in range(len(kinds)):
         values[kinds[k], shafts[k]] = a[k]
 
@@ -307,9 +317,9 @@ def add_joint_effects(
     """
     n, p = Y_b.shape
     if len(v) != n or len(a) != n or len(g) != n or len(tau_b) != n or len(tau) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(Y) != n or Y.shape[1] < p or values.shape[1] != columns.shape[1]:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(n):
         tau[i] = tau_b[i]
         for j in range(p):
@@ -366,11 +376,11 @@ def filtered_regressor(
     """
     n, p = Y_M.shape
     if Y_0.shape != (n, p) or len(p_0) != n or len(tau_0) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if Z.shape != (n, p + 1) or before.shape != (n, p + 1) or u.shape != (n, p + 1):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if Z_now.shape != (n, p + 1) or W.shape != (n, p + 1):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(n):
         for j in range(p):
             momentum = bandwidth * Y_M[i, j]

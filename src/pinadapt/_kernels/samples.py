@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from .._compiled import WRONG_SIZE, compiled
+from .._compiled import compiled
+from ..exceptions import ArrayError
 
 MOVES, STILL, FAR, FRAME, TURNED, FROZEN = range(6)
 JOINTS, KINDS = 8, 8  # from where on an answer names a joint: JOINTS + KINDS * joint + kind
@@ -92,15 +93,15 @@ def check_sample(
     n, kept, follows, short, long = len(v), len(after) > 0, False, 1.0, 1.0
     if n > 0:
         if bounds.shape != (CLEAR + 1, n) or len(places) != n + 1 or len(q) != places[n]:
-            raise ValueError(WRONG_SIZE)
+            raise ArrayError
         if len(q_before) != len(q) or (kept and len(after) != TRAIL + TRAIL_ROWS * n):
-            raise ValueError(WRONG_SIZE)
+            raise ArrayError
     if len(numbers) != ROUND + 1 or len(before) != len(after) or (kept and len(after) < TRAIL):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if kept and len(p_hat) > 0 and (len(p_hat) > 3 or (len(x) > 0 and len(x) < len(p_hat))):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if kept and len(p_hat) > 0 and len(x) > 7:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if kept:
         follows = 0.0 <= dt <= numbers[LONGEST]
         for k in range(TRAIL if follows and n > 0 else len(before)):
@@ -248,7 +249,7 @@ def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> f
 def prediction_error(W: np.ndarray, a: np.ndarray, y: np.ndarray, residual: np.ndarray) -> None:
     """Write W a - y (n), W (n, p)."""
     if W.shape != (len(y), len(a)) or len(residual) != len(y):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(y)):
         x = -y[i]
         for j in range(len(a)):
@@ -260,7 +261,7 @@ def prediction_error(W: np.ndarray, a: np.ndarray, y: np.ndarray, residual: np.n
 def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""
     if len(limits) != len(torque):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     beyond, effort = False, 0.0
     for i in range(len(torque)):
         beyond |= abs(torque[i]) > limits[i]
@@ -272,7 +273,7 @@ def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
 def first_beyond(values: np.ndarray, limits: np.ndarray) -> int:
     """Return the first i with |values_i| > limits_i, or -1; NaN is not beyond."""
     if len(limits) != len(values):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(values)):
         if abs(values[i]) > limits[i]:
             return i
@@ -294,7 +295,7 @@ def first_near_stop(
     """
     n = len(v)
     if len(q) != n or len(lower) != n or len(upper) != n or len(brake) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for i in range(len(v)):
         speed = abs(v[i])
         if speed <= 0.01:
@@ -320,7 +321,7 @@ def limit_torque(
     """
     n = len(torque)
     if len(limit) != n or len(before) != n or len(rate) != n or len(limited) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     changed = False
     for i in range(len(torque)):
         x = min(max(torque[i], -limit[i]), limit[i])
@@ -355,9 +356,9 @@ def explain_torque(
     """
     n, m = len(tau), len(a)
     if Y_M.shape != (n, m) or Y_0.shape != (n, m) or len(p_0) != n or len(tau_0) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if memory.shape != (3, n) or after.shape != (3, n) or len(residual) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     share, mean_share = -math.expm1(-bandwidth * dt), -math.expm1(-slow * dt)
     smooth = -math.expm1(-2.0 * bandwidth * dt)
     for i in range(len(tau)):
@@ -381,7 +382,7 @@ def stop_errors(dx: np.ndarray, weight: np.ndarray, positions: int) -> float:
     rotation; or each joint by itself, where ``positions`` is negative.
     """
     if len(weight) < len(dx):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     place, turn, joint = 0.0, 0.0, 0.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])
@@ -433,13 +434,13 @@ def path_rate(
     """
     n, m, found, least = len(q), len(xd_d), 0, 1.0
     if len(weight) < len(dx) or len(torque) != n or len(effort_limits) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(lower) != n or len(upper) != n or len(velocity_limits) != n:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(xdd_d) != m or J.shape != (m, n) or gram_inverse.shape != (m, m):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     if len(factor) != 1:
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     place, turn, joint = 0.0, 0.0, 0.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])
@@ -530,7 +531,7 @@ def first_samples(
     """
     n = len(v)
     if len(tolerance) != n or len(before) != HEADER + ROWS * n or len(after) != len(before):
-        raise ValueError(WRONG_SIZE)
+        raise ArrayError
     for k in range(len(before)):
         after[k] = before[k]
     if not dt > 0.0:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy import empty
 
-from .._checks import instance, whole
+from .._checks import Doors, instance, whole
 from ..exceptions import InputError
 
 
@@ -151,7 +151,7 @@ class Drives:
         return Drives(self.dynamic.without_tracking(), self.kinematic.without_tracking())
 
 
-class Adaptation(ABC):
+class Adaptation(Doors, ABC):
     """The adaptation law da/dt = -Gamma(a) g of an estimate a (p), g (p) the gradient of its drive.
 
     The proof dV/dt <= 0 of every control law here holds for any adaptation whose ``divergence`` D
@@ -170,10 +170,16 @@ class Adaptation(ABC):
             weight. None: they contain only what the control law provides.
     """
 
+    shapes = (
+        "value: _size, truth: _size, change: _size, start: _size, estimate.value: _size, "
+        "drive.gradient: _size, H: _size _size"
+    )
+    in_step = frozenset({"step", "value_rate", "project", "gain_times", "weight"})
     name: str = "custom"
     sources: tuple[str, ...] = ()
     updates_gain: bool = False
     torque_bandwidth: float | None = None
+    _size: int | None = None
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, ``validate(value)`` with an empty memory."""
@@ -317,6 +323,7 @@ class Wrapper(Adaptation):
         self.inner = instance(inner, Adaptation, "inner")
         self.updates_gain = inner.updates_gain
         self.name, self.torque_bandwidth = inner.name, inner.torque_bandwidth
+        self._size = inner._size
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with the value validated by this one."""
@@ -405,6 +412,8 @@ class Stacked(Adaptation):
     Attributes:
         parts: the adaptations, in the order of their blocks.
     """
+
+    _size: int
 
     def __init__(self, parts: Sequence[tuple[Adaptation, int]]) -> None:
         """Stack pairs of an adaptation and the size of its block; the first gives the name.

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, whole
 from .._kernels import estimates as kernels
+from ..exceptions import ArrayError
 from .adaptation import Adaptation, Drive, Estimate
 
 
@@ -29,7 +30,7 @@ class Gradient(Adaptation):
             GainError: Gamma is not positive definite, or of another size.
         """
         self.Gamma = np.ascontiguousarray(definite_matrix(Gamma, whole(size, "size", 0), name))
-        self._information = np.linalg.inv(self.Gamma)
+        self._information, self._size = np.linalg.inv(self.Gamma), len(self.Gamma)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return -Gamma g (p)."""
@@ -59,4 +60,6 @@ class Gradient(Adaptation):
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l)."""
+        if X.ndim != 2 or len(X) != len(self.Gamma):
+            raise ArrayError
         return self.Gamma.dot(X)

@@ -150,7 +150,7 @@ class LeastSquares(Adaptation):
         compile_all()
         self.P_0 = np.ascontiguousarray(definite_matrix(P_0, whole(size, "size", 0), "gamma_d"))
         self._whiten = np.linalg.inv(np.linalg.cholesky(self.P_0))
-        self._prior = self._whiten.T @ self._whiten  # P(0)^-1
+        self._prior, self._size = self._whiten.T @ self._whiten, len(self.P_0)  # P(0)^-1
         self.torque_bandwidth = (
             None if bandwidth is None else positive(bandwidth, "prediction_filter")
         )

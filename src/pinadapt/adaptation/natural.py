@@ -19,7 +19,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, positive, vector, whole
+from .._checks import Doors, instance, numbers, positive, vector, whole
 from .._compiled import compile_all
 from .._kernels import estimates as kernels
 from ..exceptions import GainError, InputError, ParameterError
@@ -29,7 +29,7 @@ from ..models.regressor import PER_BODY
 from .adaptation import Adaptation, Drive, Estimate
 
 
-class MatrixInequality:
+class MatrixInequality(Doors):
     """Linear matrix inequality: the set of a with P_b(a) = F_0 + sum_i a_{b,i} F_i > 0 for k b.
 
     The blocks b share the matrices F. A user's own inequality has one block; the pseudo-inertias of
@@ -43,6 +43,9 @@ class MatrixInequality:
             diagonals where F_i or D_i is not zero; F_i (e) and D_i (e) there. The D_i are the dual
             basis in the span of F, tr(D_i F_j) = delta_ij.
     """
+
+    shapes = "a: size, X: size l"
+    in_step = frozenset({"follow_geodesic", "metric_inverse_times"})
 
     def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
         """Make the inequality of ``blocks`` blocks.
@@ -274,6 +277,7 @@ class Natural(Adaptation):
         """
         self.gamma = positive(gamma, name)
         self.cone = instance(cone, MatrixInequality, "cone")
+        self._size = self.cone.size
         self.shares, self._scale = None, None
         if shares is not None:
             self.shares = vector(shares, self.cone.blocks, "shares")
@@ -384,6 +388,7 @@ class ExponentiatedGradient(Adaptation):
         self.scale = vector(scale, None, f"{name}: scale", error=GainError)
         if not (self.scale > 0.0).all():
             raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
+        self._size = self.scale.size
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return the initial value (p) if all its entries are positive.

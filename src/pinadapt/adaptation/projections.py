@@ -80,6 +80,7 @@ class BoxProjection(Wrapper):
         self._where, size = where, len(self._names)
         self.low = vector(low, size, where, names=self._names, error=ParameterError)
         self.high = vector(high, size, where, names=self._names, error=ParameterError)
+        self._size = size
         bounds = zip(self._names, self.low, self.high, strict=True)
         if empty := [name for name, a, b in bounds if not a < b]:
             raise ParameterError(

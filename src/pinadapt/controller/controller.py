@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import positive, shown
+from .._checks import Doors, positive, shown
 from .._compiled import compile_all
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
@@ -48,7 +48,7 @@ _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
 _DAMPED = 0.3  # of its speed that a joint loses in a period, at most
 
 
-class Controller:
+class Controller(Doors):
     """A control law, a model of the robot, and the adaptation of its parameters; immutable.
 
     ``init`` and ``step`` are pure: all memory is in the ``ControllerState`` that goes in and comes
@@ -70,6 +70,11 @@ class Controller:
         nominal: what an announced load or tool is added to; None for a controller put together by
             hand.
     """
+
+    shapes = "a_d_true: dynamics.size, a_k_true: kinematics.size"
+    in_step = frozenset(
+        {"step", "sent", "init", "observe", "command", "desired", "recorded", "watch", "safe"}
+    )
 
     def __init__(
         self,

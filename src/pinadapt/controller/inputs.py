@@ -85,11 +85,9 @@ class InputCheck:
         Raises:
             InputError: it is that of another controller.
         """
-        if (
-            given.__class__ is not ControllerState
-            or given.kinematic.value.shape != self._a_k
-            or given.dynamic.value.shape != self._a_d
-            or given.a_0.shape != self._a_d
+        if given.__class__ is not ControllerState or not (
+            _shape(given.kinematic) == self._a_k
+            and _shape(given.dynamic) == _shape(given.a_0) == self._a_d
         ):
             raise InputError("the state is that of another controller.", where="state")
         for estimate in (given.kinematic.value, given.dynamic.value, given.a_0):
@@ -201,8 +199,9 @@ class InputCheck:
                 raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
             if flaw := self._task.flaw(desired.x_d):
                 raise InputError(f"{flaw}.", where="desired.x_d")
+        self.torque(measurement.tau)
         for name, value in zip(measurement._fields, measurement, strict=True):
-            if value is not None and not np.isfinite(value).all():
+            if name != "tau" and value is not None and not np.isfinite(value).all():
                 raise MeasurementError(name, value)
         if measurement.x is not None and (flaw := self._task.flaw(measurement.x)):
             raise MeasurementError("x", measurement.x, flaw)
@@ -222,6 +221,11 @@ def _array(
             raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
         raise MeasurementError(name, value, f"must be {shape[0]} numbers, and is not")
     return array.astype(float)
+
+
+def _shape(given: Any) -> tuple[int, ...] | None:
+    """Return the shape of an array or of the value of an estimate, None of anything else."""
+    return getattr(getattr(given, "value", given), "shape", None)
 
 
 def _number(value: Any, name: str) -> float:

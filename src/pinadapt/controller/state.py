@@ -9,6 +9,7 @@ import numpy as np
 
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Estimate
+from ..exceptions import InputError
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
@@ -97,7 +98,14 @@ class ControllerState(NamedTuple):
         return np.concatenate(leaves)
 
     def with_flat(self, values: np.ndarray) -> ControllerState:
-        """Return the state whose ``flat`` is ``values``."""
+        """Return the state whose ``flat`` is ``values``.
+
+        Raises:
+            InputError: another number of values.
+        """
+        size = self.flat().size
+        if not isinstance(values, np.ndarray) or values.shape != (size,):
+            raise InputError(f"expected an array of {size} numbers.", where="values")
         return self.filler()(values)
 
     def filler(self) -> Callable[[np.ndarray], ControllerState]:

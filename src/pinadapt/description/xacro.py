@@ -277,9 +277,11 @@ class Packages:
     named: Mapping[str, str] = field(default_factory=dict)
 
     def find(self, name: str) -> Path | None:
-        """Return the folder of a package, or None."""
+        """Return the folder of a package, or None; a path such as ".." names no package."""
         if name in self.named:
             return Path(self.named[name])
+        if name in ("", ".", "..") or "/" in name or os.sep in name:
+            return None
         for place in self._above:
             if place.name == name:
                 return place
@@ -429,7 +431,11 @@ def _bounded(value: Any) -> Any:
 def _product(a: Any, b: Any) -> Any:
     """Return a b, where a text or a list times a number does not become too long."""
     for several, times in ((a, b), (b, a)):
-        if isinstance(several, (str, list, tuple)) and len(several) * times > LONGEST:
+        if not isinstance(several, str | list | tuple):
+            continue
+        if not isinstance(times, int):
+            raise RobotError("a text or a list is multiplied by no whole number.", hint=_HINT)
+        if len(several) * times > LONGEST:
             raise RobotError(f"a value has more than {LONGEST} characters or elements.")
     return a * b
 

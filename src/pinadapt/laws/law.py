@@ -11,7 +11,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import definite_matrix, positive
+from .._checks import Doors, definite_matrix, positive
 from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
 from ..exceptions import DivergedError, GainError, InputError, did_you_mean
@@ -178,7 +178,7 @@ class KinematicLoop(NamedTuple):
     weight: np.ndarray
 
 
-class Law(ABC):
+class Law(Doors, ABC):
     """A control law: torque, drives of the estimates, and the Lyapunov function that proves it.
 
     A law is an immutable object with its gains, made for one task. A new law is one file with one
@@ -227,6 +227,11 @@ class Law(ABC):
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
     """
 
+    shapes = (
+        "J_hat: m n, J: m n, speeds: n, s.v: n, truth.M: n n, truth.C: n n, s.a_d: p_d, "
+        "truth.a_d: p_d, s.a_k: p_k, truth.a_k: p_k"
+    )
+    in_step = frozenset({"command", "K_D", "brake", "errors", "commanded_acceleration"})
     name: ClassVar[str]
     adapts: ClassVar[bool] = True
     needs_task_velocity: ClassVar[bool] = False

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, positive, vector
+from .._checks import Doors, instance, numbers, positive, vector
 from .._kernels import laws as kernels
 from ..description.chain import position_limits
 from ..exceptions import GainError, did_you_mean
@@ -23,7 +23,7 @@ _MARGIN, _WAY = 0.1, 0.5  # of the range, of the way from rest to the nearer lim
 _LEAST_MARGIN = 1e-3  # [rad or m]
 
 
-class Posture:
+class Posture(Doors):
     """Critically damped return to a rest configuration, seen only in the null space of the task.
 
     The offset from rest grows by 2 d^2 / b where a joint is d inside the margin b before one of its
@@ -38,6 +38,9 @@ class Posture:
         rows: (4, n) rest, and from there the edges inside the limits, lower and upper, and the
             margin; see ``coordinates``.
     """
+
+    shapes = "q: _q_rest.size"
+    in_step = frozenset({"null_motion", "acceleration", "coordinates"})
 
     def __init__(self, robot: Robot, rest: ArrayLike | None = None, frequency: float = 4.0) -> None:
         """Take the rest pose (n) [rad or m], by default home, and the frequency [rad/s].
@@ -96,7 +99,9 @@ class Posture:
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 offset(q) [rad/s^2 or m/s^2]."""
-        return (-2.0 * self.frequency) * v - self.frequency**2 * self.offset(q)
+        psi = empty(self.damping.size)
+        kernels.posture_acceleration(self.coordinates(q), self.rows, v, self.frequency, psi)
+        return psi
 
     def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""

@@ -14,7 +14,7 @@ import pinocchio as pin
 from .._checks import name_list
 from .._kernels import models as kernels
 from ..description.chain import is_physical, is_slide
-from ..exceptions import ParameterError
+from ..exceptions import REFUSED, ArrayError, ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
@@ -77,7 +77,10 @@ class InertialModel:
         """Return M a + C v + g (n) [N m or N], rotors included."""
         if not self._written:
             self._write()
-        tau = pin.rnea(self._model, self._data, q, v, a)
+        try:
+            tau = pin.rnea(self._model, self._data, q, v, a)
+        except REFUSED as error:
+            raise ArrayError from error
         if self._felt and self._c:
             tau -= self._c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
         return tau
@@ -86,7 +89,10 @@ class InertialModel:
         """Return M (n, n), rotors included."""
         if not self._written:
             self._write()
-        M = pin.crba(self._model, self._data, q)
+        try:
+            M = pin.crba(self._model, self._data, q)
+        except REFUSED as error:
+            raise ArrayError from error
         if self._felt and self._c:
             M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
         return M

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
+from .._checks import Doors
 from .._compiled import compile_all
 from .._kernels import models as kernels
 from ..exceptions import InputError, ParameterError
@@ -19,7 +20,7 @@ from .regressor import Momentum
 from .translations import PlacedTranslations, Translation
 
 
-class Dynamics(ABC):
+class Dynamics(Doors, ABC):
     """The estimated dynamics of a chain of n joints with p unknown parameters a_d.
 
     The torque is affine in the parameters: M a + C v + g = Y(q, v, a) a_d + tau_0(q, v, a), Wang
@@ -42,6 +43,10 @@ class Dynamics(ABC):
             is zero.
     """
 
+    shapes = "a_d: size, tens: N b 10, lengths: N k"
+    in_step = frozenset(
+        {"load", "torque", "mass_matrix", "regressor", "slotine_li", "momentum", "expand", "reduce"}
+    )
     names: tuple[str, ...]
     size: int
     initial: np.ndarray

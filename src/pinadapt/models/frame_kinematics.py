@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy import empty
 
 from .._kernels import models as kernels
-from ..exceptions import ParameterError
+from ..exceptions import REFUSED, ArrayError, ParameterError
 from ..robot.robot import Robot
 from .basis import base_parameters
 from .regressor import live_array
@@ -134,7 +134,10 @@ class FrameKinematics(TaskKinematics):
         """Evaluate at an estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
         for first, directions, offset, translation in self._placed.places:
             kernels.place(a_k, first, directions, offset, translation)
-        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        try:
+            pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        except REFUSED as error:
+            raise ArrayError from error
         m, m_p = self._size, self.positions
         J, Jdot_v, xd_hat = empty(self._J_shape), empty(m), empty(m)
         Y_k, p_hat, X_k = empty(self._Y_shape), empty(m_p), empty(self._X_shape)
@@ -170,7 +173,10 @@ class FrameKinematics(TaskKinematics):
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
-        pin.forwardKinematics(self._model, self._data, self._q, self._v, a)
+        try:
+            pin.forwardKinematics(self._model, self._data, self._q, self._v, a)
+        except REFUSED as error:
+            raise ArrayError from error
         blocks = []
         for w, dw in zip(self._w, self._dw, strict=True):
             W = pin.skew(w)
@@ -182,7 +188,10 @@ class FrameKinematics(TaskKinematics):
 
         The estimate is that of the last update. The attributes do not change.
         """
-        pin.forwardKinematics(self._model, self._past, q)
+        try:
+            pin.forwardKinematics(self._model, self._past, q)
+        except REFUSED as error:
+            raise ArrayError from error
         placement = pin.updateFramePlacement(self._model, self._past, self._frame)
         p_hat, X_k = empty(self.positions), empty((self.positions, self.size))
         kernels.positions_at(

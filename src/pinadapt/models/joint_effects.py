@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import name_list
+from .._checks import Doors, name_list
 from .._kernels import models as kernels
 from ..description.chain import effort_limits
 from ..exceptions import ParameterError, did_you_mean
@@ -73,7 +73,7 @@ def _kind(word: str) -> str:
     return word.rpartition(".")[2]
 
 
-class JointEffects:
+class JointEffects(Doors):
     """The torque of all shafts, D^T f(D v, D a), with D the identity above ``directions``.
 
         f = armature a + viscous v + (coulomb + load |g|) sigma(v) + asymmetry |sigma(v)| + offset.
@@ -98,6 +98,9 @@ class JointEffects:
         loaded: whether the friction depends on the load of the gears.
         zero: (n) zeros.
     """
+
+    shapes = "v: _n, a: size"
+    in_step = frozenset({"loads", "regressor", "momentum"})
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
         """Choose the unknown kinds, as ``chosen_kinds``.

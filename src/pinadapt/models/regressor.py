@@ -18,6 +18,7 @@ from .._checks import instance
 from .._compiled import compile_all
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
+from ..exceptions import REFUSED, ArrayError
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
@@ -44,7 +45,10 @@ class Regressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
-        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
+        try:
+            Y = pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
+        except REFUSED as error:
+            raise ArrayError from error
         return Y if self._many else Y.reshape(self._shape)
 
     def slotine_li(
@@ -63,8 +67,11 @@ class Regressor:
         """Return Y (n, 10 n) as ``slotine_li``, and the torque Y pi (n) at parameters pi (10 n)."""
         mean, half, tau = empty(v.size), empty(v.size), empty(v.size)
         kernels.polarise(v, v_r, mean, half)
-        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
-        Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, half, self._zero)
+        try:
+            Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
+            Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, half, self._zero)
+        except REFUSED as error:
+            raise ArrayError from error
         if Y.ndim == 1:
             Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
         kernels.polarised(Y_0, pi, Y, tau)
@@ -151,7 +158,10 @@ class MomentumRegressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (nv, 10 N) at q (nq), v (nv)."""
-        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        try:
+            pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        except REFUSED as error:
+            raise ArrayError from error
         Y_M, Y_0 = empty(self._shape), empty(self._shape)
         kernels.momentum_columns(
             self._rotations, self._origins, self._velocities, self._axes, self._axis_rates,

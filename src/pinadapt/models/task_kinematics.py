@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from .._checks import Doors
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.task import JointTask, Task
 from .translations import Translation
 
 
-class TaskKinematics(ABC):
+class TaskKinematics(Doors, ABC):
     """The estimated kinematics of a task, with p unknown parameters a_k.
 
     ``update`` evaluates everything at an estimate and a state, and replaces the attributes by new
@@ -47,6 +48,8 @@ class TaskKinematics(ABC):
         Y_k: (m, p) kinematic regressor, J v = Y_k a_k + known part: Wang and Xie (2009), (2).
     """
 
+    shapes = "q: nq, q_0: nq, q_1: nq, v: nv, a: nv, a_k: size, a_k_rate: size"
+    in_step = frozenset({"update", "jacobian_rate", "acceleration_regressor", "first", "at"})
     robot: Robot
     task: Task
     joint_names: list[str]

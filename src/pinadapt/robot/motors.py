@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import LARGEST, instance, numbers, word
 from ..description.chain import effort_limits, is_slide
-from ..exceptions import GainError, InputError, did_you_mean
+from ..exceptions import REFUSED, ArrayError, GainError, InputError, did_you_mean
 from .robot import Robot
 
 Compensation: TypeAlias = Callable[[np.ndarray], np.ndarray]
@@ -228,7 +228,10 @@ class Gravity:
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Return g(q) (nv) at a configuration q (nq)."""
-        return np.array(pin.computeGeneralizedGravity(self._robot.model, self._data, q))
+        try:
+            return np.array(pin.computeGeneralizedGravity(self._robot.model, self._data, q))
+        except REFUSED as error:
+            raise ArrayError from error
 
     def __reduce__(self) -> tuple[type[Gravity], tuple[Robot]]:
         """Pickle the robot only."""

@@ -379,7 +379,12 @@ class Robot:
         return given
 
     def friction_at(self, q: np.ndarray) -> Friction:
-        """Return the friction at configuration q (nq), under the gravity torque there."""
+        """Return the friction at configuration q (nq), under the gravity torque there.
+
+        Raises:
+            RobotError: not nq finite numbers.
+        """
+        q = vector(q, self.model.nq, "q", error=RobotError)
         if not self.friction.loaded:
             return self.friction
         model = self.friction.bodies or self.model

@@ -160,7 +160,9 @@ class PositionTask(FrameTask):
         xd_d: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, None]:
         """Return dx = x - x_d, the velocity, measured or else estimated, and None."""
-        return x - x_d, xd_hat if xd is None else xd, None
+        dx = empty(x.size)
+        kernels.difference(x, x_d, dx)
+        return dx, xd_hat if xd is None else xd, None
 
 
 class PositionMotion:
@@ -244,7 +246,7 @@ class PoseTask(FrameTask):
         """Return the positions (3) among coordinates x (7) or a velocity (6)."""
         return x[:3]
 
-    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+    def _error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
         dx = np.empty(6)
         dx[:3] = x[:3] - x_d[:3]
@@ -264,7 +266,7 @@ class PoseTask(FrameTask):
 
         delta is zero, then dphi/dt - (omega - omega_d) [rad/s], with omega = J_omega qd.
         """
-        dx, delta = self.error(x, x_d), np.zeros(6)
+        dx, delta = self._error(x, x_d), np.zeros(6)
         delta[3:] = rotation_drift(dx[3:].tolist(), xd_hat[3:].tolist(), xd_d[3:].tolist())
         return dx, xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]]), delta
 

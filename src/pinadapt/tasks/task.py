@@ -12,6 +12,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import pinocchio as pin
 
+from .._checks import Doors
+
 CoordinateMotion: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Function of q (nq) and v (nv) that returns coordinates x and task velocity xd (m)."""
 
@@ -47,7 +49,7 @@ class RowGroup(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task(ABC):
+class Task(Doors, ABC):
     """A choice of m coordinates x, with errors, velocities and accelerations of m rows each.
 
     Attributes:
@@ -57,6 +59,8 @@ class Task(ABC):
 
     name: str
     labels: tuple[str, ...]
+    shapes = "x: coordinates, x_d: coordinates, by: size"
+    in_step = frozenset({"errors", "measured", "position", "turn", "turn_between", "carried"})
 
     @property
     def size(self) -> int:
@@ -103,6 +107,10 @@ class Task(ABC):
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return the error dx (m) of x from x_d."""
+        return self._error(x, x_d)
+
+    def _error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+        """Return ``error`` of arrays that were checked."""
         return x - x_d
 
     @abstractmethod
@@ -206,7 +214,7 @@ class JointTask(Task):
         """Return the coordinates (m) of the measured q (nq); x is not used."""
         return self.of(q)
 
-    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+    def _error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (m), within half a turn for continuous joints."""
         dx = x - x_d
         if any(self.continuous):
@@ -224,4 +232,4 @@ class JointTask(Task):
         xd_d: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, None]:
         """Return dx, xd_hat, which is the measured joint velocity, and None."""
-        return self.error(x, x_d), xd_hat, None
+        return self._error(x, x_d), xd_hat, None
