@@ -57,10 +57,14 @@ class ArrayError(InputError):
     while all is well, and says what the public method was given and what its description asks for.
     """
 
-    def __init__(self) -> None:
-        """Describe the arguments of the outermost method of this package that was given arrays."""
-        where, found, asked = _given_arrays()
-        super().__init__(f"sizes or kinds that do not fit: {found}.", where=where, hint=asked)
+    def __init__(
+        self, what: str | None = None, *, where: str | None = None, hint: str | None = None
+    ) -> None:
+        """Describe, unless told, the arguments of the outermost method that was given arrays."""
+        if what is None:
+            where, found, hint = _given_arrays()
+            what = f"sizes or kinds that do not fit: {found}."
+        super().__init__(what, where=where, hint=hint)
 
 
 REFUSED = (TypeError, ValueError)  # what Pinocchio raises for arrays that it cannot take
