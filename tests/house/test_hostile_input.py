@@ -199,13 +199,13 @@ def hold(robot):
     return pa.trajectories.Hold(robot.position(robot.q0))
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, HUGE, 1e308, "0.02", b"1", 1j, {"a": 1}], ids=str)
 @pytest.mark.parametrize("name", CALLS)
-def test_what_is_no_number_of_this_world_gets_a_typed_error(name, bad, robot, controller):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RuntimeWarning)
-        with pytest.raises(pa.InputError):
-            CALLS[name](robot, controller, bad)
+def test_what_is_no_number_of_this_world_gets_a_typed_error(name, robot, controller):
+    for bad in (np.nan, np.inf, HUGE, 1e308, "0.02", b"1", 1j, {"a": 1}):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            with pytest.raises(pa.InputError):
+                CALLS[name](robot, controller, bad)
 
 
 @pytest.mark.parametrize("name", [name for name in CALLS if name != "watch"])

@@ -89,7 +89,7 @@ def test_dv_dt_is_what_the_proof_says(law, name):
     believed = robot.changed(inertial_scale=0.8) if pa.laws.LAWS[law].adapts else true
     controller = controller_of(law, believed, **rates)
     dt = FINER.get((law, name), 4e-4)
-    energy = energy_along(true, controller, beside(true, law), seconds=0.02, dt=dt)
+    energy = energy_along(true, controller, beside(true, law), seconds=0.014, dt=dt)
     # a weight that follows the filtered regressor rises from zero within a few samples
     assert energy.mismatch(after=10 if pa.laws.LAWS[law].learns_from_torque else 0) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
