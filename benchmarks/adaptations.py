@@ -12,9 +12,11 @@ Of the last tenth of a run are the largest error relative to the radius and the 
 torque between samples; the mass is the estimated one of all bodies over the true one, its inverse
 where that is larger. Where the load changes, the error around one second after it is shown too.
 
-``python -m benchmarks.adaptations`` prints the cells in which the default, the memory but where
+The first lines of the table are the zoo's, all chains of the catalogue, ideally measured and moved
+(``make zoo.table``). Below the table stand the cells in which the default, the memory but where
 friction is called known, is worse than it may be: the median above that of "natural" by a tenth or
-its worst by half, or either above that of no adaptation with the same lag.
+its worst by half, or either above that of no adaptation, with its own lag or with the memory's.
+``python -m benchmarks.adaptations`` prints them.
 """
 
 from __future__ import annotations
@@ -47,6 +49,8 @@ ADAPTATIONS: dict[str, dict[str, Any]] = {
 DECLARED, MEMORY = "declared", "natural-memory"
 ROTOR = 0.5, 1e-3  # of the inertia that each joint moves, and least, of the largest of these
 ANNOUNCED, UNANNOUNCED = "announced", "unannounced"
+ZOO = {"position": "zoo, positions", "pose": "zoo, poses"}
+IN_ZOO = {"": MEMORY, "natural": "natural"}  # the default of the zoo is the memory
 
 
 @dataclass(frozen=True)
@@ -170,8 +174,27 @@ def measure(robot: str, reality: str, adaptation: str) -> dict[str, Any]:
     return found
 
 
+def of_zoo(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows of the zoo as rows of this table."""
+    found, without = [], {}
+    for row in rows:
+        case = {"reality": ZOO[row["task"]], "robot": row["robot"]}
+        error = None if row["adapted"] is None else row["adapted"] / row["radius"]
+        found.append(case | {"adaptation": IN_ZOO[row["adaptation"] or ""], "error": error})
+        if row["unadapted"] is not None:
+            error = row["unadapted"] / row["radius"]
+            without[row["task"], row["robot"]] = case | {"adaptation": "none", "error": error}
+    return [*found, *without.values()]
+
+
+def whole() -> str:
+    """Return the report of the rows of the zoo and of this table."""
+    return report([*of_zoo(table_rows("zoo")), *table_rows("adaptations")])
+
+
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return a table in Markdown with one line for each reality and adaptation."""
+    """Return a table in Markdown with one line for each reality and adaptation, and its check."""
+    rows = list(rows)
     head = [
         "reality",
         "adaptation",
@@ -188,7 +211,7 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["reality"], row["adaptation"]), []).append(row)
-    for reality, kind in product(REALITIES, ADAPTATIONS):
+    for reality, kind in product((*ZOO.values(), *REALITIES), ADAPTATIONS):
         found = groups.get((reality, kind), [])
         held = [row for row in found if row["error"] is not None]
         if not found:
@@ -198,14 +221,32 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
             median(errors),
             max(errors),
             len(found) - len(held),
-            100.0 * median([row["second"] for row in held if row["second"]] or [math.nan]),
-            max((row["mass"] for row in held), default=math.nan),
-            100.0 * median(row["peak"] for row in found),
-            median([row["chatter"] for row in held] or [math.nan]),
+            100.0 * median(_known(held, "second")),
+            max(_known(held, "mass")),
+            100.0 * median(_known(found, "peak")),
+            median(_known(held, "chatter")),
         ]
         words = ["" if math.isnan(x) else f"{x:.2g}" for x in cells]
         table.append([reality, kind, str(len(found)), *words])
-    return "\n".join(f"| {' | '.join(line)} |" for line in table)
+    text = "\n".join(f"| {' | '.join(line)} |" for line in table)
+    worse = violations(rows)
+    words = "\n".join(f"- {line}" for line in worse)
+    return f"{text}\n\n{WORSE.format(words) if worse else RIGHT}"
+
+
+def _known(rows: Iterable[Mapping[str, Any]], key: str) -> list[float]:
+    """Return the values that there are, or NaN alone."""
+    return [row[key] for row in rows if row.get(key)] or [math.nan]
+
+
+RIGHT = (
+    "By default no reality ends with a median above that of `natural` by more than a tenth or a "
+    "worst arm above its worst by more than half, nor with either above that of no adaptation."
+)
+WORSE = (
+    "By default these end with a median above that of `natural` by more than a tenth, a worst arm "
+    "above its worst by more than half, or either above that of no adaptation:\n\n{}"
+)
 
 
 def violations(rows: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -215,8 +256,8 @@ def violations(rows: Iterable[Mapping[str, Any]]) -> list[str]:
         error = math.inf if row["error"] is None else 100.0 * row["error"]
         errors.setdefault((row["reality"], row["adaptation"]), {})[row["robot"]] = error
     found = []
-    for reality, suffix in product(REALITIES, ("", f", {DECLARED}")):
-        if REALITIES[reality].friction_known:
+    for reality, suffix in product((*ZOO.values(), *REALITIES), ("", f", {DECLARED}")):
+        if reality in REALITIES and REALITIES[reality].friction_known:
             continue  # there "natural" is the default
         own = errors.get((reality, MEMORY + suffix))
         bounds = (
@@ -259,4 +300,4 @@ def _percent(value: float) -> str:
 
 
 if __name__ == "__main__":
-    print("\n".join(violations(table_rows("adaptations"))))
+    print(whole().rpartition("|\n\n")[2])

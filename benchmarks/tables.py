@@ -151,7 +151,7 @@ def of_json(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callabl
 
 TABLES: dict[str, Callable[[], str]] = {
     "actuators": of("actuators", adaptations.declared),
-    "adaptations": of("adaptations", adaptations.report),
+    "adaptations": adaptations.whole,
     "alternatives": of(
         "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
     ),

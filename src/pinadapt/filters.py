@@ -198,8 +198,8 @@ class ObserverState(NamedTuple):
 
     Attributes:
         memory: (m_p + 2) observed position x_o [m], less what the velocity at the end of the last
-            step adds; for how long it adds [s], half of that step; and the time since the start
-            [s].
+            step adds; for how long it adds [s], half of that step, the lead not counted; and the
+            time since the start [s].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
     """
 
@@ -230,15 +230,35 @@ class PositionObserver(Filters):
     square of the period. By the earlier velocity alone it would lag by dt |xdd| / (2 beta), some
     thousandths of a millimetre on a circle of 0.1 m in 3 s.
 
+    A joint velocity behind a low pass of bandwidth lambda is late by 1 / lambda, and x_o would lag
+    by |xdd| / (lambda beta). The integral of the velocity v before the low pass is that of v_f
+    behind it plus v_f / lambda, so x_o is ahead of its integral by ``lead`` times J_hat v_f: it
+    lags by |dJ/dt qd| / (lambda beta) only.
+
+    Joints that give way: x_o follows the joints' velocity above beta and the measured position
+    below. A link on a spring swings against its motor above its own frequency w_e, and feedback of
+    its position makes it swing more: a motor that follows qd_r exactly lets it grow at the rate
+    alpha beta (alpha + beta) / (2 (w_e^2 + (alpha + beta)^2)) [1/s], alpha that of qd_r. So where
+    torques may be late by T > ``late`` (``Estimate.lateness``) and joints and position disagree,
+    beta is divided by 1 + (min(T / late, patience) - 1) min(1, |x_o - x|^2 / near^2).
+
     Attributes:
         beta: [1/s].
         error: returns s (n) of the law, to be low-passed; None for no such filter.
         bandwidth: of this low pass [1/s].
+        lead: 1 / lambda of the joint velocity's low pass [s], zero without one.
+        late: lateness of the torques up to which beta is whole [s].
+        patience: by which beta is divided at most; one: never.
+        near: |x_o - x| from which on it is wholly divided [m].
     """
 
     beta: float
     error: Callable[[Signals], np.ndarray] | None = None
     bandwidth: float = math.inf
+    lead: float = 0.0
+    late: float = math.inf
+    patience: float = 1.0
+    near: float = math.inf
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
@@ -246,6 +266,9 @@ class PositionObserver(Filters):
         memory = np.zeros(kinematics.positions + 2)
         if kinematics.positions and sensed.x is not None:
             memory[:-2] = sensed.x[: kinematics.positions]
+            if self.lead:
+                kinematics.update(kinematics.initial, sensed.q, sensed.v)
+                memory[:-2] -= self.lead * kinematics.xd_hat[: kinematics.positions]
         return ObserverState(memory, s_f)
 
     def observe(
@@ -263,13 +286,19 @@ class PositionObserver(Filters):
         if not m or sensed.x is None:
             return ObservedPosition(np.zeros(0), state.s_f, age)
         dx_o = empty(m)
-        kernels.observed(state.memory, kinematics.xd_hat, sensed.x, dx_o)
+        kernels.observed(state.memory, self.lead, kinematics.xd_hat, sensed.x, dx_o)
         return ObservedPosition(dx_o, state.s_f, age)
+
+    def _rate(self, s: Signals) -> float:
+        """Return the present beta [1/s]."""
+        return kernels.observing(
+            self.beta, s.filtered.dx_o, self.near, s.lateness, self.late, self.patience
+        )
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
         (memory, s_f), after = state, empty(state.memory.size)
-        kernels.carry(memory, s.xd_hat, s.filtered.dx_o, self.beta, dt, after)
+        kernels.carry(memory, s.xd_hat, s.filtered.dx_o, self._rate(s), dt, after)
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
         return ObserverState(after, s_f)
@@ -280,7 +309,7 @@ class PositionObserver(Filters):
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
         moved = np.zeros(state.memory.size)
-        moved[: dx_o.size], moved[-1] = s.xd_hat[: dx_o.size] - self.beta * dx_o, 1.0
+        moved[: dx_o.size], moved[-1] = s.xd_hat[: dx_o.size] - self._rate(s) * dx_o, 1.0
         return ObserverState(moved, s_f)
 
 

@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import fields, replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -343,6 +344,29 @@ def test_lyapunov_equality_while_damping_and_share_follow_the_lateness(name):
     adaptation.init = init
     slower = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
     assert energy.V[0] - slower.V[0] > 1e-3 * slower.V[0]  # kappa, and with it the law's part
+
+
+def test_lyapunov_equality_while_the_observer_trusts_the_joints():
+    """Torques that may be late by 0.1 s, and a tool that is unknown: beta follows |x_o - x|."""
+    robot = robot_of("separation", "panda")
+    unknown = pa.Unknown(tool=True, friction=False, armature=False)
+    made = partial(pa.make_controller, robot.changed(inertial_scale=0.7), unknown=unknown)
+    energies = []
+    for patience in (8.0, 1.0):
+        law = replace(made().law.tolerant(0.01, robot), patience=patience, near=1e-4)
+        controller = made(law=law, adaptation="natural-memory", gamma_d=1.0)
+        init = controller.adaptation_d.init
+        controller.adaptation_d.init = partial(late_by, 0.1, init)
+        energies.append(energy_along(real(robot), controller, beside(real(robot)), seconds=0.02))
+    patient, whole = energies
+    assert patient.mismatch(after=10) <= 1e-4
+    assert (patient.rate[2:-2] <= 0.0).all() and patient.largest_rise() <= 1e-12
+    assert abs(patient.V[-1] - whole.V[-1]) > 1e-4 * whole.V[-1]
+
+
+def late_by(time, init, value):
+    """Return the estimate that ``init`` makes of a value, beside torques late by a time [s]."""
+    return replace(init(value), lateness=time)
 
 
 def test_memory_is_not_trusted_where_innovations_last():

@@ -439,11 +439,26 @@ def test_hold(rng, laid):
 def test_carry(rng, laid):
     memory, xd_hat, x = map(laid, rng.standard_normal((3, 4)))
     memory[2:], dx_o, after = (0.03, 0.7), filled(2), filled(4)
-    laws.observed(memory, xd_hat, x[:2], dx_o)
-    assert close(dx_o, (memory + 0.03 * xd_hat - x)[:2])
+    laws.observed(memory, 0.02, xd_hat, x[:2], dx_o)
+    assert close(dx_o, (memory + 0.05 * xd_hat - x)[:2])
     laws.carry(memory, xd_hat, dx_o, 7.0, 0.1, after)
     assert close(after[:2], (memory + 0.08 * xd_hat)[:2] - (1.0 - np.exp(-0.7)) * dx_o)
     assert close(after[2:], np.array([0.05, 0.8]))
+
+
+def test_observing(laid):
+    dx_o = laid(np.array([3e-4, 4e-4]))
+    for near, late, patience, divided in (
+        (1e-4, 0.01, 8.0, 4.0),
+        (1e-4, 0.01, 3.0, 3.0),
+        (1e-3, 0.01, 8.0, 1.75),
+        (1e-4, 0.04, 8.0, 1.0),
+        (1e-4, 0.01, 1.0, 1.0),
+        (np.inf, 0.01, 8.0, 1.0),
+    ):
+        assert laws.observing(6.0, dx_o, near, 0.04, late, patience) == pytest.approx(6.0 / divided)
+    assert laws.observing(6.0, dx_o, 1e-4, np.inf, 0.01, 8.0) == 6.0 / 8.0
+    assert laws.observing(6.0, dx_o, 1e-4, np.inf, np.inf, 8.0) == 6.0
 
 
 @pytest.mark.parametrize("observed", [0, 2, 3])

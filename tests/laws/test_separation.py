@@ -1,9 +1,12 @@
 """The separation law against its own Lyapunov equality on every kind of task and parameter."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinadapt as pa
+from pinadapt.models import SensedState
+from pinadapt.signals import Signals
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_beside, energy_along, with_tool_and_load
 from tests.support.paper import BASIS, CIRCLE, LMI
@@ -160,6 +163,27 @@ def test_the_observer_is_that_of_its_differential_equation():
         ends.append(controller.observe(after, measurement, path).filtered.dx_o)
     coarse, fine = (np.abs(end - ends[2]).max() for end in ends[:2])
     assert 0.0 < fine < 0.6 * coarse < 1e-3
+
+
+def test_the_observer_is_ahead_of_a_velocity_that_is_late():
+    """Joints that swing, their velocity behind a low pass of 50 /s, the position in time."""
+    robot = catalogue_robot("planar_2r")
+    kinematics, low_pass = pa.make_controller(robot).kinematics, pa.filters.LowPass(50.0)
+    rates, dt, left = np.array([0.9, -0.6]), 2e-3, {}
+    for lead in (0.0, 1.0 / 50.0):
+        observer, s, v = pa.filters.PositionObserver(4.0, lead=lead), Signals(), rates
+        s.lateness, state, errors = 0.0, None, []
+        for k in range(1500):
+            q = pin.integrate(robot.model, robot.q0, rates / 3.0 * np.sin(3.0 * k * dt))
+            sensed = SensedState(q, v, robot.position(q))
+            kinematics.update(kinematics.initial, q, v)
+            state = observer.init(sensed, kinematics) if state is None else state
+            s.filtered, s.xd_hat = observer.observe(state, sensed, kinematics), kinematics.xd_hat
+            errors.append(np.abs(s.filtered.dx_o).max())
+            state = observer.step(state, s, dt)
+            v = low_pass.advance(v, rates * np.cos(3.0 * (k + 0.5) * dt), dt)
+        left[lead] = max(errors[750:])
+    assert errors[0] < 1e-12 and left[0.02] < 0.3 * left[0.0], left
 
 
 @pytest.mark.parametrize(("adaptation", "least"), [("natural", 1.0), ("natural-memory", 0.8)])

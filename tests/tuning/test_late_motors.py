@@ -77,6 +77,24 @@ def test_a_joint_that_is_too_light_for_the_short_lag_has_none_at_the_start():
     assert rollout.diverged is None and rollout.distance.max() < 0.05 * case.radius
 
 
+def test_links_that_swing_slower_than_the_feedback_are_followed():
+    """Springs of 400 N m/rad that nobody declared, at 2 Hz; the position is the links'."""
+    case = zoo_case("planar_2r")
+    M = pin.crba(case.true.model, case.true.model.createData(), case.true.q0)
+    rotors = 0.5 * np.diag(M)
+    true, model = (each.changed(armature=rotors) for each in (case.true, case.estimated))
+    springs = pa.Engine(actuators=pa.robot.Actuators(stiffness=400.0), torque_limits=False)
+    errors, unknown = [], pa.Unknown(armature=False)
+    for beta in (None, 20.0):  # the second is that of the first, but the user's
+        controller = pa.make_controller(model, unknown=unknown, dt=2e-3, beta=beta)
+        law = controller.law
+        assert law.beta == pytest.approx(20.0)
+        assert np.sqrt(400.0 / np.linalg.eigvalsh(M)[-1]) < 0.7 * law.alpha
+        rollout = pa.simulate(true, controller, case.motion, duration=2.4, engine=springs)
+        errors.append(rollout.distance[rollout.t > 2.0].max() / case.radius)
+    assert errors[0] < 0.02 and errors[1] > 0.1, errors
+
+
 def test_a_large_error_takes_the_damping_back_while_loads_may_be_unknown():
     """From 2 % of the reach on, wholly in the first second, until two; for three times the load."""
     robot = catalogue_robot("panda")

@@ -53,9 +53,11 @@ def filtered_rates(
     return True
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:])")
-def observed(memory: np.ndarray, xd_hat: np.ndarray, x: np.ndarray, dx_o: np.ndarray) -> None:
-    """Write x_o + half xd_hat - x (m_p).
+@compiled("void(f8[:], f8, f8[:], f8[:], f8[:])")
+def observed(
+    memory: np.ndarray, lead: float, xd_hat: np.ndarray, x: np.ndarray, dx_o: np.ndarray
+) -> None:
+    """Write x_o + (half + lead) xd_hat - x (m_p).
 
     The memory is (x_o, half, age), half of the last step and the time since the start [s].
     """
@@ -63,7 +65,24 @@ def observed(memory: np.ndarray, xd_hat: np.ndarray, x: np.ndarray, dx_o: np.nda
     if len(memory) < m + 1 or len(xd_hat) < m or len(x) < m:
         raise ArrayError
     for i in range(len(dx_o)):
-        dx_o[i] = memory[i] + memory[len(dx_o)] * xd_hat[i] - x[i]
+        dx_o[i] = memory[i] + (memory[m] + lead) * xd_hat[i] - x[i]
+
+
+@compiled("f8(f8, f8[:], f8, f8, f8, f8)", fills=0)
+def observing(
+    beta: float, dx_o: np.ndarray, near: float, lateness: float, late: float, patience: float
+) -> float:
+    """Return beta / (1 + (min(lateness / late, patience) - 1) min(1, |dx_o|^2 / near^2)).
+
+    It is beta where the lateness is at most ``late``, or the patience one.
+    """
+    if lateness <= late or patience <= 1.0:
+        return beta
+    size = 0.0
+    for i in range(len(dx_o)):
+        size += dx_o[i] * dx_o[i]
+    most = min(lateness / late, patience) - 1.0
+    return beta / (1.0 + most * min(1.0, size / (near * near)))
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")

@@ -178,9 +178,9 @@ class FastFeedback(Law):
         """Return this feedback around the law with another weight."""
         return replace(self, law=self._law.with_prediction_weight(weight))
 
-    def decorrelated(self, bandwidth: float) -> FastFeedback:
+    def decorrelated(self, bandwidth: float, lead: float = 0.0) -> FastFeedback:
         """Return this feedback around the decorrelated law."""
-        return replace(self, law=self._law.decorrelated(bandwidth))
+        return replace(self, law=self._law.decorrelated(bandwidth, lead))
 
     def tolerant(self, late: float, robot: Robot) -> FastFeedback:
         """Return this feedback around the law for motors that are late by up to a time [s]."""

@@ -304,10 +304,14 @@ class Law(Doors, ABC):
         """Return the law with this weight R_k of the kinematic prediction error."""
         return self
 
-    def decorrelated(self, bandwidth: float) -> Law:
+    def decorrelated(self, bandwidth: float, lead: float = 0.0) -> Law:
         """Return the law with a regressor free of the noise of v above a bandwidth [1/s].
 
         The law itself where it has no such form.
+
+        Args:
+            bandwidth: infinite for none.
+            lead: the time by which the low pass on v delays it [s].
         """
         return self
 

@@ -41,6 +41,8 @@ _CARRIED, _MOST = 0.05, 2.5  # for late motors: least inertia, of the load's; mo
 _EAGER = 3.0  # times the delay of the motors, during which a ringing does not grow
 _FAR, _TURNED = 0.01, 0.06  # errors that are large: of the reach, and [rad]
 _MARGIN = 3.0  # lag over the time by which the torques may be late
+_PATIENCE = 8.0  # by which beta is divided at most where torques are late by much
+_DISAGREE = 6e-4  # of the reach: the error of the observation from which on it is
 _UNKNOWN = 1.0  # [s] after the start, during which a load that nobody announced may strike
 _PUSH = 2.0  # times the damping, more for a joint behind a shortened reference
 _OBSERVER = 1.0  # beta in bandwidths
@@ -92,7 +94,7 @@ class Separation(Law):
         posture: what redundant joints do.
         K_v: (n, n) K_D [N m s/rad or N s/m], or what it is at most; see ``lag``.
         alpha: [1/s].
-        beta: [1/s].
+        beta: [1/s], or what it is at most; see ``patience``.
         c: weight of the observation error; zero by default for pictures.
         R_k: (m_p, m_p) R, weight of the prediction error.
         lambda_s: decorrelation [1/s], infinite for none.
@@ -109,6 +111,10 @@ class Separation(Law):
             N s/m]; None: K_v.
         carried: (n) for joints that are light beside the assumed load, see ``tolerant`` [N m s/rad
             or N s/m].
+        patience: by which beta is divided at most where torques may be late by more than a third
+            of ``late`` and joints and position disagree, as on springs; see ``PositionObserver``.
+        near: |x_o - x| from which on it is wholly divided [m].
+        lead: the time by which a low pass delays qd [s], see ``PositionObserver``.
         Y_fast: norm of Y_k beyond which c is scaled down with its square, sigma = min(1, Y_fast^2 /
             |Y_k|^2): the mode of the kinematic adaptation grows with the speed, and a wrist that an
             unknown load spins would swing the estimate faster than the arm can follow it. With
@@ -137,6 +143,9 @@ class Separation(Law):
     far: Any = 0.0
     K_far: Any = None
     carried: Any = 0.0
+    patience: float = 1.0
+    near: float = math.inf
+    lead: float = 0.0
     Y_fast: float = math.inf
     speeds: np.ndarray | None = None
 
@@ -177,9 +186,16 @@ class Separation(Law):
     @cached_property
     def filters(self) -> PositionObserver:
         """The observer of the position."""
-        if math.isinf(self.lambda_s):
-            return PositionObserver(self.beta)
-        return PositionObserver(self.beta, self._reference_error, self.lambda_s)
+        late, patience = (self.late / _MARGIN, self.patience) if self.late else (math.inf, 1.0)
+        return PositionObserver(
+            self.beta,
+            None if math.isinf(self.lambda_s) else self._reference_error,
+            self.lambda_s,
+            lead=self.lead,
+            late=late,
+            patience=patience,
+            near=self.near,
+        )
 
     @cached_property
     def _eager(self) -> float:
@@ -209,6 +225,8 @@ class Separation(Law):
             posture,
             M_0=NominalInertia(motion.robot),
             Y_fast=_FAST * float(Y_fast) or math.inf,
+            patience=_PATIENCE if given.get("beta") is None else 1.0,
+            near=_DISAGREE * motion.robot.reach,
             **gains,
         )
 
@@ -305,13 +323,21 @@ class Separation(Law):
         """Return the law with these speeds (n) [rad/s or m/s], unless it has some."""
         return replace(self, speeds=speeds) if self.speeds is None else self
 
-    def decorrelated(self, bandwidth: float) -> Separation:
-        """Return the law with another lambda_s [1/s]."""
-        return replace(self, lambda_s=bandwidth)
+    def decorrelated(self, bandwidth: float, lead: float = 0.0) -> Separation:
+        """Return the law with another lambda_s [1/s], for a velocity that is late by a lead [s]."""
+        return replace(self, lambda_s=bandwidth, lead=lead)
 
     def with_prediction_weight(self, weight: float) -> Separation:
         """Return the law with another R, a number times the identity."""
         return replace(self, R_k=weight)
+
+    def _observing(self, s: Signals) -> float:
+        """Return the present beta [1/s], that of the observer."""
+        if not self.late:
+            return self.beta
+        return kernels.observing(
+            self.beta, s.filtered.dx_o, self.near, s.lateness, self.late / _MARGIN, self.patience
+        )
 
     def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
         """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.
@@ -320,7 +346,7 @@ class Separation(Law):
         """
         u, ud = empty(s.dx.size), empty(s.dx.size)
         kernels.reference(
-            s.xd_d, s.dx, s.xdd_d, s.xd_hat, s.filtered.dx_o, self.alpha, self.beta, u, ud
+            s.xd_d, s.dx, s.xdd_d, s.xd_hat, s.filtered.dx_o, self.alpha, self._observing(s), u, ud
         )
         if s.delta is not None:
             ud -= self.alpha * s.delta
@@ -415,7 +441,9 @@ class Separation(Law):
         joints = error @ (K_D @ error) + error @ (f(s.v) - f(s.v - error))
         if lacking is not None:
             joints -= error @ self._push(s, error, lacking)
-        task = self.sigma(s) * self.c * self.beta * dx_o @ dx_o + epsilon @ (self.R_k @ epsilon)
+        task = self.sigma(s) * self.c * self._observing(s) * dx_o @ dx_o + epsilon @ (
+            self.R_k @ epsilon
+        )
         return float(-joints - task)
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:

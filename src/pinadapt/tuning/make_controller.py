@@ -179,7 +179,7 @@ def make_controller(
     elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
-        tuned = tuned.decorrelated(settings.decorrelation)
+        tuned = tuned.decorrelated(settings.decorrelation, 1.0 / settings.velocity)
         patient = kind in MEMORIES and applied.actuators.ideal and gains.get("lag") is None
         if patient and learns_friction(robot, dynamics):  # else the feedback compensates it
             tuned = tuned.tolerant(LATE, robot)
