@@ -218,6 +218,7 @@ class Separation(Law):
             "lag": dt / _STEP if given.get("Kv") is None else 0.0,
         }
         posture = Posture.of(motion.robot, given.get("posture"), w)
+        patient = given.get("beta") is None and motion.kinematics.affine  # not of a picture
         gains = merged(defaults, given)
         Y_fast = max((np.linalg.norm(Y_p) for Y_p in motion.kinematic_regressors), default=0.0)
         return cls(
@@ -225,7 +226,7 @@ class Separation(Law):
             posture,
             M_0=NominalInertia(motion.robot),
             Y_fast=_FAST * float(Y_fast) or math.inf,
-            patience=_PATIENCE if given.get("beta") is None else 1.0,
+            patience=_PATIENCE if patient else 1.0,
             near=_DISAGREE * motion.robot.reach,
             **gains,
         )
