@@ -229,9 +229,8 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
         words = ["" if math.isnan(x) else f"{x:.2g}" for x in cells]
         table.append([reality, kind, str(len(found)), *words])
     text = "\n".join(f"| {' | '.join(line)} |" for line in table)
-    worse = violations(rows)
-    words = "\n".join(f"- {line}" for line in worse)
-    return f"{text}\n\n{WORSE.format(words) if worse else RIGHT}"
+    worse = "\n".join(f"- {line}" for line in violations(rows))
+    return f"{text}\n\n{WORSE.format(worse) if worse else RIGHT}"
 
 
 def _known(rows: Iterable[Mapping[str, Any]], key: str) -> list[float]:
