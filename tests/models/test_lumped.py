@@ -340,7 +340,8 @@ def test_unknown_lengths_choose_the_lumped_dynamics():
 
 
 def test_ur5_learns_five_lengths_and_all_inertias():
-    scenario = Scenario.read(ROBOTS / "ur5" / "unknown_lengths.toml", ["simulation.duration=6.0"])
+    shorter = ["simulation.duration=6.0", "simulation.dt=0.002"]
+    scenario = Scenario.read(ROBOTS / "ur5" / "unknown_lengths.toml", shorter)
     rollout = scenario.run()
     assert rollout.diverged is None
     assert (len(rollout.dynamic_names), len(rollout.kinematic_names)) == (56, 5)
