@@ -188,7 +188,7 @@ def test_a_push_on_a_large_arm_is_contact_and_a_load_and_tool_that_are_learned_a
     """With the noise of an encoder of 17 bits; both sides of the threshold by a margin."""
     described = pa.load("panda")
     true = described.changed(
-        payload=pa.Payload(1.0, [0.02, 0.0, 0.06]), tool_translation=[0.02, -0.01, 0.05]
+        payload=pa.Payload(1.5, [0.02, 0.0, 0.06]), tool_translation=[0.02, -0.01, 0.05]
     )
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.05), encoder=2.0 * np.pi / 2**17)
     of = pa.make_controller(
