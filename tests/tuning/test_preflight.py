@@ -1,6 +1,9 @@
 """Default gains pass the check before a run; gains too fast for the period do not."""
 
+import warnings
+
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -229,3 +232,64 @@ def test_default_rates_are_lowered_to_what_the_period_bears():
     assert (
         bodies < slow.adaptation_d.parts[0][0].gamma
     )  # with a shorter period the usual rate is borne
+
+
+def snake(joints):
+    """Return a chain of equal links, their axes across and along in turn, without rotors."""
+    model, parent, length = pin.Model(), 0, 0.1
+    for i in range(joints):
+        joint = pin.JointModelRZ() if i % 2 else pin.JointModelRY()
+        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, length if i else 0.0]))
+        parent = model.addJoint(parent, joint, place, f"joint{i}")
+        body = pin.Inertia(0.5, np.array([0.0, 0.0, 0.5 * length]), 1e-3 * np.eye(3))
+        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
+    tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, length]))
+    model.addFrame(pin.Frame("tip", parent, 0, tip, pin.FrameType.BODY))
+    return pa.load(model, frame="tip", q0=np.full(joints, 0.1))
+
+
+def test_rotors_that_are_guessed_too_heavy_for_light_links_are_found():
+    """Of 30 joints the guess for the first is 2 kg m^2, and the last link moves 1e-3 of it."""
+    robot = snake(30)
+
+    def held(dt, **options):
+        controller = pa.make_controller(robot, dt=dt, adaptation="none", **options)
+        found, engine = pa.preflight(controller, dt), pa.Engine(dt=dt)
+        path = pa.trajectories.Hold(robot.position(robot.q0) - [0.0, 0.0, 0.01])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            rollout = pa.simulate(robot, controller, path, duration=0.03, engine=engine)
+        return found, rollout.diverged is None
+
+    (finding,), holds = held(1e-3)
+    assert not holds and finding.part.startswith("task feedback") and 1e-4 < finding.longest < 3e-4
+    assert str(finding).endswith("unknown rotors is heavy beside these links.")
+    assert "unknown=pa.Unknown(armature=False)" in str(finding)
+    assert held(0.99 * finding.longest)[1]
+    assert held(1e-3, unknown=pa.Unknown(armature=False)) == ([], True)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "tiago_arm", "allegro_left_index"])
+def test_a_period_that_leaves_no_stiffness_against_gravity_is_found(name):
+    robot = catalogue_robot(name)
+    findings = {}
+    for dt in (1e-3, 4e-3, 2e-2, 0.1):
+        controller = pa.make_controller(robot, adaptation="natural", dt=dt)
+        findings[dt] = pa.preflight(controller, dt)
+    assert findings[1e-3] == findings[4e-3] == []
+    for dt in (2e-2, 0.1):
+        (finding,) = findings[dt]
+        assert finding.part == "bandwidth" and "displaces the arm by" in str(finding)
+        shorter = 0.99 * finding.longest
+        assert 5e-3 < shorter < dt
+        assert pa.preflight(pa.make_controller(robot, dt=shorter), shorter) == []
+
+
+@pytest.mark.parametrize("name, words", [("panda", "cannot hold"), ("planar_2r", "hardly move")])
+def test_motors_that_can_do_nothing_are_found_with_and_without_gravity(name, words):
+    robot = catalogue_robot(name)
+    limits = pa.Limits(torque=np.full(robot.model.nv, 1e-7))
+    controller = pa.make_controller(robot, adaptation="natural", limits=limits)
+    (finding,) = pa.preflight(controller, 1e-3)
+    assert finding.part == "motors" and f"the motors {words} the model" in str(finding)
+    assert pa.preflight(pa.make_controller(robot, adaptation="natural"), 1e-3) == []

@@ -23,13 +23,16 @@ STEPPED, BAD, BRIDGED, LOST, FRAMES, STALE, REPEATED, DEAF, TORQUES, SEEN, SINCE
 ERROR, PLACE = 12, 15
 TRAIL = 22
 RATE, WAY, SAID, LONG_WAY, LONG_SAID, PATH, SAID_PATH, PEAK = range(8)
-Q_STILL, V_STILL, AGREED, RAW, LEAST, BELIEVED, SAGGED = range(8, 15)
-TRAIL_ROWS = 15
+Q_STILL, V_STILL, AGREED, RAW, LEAST, BELIEVED, SAGGED, V_LEAST, V_WAY, V_SUM = range(8, 18)
+Q_SAID, TRAIL_ROWS = 18, 19
 SHORT, LONG = 0.05, 0.5  # [s] over which ways are summed
 _SHARE, _LONG_SHARE = 0.25, 0.5  # of the way, by which q and v may differ
 _SHAKEN, _SHOWN = 5.0, 10.0  # the path that v says: of that of q, and of the tolerance, at most
 _TELLING = 4.0  # tolerances of a way after which an arm moves, and q and v are believed
 _COUNTS = 3.0  # least changes of q, by which it clearly changes from sample to sample
+_LAG = 0.2  # [s] of v before and after a reversal that the filter of a driver may leave out
+HALTED = 3.0  # delays of v after which a signal that is the same to the bit may be stuck
+_TIGHT = 0.5  # of tol_0, that is no motion of a joint
 _LEARNED = 1.0  # of a frame's error, which learning may take away between two frames
 
 
@@ -68,7 +71,11 @@ def check_sample(
     * STUCK: q is the same to the bit, and so is v, by which q should have changed by more than
       three times its least change so far; or v has become zero at once, and not that of all joints.
     * APART: v is not the rate of q: |W - D| > share max(|W|, |D|) + tol, with a share of 1/4 over
-      T = 50 ms and 1/2 over 0.5 s, or P_v > 5 P + 10 tol over 0.5 s.
+      T = 50 ms, of 1/2 and further min(0.2 s peak |v|, 0.2 s v_max, 0.4 P) for filters over 0.5 s,
+      or P_v > 5 P + 10 tol over 0.5 s. Or one of both has been the same to the bit for T > 3 L, and
+      the other one says a way beyond tol_0 / 2 + 3 (least change of q) + r T, with r = v_clear +
+      (least change of v), least so far: where v stands, not at zero, a T^2 / 2 of q's acceleration
+      a; where q stands, min(|W|, |v| T) - 3 L min(peak |v|, v_max) - r T, as a late v decays.
     * FAR: |x - place| > far.
     * FRAME: the error e = p_hat - x of a frame has changed by more than the unknown translations,
       of at most ``unknown``, learning and noise explain: |de| > floor + unknown (sum |dq|) + |e|,
@@ -109,7 +116,7 @@ def check_sample(
         if dt > numbers[LONGEST]:
             after[SEEN] = after[SINCE] = after[RECENT] = 0.0
             for k in range(TRAIL, len(after)):
-                if (k - TRAIL) % TRAIL_ROWS not in (AGREED, LEAST):
+                if (k - TRAIL) % TRAIL_ROWS not in (AGREED, LEAST, V_LEAST):
                     after[k] = 0.0
     if follows and n > 0:
         short, long = np.exp(-dt / SHORT), np.exp(-dt / LONG)
@@ -165,6 +172,7 @@ def check_sample(
             return JOINTS + KINDS * i + JUMP
         step, told = abs(way), abs(said)
         change = abs(q[first] - before[at + RAW])
+        change = change if plain or change > step else step  # a cosine changes by less
         after[at + LEAST] = change if change > 0.0 and not 0.0 < least < change else least
         D, W = short * before[at + WAY] + way, short * before[at + SAID] + said
         D_l, W_l = long * before[at + LONG_WAY] + way, long * before[at + LONG_SAID] + said
@@ -175,15 +183,32 @@ def check_sample(
         after[at + WAY], after[at + SAID] = D, W
         after[at + LONG_WAY], after[at + LONG_SAID] = D_l, W_l
         after[at + PATH], after[at + SAID_PATH], after[at + PEAK] = P, P_v, peak
-        after[at + Q_STILL] = before[at + Q_STILL] + dt if same else 0.0
-        after[at + V_STILL] = before[at + V_STILL] + dt if now == rate else 0.0
+        change = abs(now - rate)
+        finest = before[at + V_LEAST]
+        after[at + V_LEAST] = change if change > 0.0 and not 0.0 < finest < change else finest
+        q_still = before[at + Q_STILL] + dt if same else 0.0
+        v_still = before[at + V_STILL] + dt if now == rate else 0.0
+        q_said = before[at + Q_SAID] + said if same else 0.0
+        v_way = before[at + V_WAY] + way if now == rate else 0.0
+        v_sum = before[at + V_SUM] + dt * (v_way - 0.5 * way) if now == rate else 0.0
+        after[at + Q_STILL], after[at + V_STILL] = q_still, v_still
+        after[at + Q_SAID], after[at + V_WAY], after[at + V_SUM] = q_said, v_way, v_sum
+        quickest = peak if peak < most else most
+        stuck, lasting, unseen = 0.0, HALTED * numbers[LATE], bounds[CLEAR, i] + finest
+        if v_still > lasting and least > 0.0 and finest > 0.0 and now != 0.0:
+            bent = 6.0 * abs(0.5 * v_way - v_sum / v_still)
+            stuck = bent - unseen * v_still
+        if q_still > lasting and least > 0.0:
+            told_now = min(abs(q_said), speed * q_still) - lasting * quickest
+            stuck = max(stuck, told_now - 2.0 * unseen * q_still)
         turned += step
-        tolerance += numbers[LATE] * (peak if peak < most else most)
+        tolerance += numbers[LATE] * quickest
         larger = max(abs(W_l), abs(D_l))
         if (
             abs(W - D) > _SHARE * max(abs(W), abs(D)) + tolerance
-            or abs(W_l - D_l) > _LONG_SHARE * larger + tolerance
+            or abs(W_l - D_l) > _LONG_SHARE * larger + tolerance + _LAG * min(quickest, P / LONG)
             or P_v > _SHAKEN * P + _SHOWN * tolerance
+            or stuck > _TIGHT * bounds[TOLERANCE, i] + _COUNTS * least
         ):
             apart = i if apart < 0 else apart
         after[at + BELIEVED] = after[at + SAGGED] = 0.0

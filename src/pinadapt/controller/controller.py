@@ -546,16 +546,8 @@ class Controller(Doors):
             guards = senses.guards
             elapsed = guards.elapsed(t_before, t, dt, self.period, before.trail)
             since = t - t_before if guards.clock else elapsed
-        sensed, still, measurement = senses.read(
-            before,
-            t_before,
-            measurement,
-            desired,
-            kinematics,
-            a_k,
-            self._position_error,
-            since,
-        )
+        given = before, t_before, measurement, desired, kinematics, a_k, self._position_error, since
+        sensed, still, measurement = senses.read(given)
         q, v, x, epsilon, X_k, _, _, _, _ = sensed
         a_d = dynamic.value
         if self._projects:

@@ -175,14 +175,9 @@ class Estimator:
         elapsed = sample.t - state.t
         if elapsed <= 0.0:
             raise ImplausibleError("t", sample.t, f"is not after the last sample's, {state.t:g} s")
+        a_k = state.a_k
         sensed, still, sample = self._senses.read(
-            state.sensed,
-            state.t,
-            sample,
-            self._nowhere,
-            self._kinematics,
-            state.a_k,
-            since=elapsed,
+            (state.sensed, state.t, sample, self._nowhere, self._kinematics, a_k, True, elapsed)
         )
         dynamic, kinematic = state.dynamic, state.kinematic
         filtered = self._filtered(state, sensed, sample.tau, elapsed)

@@ -292,11 +292,17 @@ class Guards:
                 if abs(said_s - way_s) > _OTHER * max(abs(said_s), abs(way_s))
                 else (path, said_path)
             )
+        q_still, v_still = (float(_row(trail, row)[i]) for row in _STILLS)
+        lasting = kernels.HALTED * self.numbers[kernels.LATE]
+        if v_still > lasting:
+            way, said = float(_row(trail, kernels.V_WAY)[i]), float(v[i]) * v_still + 0.0
+        if q_still > lasting:
+            way, said = 0.0, float(_row(trail, kernels.Q_SAID)[i])
         words, guess = _named_factor(way, said, unit)
         stuck = [
             signal
-            for signal, row in (("q", kernels.Q_STILL), ("v", kernels.V_STILL))
-            if _row(trail, row)[i] > _STILL * max(dt, _BEGUN)
+            for signal, still in (("q", q_still), ("v", v_still))
+            if still > _STILL * max(dt, _BEGUN)
         ]
         if stuck and "stuck" not in guess:
             guess = f"{' and '.join(stuck)} stuck, the same for the last samples?"
@@ -446,38 +452,24 @@ class Senses:
             trail=self.guards.trail(v),
         )
 
-    def read(
-        self,
-        before: SensedState,
-        t_before: float,
-        measurement: Measurement,
-        desired: Desired,
-        kinematics: TaskKinematics,
-        a_k: np.ndarray,
-        position_error: bool = True,
-        since: float | None = None,
-    ) -> Read:
+    def read(self, given: Given) -> Read:
         """Return what is known at a sample, whether joints and reference rest, and the sample.
 
         The kinematics are updated to the sample, which is returned with what was bridged replaced.
         What is known shares no memory with it.
 
         Args:
-            before: what was known at the sample before.
-            t_before: time of that sample [s].
-            measurement: the sample.
-            desired: the desired motion.
-            kinematics: the estimated kinematics.
-            a_k: (p_k) their estimate [m].
-            position_error: whether the prediction error of the position is used.
-            since: time since that sample [s]; None: the sample does not follow it, it is only
-                looked at.
+            given: what was known at the sample before; the time of that one [s]; the sample; the
+                desired motion; the estimated kinematics, and their estimate a_k (p_k) [m]; whether
+                the prediction error of the position is used; and the time since the sample before
+                [s], None if the sample does not follow it and is only looked at.
 
         Raises:
             ImplausibleError: what the guards refuse, the last frame of the camera is too old, or
                 what the first samples tell is impossible.
             MeasurementError: a frame was taken later than the sample.
         """
+        before, t_before, measurement, desired, kinematics, a_k, position_error, since = given
         t, q, v, x, x_time, _, _, tau, _ = measurement
         guards, first, trail = self.guards, before.first, _NOTHING
         late = x_time is not None and x_time != t
@@ -487,7 +479,6 @@ class Senses:
             trail = before.trail
             after = empty(trail.size)
         if tau is not None and trail.size and guards.too_strong(tau):
-            given = before, t_before, measurement, desired, kinematics, a_k, position_error, since
             return self._without_torque(given)
         if first is not None and since is not None:
             first = self._first(first, measurement, since)
@@ -500,7 +491,6 @@ class Senses:
             guards.bounds, guards.places, guards.numbers, trail, after,
         )  # fmt: skip
         if found > kernels.STILL:
-            given = before, t_before, measurement, desired, kinematics, a_k, position_error, since
             return self._bridged(found, after, given)
         still = found == kernels.STILL and not (desired.xd_d.any() or desired.xdd_d.any())
         if not kinematics.positions:  # a joint task
@@ -510,16 +500,6 @@ class Senses:
         if x is None or late or self.compensator.smoothing < math.inf:
             sensed = self.compensator.update(before, t_before, t, q, v, x, x_time, kinematics)
             if late and x is not None and after.size and sensed.frame is not before.frame:
-                given = (
-                    before,
-                    t_before,
-                    measurement,
-                    desired,
-                    kinematics,
-                    a_k,
-                    position_error,
-                    since,
-                )
                 found, after = self._late_frame(x, sensed.epsilon, after)
                 if found > kernels.STILL:
                     return self._bridged(found, after, given)
@@ -568,10 +548,8 @@ class Senses:
                 "Give the torques of the joints in N m or N, after the gears, or none. "
                 f"{_SWITCH.format('gravity')}",
             )
-        sensed, still, sample = self.read(
-            before, t_before, sample._replace(tau=None), desired, kinematics, a_k, position_error,
-            since,
-        )  # fmt: skip
+        heard = before, t_before, sample._replace(tau=None)
+        sensed, still, sample = self.read((*heard, desired, kinematics, a_k, position_error, since))
         sensed.trail[kernels.DEAF] = deaf
         sensed.trail[kernels.TORQUES] += 1.0
         return sensed, still, sample
@@ -614,7 +592,7 @@ class Senses:
         if lasting > _LASTS:
             raise error
         sensed, still, bridged = self.read(
-            before, t_before, bridged, desired, kinematics, a_k, position_error, since
+            (before, t_before, bridged, desired, kinematics, a_k, position_error, since)
         )
         sensed.trail[place] = lasting
         sensed.trail[count] += 1.0

@@ -195,12 +195,13 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     return bounds if np.isfinite(bounds).any() else None
 
 
-def overloaded(robot: Robot, limits: np.ndarray) -> str | None:
+def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") -> str | None:
     """Return a message if the motors cannot hold a robot at its home pose against gravity, or None.
 
     Args:
-        robot: the true robot with its load.
+        robot: with its load.
         limits: (nv) torque limits of the motors [N m or N].
+        words: which robot it is.
     """
     weight = np.abs(pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0))
     short = [
@@ -213,8 +214,8 @@ def overloaded(robot: Robot, limits: np.ndarray) -> str | None:
     if not short:
         return None
     return (
-        f"the motors cannot hold the true robot at its home pose: {', '.join(short)}. Choose a "
-        "lighter load or another home pose."
+        f"the motors cannot hold {words} at its home pose: {', '.join(short)}. Choose a lighter "
+        "load or another home pose."
     )
 
 

@@ -87,13 +87,14 @@ def findings(
         actuators: of the true robot; None: as the controller has them declared.
     """
     quality = sensors.quality(true.model.nv, dt)
-    found = [*preflight(controller, dt, actuators), *sensor_findings(controller, quality)]
-    words = [str(finding) for finding in found]
+    found, held = preflight(controller, dt, actuators), None
+    if motors is not None and controller.compensation is None:
+        held = overloaded(true, motors)
+    words = [str(finding) for finding in found if not (held and finding.part == "motors")]
+    words += map(str, sensor_findings(controller, quality))
     if wrong := jacobian_finding(controller, true):
         words.append(str(wrong))
-    if motors is not None and controller.compensation is None:
-        words += filter(None, [overloaded(true, motors)])
-    return words
+    return words if held is None else [*words, held]
 
 
 def check_options(

@@ -4,8 +4,11 @@ Period: each part of the closed loop is linearised over a typical motion of the 
 the controller does it, torques and gradients held for dt. A part is stable while the spectral
 radius of its transition matrix is below one. The real inertias differ from the model's: stability
 is required with feedback and kinematic adaptation doubled, and with the rates of the dynamic
-adaptation 1.5 times as large, as for bodies a third lighter. Where actuators are declared, or known
-of a simulated robot, their delay, bandwidth and springs are in the loop, see ``ActuatedJoints``.
+adaptation 1.5 times as large, as for bodies a third lighter. Where rotor inertias are learned, the
+true ones may also be those of the description: beside many light links, their guess alone makes a
+loop too fast. Where actuators are declared, or known of a simulated robot, their delay, bandwidth
+and springs are in the loop, see ``ActuatedJoints``. A period may also leave a loop that is stable
+and too slow to follow anything, and motors may be too weak to hold or move the arm.
 
 Sensors: a frame that is used without compensation is a delay of the position feedback by up to its
 age; the loop of the typical motion with that delay, in Pade's second-order form, must be stable
@@ -16,11 +19,13 @@ filters and rates were chosen.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import cycle
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -33,11 +38,11 @@ from ..laws.law import SYMBOLS, Feedback, Law
 from ..models.frame_kinematics import FrameKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
-from ..robot.motors import Actuators, JointActuators
+from ..robot.motors import Actuators, JointActuators, overloaded
 from ..robot.robot import Robot
 from ..robot.workspace import rounded_down
 from ..tasks.task import JointTask
-from .defaults import frequency
+from .defaults import bandwidth, frequency
 from .noise import coarseness
 
 _LOAD, _ARM = 0.1, 0.05  # of the robot's mass, of its reach off the axis: such a load ...
@@ -108,12 +113,17 @@ def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
 
 _MARGIN, _ADAPTATION_MARGIN = 2.0, 1.5
 _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
+_ROTORLESS = f"{_FEEDBACK}, if the rotors are only those of the description"
 _KINEMATICS = "adaptation of the kinematics"
 _SLACK, _NEARLY_NONE = 0.95, 1e-6
 _SHORTEST = 1e-3  # of the period, at which late motors count as stable at no period
 _LEAST, _HALVINGS = 1e-6, 16  # smallest share, and bisections of its logarithm: to 0.02 %
 _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 _FREE = 1.0 + 1e-6  # of gains that are nearly zero, whose double roots are rounded
+_WRONG, _AWAY = 0.3, 0.08  # of gravity, and what that may displace, of the reach or of a radian
+_SLOWED = 0.25  # of a robot's bandwidth, from which on a period is to blame
+_NULL = 1e-6  # relative stiffness of directions that the task does not have
+_HARDLY = 0.1  # of the torque that brings the joints to their typical speed within a second
 
 
 _BEHIND = (
@@ -133,6 +143,7 @@ class Finding:
             no gain helps.
         values: by name, the present gains that are one number.
         actuators: in words, if they are not ideal.
+        flaw: in words, where it is not that a part is too fast.
     """
 
     part: str
@@ -141,9 +152,12 @@ class Finding:
     factors: dict[str, float]
     values: dict[str, float] = field(default_factory=dict)
     actuators: str = ""
+    flaw: str = ""
 
     def __str__(self) -> str:
-        """Return which part is too fast, and the period or the gains to take."""
+        """Return what is wrong, and what to take instead."""
+        if self.flaw:
+            return self.flaw
         gains = [_bound(name, each, self.values.get(name)) for name, each in self.factors.items()]
         if self.actuators:
             ways = [f"dt <= {rounded_down(self.longest):.2g} s"] if self.longest else []
@@ -160,6 +174,11 @@ class Finding:
             if gains
             else "; smaller gains do not help, the damping of the null space is too fast by itself"
         )
+        if self.part == _ROTORLESS:
+            other = (
+                ", or say that these are right: unknown=pa.Unknown(armature=False). What is "
+                "guessed of unknown rotors is heavy beside these links"
+            )
         return (
             f"dt = {self.dt:.3g} s is too long for the {self.part}: take dt <= "
             f"{rounded_down(self.longest):.2g} s{other}."
@@ -194,13 +213,14 @@ def _values(law: Law, names: Iterable[str]) -> dict[str, float]:
 
 
 Radius = Callable[..., float]  # of dt [s] and factor, both by name
+Part: TypeAlias = tuple[str, dict[str, float], Radius]  # name, gains with powers of the factor
 
 
 @arithmetic("dt")
 def preflight(
     controller: Controller, dt: float, actuators: Actuators | None = None
 ) -> list[Finding]:
-    """Return the parts of the loop that are unstable at the period dt [s]; empty if stable.
+    """Return what is too fast at the period dt [s], too slow or too weak; empty if all is well.
 
     A controller put together by hand, without the typical motion that ``make_controller`` gives it,
     is not checked. If the damping of the feedback alone is too fast for dt, only the feedback is
@@ -217,18 +237,86 @@ def preflight(
     instance(controller, Controller, "controller")
     instance(actuators, Actuators | None, "actuators")
     actuators = controller.limits.actuators if actuators is None else actuators
-    dt, findings = positive(dt, "dt"), []
-    for part, gains, radius in _parts(controller, actuators):
+    dt, findings = positive(dt, "dt"), list[Finding]()
+    for part, gains, radius in (*_parts(controller, actuators), *_rotorless(controller, actuators)):
         if radius(dt=dt, factor=1.0) <= _UNSTABLE:
             continue
+        if part == _ROTORLESS and any(finding.part == _FEEDBACK for finding in findings):
+            continue
         helps = radius(dt=dt, factor=_NEARLY_NONE) <= _FREE
-        if helps or part == _FEEDBACK:
-            factors = _stable_factors(gains, radius, dt) if helps else {}
+        if helps or part in (_FEEDBACK, _ROTORLESS):
+            given = helps and part != _ROTORLESS
+            factors = _stable_factors(gains, radius, dt) if given else {}
             values = _values(controller.law, factors)
             words = "" if actuators.ideal or part == _KINEMATICS else actuators.words
             longest = _longest(radius, dt, late=bool(words))
             findings.append(Finding(part, dt, longest, factors, values, words))
+    if controller.motion is not None:
+        others = _too_slow(controller, controller.motion, dt), _too_weak(controller, dt)
+        findings += [finding for finding in others if finding is not None]
     return findings
+
+
+def _too_slow(controller: Controller, motion: TypicalMotion, dt: float) -> Finding | None:
+    """Return what a feedback lacks that is slow because the period is long, if it is too much.
+
+    Its stiffness is compared with gravity that the model has wrong: displaced by that, until it is
+    learned, an arm follows nothing. With a period the displacement grows as its square.
+    """
+    robot, task = motion.robot, motion.kinematics.task
+    feedback = controller.law.feedback(motion)
+    if not feedback or motion.bandwidth >= _SLOWED * bandwidth(robot, _SHORTEST * dt):
+        return None
+    model, m = robot.model, task.positions or task.size
+    size, unit = (robot.reach, "m") if task.positions else (1.0, "rad")
+    data, displaced = model.createData(), []
+    states = zip(
+        motion.states.q, motion.jacobians, motion.mass_matrices, motion.unit_masses,
+        cycle(feedback),
+    )  # fmt: skip
+    for q, J, M, W, (S, *_) in states:
+        g = _WRONG * pin.computeGeneralizedGravity(model, data, q)
+        if len(feedback) == 1:  # of the task
+            dx = np.linalg.lstsq(S, J @ np.linalg.solve(M, g), rcond=_NULL)[0]
+        else:
+            dx = J @ W.T @ np.linalg.lstsq(S, W @ g, rcond=_NULL)[0]
+        displaced.append(np.linalg.norm(dx[:m]))
+    way = float(np.median(displaced))
+    if way <= _AWAY * size:
+        return None
+    longest = dt * math.sqrt(_AWAY * size / way)
+    return Finding(
+        "bandwidth",
+        dt,
+        longest,
+        {},
+        flaw=f"dt = {dt:.3g} s leaves a feedback so slow that gravity which the model has "
+        f"{100 * _WRONG:.0f} % wrong displaces the arm by {way:.2g} {unit} until it is learned: "
+        f"take dt <= {rounded_down(longest):.2g} s.",
+    )
+
+
+def _too_weak(controller: Controller, dt: float) -> Finding | None:
+    """Return which motors hardly move the model, or cannot hold it at home, if there are some."""
+    motion, limits = controller.motion, controller.limits.torque
+    if motion is None or limits is None:
+        return None
+    momenta = [M @ v for M, v in zip(motion.mass_matrices, motion.states.v, strict=True)]
+    need = _HARDLY * np.median(np.abs(momenta), axis=0)  # within a second
+    robot = motion.robot
+    held = overloaded(robot, limits, "the model") if controller.compensation is None else None
+    weak = [
+        f"{name} ({limit:.3g} of {least:.3g})"
+        for name, limit, least in zip(robot.joint_names, limits, need, strict=True)
+        if limit < least
+    ]
+    if held is None and not weak:
+        return None
+    words = held or (
+        f"the motors hardly move the model: {', '.join(weak)} N m or N. Are limits of torque in "
+        "another unit?"
+    )
+    return Finding("motors", dt, 0.0, {}, flaw=words)
 
 
 def _longest(radius: Radius, dt: float, late: bool) -> float:
@@ -290,14 +378,12 @@ def _largest(radius: Callable[..., float], start: float) -> float:
     return low
 
 
-def _parts(
-    controller: Controller, actuators: Actuators
-) -> list[tuple[str, dict[str, float], Radius]]:
+def _parts(controller: Controller, actuators: Actuators) -> list[Part]:
     """Return of each part of the loop name, gains with the powers of the factor, and radius."""
     motion = controller.motion
     if motion is None:
         return []
-    parts: list[tuple[str, dict[str, float], Radius]] = []
+    parts: list[Part] = []
     feedback = controller.law.feedback(motion)
     joints, law = None, controller.law
     if feedback and not actuators.ideal:
@@ -325,6 +411,46 @@ def _parts(
         radius = partial(_kinematic_radius, mode, loop.damping, decay)
         parts.append((_KINEMATICS, {"gamma_k": 1.0}, radius))
     return parts
+
+
+def _rotorless(controller: Controller, actuators: Actuators) -> list[Part]:
+    """Return the part of the feedback on the described robot, where the model has other rotors.
+
+    Not with actuators: springs need rotors.
+    """
+    motion, law = controller.motion, controller.law
+    feedback = [] if motion is None or not actuators.ideal else law.feedback(motion)
+    M = _described(motion) if feedback and motion is not None else None
+    if M is None or motion is None:
+        return []
+    radius = partial(_feedback_radius, _on(M, motion, feedback))
+    return [(_ROTORLESS, law.bandwidth_powers, radius)]
+
+
+def _described(motion: TypicalMotion) -> np.ndarray | None:
+    """Return M (N, n, n) of the description, None where the model has no other rotors."""
+    robot, believed = motion.robot, np.array(motion.mass_matrices)
+    data = robot.model.createData()
+    M = np.array([pin.crba(robot.model, data, q) for q in motion.states.q])
+    M = np.triu(M) + np.triu(M, 1).swapaxes(1, 2)
+    heavier = np.trace(believed - M, axis1=1, axis2=2) > _NULL * np.trace(M, axis1=1, axis2=2)
+    return M if heavier.any() else None
+
+
+def _on(M: np.ndarray, motion: TypicalMotion, feedback: Sequence[Feedback]) -> list[Feedback]:
+    """Return what the torque of a feedback does to a robot with M (N, n, n) at each state."""
+    J, inverse, W = (
+        np.array(each) for each in (motion.jacobians, motion.right_inverses, motion.unit_masses)
+    )
+    moved = np.linalg.solve(M, np.array(motion.mass_matrices))  # accelerations by those meant
+    change = J @ moved @ inverse if len(feedback) == 1 else moved @ W.swapaxes(1, 2)
+    back = W @ np.array(motion.mass_matrices)
+    if len(feedback) == 1:
+        back = np.broadcast_to(np.eye(J.shape[1]), change.shape)
+    return [
+        Feedback(*(left @ part @ right for part in each))
+        for left, each, right in zip(change, cycle(feedback), back, strict=False)
+    ]
 
 
 def _dynamic_gain(controller: Controller, motion: TypicalMotion) -> np.ndarray:
