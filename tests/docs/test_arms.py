@@ -9,9 +9,11 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.exceptions import ArmError
-from pinadapt.realtime import RealtimeLoop, Safety
-from tests.support.arms import ORDINARY, PERIOD, arm, robot
+from pinadapt.realtime import PlantArm, RealtimeLoop, Safety
+from tests.support.arms import ORDINARY, robot
 from tests.support.paths import ROOT
+
+PERIOD = 2e-3  # of the arms of the pages
 
 
 def module(monkeypatch, name, **things):
@@ -32,7 +34,7 @@ def loaded(name, thing):
 @pytest.fixture
 def ros(monkeypatch):
     """Put a stand-in of ROS 2 in place; the messages come from a simulated arm."""
-    plant, sent = arm(robot()), []
+    plant, sent = PlantArm(pa.plants.PinocchioPlant(robot()), PERIOD), []
 
     class Node:
         def create_subscription(self, kind, topic, callback, depth):

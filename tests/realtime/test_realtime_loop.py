@@ -49,7 +49,7 @@ def moved(loop):
 def test_log_only_computes_torques_and_sends_none():
     loop = Loop(faulty(None), "log")
     ending = loop.ended()
-    assert loop.arm.sent == [] and ending.step.count > 150 and not ending.failed
+    assert loop.arm.sent == [] and ending.step.count > 75 and not ending.failed
     assert loop.phases == ["running", "stopped"] and moved(loop) == 0.0
 
 
@@ -58,7 +58,7 @@ def test_gravity_compensation_lets_the_arm_be_moved_by_hand():
 
     class Pushed(PlantArm):
         def send(self, torque):
-            push = 0.5 if 50 < self._count < 100 else 0.0
+            push = 0.5 if 25 < self._count < 50 else 0.0
             super().send(torque + np.array([push, 0.0]))
 
     loop = Loop(arm(robot(), Pushed), "gravity", 0.5)
@@ -249,8 +249,8 @@ def interrupts(*cycles):
         ("hold", (0,), OUT),
         ("slow", (0,), OUT),
         ("adapt", (0,), OUT),
-        ("adapt", (0, 10), OUT),  # the second one while it holds
-        ("adapt", (0, 10, 20), OUT),  # the third one while it is damped
+        ("adapt", (0, 5), OUT),  # the second one while it holds
+        ("adapt", (0, 5, 10), OUT),  # the third one while it is damped
     ],
 )
 def test_an_interrupt_in_each_state_ends_in_rest(stage, cycles, phases):
@@ -302,13 +302,13 @@ def test_a_camera_that_says_nonsense_is_told():
     [
         (broken, "the connection broke"),
         (with_nan, "driver: q, v or the time is not finite"),
-        (back_in_time, r"clock: the time jumped back by 0\.498 s"),
-        (frozen, "stale data: the last 6 measurements are of the same instant"),
+        (back_in_time, r"clock: the time jumped back by 0\.496 s"),
+        (frozen, "stale data: the last 4 measurements are of the same instant"),
     ],
 )
 @pytest.mark.parametrize("stage", ["log", "gravity", "adapt"])
 def test_a_driver_that_fails_in_mid_motion_stops_the_arm(fault, words, stage):
-    loop = Loop(faulty(fault), stage, seconds=9.0)
+    loop = Loop(faulty(fault), stage, seconds=9.0, safety=Safety(stale=3))
     ending = loop.ended()
     assert ending.failed and loop.phases[-1] == "stopped"
     assert pytest.approx(0.0, abs=1e-2) == np.abs(loop.arm.plant.measure().v).max()
@@ -337,6 +337,7 @@ def test_brakes_that_are_on_are_noticed():
 
     ending = Loop(arm(kind=Braked), seconds=3.0).ended()
     assert ending.failed and ending.phases[-1][0] < 2.9
+    assert ending.reason == "torque: joint2 at its limit for 0.3 s; brakes, or a heavy load?"
 
 
 @pytest.mark.parametrize(
@@ -344,7 +345,7 @@ def test_brakes_that_are_on_are_noticed():
     [
         ({"joints": ("a", "b", "c"), "torque": 9.0, "velocity": 9.0}, "3 joints .* robot 2"),
         ({"side": "motor"}, "before its gears"),
-        ({"period": 1e-3}, "made for 0.002 s"),
+        ({"period": 1e-3}, "made for 0.004 s"),
         ({"compensation": lambda q: 0.0 * q}, 'adds its gravity .*compensated="nominal"'),
     ],
 )
@@ -367,7 +368,7 @@ def test_an_arm_that_compensates_gravity_is_sent_the_difference():
     compensated = controller(compensated="nominal")
     loop = Loop(Listening(plant, PERIOD), "hold", 0.1, of=compensated)
     loop.ended()
-    assert np.abs(sent[:40]).max() < 1e-6 and moved(loop) < 1e-6
+    assert np.abs(sent[:20]).max() < 1e-6 and moved(loop) < 1e-6
 
 
 def test_a_camera_that_never_comes_is_said():

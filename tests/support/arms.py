@@ -7,7 +7,7 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.realtime import PlantArm, RealtimeLoop, Scheduling
 
-PERIOD = 2e-3
+PERIOD = 4e-3
 ORDINARY = Scheduling(None, None, False)  # as any program
 
 
@@ -78,7 +78,7 @@ class Faulty(PlantArm):
         sent: torques that it got.
     """
 
-    def __init__(self, *arguments, at=150, fault=None, **options):
+    def __init__(self, *arguments, at=75, fault=None, **options):
         super().__init__(*arguments, **options)
         self.cycle, self.at, self.fault, self.sent = 0, at, fault, []
 
@@ -94,6 +94,6 @@ class Faulty(PlantArm):
         super().send(torque)
 
 
-def faulty(fault, at=150, **options):
+def faulty(fault, at=75, **options):
     """Return an arm with a fault, a function of the arm and its measurement."""
     return arm(kind=partial(Faulty, at=at, fault=fault), **options)

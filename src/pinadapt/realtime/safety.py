@@ -399,7 +399,7 @@ class Checklist:
         self._pushing = self._pushing + dt if j >= 0 else 0.0
         if self._pushing < self.safety.saturated:
             return None
-        words = f"{self._names[j]} at its limit for {self._pushing:.2g} s"
+        words = f"{self._names[j]} at its limit for {self._pushing:.2g} s; brakes, or a heavy load?"
         return SafetyFinding("torque", words, Answer.HOLD)
 
     def _frames(self, age: float) -> SafetyFinding | None:
