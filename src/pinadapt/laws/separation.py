@@ -71,8 +71,9 @@ class Separation(Law):
     Pose:         the rotation error of the estimated orientation, which no estimate enters, takes
                   the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
     Picture:      of a camera (task "image") the prediction error alone is linear in the parameters,
-                  by way of the measured depth-scaled picture, so c is zero and the terms of dx_o
-                  leave V: epsilon -> 0 and a_k that settles leave d(dx_o)/dt = -beta dx_o.
+                  by way of the measured picture, so c is zero and dx_o leaves V. It follows
+                  epsilon: r = dx_o - epsilon obeys dr/dt = -beta r - beta epsilon
+                  - (dx_hat/da_k) da_k/dt.
     Noise:        qdd_r holds -alpha J^+ J qd, and s holds qd, so noise of qd has a mean in Y^T s.
                   With a finite lambda_s the regressor is Y(q, qd_r + s_f, qd_r, qdd_r + alpha J^+ J
                   (s - s_f)), s_f = s through the low pass lambda_s / (lambda_s + p), in torque and

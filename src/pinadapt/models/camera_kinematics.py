@@ -71,10 +71,11 @@ class CameraKinematics(LumpedKinematics):
         """Copy by the arguments: Pinocchio's data is scratch."""
         return CameraKinematics, (self.robot, self.translations)
 
-    def parameters(self, task: ImageTask, a: np.ndarray) -> np.ndarray:
-        """Return the parameters (p) of the cameras of a task and of translations a (k)."""
+    def parameters(self, task: ImageTask, translations: np.ndarray) -> np.ndarray:
+        """Return the parameters (p) of the cameras of a task and of translations (k) [m]."""
         above, below = (
-            np.array([self._lumped_row(row, a) for row in rows]) for rows in task.projections
+            np.array([self._lumped_row(row, translations) for row in rows])
+            for rows in task.projections
         )
         depth = below[:, -1:]
         first = [int(np.argmax(self._camera == camera)) for camera in range(self._below[0])]

@@ -49,7 +49,7 @@ class TaskKinematics(Doors, ABC):
     """
 
     shapes = "q: nq, q_0: nq, q_1: nq, v: nv, a: nv, a_k: size, a_k_rate: size"
-    in_step = frozenset({"update", "jacobian_rate", "acceleration_regressor", "first", "at"})
+    in_step = frozenset({"update", "jacobian_rate", "acceleration_regressor", "at"})
     robot: Robot
     task: Task
     joint_names: list[str]

@@ -79,6 +79,7 @@ def _second_coefficient(angle: float) -> float:
 
 
 IMAGE = "image"
+_STEPS = 3  # of Newton's method to the point of a picture
 _LOOSEST = 0.02  # of the square of a quaternion's length
 
 
@@ -333,6 +334,14 @@ class ImageTask(PositionTask):
         """Return the coordinates y (m) of a frame's placement in the axes of the base."""
         above, below = (H[:, :3] @ placement.translation + H[:, 3] for H in self.projections)
         return np.asarray(above / below)
+
+    def nearest(self, p: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the point (3) near p (3) [m], in the axes of the base, whose picture is y (m)."""
+        for _ in range(_STEPS):
+            there = pin.SE3(np.eye(3), p)
+            J = self.jacobian(there, np.eye(6)[:, :3])
+            p = p + np.linalg.pinv(J) @ (y - self.of(there))
+        return p
 
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
         """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian of the frame."""

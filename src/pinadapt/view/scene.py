@@ -115,8 +115,9 @@ def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
         tip: (L, 3) or (3) actual positions of the tool [m] in the same axes, for coordinates
             outside of the task.
     """
-    if isinstance(true.task, ImageTask):  # a picture is nowhere in space
-        return np.array(np.broadcast_to(tip, (len(x_d), 3)))
+    if isinstance(true.task, ImageTask):
+        tips = np.broadcast_to(tip, (len(x_d), 3))
+        return np.array([true.task.nearest(*each) for each in zip(tips, x_d, strict=True)])
     if isinstance(true.task, FrameTask):
         path, tracker = np.array(np.broadcast_to(tip, (len(x_d), 3))), true.tracker
         if tracker is not None:
