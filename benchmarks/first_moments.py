@@ -1,10 +1,9 @@
 """The first moments of a run: torques and errors of a start at full speed and of one from rest.
 
-``python -m benchmarks.first_moments [PATH...] [--robots NAMES] [--save FILE]`` runs arms of the
-catalogue, and further descriptions by their paths, on the circle that ``reachable_circle`` finds,
-with the default law, adaptation and gains at 1 kHz, each as given (at full speed
-from the first sample) and from rest, as ``simulate`` does by default. Rows of other robots in the
-file are kept.
+``make first_moments.table`` runs the sweep ``first_moments.toml`` and writes ``first_moments.csv``:
+arms of the catalogue on the circle that ``reachable_circle`` finds, with the default law,
+adaptation and gains at 1 kHz, each as given (at full speed from the first sample) and from rest, as
+``simulate`` does by default.
 
 Torques: a tool of 5 % of the reach and a load of 5 % of the mass are unknown, every inertia of the
 model is 30 % too small. The largest torque of the first 0.3 s, relative to the effort limit of its
@@ -18,10 +17,8 @@ tenth of four turns.
 
 from __future__ import annotations
 
-import argparse
 import warnings
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,30 +27,22 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.description.chain import effort_limits
 
-from .timing import HERE, save, saved
+from .timing import markdown
 
-ROBOTS = (
-    "panda",
-    "ur5",
-    "ur10",
-    "kinova",
-    "xarm7",
-    "z1",
-    "tiago_arm",
-    "talos_left_arm",
-    "baxter_left",
-    "tiago_pro_left_arm",
-)
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
 LOAD, INERTIAS = 0.05, 0.7  # of the mass; factor on the inertias of the model
 FIRST, TURNS, TENTH = 0.3, 4.0, 0.1  # [s], turns of a run, its share that is looked at
 KEYS = "effort", "beside gravity"
-FILE = HERE / "first_moments.json"
 
 
-def row(source: str | Path) -> dict[str, Any]:
+def measure(robot: str) -> dict[str, Any]:
     """Return the numbers of one robot: shares of effort limits, errors [m]."""
-    robot = pa.load(source)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of bodies without inertia, of light joints
+        return _measured(pa.load(robot))
+
+
+def _measured(robot: pa.Robot) -> dict[str, Any]:
     tool = robot.reach * TOOL
     load = pa.Payload(mass=LOAD * robot.mass, com=tool)
     true = robot.changed(tool_translation=tool, payload=load)
@@ -64,7 +53,7 @@ def row(source: str | Path) -> dict[str, Any]:
     limits = effort_limits(robot.model)
     data = true.model.createData()
     gravity = np.abs(pin.computeGeneralizedGravity(true.model, data, true.q0)) / limits
-    found: dict[str, Any] = {"name": Path(source).stem, "gravity": float(gravity.max())}
+    found: dict[str, Any] = {"gravity": float(gravity.max())}
     for name, motion in (("at speed", path.as_given()), ("from rest", path.from_rest())):
         first = pa.simulate(true, adaptive, motion, duration=FIRST)
         known = pa.simulate(true, informed, motion, duration=TENTH * TURNS * circle.period)
@@ -85,38 +74,19 @@ def _beside_gravity(robot: pa.Robot, run: pa.Rollout) -> float:
     return float((np.abs(run.tau[soon] - weight) / effort_limits(robot.model)).max())
 
 
-def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return rows as a table in Markdown."""
-    lines = [
-        "| arm | gravity | torque at speed | from rest | beside gravity at speed | from rest "
-        "| error at speed [mm] | from rest [mm] |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for each in rows:
-        both = each["at speed"], each["from rest"]
-        shares = [each["gravity"], *(run[key] for key in KEYS for run in both)]
-        cells = [f"{100 * x:.{0 if x > 0.1 else 2}{'f' if x > 0.1 else 'g'}} %" for x in shares]
-        cells += [f"{1e3 * run['error']:.2g}" for run in both]
-        lines.append(f"| `{each['name']}` | {' | '.join(cells)} |")
-    return "\n".join(lines)
+STARTS = "at speed", "from rest"
 
 
-def main() -> None:
-    """Measure, print the table, and save it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("paths", type=Path, nargs="*", metavar="PATH")
-    parser.add_argument("--robots", nargs="*", default=list(ROBOTS), metavar="NAME")
-    parser.add_argument("--save", type=Path, default=FILE, metavar="FILE")
-    options = parser.parse_args()
-    rows = saved(options.save)
-    for source in [*options.robots, *options.paths]:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of bodies without inertia, of light joints
-            found = row(source)
-        rows[found["name"]] = found
-        print(table([found]).splitlines()[-1], flush=True)
-    save(options.save, list(rows.values()))
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, by arm."""
+    cells = []
+    for row in rows:
+        shares = [row["gravity"], *(row[f"{start}.{key}"] for key in KEYS for start in STARTS)]
+        errors = [f"{1e3 * row[f'{start}.error']:.2g}" for start in STARTS]
+        cells.append([f"`{row['robot']}`", *(_percent(share) for share in shares), *errors])
+    head = ["arm", "gravity", "torque at speed", "from rest", "beside gravity at speed"]
+    return markdown([*head, "from rest", "error at speed [mm]", "from rest [mm]"], cells)
 
 
-if __name__ == "__main__":
-    main()
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if share > 0.1 else f"{100.0 * share:.2g} %"

@@ -1,22 +1,22 @@
 """From a log to a loop: what a controller gains that starts from what was identified.
 
-``python -m benchmarks.from_log [--robots NAMES]`` records 14 s of a Lissajous figure with encoders
-of 17 bits, noisy torques and a camera, identifies the robot, and prints a table for
-``docs/identify.md``. Each robot then follows a circle of 0.1 m under the default law at 500 Hz, for
+``make from_log.table`` runs the sweep ``from_log.toml`` and writes ``from_log.csv``: 14 s of a
+Lissajous figure are recorded with encoders of 17 bits, noisy torques and a camera, and the robot is
+identified from them. Each robot then follows a circle of 0.1 m under the default law at 500 Hz, for
 10 s, from the description (inertias 30 % too small, load, tool and friction unknown) and from the
 identified robot; with the load of the log and with another one, with perfect sensors and with those
 of the log.
 
 The price of ignorance is the error over that of the loop with the true model, both the largest of a
-time. The last column is the error of the predicted torque, rms over random states of the robot, by
-the model at the start and at the end of the run: what the loop learned, and what it forgot.
+time. The last columns are the error of the predicted torque, rms over random states of the robot,
+by the model at the start and at the end of the run: what the loop learned, and what it forgot.
 """
 
 from __future__ import annotations
 
-import argparse
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,13 +24,18 @@ import numpy as np
 import pinadapt as pa
 
 from .identification import CAMERA, COUNT, LOAD, TOOL, with_noise
+from .timing import markdown
 
 FRICTION: dict[str, Any] = {"viscous": 0.5, "coulomb": 0.8, "armature": 0.05}
 OTHER = pa.Payload(2.5, (0.0, 0.03, 0.08))
 LOADS = {"panda": 1.0, "ur5": 1.0, "xarm7": 1.0}  # of the loads above
 LIGHTER, DT, DURATION = 0.7, 2e-3, 10.0
-PERFECT = pa.Sensors()
-NOISY = pa.Sensors(encoder=COUNT, camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": CAMERA})
+SENSORS = {
+    "perfect": pa.Sensors(),
+    "noisy": pa.Sensors(
+        encoder=COUNT, camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": CAMERA}
+    ),
+}
 STATES = 300  # random ones
 SPREAD, SPEED, ACCELERATION = 0.5, 1.0, 3.0  # rad, rad/s, rad/s^2, standard deviations
 
@@ -40,6 +45,7 @@ def scaled(load: pa.Payload, share: float) -> pa.Payload:
     return pa.Payload(share * load.mass, load.com, share * np.array(load.inertia))
 
 
+@lru_cache(maxsize=1)
 def identified(name: str) -> tuple[pa.Robot, pa.Identification]:
     """Return the described robot with too small inertias, and the identification from a log."""
     robot = pa.load(name)
@@ -71,57 +77,47 @@ def torque_error(controller: pa.Controller, true: pa.Robot, a_d: np.ndarray) -> 
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
-def rows(name: str) -> Iterator[tuple[str, ...]]:
-    """Yield one row of the table per run."""
-    model, found = identified(name)
-    learned, robot = found.parameters(), pa.load(name)
-    for load, sensors in ((LOAD, PERFECT), (LOAD, NOISY), (OTHER, PERFECT), (OTHER, NOISY)):
-        true = real(robot, load)
-        words = f"{name}, {'the' if load is LOAD else 'another'} load"
-        words += ", perfect sensors" if sensors is PERFECT else ", noise"
-        path, best = pa.reachable_circle(true), np.ones(2)
+def measure(robot: str, load: str, sensors: str, start: str) -> dict[str, Any]:
+    """Return the errors of one run [m], and of the torques at its begin and end [N m]."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of light joints; the table has the result
+        model, found = identified(robot)
+        true = real(pa.load(robot), LOAD if load == "as in the log" else OTHER)
         from_log: dict[str, Any] = {"unknown": found.unknown}
         starts: dict[str, tuple[pa.Robot, dict[str, Any], Any]] = {
             "truth": (true, {"adaptation": "none"}, None),
             "described": (model, {}, None),
             "identified": (found.robot, from_log, None),
-            "and its information": (found.robot, from_log, learned),
+            "informed": (found.robot, from_log, found.parameters()),
         }
-        for start, (believed, options, known) in starts.items():
-            controller = pa.make_controller(believed, sensors=sensors, dt=DT, **options)
-            run = pa.simulate(true, controller, path, duration=DURATION, start=known)
-            parts = run.t <= 1.0, run.t > 0.9 * DURATION
-            error = np.array([run.distance[part].max() for part in parts])
-            best = error if start == "truth" else best
-            torques = [torque_error(controller, true, a) for a in (run.a_d[0], run.a_d[-1])]
-            yield (
-                words,
-                start,
-                *(f"{1e3 * one:.2g}" for one in error),
-                *(f"{one:.2g}" for one in error / best),
-                "-" if start == "truth" else " -> ".join(f"{one:.2g}" for one in torques),
-            )
+        believed, options, known = starts[start]
+        controller = pa.make_controller(believed, sensors=SENSORS[sensors], dt=DT, **options)
+        path = pa.reachable_circle(true)
+        run = pa.simulate(true, controller, path, duration=DURATION, start=known)
+        return {
+            "first": float(run.distance[run.t <= 1.0].max()),
+            "last": float(run.distance[run.t > 0.9 * DURATION].max()),
+            "torque": [torque_error(controller, true, a) for a in (run.a_d[0], run.a_d[-1])],
+        }
 
 
-def report(table: Sequence[str]) -> str:
-    """Return a row in Markdown."""
-    return f"| {' | '.join(table)} |"
+STARTS = ("described", "identified", "informed")
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", default=",".join(LOADS))
-    options = parser.parse_args()
-    print(
-        "| run | start | first second [mm] | last | price, first second | last | torque [N m] |\n"
-        "|---|---|---|---|---|---|---|"
-    )
-    warnings.simplefilter("ignore")  # of light joints; the table has the result
-    for name in options.robots.split(","):
-        for row in rows(name):
-            print(report(row), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, by robot, sensors and load."""
+    found: dict[tuple[str, str], dict[str, Mapping[str, Any]]] = {}
+    for row in rows:
+        key = f"{row['robot']}, {row['sensors']}", row["load"]
+        found.setdefault(key, {})[row["start"]] = row
+    cells = []
+    for key, runs in found.items():
+        best, others = runs["truth"], [runs[start] for start in STARTS]
+        first = [f"{1e3 * run['first']:.2g}" for run in (best, *others)]
+        price = [f"{run['last'] / best['last']:.2g}" for run in others]
+        torque = [f"{run['torque[0]']:.2g} → {run['torque[1]']:.2g}" for run in others]
+        cells.append([*key, *first, *price, *torque])
+    head = ["robot, sensors", "load", "largest error of the first second [mm]: true model"]
+    groups = ("", "price, last second: ", "torque error [N m]: ")
+    head += [f"{group * (start == STARTS[0])}{start}" for group in groups for start in STARTS]
+    return markdown(head, cells)

@@ -1,8 +1,8 @@
 """What the governor does to runs that go wrong without it, and to runs that go well.
 
-``python -m benchmarks.governor [PATH...] [--cases PATTERN] [--save FILE]`` runs each case without
-and with ``pa.Limits(governor=True)``, from rest, with the unknowns of the README: a tool of 5 % of
-the reach, a load of 5 % of the mass, every inertia of the model 30 % too small.
+``make governor.table`` runs the sweep ``governor.toml`` and writes ``governor.csv``: each case
+without and with ``pa.Limits(governor=True)``, from rest, with the unknowns of the README: a tool of
+5 % of the reach, a load of 5 % of the mass, every inertia of the model 30 % too small.
 
 * leaves: a way out of the workspace, a second beyond it, and back, each in a second;
 * held: an obstacle holds every joint for a second, and for four;
@@ -10,18 +10,18 @@ the reach, a load of 5 % of the mass, every inertia of the model 30 % too small.
 * slow torso: a circle for which J_hat^+ moves a lift at eight times its velocity limit;
 * everything: tool 20 % of the reach, load 30 % of the mass, inertias a third too small, a joint
   placed 0.1 m from where the model has it; six draws of the directions and of the joint;
-* healthy: ten arms of the catalogue on the circle that the library chooses.
+* healthy: ten arms of the catalogue on the circle that the library chooses;
+* cost: of a step of the Panda's default controller.
 
-PATHs are URDFs of other arms for "everything", or NAME.urdf:FRAME for "slow torso". Errors are the
-largest of the run, and of its last tenth.
+Fetch and pybullet's iiwa are ``fetch.urdf`` and ``kuka_iiwa.urdf`` in a folder that the environment
+variable ``URDFS`` names. Errors are the largest of the run, and of its last tenth.
 """
 
 from __future__ import annotations
 
-import argparse
-import re
+import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -34,17 +34,13 @@ from pinadapt.plants.sensors import SimulatedSensors
 from pinadapt.robot.motors import torque_limits
 from pinadapt.rollout.recording import slowdowns
 
-from .timing import HERE, in_turn, save, saved
+from .timing import in_turn, markdown
 
 DT = 1e-3  # [s]
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
 CAMERA = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06))
-HEALTHY = (
-    "panda", "ur5", "ur10", "xarm7", "kinova", "z1", "tiago_pro_left_arm", "so100", "scara",
-    "planar_2r",
-)  # fmt: skip
 FAR = {"ur5": 0.95, "panda": 1.1}  # of the reach from the base, outside of the workspace
-DRAWS = 6
+URDFS = {"fetch": "gripper_link", "kuka_iiwa": None}  # frames of arms from a folder
 
 
 class Held(pa.plants.PinocchioPlant):
@@ -192,72 +188,54 @@ def way_out(true: pa.Robot, reach: float) -> pa.trajectories.Trajectory:
     return pa.trajectories.Waypoints([start, far, far, start], 1.0)
 
 
-Case = tuple[str, str, dict[str, Any]]  # what happens, robot, options of ``run``
+def arm(name: str) -> pa.Robot:
+    """Return a robot of the catalogue, or from the folder of descriptions."""
+    if name not in URDFS:
+        return pa.load(name)
+    path = Path(os.environ.get("URDFS", ".")) / f"{name}.urdf"
+    base = [joint for joint in ("base_joint1", "base_joint2") if joint in path.read_text()]
+    return pa.load(path, frame=URDFS[name], locked=base)
 
 
-def case(name: str, robot: str, **options: Any) -> Case:
-    """Return what happens, the robot and the options of ``run``."""
-    return name, robot, options
-
-
-def both(name: str, robot: str, **options: Any) -> dict[str, Any]:
-    """Return a row: the run without and with the governor."""
-    row: dict[str, Any] = {"name": f"{name} {robot}", "case": name, "robot": robot}
-    for key, governed in (("without", False), ("with", True)):
-        row[key] = run(**options, governed=governed)
-    print(line(row), flush=True)
-    return row
-
-
-def small_cases() -> Iterator[Case]:
-    """Yield each case but "everything"."""
-    for name in ("ur5", "panda"):
-        true, model = unknown(pa.load(name))
-        arm = {"true": true, "model": model}
-        circle = begun(pa.reachable_circle(model), true)
-        yield case("leaves", name, **arm, motion=way_out(true, FAR[name]), duration=30.0)
-        yield case("leaves, law (11)", name, **arm, motion=way_out(true, FAR[name]), duration=30.0,
-                   law="adaptive-inverse-dynamics")  # fmt: skip
-        yield case("held 1 s", name, **arm, motion=circle, duration=12.0, plant=Held)
-        yield case("held 4 s", name, **arm, motion=circle, duration=15.0, plant=HeldLonger)
-        yield case("blind 3 s", name, **arm, motion=circle, duration=12.0, blind=True)
-
-
-def slow_torso(fetch: Path | None) -> Iterator[Case]:
-    """Yield Tiago's lift, and Fetch's if there is its description."""
-    circle = pa.trajectories.Circle(np.zeros(3), 0.15, 1.2, "yz")
-    robots = {"tiago_arm": pa.load("tiago_arm")}
-    if fetch is not None:
-        base = [name for name in ("base_joint1", "base_joint2") if name in fetch.read_text()]
-        robots["fetch"] = pa.load(fetch, frame="gripper_link", locked=base)
-    for name, robot in robots.items():
+def options(event: str, robot: pa.Robot, draw: int) -> dict[str, Any]:
+    """Return the options of ``run`` for what happens."""
+    if event == "slow torso":
+        lift = pa.trajectories.Circle(np.zeros(3), 0.15, 1.2, "yz")
         true = robot.changed(tool_translation=robot.reach * TOOL)
         model = robot.changed(inertial_scale=0.7)
-        yield case("slow torso", name, true=true, model=model, motion=begun(circle, true),
-                   duration=20.0)  # fmt: skip
+        return {"true": true, "model": model, "motion": begun(lift, true), "duration": 20.0}
+    true, model = everything(robot, draw) if event == "everything" else unknown(robot)
+    found: dict[str, Any] = {"true": true, "model": model}
+    if event.startswith("leaves"):
+        found |= {"law": "adaptive-inverse-dynamics"} if event.endswith("law (11)") else {}
+        return found | {"motion": way_out(true, FAR[robot.name]), "duration": 30.0}
+    circle = pa.reachable_circle(robot if event == "everything" else model)
+    return found | {"motion": begun(circle, true)} | OPTIONS[event]
 
 
-def all_at_once(paths: list[Path]) -> Iterator[Case]:
-    """Yield each draw of "everything", arm and adaptation."""
-    robots = {name: pa.load(name) for name in ("panda", "ur5", "kinova")}
-    robots |= {path.parent.name: pa.load(path) for path in paths}
-    for name, robot in robots.items():
-        for adaptation in ("natural", "natural-memory"):
-            for draw in range(DRAWS):
-                true, model = everything(robot, draw)
-                circle = begun(pa.reachable_circle(robot), true)
-                yield case(
-                    f"everything {draw}, {adaptation}", name, true=true, model=model,
-                    motion=circle, duration=12.0, adaptation=adaptation,
-                )  # fmt: skip
+OPTIONS: dict[str, dict[str, Any]] = {
+    "held 1 s": {"duration": 12.0, "plant": Held},
+    "held 4 s": {"duration": 15.0, "plant": HeldLonger},
+    "blind 3 s": {"duration": 12.0, "blind": True},
+    "everything": {"duration": 12.0},
+    "healthy": {"duration": 8.0},
+}
 
 
-def healthy() -> Iterator[Case]:
-    """Yield each arm on which nothing goes wrong."""
-    for name in HEALTHY:
-        true, model = unknown(pa.load(name))
-        circle = begun(pa.reachable_circle(model), true)
-        yield case("healthy", name, true=true, model=model, motion=circle, duration=8.0)
+def measure(
+    event: str, robot: str, governor: bool = False, adaptation: str = "", draw: int = 0
+) -> dict[str, Any]:
+    """Return the numbers of one run, or the cost of a step."""
+    if event == "cost":
+        return cost()
+    made: dict[str, Any] = {"adaptation": adaptation} if adaptation else {}
+    found = run(**options(event, arm(robot), draw), governed=governor, **made)
+    slowed, lost = found.pop("slowed"), found["lost"]
+    if slowed:
+        named = {part for one in slowed for part in one["cause"].split(", ") if part}
+        found["causes"] = ", ".join(sorted(named))
+        found["least_rate"] = min(one["least_rate"] for one in slowed)
+    return found if lost is None else found | {"status": "diverged", "reason": f"at {lost:.2g} s"}
 
 
 def cost() -> dict[str, Any]:
@@ -281,7 +259,7 @@ def cost() -> dict[str, Any]:
     times = in_turn(calls, 200)
     least = {key: 1e6 * float(values.min()) / 50 for key, values in times.items()}
     part = least["with"] - least["without"]
-    return {"name": "cost of a step [us]", "case": "cost", **least, "governor": part}
+    return {"without_us": least["without"], "governor_us": part}
 
 
 def short(value: float) -> str:
@@ -289,82 +267,56 @@ def short(value: float) -> str:
     return f"{value:.0f}" if value >= 100.0 else f"{value:.2g}"
 
 
-def outcome(result: dict[str, Any]) -> str:
+Row = Mapping[str, Any]
+
+
+def outcome(row: Row) -> str:
     """Return the largest and the last error and the largest joint speed, or when it was lost."""
-    if result["lost"] is not None:
-        return f"lost at {result['lost']:.2g} s"
-    largest, last = short(result["largest"]), short(result["last"])
-    return f"{largest}, {last}, {100 * result['speed']:.0f} %"
+    if row["lost"] is not None:
+        return f"lost {row['reason']}"
+    return f"{short(row['largest'])}, {short(row['last'])}, {100 * row['speed']:.0f} %"
 
 
-def causes(result: dict[str, Any]) -> str:
+def causes(row: Row) -> str:
     """Return what slowed a run, for how long, and how late its path is at the end."""
-    named = sorted({part for one in result["slowed"] for part in one["cause"].split(", ") if part})
-    if not named:
+    if row["causes"] is None:
         return "-"
-    least = min(one["least_rate"] for one in result["slowed"])
-    return f"{', '.join(named)}; rate down to {least:.2f}, {result['late']:.2g} s late"
+    return f"{row['causes']}; rate down to {row['least_rate']:.2f}, {row['late']:.2g} s late"
 
 
-def line(row: dict[str, Any]) -> str:
-    """Return a row of the table."""
-    cells = (row["case"], row["robot"], outcome(row["without"]), outcome(row["with"]))
-    return f"| {' | '.join(cells)} | {causes(row['with'])} |"
+def pairs(rows: Sequence[Row], events: Sequence[str]) -> list[tuple[Row, Row]]:
+    """Return the rows of some events, without and with the governor."""
+    own = [row for row in rows if row["event"] in events]
+    return list(zip(own[::2], own[1::2], strict=True))
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Return the table of the page on motions."""
-    shown = [row for row in rows if row["case"].startswith(("leaves", "held", "blind", "slow"))]
-    head = "| case | robot | without | with the governor | what slowed the path |"
-    return "\n".join([head, "|---|---|---|---|---|", *(line(row) for row in shown)])
-
-
-def counts(rows: list[dict[str, Any]]) -> str:
-    """Return the table of "everything": how many draws were lost, and the errors of the others."""
-    lines = [
-        "| robot | adaptation | motors | lost without | with | last error without [mm] | with |"
+def report(rows: Sequence[Row]) -> str:
+    """Return the runs that go wrong, by robot."""
+    names = [name for name in dict.fromkeys(r["event"] for r in rows) if name not in OTHERS]
+    cells = [
+        [a["event"], a["robot"], outcome(a), outcome(b), causes(b)]
+        for a, b in sorted(pairs(rows, names), key=lambda pair: pair[0]["robot"] != "ur5")
     ]
-    lines.append("|---|---|---|---|---|---|---|")
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        if row["case"].startswith("everything"):
-            groups.setdefault((row["robot"], row["case"].split(", ")[1]), []).append(row)
+    return markdown(
+        ["case", "robot", "without", "with the governor", "what slowed the path"], cells
+    )
+
+
+OTHERS = ("healthy", "everything", "cost")
+
+
+def counts(rows: Sequence[Row]) -> str:
+    """Return the table of "everything": how many draws were lost, and the errors of the others."""
+    groups: dict[tuple[str, str], list[tuple[Row, Row]]] = {}
+    for pair in pairs(rows, ["everything"]):
+        groups.setdefault((pair[0]["robot"], pair[0]["adaptation"]), []).append(pair)
+    cells = []
     for (robot, adaptation), draws in groups.items():
-        weak = sum(row["without"]["weight"] > 1.0 for row in draws)
-        cells = [robot, adaptation, f"too weak in {weak} of {len(draws)}"]
-        cells += [str(sum(row[key]["lost"] is not None for row in draws)) for key in KEYS]
-        for key in KEYS:
-            kept = [row[key]["last"] for row in draws if row[key]["lost"] is None]
-            cells.append(f"{short(min(kept))} to {short(max(kept))}" if kept else "-")
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-KEYS = ("without", "with")
-
-
-def main() -> None:
-    """Measure, print the tables and write the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("paths", nargs="*", type=Path, help="URDFs of other arms")
-    parser.add_argument("--fetch", type=Path, help="URDF of Fetch")
-    parser.add_argument("--cases", default="", help="pattern of names; the other rows stay")
-    parser.add_argument("--save", type=Path, default=HERE / "governor.json")
-    given = parser.parse_args()
-    cases = *small_cases(), *slow_torso(given.fetch), *healthy(), *all_at_once(given.paths)
-    rows = saved(given.save)
-    for name, robot, options in cases:
-        if re.search(given.cases, f"{name} {robot}"):
-            row = both(name, robot, **options)
-            rows[row["name"]] = row
-            save(given.save, list(rows.values()))
-    if re.search(given.cases, "cost"):
-        row = cost()
-        rows[row["name"]] = row
-    found = list(rows.values())
-    save(given.save, found)
-    print(f"\n{table(found)}\n\n{counts(found)}\n\n{rows.get('cost of a step [us]', '')}")
-
-
-if __name__ == "__main__":
-    main()
+        weak = sum(without["weight"] > 1.0 for without, _ in draws)
+        runs = list(zip(*draws, strict=True))
+        lost = [sum(row["lost"] is not None for row in each) for each in runs]
+        kept = [[row["last"] for row in each if row["lost"] is None] for each in runs]
+        errors = [f"{short(min(each))} to {short(max(each))}" if each else "-" for each in kept]
+        cells.append([robot, adaptation, f"too weak in {weak} of {len(draws)}", *lost, *errors])
+    head = ["robot", "adaptation", "motors", "lost without", "with"]
+    return markdown([*head, "last error without [mm]", "with"], cells)

@@ -1,20 +1,25 @@
 """The accuracy of robots identified from logs with exact and with noisy sensors.
 
-``python -m benchmarks.identification`` drives robots whose load, tool, friction and rotors are
-unknown through 14 s of a Lissajous figure, identifies them from the log, and prints the table of
-``docs/identify.md``; ``--picture FILE`` writes that page's picture.
+``make identification.table`` runs the sweep ``identification.toml`` and writes
+``identification.csv``: robots whose load, tool, friction and rotors are unknown move for 14 s along
+a Lissajous figure, and are identified from the log. Errors of torques are those of the held-out
+part. ``python -m benchmarks.identification FILE`` writes the picture of ``docs/identify.md``.
 """
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
+
+from .timing import markdown
 
 LOAD = pa.Payload(1.5, (0.02, -0.01, 0.05), (0.01, 0.0, 0.012, 0.0, 0.0, 0.004))
 TOOL = (0.03, -0.02, 0.12)
@@ -23,6 +28,7 @@ TORQUE_NOISE = 0.01  # of the effort limits
 CAMERA = 1e-4  # m
 
 
+@lru_cache(maxsize=2)
 def rollout(name: str, engine: str = "pinocchio") -> tuple[pa.Robot, pa.Rollout]:
     """Return a robot as described, and a run of the true one under the default controller."""
     robot = pa.load(name)
@@ -44,45 +50,72 @@ def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
     return pa.Log(run.t, q, tau, x=x, x_time=run.t[::33], held=True, source="noisy")
 
 
-def rows(name: str) -> Iterator[tuple[str, pa.Identification]]:
-    """Yield the identification of a robot from each kind of log."""
-    robot, run = rollout(name)
+def identified(name: str, log: str) -> pa.Identification:
+    """Return the identification of a robot from a kind of log."""
+    kind, _, how = log.partition(", ")
+    robot, run = rollout(name, "mujoco" if how == "simulated by MuJoCo" else "pinocchio")
+    if how == "simulated by MuJoCo":
+        return pa.identify(run, robot)
     noisy = with_noise(run, robot)
-    yield (
-        f"{name}, exact",
-        pa.identify(replace(noisy, q=run.q, v=run.v, tau=run.tau, x=run.x[::33]), robot),
-    )
-    yield f"{name}, noisy", pa.identify(noisy, robot)
-    for adaptation in ("natural-composite", "least-squares"):
-        online = pa.identify(noisy, robot, adaptation=adaptation)
-        yield f"{name}, noisy, online by {adaptation}", online
-    yield f"{name}, exact, simulated by MuJoCo", pa.identify(rollout(name, "mujoco")[1], robot)
+    if kind == "exact":
+        return pa.identify(replace(noisy, q=run.q, v=run.v, tau=run.tau, x=run.x[::33]), robot)
+    return pa.identify(noisy, robot, adaptation=how or "natural-memory")
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--picture", type=Path)
-    parser.add_argument("--robots", default="panda,ur5")
-    options = parser.parse_args()
-    print("log | described | identified | online | mass [kg] | errors of centre and tool [mm]")
-    for name in options.robots.split(","):
-        tool = pa.load(name).changed(tool_translation=TOOL)
-        for words, found in rows(name):
-            errors, load = found.torque_errors, found.payload()
-            sizes = errors.described_held_out, errors.learned_held_out, found.online_held_out
-            torques = " | ".join(f"{np.sqrt(np.mean(part**2)):.3g}" for part in sizes)
-            error = 1e3 * np.linalg.norm(load.com - LOAD.com)
-            known = 1e3 * np.linalg.norm(load.com_known_to)
-            missed = found.robot.position(tool.q0) - tool.position(tool.q0)
-            print(
-                f"{words} | {torques} | {load.mass:.4f} +- {load.mass_known_to:.1g} | "
-                f"{error:.2g}, uncertainty {known:.2g} | {1e3 * np.linalg.norm(missed):.2g}",
-                flush=True,
-            )
-            if options.picture and words == "panda, noisy":
-                options.picture.write_bytes(found.plot().torque.png(dpi=90))
+def measure(robot: str, log: str) -> dict[str, Any]:
+    """Return the errors of the torques [N m], of the load [kg, m] and of the tool [m]."""
+    found = identified(robot, log)
+    errors, load = found.torque_errors, found.payload()
+    tool = pa.load(robot).changed(tool_translation=TOOL)
+    missed = found.robot.position(tool.q0) - tool.position(tool.q0)
+    return {
+        "described": rms(errors.described_held_out),
+        "learned": rms(errors.learned_held_out),
+        "online": rms(found.online_held_out),
+        "mass": load.mass,
+        "mass_known_to": load.mass_known_to,
+        "centre": float(np.linalg.norm(load.com - LOAD.com)),
+        "centre_known_to": float(np.linalg.norm(load.com_known_to)),
+        "tool": float(np.linalg.norm(missed)),
+    }
 
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square of all numbers."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, by robot and log."""
+    online = {(row["robot"], row["log"]): f"{row['online']:.2g}" for row in rows}
+    cells = []
+    for row in rows:
+        name, log = row["robot"], row["log"]
+        if log.endswith(OTHERS):
+            continue
+        others = [online.get((name, f"{log}, {kind}"), "") for kind in OTHERS]
+        known, tool = row["mass_known_to"], 1e3 * row["tool"]
+        places = max(0, int(np.ceil(-np.log10(known))))
+        centre = f"{1e3 * row['centre']:.1g} mm, uncertainty {1e3 * row['centre_known_to']:.1g} mm"
+        cells.append(
+            [
+                f"{name}, {log}",
+                f"{row['described']:.3g}",
+                f"{row['learned']:.2g}",
+                online[name, log],
+                *others,
+                f"{row['mass']:.{places}f} ± {known:.1g} kg",
+                centre,
+                "0" if tool < 1e-3 else f"{tool:.2g} mm",
+            ]
+        )
+    head = ["log", "described", "identified", "online, `natural-memory`"]
+    head += [f"`{kind}`" for kind in OTHERS]
+    return markdown([*head, "mass of the load", "error of its centre", "of the tool"], cells)
+
+
+OTHERS = ("natural-composite", "least-squares")
 
 if __name__ == "__main__":
-    main()
+    picture = identified("panda", "noisy").plot().torque.png(dpi=90)
+    Path(sys.argv[1]).write_bytes(picture)

@@ -1,7 +1,8 @@
 """The laws compared: tracking error, and cost of a step.
 
-``python -m benchmarks.laws [--save FILE]`` runs the robots of robots/panda/tool_and_load.toml under
-every law: tool, load, all inertias and friction unknown, natural adaptation, default gains, 1 kHz.
+``make laws.table`` runs the sweep ``laws.toml`` and writes ``laws.csv``: the robots of
+robots/panda/tool_and_load.toml under every law: tool, load, all inertias and friction unknown,
+natural adaptation, default gains, 1 kHz.
 Task-space laws follow the file's circle with perfect sensors and with the file's camera;
 joint-space laws, which see no tool, swing every joint by 0.2 rad in 3 s with perfect sensors;
 set-point laws move to the point of the circle opposite to home, 0.2 m away, and stay there. Errors
@@ -11,9 +12,7 @@ dynamics, ``pin.aba``, timed alternately with it.
 
 from __future__ import annotations
 
-import argparse
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ import pinadapt as pa
 from pinadapt.scenario.scenario import Scenario
 
 from .simulated_sample import NATURAL, SCENARIO
-from .timing import HERE, in_turn, repeated, save
+from .timing import in_turn, repeated
 
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
 DURATION = 10.0  # [s]
@@ -48,9 +47,14 @@ class Case:
             self.path = pa.trajectories.Hold(self.path.at(0.5 * self.path.period).x_d)
 
     def controller(self, sensors: pa.Sensors | None = None) -> pa.Controller:
-        """Return a controller with default gains."""
-        unknown = pa.Unknown(friction=True, armature=True)
-        return pa.make_controller(self.model, law=self.law, unknown=unknown, sensors=sensors)
+        """Return a controller with default gains, and without a memory of torques."""
+        return pa.make_controller(
+            self.model,
+            law=self.law,
+            adaptation="natural" if self.law == pa.laws.DEFAULT else None,
+            unknown=pa.Unknown(friction=True, armature=True),
+            sensors=sensors,
+        )
 
     def error(self, sensors: pa.Sensors | None = None) -> float | None:
         """Return the largest error of the last tenth [m or rad]; None if the loop diverges."""
@@ -82,32 +86,14 @@ def in_joint_space(robot: pa.Robot) -> pa.Robot:
     return joints.changed(viscous=friction.viscous, coulomb=friction.coulomb)
 
 
-def measure(law: str, scenario: Scenario) -> dict[str, Any]:
+def measure(law: str) -> dict[str, Any]:
     """Return the figures of a law."""
-    case = Case(law, scenario)
-    return {
-        "name": law,
-        "unit": "rad" if case.joints else "m",
-        "error": case.error(),
-        "error_camera": None if case.joints else case.error(pa.Sensors(CAMERA)),
-        "step_ratio": case.cost(),
-    }
-
-
-def main() -> None:
-    """Print the figures and save them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--save", type=Path, default=HERE / "laws.json")
-    path, scenario = parser.parse_args().save, Scenario.read(SCENARIO, [NATURAL])
-    rows = []
-    for law in pa.laws.LAWS:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of light joints; the table has the result
-            row = measure(law, scenario)
-        print(row, flush=True)
-        rows.append(row)
-    save(path, rows)
-
-
-if __name__ == "__main__":
-    main()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of light joints; the table has the result
+        case = Case(law, Scenario.read(SCENARIO, [NATURAL]))
+        return {
+            "unit": "rad" if case.joints else "m",
+            "error": case.error(),
+            "error_camera": None if case.joints else case.error(pa.Sensors(CAMERA)),
+            "step_ratio": case.cost(),
+        }

@@ -1,11 +1,11 @@
 """Sensors that lie: how soon it is found, and where the arm is by then.
 
-``python -m benchmarks.lying_sensors [--robots A,B] [--laws A,B] [--only FAULT] [--save FILE]`` runs
+``make lying_sensors.table`` runs the sweep ``lying_sensors.toml`` and writes ``lying_sensors.csv``:
 cases of the zoo (tool, load, every inertia and the friction unknown, a circle) at 1 kHz, and from
-the second second on one sensor lies. Each row is a
-fault of one robot under one law, beside the same run without it:
+the second second on one sensor lies. Each row is a fault of one robot under one law, beside the
+same run without it:
 
-* refused: time from the first wrong sample to the error [ms], or "-" if all of it was bridged;
+* refused: time from the first wrong sample to the error [ms], none if all of it was bridged;
 * farther: how much farther a joint went by then than without the fault, at most [deg or cm];
 * torque: the largest one until then, of the limit of its motor;
 * drift: how far a joint went in the 3 s after the error, on the torque of ``Controller.safe`` and
@@ -16,13 +16,11 @@ Nothing of this is a proof: a sensor may lie in ways that no comparison shows.
 
 from __future__ import annotations
 
-import argparse
 import copy
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -32,10 +30,9 @@ import pinadapt as pa
 from pinadapt.description.chain import is_slide
 from pinadapt.zoo.experiment import zoo_case
 
-from .timing import HERE, save
+from .timing import markdown
 
 DT, BEGIN, LONGEST, AFTER = 1e-3, 1.0, 1.0, 3.0  # [s]
-ROBOTS, LAWS = ("panda", "ur5", "kinova"), ("separation", "adaptive-inverse-dynamics")
 JOINT = 1  # that lies alone
 Spoil = Callable[["Liar", pa.Measurement], pa.Measurement]
 
@@ -132,22 +129,6 @@ WRAPS = ("q wraps by 2 pi",)  # which a continuous joint does not do
 MEASURES = ("torque 1e4 N m, once", "torque times 100")
 
 
-@dataclass
-class Row:
-    """What one fault did; see the module."""
-
-    robot: str
-    law: str
-    fault: str
-    refused: float | None
-    farther: float
-    torque: float
-    drift: float
-    speed: float
-    bridged: int
-    reason: str
-
-
 class Loop:
     """A closed loop on the case of a robot of the zoo, sample by sample.
 
@@ -215,17 +196,16 @@ class Loop:
             self.send(torque)
 
 
-def row(loop: Loop, names: tuple[str, str, str], honest: list[np.ndarray]) -> Row:
+def effect(loop: Loop, honest: list[np.ndarray]) -> dict[str, Any]:
     """Return what a fault does, that has just begun.
 
     Args:
         loop: whose sensors lie.
-        names: of robot, law and fault.
         honest: q (nq) of each sample from now on if they did not.
     """
     limit, model = np.asarray(loop.true.model.effortLimit), loop.true.model
     limit = np.where(limit > 0.0, limit, np.inf)
-    refused, share, reason, k, farthest = None, 0.0, "", 0, 0.0
+    refused, share, said, k, farthest = None, 0.0, "", 0, 0.0
     try:
         for truth, torque in loop.samples(LONGEST):
             share = max(share, float((np.abs(torque) / limit).max()))
@@ -233,7 +213,7 @@ def row(loop: Loop, names: tuple[str, str, str], honest: list[np.ndarray]) -> Ro
             k += 1
     except pa.PinadaptError as error:
         refused = 1e3 * k * loop.dt
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        said = f"{type(error).__name__}: {' '.join(str(error).split())}"
         farthest = max(farthest, _apart(model, honest[k], loop.plant.measure().q))
     drift, speed, bridged = 0.0, math.nan, sum(loop.state.bridged)
     if refused is not None:
@@ -241,7 +221,15 @@ def row(loop: Loop, names: tuple[str, str, str], honest: list[np.ndarray]) -> Ro
         for truth in loop.rest(AFTER):
             drift = max(drift, _apart(model, start, truth.q))
             speed = float(np.abs(truth.v).max())
-    return Row(*names, refused, farthest, share, drift, speed, bridged, reason)
+    return {
+        "refused": refused,
+        "farther": farthest,
+        "torque": share,
+        "drift": drift,
+        "speed": speed,
+        "bridged": bridged,
+        "said": said,
+    }
 
 
 def _apart(model: Any, q: np.ndarray, other: np.ndarray) -> float:
@@ -258,44 +246,41 @@ def begun(name: str, law: str, measures: bool = False, dt: float = DT) -> Loop:
     return loop
 
 
-def fitting(model: Any) -> list[str]:
-    """Return the faults that a robot can have."""
-    continuous = model.joints[JOINT + 1].nq == 2
-    return [name for name in FAULTS if name not in (WRAPS if continuous else CONTINUOUS)]
+@lru_cache(maxsize=2)
+def before(name: str, law: str, measures: bool) -> tuple[Loop, list[np.ndarray]]:
+    """Return a loop in motion, and q (nq) of each sample that would follow."""
+    loop = begun(name, law, measures)
+    return loop, [s.q for s, _ in copy.deepcopy(loop).samples(LONGEST + 0.1)]
 
 
-def rows(robots: list[str], laws: list[str], only: str = "") -> Iterator[Row]:
-    """Yield a row for each robot, law and fault."""
-    for name in robots:
-        for law in laws:
-            loops = {measures: begun(name, law, measures) for measures in (False, True)}
-            honest = {
-                measures: [s.q for s, _ in copy.deepcopy(loop).samples(LONGEST + 0.1)]
-                for measures, loop in loops.items()
-            }
-            for fault in fitting(loops[False].true.model):
-                if only in fault:
-                    measures = fault in MEASURES
-                    lying = loops[measures].lying(fault)
-                    yield row(lying, (name, law, fault), honest[measures])
+def measure(robot: str, law: str, fault: str) -> dict[str, Any]:
+    """Return what a fault does.
+
+    Raises:
+        InputError: the robot cannot have it.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        loop, honest = before(robot, law, fault in MEASURES)
+        continuous = loop.true.model.joints[JOINT + 1].nq == 2
+        if fault in (WRAPS if continuous else CONTINUOUS):
+            raise pa.InputError("this joint cannot have it.", where=fault)
+        return effect(loop.lying(fault), honest)
 
 
 def report(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a table in Markdown: the worst of the robots, by fault and law."""
+    found: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
+    for row in rows:
+        if row["status"] == "done":
+            found.setdefault(row["fault"], {}).setdefault(row["law"], []).append(row)
     laws = list(dict.fromkeys(row["law"] for row in rows))
-    lines = [["fault", *(f"`{law}`" for law in laws)], ["---"] * (len(laws) + 1)]
-    for fault in dict.fromkeys(row["fault"] for row in rows):
-        lines.append([fault])
-        for law in laws:
-            own = [row for row in rows if (row["fault"], row["law"]) == (fault, law)]
-            lines[-1].append(_worst(own))
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    cells = [[fault, *(_worst(runs[law]) for law in laws)] for fault, runs in found.items()]
+    return markdown(["fault", *(f"`{law}`" for law in laws)], cells)
 
 
 def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return time to the refusal, way, torque and drift, each the largest of some rows."""
-    if not rows:
-        return "-"
     far, torque = (max(row[key] for row in rows) for key in ("farther", "torque"))
     words = f"{_angle(far)}, {100.0 * torque:.0f} %"
     missed = [row["robot"] for row in rows if row["refused"] is None]
@@ -309,31 +294,3 @@ def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _angle(degrees: float) -> str:
     return f"{degrees:.0f}°" if degrees >= 100.0 else f"{degrees:.2g}°" if degrees > 0.01 else "0°"
-
-
-def main() -> None:
-    """Print the table, and write it to a file."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--robots", default=",".join(ROBOTS))
-    parser.add_argument("--laws", default=",".join(LAWS))
-    parser.add_argument("--only", default="", help="faults with this in their name")
-    parser.add_argument("--save", type=Path, default=None, help=f"e.g. {HERE}/lying_sensors.json")
-    options = parser.parse_args()
-    found = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for each in rows(options.robots.split(","), options.laws.split(","), options.only):
-            when = "-" if each.refused is None else f"{each.refused:.0f}"
-            print(
-                f"{each.robot:8} {each.law[:12]:12} {each.fault:32} {when:>5} ms "
-                f"{each.farther:7.2f} deg {each.torque:5.2f}  drift {each.drift:7.2f} deg "
-                f"{each.speed:6.3f} /s  {each.bridged:3d}  {each.reason[:110]}",
-                flush=True,
-            )
-            found.append(vars(each))
-    if options.save is not None:
-        save(options.save, found)
-
-
-if __name__ == "__main__":
-    main()

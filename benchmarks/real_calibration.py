@@ -1,8 +1,10 @@
 """The geometry of a real arm, calibrated on one day and tested on another.
 
-``python -m benchmarks.real_calibration FOLDER`` reads the static postures of a TIAGo that
-figaroh-examples publishes (``examples/tiago/data/calibration/mocap``): eight joints and the
-position of a point of the hand, in the axes of a tracked body on the base. What is unknown is
+``make real_calibration.table`` runs the sweep ``real_calibration.toml`` and writes
+``real_calibration.csv``: the static postures of a TIAGo that figaroh-examples publishes
+(``examples/tiago/data/calibration/mocap``), in the folder that the environment variable
+``TIAGO_POSTURES`` names, have eight joints and the position of a point of the hand, in the axes of
+a tracked body on the base. What is unknown is
 estimated from the training file alone, and the distances of the measured points are those of both
 files. FIGAROH's own numbers are those of its protocol
 (``docs/development/tiago-mocap-heldout-protocol.md`` there).
@@ -10,8 +12,10 @@ files. FIGAROH's own numbers are those of its protocol
 
 from __future__ import annotations
 
-import argparse
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +25,20 @@ from pinadapt.identification.calibration import ALL, OFFSETS
 from pinadapt.logs import read_log
 from pinadapt.models.translations import TOOL
 
+from .timing import markdown
+
 TRAINING = "qualisys_2021-11-30_static_postures.csv"
 TEST = "qualisys_2021-11-26_static_postures.csv"
-LEVELS = {"the tracker and the tool": TOOL, "offsets too": (TOOL, OFFSETS), "everything": ALL}
-FIGAROH = ((3.37, 4.87), (2.88, 4.23), (1.64, 3.07))  # mm
+LEVELS = {
+    "the tracker and the tool": TOOL,
+    "offsets of the encoders too": (TOOL, OFFSETS),
+    "everything": ALL,
+}
+FIGAROH = {  # combinations, mm
+    "the tracker and the tool": (9, 3.37, 4.87),
+    "offsets of the encoders too": (14, 2.88, 4.23),
+    "everything": (31, 1.64, 3.07),
+}
 READ = {"columns": {"x": ["x1", "y1", "z1"]}}
 
 
@@ -36,22 +50,30 @@ def distances(found: Calibration, log: pa.Log) -> np.ndarray:
     return np.asarray(np.linalg.norm(log.x - seen, axis=1))
 
 
-def main() -> None:
-    """Print the rms distances in both files, ours and FIGAROH's."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("folder", type=Path)
-    folder: Path = parser.parse_args().folder
-    robot = pa.load("tiago_arm")
+def measure(unknown: str) -> dict[str, Any]:
+    """Return the rms distances in both files [m]."""
+    folder, robot = Path(os.environ["TIAGO_POSTURES"]), pa.load("tiago_arm")
     logs = [read_log(folder / name, robot, intake=READ, torques=False) for name in (TRAINING, TEST)]
-    print("| unknown | combinations | training [mm] | another day | largest | FIGAROH |")
-    print("|---|---|---|---|---|---|")
-    for (words, unknown), theirs in zip(LEVELS.items(), FIGAROH, strict=True):
-        found = calibrate(logs[0], robot, unknown=unknown, tracker=True)
-        errors = [1e3 * distances(found, log) for log in logs]
-        size = [f"{np.sqrt(np.mean(each**2)):.2f}" for each in errors]
-        cells = [words, f"{len(found.combinations)}", *size, f"{errors[1].max():.1f}"]
-        print(f"| {' | '.join(cells)} | {theirs[0]}, {theirs[1]} |")
+    found = calibrate(logs[0], robot, unknown=LEVELS[unknown], tracker=True)
+    training, test = (distances(found, log) for log in logs)
+    return {
+        "combinations": len(found.combinations),
+        "training": float(np.sqrt(np.mean(training**2))),
+        "test": float(np.sqrt(np.mean(test**2))),
+        "largest": float(test.max()),
+    }
 
 
-if __name__ == "__main__":
-    main()
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, ours beside FIGAROH's."""
+    cells = [
+        [
+            row["unknown"],
+            f"{row['combinations']:.0f}",
+            *(f"{1e3 * row[key]:.2f}" for key in ("training", "test")),
+            *FIGAROH[row["unknown"]],
+        ]
+        for row in rows
+    ]
+    head = ["unknown", "combinations", "training", "another day", "FIGAROH: combinations"]
+    return markdown([*head, "training", "another day"], cells)

@@ -1,15 +1,22 @@
 """How well robots are identified from recorded motions of real arms.
 
-``python -m benchmarks.real_logs FOLDER`` identifies each robot whose log is in the folder and
-prints the error of the torques in the last quarter of the log, which nothing was learned from: the
-root mean square over time and all joints of averages over windows. Its columns are
+``make real_logs.table`` runs the sweep ``real_logs.toml`` and writes ``real_logs.csv``, for the
+logs in the folder that the environment variable ``REAL_LOGS`` names. Errors of torques are those of
+the last quarter of a log, which nothing was learned from: root mean squares over time and all
+joints of averages over windows. Of each log are measured
 
-* described: the description as it is;
-* OLS, WLS: base parameters by ordinary and by weighted least squares, with the same effects of the
-  joints, unconstrained, from the first three quarters;
-* identify: ``pinadapt.identify`` from the first three quarters, and how much larger its error is
-  than the better one of OLS and WLS;
-* online: the sample by sample estimates of an ``Estimator`` after the first three quarters.
+* check: factors and correlations of the torques with those of the description, and gravity;
+* identified: ``pinadapt.identify`` from the first three quarters, the description as it is, and
+  base parameters by ordinary and by weighted least squares with the same effects of the joints; the
+  sample by sample estimates of an ``Estimator`` after the first three quarters;
+* viscous and Coulomb: the same with viscous and Coulomb friction and rotors alone;
+* least-squares, forgetting 0: other sample by sample estimates;
+* halves: the robot from the first half and from the second, each with its own effects of the
+  joints. Of the parameters that both halves call identifiable it is counted how many estimates of
+  one half lie within two standard deviations of the other half's, of which there are two for each
+  parameter, and how many differences lie within two deviations of the difference: what one half
+  knows little of is far from the other half's without being wrong. "two logs": the same with
+  another motion of the arm.
 
 The folder has the files named in ``LOGS``, or says in a ``logs.toml`` what it has::
 
@@ -23,9 +30,11 @@ The folder has the files named in ``LOGS``, or says in a ``logs.toml`` what it h
 from __future__ import annotations
 
 import argparse
-import time
+import os
+import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +42,15 @@ import numpy as np
 
 import pinadapt as pa
 from pinadapt._output import toml
+from pinadapt.identification.fits import Frames
+from pinadapt.identification.identified_model import estimate_online, measurements
 from pinadapt.identification.report_page import least_squares_errors
+from pinadapt.information import check_torques
+from pinadapt.models.joint_effects import KINDS
 
+from .timing import markdown
+
+AGAIN = {"ur10": "validation_trajectory.db3"}  # another log of the same arm, beside the first one
 LOGS: tuple[dict[str, Any], ...] = (
     {"name": "panda", "file": "panda_unisa.csv", "robot": "panda"},
     {"name": "ur10", "file": "ur10_unisa/ur10_exciting_trajectory.db3", "robot": "ur10"},
@@ -79,36 +95,180 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def effects_of(found: pa.Identification) -> str:
-    """Return what cross-validation chose, with the gains."""
-    if found.effects is None or found.weight is None:
-        return "-"
-    gains = [f"{gain.words} {gain.share:.0%}" for gain in found.effects.gains]
-    return f"gamma {found.weight.gamma:.1g}; {', '.join(gains) or 'none'}"
-
-
-def main() -> None:
-    """Print the table."""
-    warnings.simplefilter("ignore")
-    logs = chosen_logs(__doc__)
-    print(
-        "log | described | OLS | WLS | identify | to the better | online | "
-        "N m of torque | s | effects"
-    )
-    for name, file, robot in logs:
-        start = time.perf_counter()
-        found = pa.identify(file, robot, progress=False)
-        took, errors = time.perf_counter() - start, found.torque_errors
-        described, learned = rms(errors.described_held_out), rms(errors.learned_held_out)
-        plain, weighted = (rms(part) for part in least_squares_errors(found))
-        print(
-            f"{name} | {described:.3g} | {plain:.3g} | {weighted:.3g} | {learned:.3g} | "
-            f"{learned / min(plain, weighted) - 1.0:+.1%} | "
-            f"{rms(found.online_held_out):.3g} | "
-            f"{rms(errors.size):.3g} | {took:.1f} | {effects_of(found)}",
-            flush=True,
+def halves(log: pa.Log) -> tuple[pa.Log, pa.Log]:
+    """Return the first and the second half of a log."""
+    first = log.t < 0.5 * (log.t[0] + log.t[-1])
+    return tuple(  # type: ignore[return-value]
+        replace(
+            log,
+            t=log.t[part],
+            q=log.q[part],
+            tau=log.tau[part],
+            v=None if log.v is None else log.v[part],
         )
+        for part in (first, ~first)
+    )
 
 
-if __name__ == "__main__":
-    main()
+def differences(
+    one: pa.Identification, other: pa.Identification
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return the names (p) of common parameters that both call identifiable, and |difference|.
+
+    The differences (2, p) are in units of the deviations of each.
+    """
+    parts = one.dynamic, other.dynamic
+    names = [name for name in parts[0].names if name in parts[1].names]
+    values, deviations = (
+        np.array(
+            [[getattr(part, what)[part.names.index(name)] for name in names] for part in parts]
+        )
+        for what in ("estimate", "deviations")
+    )
+    known = np.isfinite(deviations).all(axis=0)
+    away = np.abs(values[0] - values[1])[known] / deviations[:, known]
+    return tuple(name for name, good in zip(names, known, strict=True) if good), away
+
+
+def shared(logs: Sequence[pa.Log], robot: pa.Robot) -> dict[str, Any]:
+    """Return what the estimates from two logs of a robot have in common."""
+    names, away = differences(*(pa.identify(log, robot, progress=False) for log in logs))
+    joint = np.array([label.rpartition(".")[2] in KINDS for label in names])
+    near, worst = away < 2.0, int(np.argmax(away.max(axis=0)))
+    return {
+        "parameters": len(names),
+        "near": near.mean(),
+        "near_bodies": near[:, ~joint].mean(),
+        "near_joints": near[:, joint].mean(),
+        # |difference| < 2 (d_1^2 + d_2^2)^(1/2)
+        "near_difference": np.mean((away**-2.0).sum(axis=0) > 0.25),
+        "farthest": f"{names[worst]}: {away[:, worst].max():.1f}",
+    }
+
+
+def never_forgetting(found: pa.Identification) -> pa.Identification:
+    """Return the same with sample by sample estimates of a memory that keeps everything."""
+    robot = found.estimator.controller.kinematics.robot
+    estimator = pa.make_estimator(
+        robot,
+        unknown=replace(found.unknown, regressor="nominal"),
+        adaptation="natural-memory",
+        forgetting=0.0,
+        dt=found.log.period,
+    )
+    samples = measurements(found.log, robot, Frames(np.zeros(0), np.zeros((0, 0))))
+    online = estimate_online(estimator, samples, len(found.log.t))
+    return replace(found, estimator=estimator, online=online)
+
+
+def measure(log: str, what: str) -> dict[str, Any]:
+    """Return the figures of a log."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        ((_, file, robot),) = _logs_of(Path(os.environ["REAL_LOGS"]), [log])
+        if what == "check":
+            check = check_torques(pa.read_log(file, robot), robot)
+            judged = [(one.factor, one.correlation) for one in check.joints if one.judged]
+            factors = ", ".join(f"{factor:.2f} ({close:.2f})" for factor, close in judged)
+            return {"factors": factors, "gravity": check.gravity}
+        if what in ("halves", "two logs"):
+            first = pa.read_log(file, robot)
+            if what == "halves":
+                return shared(halves(first), robot)
+            return shared((first, pa.read_log(file.with_name(AGAIN[log]), robot)), robot)
+        options: dict[str, Any] = {}
+        if what == "viscous and Coulomb":
+            options["unknown"] = pa.Unknown(friction=True, armature=True)
+        if what == "least-squares":
+            options["adaptation"] = what
+        found = pa.identify(file, robot, progress=False, **options)
+        if what == "forgetting 0":
+            found = never_forgetting(found)
+        errors = found.torque_errors
+        numbers: dict[str, Any] = {
+            "described": rms(errors.described_held_out),
+            "learned": rms(errors.learned_held_out),
+            "online": rms(found.online_held_out),
+            "torque": rms(errors.size),
+        }
+        if what == "identified":
+            plain, weighted = (rms(part) for part in least_squares_errors(found))
+            gains = [] if found.effects is None else found.effects.gains
+            numbers |= {"plain": plain, "weighted": weighted}
+            numbers["effects"] = ", ".join(f"{one.words} {one.share:.0%}" for one in gains)
+        return numbers
+
+
+# --- tables ---
+
+MINUS = "\N{MINUS SIGN}"
+SHOWN_EFFECTS = 4
+NAMES = {"panda": "Panda", "ur10": "UR10", "tx40": "TX40", "tiago": "TIAGo, torso locked"}
+Rows = Sequence[Mapping[str, Any]]
+
+
+def of_kind(rows: Rows, what: str) -> dict[str, Mapping[str, Any]]:
+    """Return the rows of one kind, by log."""
+    return {row["log"]: row for row in rows if row["what"] == what}
+
+
+def checks(rows: Rows) -> str:
+    """Return factors, correlations and gravity of each log."""
+    cells = []
+    for name, row in of_kind(rows, "check").items():
+        gravity = ", ".join(f"{row[f'gravity[{k}]']:.1f}".replace("-", MINUS) for k in range(3))
+        cells.append([NAMES[name], row["factors"], gravity])
+    return markdown(["log", "judged joints", "gravity that the torques show, m/s²"], cells)
+
+
+def effects(words: str) -> str:
+    """Return the first of the effects that were chosen, and how many more there are."""
+    parts = re.findall(r".+?\d %(?:, |$)", words.replace("%", " %"))
+    if len(parts) <= SHOWN_EFFECTS:
+        return "".join(parts) or words
+    shown = "".join(parts[:SHOWN_EFFECTS]).rstrip(", ")
+    return f"{shown}, and {len(parts) - SHOWN_EFFECTS} more"
+
+
+def report(rows: Rows) -> str:
+    """Return the errors of what was identified, beside those of least squares."""
+    before = of_kind(rows, "viscous and Coulomb")
+    cells = [
+        [
+            NAMES[name],
+            *(f"{row[key]:.3g}" for key in ("described", "plain", "weighted", "learned")),
+            f"{before[name]['learned']:.3g}",
+            effects(row["effects"] or "none"),
+        ]
+        for name, row in of_kind(rows, "identified").items()
+    ]
+    head = ["log", "described", "OLS", "WLS", "identified", "viscous and Coulomb friction alone"]
+    return markdown([*head, "effects that were chosen, and what each gained"], cells)
+
+
+def online(rows: Rows) -> str:
+    """Return the errors of sample by sample estimates."""
+    kinds = [of_kind(rows, what) for what in ("forgetting 0", "least-squares")]
+    cells = [
+        [
+            NAMES[name],
+            *(f"{row[key]:.3g}" for key in ("described", "learned")),
+            *(f"{each[name]['online']:.2g}" for each in (of_kind(rows, "identified"), *kinds)),
+        ]
+        for name, row in of_kind(rows, "identified").items()
+    ]
+    head = ["log", "described", "offline", "online, `natural-memory`", "with `forgetting=0`"]
+    return markdown([*head, "`least-squares`"], cells)
+
+
+def split(rows: Rows) -> str:
+    """Return what halves of logs, and two logs, have in common."""
+    cells = []
+    for row in rows:
+        if row["what"] in ("halves", "two logs"):
+            keys = ("near", "near_bodies", "near_joints", "near_difference")
+            shares = [f"{row[key]:.0%}".replace("%", " %") for key in keys]
+            name = NAMES[row["log"]].partition(",")[0]
+            cells.append([f"{name}, {row['what']}", f"{row['parameters']:.0f}", *shares])
+    head = ["log", "parameters", "one half within two deviations of the other", "bodies", "joints"]
+    return markdown([*head, "difference within two of its deviations"], cells)

@@ -34,20 +34,29 @@ from . import (
     alternatives_report,
     calibration,
     contact,
+    control_step,
+    first_moments,
+    from_log,
+    governor,
+    identification,
     image,
     known_load,
+    learned,
     lying_sensors,
     modifications,
     price_of_ignorance,
+    real_calibration,
+    real_logs,
     realtime,
+    scenarios,
     sensors,
     sweep_engines,
     tracker,
 )
 from .timing import HERE, table_rows
 
-PAGES = HERE.parent / "docs"
-RUNNING = HERE.parent / "out" / "tables"  # rows of tables that are being measured
+ROOT = HERE.parent
+RUNNING = ROOT / "out" / "tables"  # rows of tables that are being measured
 SWEPT = sorted(path.stem for path in HERE.glob("*.csv"))
 _MARKED = re.compile(r"(<!-- table: (\S+) -->\n\n)(.*?)(\n*<!-- end of table -->)", re.S)
 
@@ -58,16 +67,23 @@ _MARKED = re.compile(r"(<!-- table: (\S+) -->\n\n)(.*?)(\n*<!-- end of table -->
 def zoo(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the results of the zoo as a table in Markdown, by task and adaptation."""
     lines = [
-        "| task | adaptation | chains | converged | error, median | largest | of the orientation "
-        "| largest |",
-        "|---|---|---|---|---|---|---|---|",
+        "| task | adaptation | chains | converged | not adapted, median | error, median | largest "
+        "| of the orientation | largest |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["task"], row["adaptation"]), []).append(row)
     for (task, adaptation), own in groups.items():
         ran = [row for row in own if row["adapted"] is not None]
-        shares = [(100.0 * row["adapted"] / row["radius"], row["robot"]) for row in ran]
+        before, shares = (
+            [
+                (100.0 * row[key] / row["radius"], row["robot"])
+                for row in ran
+                if row[key] is not None
+            ]
+            for key in ("unadapted", "adapted")
+        )
         angles = [
             (math.degrees(row["adapted_angle"]), row["robot"])
             for row in ran
@@ -78,6 +94,7 @@ def zoo(rows: Iterable[Mapping[str, Any]]) -> str:
             f"`{adaptation}`" if adaptation else "the default",
             str(len(own)),
             str(sum(row["verdict"] == "converged" for row in own)),
+            _middle_and_worst(before, " %")[0],
             *_middle_and_worst(shares, " %"),
             *_middle_and_worst(angles, "°"),
         ]
@@ -139,9 +156,11 @@ def thousand_pandas() -> str:
 # --- the pages ---
 
 
-def of(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callable[[], str]:
-    """Return a function that returns the report of the rows of a table."""
-    return lambda: report(table_rows(name))
+def of(name: str, report: Callable[[list[dict[str, Any]]], str], **which: str) -> Callable[[], str]:
+    """Return a function that returns the report of the rows of a table, or of some of them."""
+    return lambda: report(
+        [row for row in table_rows(name) if all(row[key] == which[key] for key in which)]
+    )
 
 
 def of_json(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callable[[], str]:
@@ -152,24 +171,38 @@ def of_json(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callabl
 TABLES: dict[str, Callable[[], str]] = {
     "actuators": of("actuators", adaptations.declared),
     "adaptations": adaptations.whole,
+    "after_changes": of("scenarios", scenarios.after_changes, table="load_changes"),
     "alternatives": of(
         "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
     ),
     "calibration": of("calibration", calibration.report),
-    "image": of("image", image.report),
     "contact": of_json("contact", contact.report),
+    "control_step": of_json("control_step", control_step.report),
+    "first_moments": of("first_moments", first_moments.report),
+    "from_log": of("from_log", from_log.report),
+    "governor": of("governor", governor.report),
+    "governor_everything": of("governor", governor.counts),
+    "identification": of("identification", identification.report),
+    "image": of("image", image.report),
     "known_load": of("known_load", known_load.as_described),
     "known_load_off": of("known_load", known_load.off_by_some_per_cent),
-    "lying_sensors": of_json("lying_sensors", lying_sensors.report),
+    "lying_sensors": of("lying_sensors", lying_sensors.report),
     "modifications": of("modifications", modifications.report),
-    "realtime": of_json("realtime", realtime.report),
     "price_of_ignorance": of("price_of_ignorance", price_of_ignorance.report),
+    "real_calibration": of("real_calibration", real_calibration.report),
+    "real_logs": of("real_logs", real_logs.report),
+    "real_logs_checked": of("real_logs", real_logs.checks),
+    "real_logs_online": of("real_logs", real_logs.online),
+    "real_logs_split": of("real_logs", real_logs.split),
+    "realtime": of_json("realtime", realtime.report),
     "sensors": of("sensors", sensors.report),
     "sweep_engines": of_json("sweep_engines", sweep_engines.report),
     "thousand_pandas": thousand_pandas,
     "tracker": of("tracker", tracker.report),
     "tuned": tuned,
     "zoo": of("zoo", zoo),
+    **{f"learned_{name}": of("learned", make, table=name) for name, make in learned.TABLES.items()},
+    **{name: of("scenarios", make, table=name) for name, make in scenarios.TABLES.items()},
 }
 
 
@@ -193,7 +226,8 @@ def written(text: str) -> str:
 
 def pages() -> list[Path]:
     """Return the pages that have tables."""
-    return [path for path in sorted(PAGES.glob("*.md")) if _MARKED.search(path.read_text())]
+    found = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("robots/*/README.md")]
+    return [path for path in sorted(found) if _MARKED.search(path.read_text())]
 
 
 # --- the sweeps ---
@@ -275,7 +309,7 @@ def main() -> int:
         print(f"benchmarks.tables: {error}", file=sys.stderr)
         return 2
     for path in changed:
-        print(f"{path.relative_to(PAGES.parent)} {'is not as its tables' * options.check}")
+        print(f"{path.relative_to(ROOT)} {'is not as its tables' * options.check}")
         if not options.check:
             path.write_text(written(path.read_text()))
     return int(options.check and bool(changed))

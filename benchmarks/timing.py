@@ -1,11 +1,11 @@
-"""Shared by the benchmarks: alternate timing of calls, the environment, and saved figures."""
+"""Shared by the benchmarks: alternate timing of calls, saved figures, and tables in Markdown."""
 
 from __future__ import annotations
 
 import gc
 import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -61,6 +61,12 @@ def saved(path: Path) -> dict[str, dict[str, Any]]:
 def table_rows(name: str) -> list[dict[str, Any]]:
     """Return the rows of the table of a sweep, in order: ``make NAME.table`` measures them."""
     return list(CaseTable.load(HERE / f"{name}.csv").rows())
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
 def save(path: Path, rows: list[dict[str, Any]]) -> None:

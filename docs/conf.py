@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "_ext"))
 
 from pinadapt import __version__  # noqa: E402  after the path
+from pinadapt.sweep import CaseTable  # noqa: E402
 
 project = "pinadapt"
 author = "The pinadapt developers"
@@ -61,15 +62,14 @@ napoleon_use_rtype = False
 
 
 def law_figures() -> dict[str, dict[str, str]]:
-    """Return the figures of `python -m benchmarks.laws` for each law, as text."""
-    rows = json.loads((ROOT / "benchmarks" / "laws.json").read_text())["rows"]
+    """Return the figures of `make laws.table` for each law, as text."""
     return {
-        row["name"]: {
+        row["law"]: {
             "error": error_text(row["error"], row["unit"]),
             "camera": error_text(row["error_camera"], row["unit"]),
             "cost": f"{row['step_ratio']:.0f}",
         }
-        for row in rows
+        for row in swept("laws")
     }
 
 
@@ -82,6 +82,11 @@ def error_text(error: float | None, unit: str) -> str:
     )
 
 
+def swept(name: str) -> list[dict[str, Any]]:
+    """Return the rows of the table of a sweep."""
+    return list(CaseTable.load(ROOT / "benchmarks" / f"{name}.csv").rows())
+
+
 def benchmark(name: str) -> list[dict[str, Any]]:
     """Return the rows of a benchmark's file."""
     rows: list[dict[str, Any]] = json.loads((ROOT / "benchmarks" / f"{name}.json").read_text())[
@@ -91,6 +96,18 @@ def benchmark(name: str) -> list[dict[str, Any]]:
 
 
 (shares,) = benchmark("sample_shares")
+*_, memory = benchmark("control_step")
+samples = {row["name"]: row for row in benchmark("simulated_sample")}
+alone = samples["panda with friction"]
+taught = next(row for row in swept("learned") if row["table"] == "motions")
+(hidden,) = (
+    row
+    for row in swept("scenarios")
+    if row["run"] == "hidden, law (11)" and row["engine"] == "mujoco"
+)
+later_runs = {row["adaptation"]: row for row in swept("scenarios") if row["table"] == "later"}
+(cost,) = (row for row in swept("governor") if row["event"] == "cost")
+later = [each - memory["step_us"] for each in (*memory["preparing_us"], memory["solving_us"])]
 (short,) = (row for row in benchmark("sweep_engines") if row["name"] == "short cases")
 
 myst_substitutions = {
@@ -109,5 +126,22 @@ myst_substitutions = {
         "Python and numpy around them"
     ),
     "largest_gain": f"{shares['largest_gain']:.1f}",
+    "learned_before": f"{taught['before']:.2f} N m",
+    "hidden_law": error_text(hidden["last"], "m"),
+    **{
+        f"{name}_{when}": error_text(later_runs[adaptation][key], "m")
+        for name, adaptation in (
+            ("squares", "least-squares"),
+            ("composite", "natural-composite"),
+        )
+        for when, key in (("soon", "half[15]"), ("late", "last"))
+    },
+    "governor_us": f"{cost['governor_us']:.0f} µs",
+    "memory_median": f"{memory['median_ratio']:.1f}",
+    "memory_mean": f"{memory['mean_ratio']:.1f}",
+    "memory_steps": "{:.2f}, {:.2f} and {:.2f}".format(*(1e-3 * each for each in later)),
+    "memory_calls": f"{samples['panda with the memory']['sample_ratio']:.0f}",
+    "sample_calls": f"{alone['sample_ratio']:.0f}",
+    "faster": f"{1e3 / (alone['sample_ratio'] * alone['aba_us']):.0f}",
     "laws": law_figures(),
 }

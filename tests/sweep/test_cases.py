@@ -221,6 +221,15 @@ def test_a_text_in_a_listed_case_is_a_case_for_each_of_its_values(tmp_path):
     found = [tuple(case.values.values()) for case in Plan.read(tmp_path / "s.toml").cases]
     assert found[:4] == [(1, 3.0, 5), (1, 4.0, 5), (2, 3.0, 5), (2, 4.0, 5)]
     assert found[4:] == [([6, 7], "x[", 5)]  # a list itself is one value
+    (tmp_path / "s.toml").write_text("function = 'math:hypot'\n[[case]]\na = '[false, true]'\n")
+    found = [case.values["a"] for case in Plan.read(tmp_path / "s.toml").cases]
+    assert found == [False, True]  # as TOML has them
+
+
+@pytest.mark.parametrize("key", ["case", "status", "reason", "seconds"])
+def test_columns_of_every_table_are_no_arguments(key):
+    with pytest.raises(pa.InputError, match=f"{key}: is a column of every table"):
+        Cases.of({key: [1, 2]})
 
 
 @pytest.mark.parametrize(

@@ -83,9 +83,12 @@ def test_a_search_finds_the_minimum_and_says_so(tmp_path, capsys):
     (tmp_path / "cases.toml").write_text(CASES)
     out = ["--processes", "0", "--objective", "distance", "--out", str(tmp_path)]
     arguments = ["tune", str(tmp_path / "cases.toml"), *out, "--trials", "25"]
+    arguments += ["--validation", "40"]
     assert main([*arguments, "--gain", "gain=uniform(0.0, 4.0)"]) == 0
     found = json.loads((tmp_path / "tune.json").read_text())
     assert found["better"] and found["gains"]["gain"] == pytest.approx(2.0, abs=0.2)
+    assert found["cases"] == {"search": 30, "validation": 40}
+    assert found["success"]["best"]["total"] == found["success"]["default"]["total"] == 40
     assert len(found["trials"]) == 25 and found["search"]["best"] == min(
         each["objective"] for each in found["trials"]
     )

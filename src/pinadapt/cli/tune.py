@@ -62,6 +62,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="of the objective over the cases; lost cases are the worst (default: %(default)s)",
     )
+    parser.add_argument(
+        "--validation",
+        type=positive,
+        metavar="N",
+        help="samples with other seeds, on which gains are compared (default: as in the search)",
+    )
     parser.add_argument("--processes", type=int, metavar="N", help="default: one per core")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="of Dask, or 'local'")
     add_out(parser, "out/ and the file's name and -tune")
@@ -132,6 +138,9 @@ def tune(options: argparse.Namespace) -> int:
             f"a share above 0 and at most 1 is expected, got {options.percentile:g}.",
             where="--percentile",
         )
+    more: dict[str, Any] = {}
+    if options.validation is not None:
+        more["samples" if plan.cases.samples else "repeat"] = options.validation
     folder = options.out or Path("out") / f"{options.scenario.stem}-tune"
     check_writable(folder, [FILE])
     suggest, tell = _optuna(gains, plan.cases.seed)
@@ -144,14 +153,14 @@ def tune(options: argparse.Namespace) -> int:
             trials.append(judge(chosen, plan.cases))
             tell(trial, trials[-1].objective)
         best = min(trials, key=lambda each: each.objective)
-        other = replace(plan.cases, seed=plan.cases.seed + _OTHER_SEED)
+        other = replace(plan.cases, seed=plan.cases.seed + _OTHER_SEED, **more)
         checked = judge({}, other), judge(best.gains, other)
     words, better = verdict(*checked)
     found = {
         "verdict": words,
         "better": better,
         "objective": f"{options.percentile:.0%} percentile of {options.objective}",
-        "cases": len(plan.cases),
+        "cases": {"search": len(plan.cases), "validation": len(other)},
         "gains": best.gains,
         "search": {"default": default.objective, "best": best.objective},
         "validation": {"default": checked[0].objective, "best": checked[1].objective},

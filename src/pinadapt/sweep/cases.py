@@ -42,6 +42,7 @@ MANY = 1_000_000  # cases, above which a user is asked
 _AXES = {"lin": 3, "log": 3}  # kinds of values -> number of arguments
 _DRAWN = {"uniform": 2, "loguniform": 2, "normal": 2, "choice": 1}
 _CHECKED = 1000  # values of an axis that are all checked before the first case
+_OWN = {"case", "status", "reason", "seconds"}  # columns that no argument of a function may have
 _EDGE = 2.0**-53  # least distance of a quantile from 0 and 1, where normal ones are infinite
 _DESIGN = 1  # spawn key of the design's random numbers; cases have (0, number)
 
@@ -179,6 +180,9 @@ def _parsed(key: str, text: str) -> tuple[list[Any] | None, Drawn | None]:
         "Write a list such as [1.0, 2.0], or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
         "loguniform(a, b), normal(mean, deviation), choice([...])."
     )
+    listed = toml_value(text) if text.startswith("[") else None
+    if isinstance(listed, list):
+        return Values.of(key, listed).axis, None
     try:
         tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -302,6 +306,10 @@ class Cases:
         if both or len(set(keys[: len(self.values)])) < len(self.values):
             twice = sorted(both) or keys
             raise InputError(f"is varied twice: {', '.join(twice)}.", where="vary")
+        for key in _OWN & set(keys):
+            raise InputError(
+                "is a column of every table.", where=key, hint="Give the argument another name."
+            )
 
     @classmethod
     def of(
