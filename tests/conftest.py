@@ -1,6 +1,7 @@
 """Fixtures of all tests."""
 
 import gc
+import signal
 
 import pytest
 
@@ -27,6 +28,14 @@ def unpainted(monkeypatch):
     from pinadapt.plots.style import Picture
 
     monkeypatch.setattr(Picture, "png", lambda self, dpi=100: b"not painted")
+
+
+@pytest.fixture
+def interruptible():
+    """Hear Ctrl-C, which a shell lets those ignore that it starts in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def pytest_collection_finish(session):

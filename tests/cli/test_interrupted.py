@@ -75,7 +75,7 @@ def test_an_interrupt_carries_the_rollout_so_far(mode, at, tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text())["steps"] == at
 
 
-@pytest.mark.usefixtures("blank_pictures")
+@pytest.mark.usefixtures("blank_pictures", "interruptible")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run_with_its_outputs_and_130(number, tmp_path, monkeypatch, capsys):
     def told(stream, indices, *options):

@@ -244,6 +244,7 @@ def test_view_of_a_folder_without_one_is_refused(tmp_path, capsys):
     assert "animation.html" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_live_run_is_130_and_frees_its_port(monkeypatch):
     """A page is asked for while it runs, then Ctrl-C."""
     told, asked = io.StringIO(), []

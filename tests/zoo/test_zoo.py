@@ -193,6 +193,7 @@ def children():
     return found
 
 
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc")
 def test_a_zoo_that_is_interrupted_leaves_its_finished_rows_and_no_process(
     tmp_path, monkeypatch, capsys
