@@ -184,6 +184,8 @@ def test_the_camera_is_found_from_frames():
     assert J_hat == pytest.approx(kinematics.J, abs=2e-3 * np.abs(kinematics.J).max())
     with pytest.raises(pa.LogError, match="do not show the camera"):
         find_camera(kinematics, [s._replace(x=samples[0].x) for s in samples])
+    with pytest.raises(pa.LogError, match="In pixels"):
+        find_camera(kinematics, [s._replace(x=500.0 * s.x) for s in samples])
     shifted = [s._replace(x=o.x) for s, o in zip(samples[5:], samples, strict=False)]
     with pytest.raises(pa.LogError, match="no camera explains"):
         find_camera(kinematics, shifted)

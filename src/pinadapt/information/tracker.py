@@ -34,6 +34,7 @@ _FEWEST = 4
 _LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _LEAST_SHARE = 0.2
+_LARGEST = 10.0  # motion of a picture over that of the arm
 _MIRRORED = -0.5  # determinant; near zero where the motion does not show all axes
 _EXPLAINED = 0.5  # share of the residual's size that a mistake must take away
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
@@ -157,8 +158,8 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
         samples: measurements of a motion, with x at some of them, as ``find_tracker``.
 
     Raises:
-        LogError: no camera explains the frames: fewer than four, a picture that hardly moves, of
-            another point, or of another clock.
+        LogError: no camera explains the frames: fewer than four, a picture that hardly moves, in
+            pixels, of another point, or of another clock.
     """
     if not isinstance(kinematics, CameraKinematics):
         raise LogError("these kinematics have no camera.", hint='Take the task "image".')
@@ -170,6 +171,13 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             f"{len(x)} frames whose picture moves by {motion:.2g} (rms) do not show the camera.",
             hint="Move every joint, such that the picture moves by some hundredths of the reach "
             f"({reach:.2g} m), a pixel counted as about the length that it covers at the arm.",
+        )
+    p = np.array([kinematics.in_base(q, v)[0] for q, v, _ in found])
+    size = motion / _rms(p - p.mean(axis=0))
+    if size > _LARGEST:
+        raise LogError(
+            f"the picture moves {size:.3g} times as far as the arm. In pixels?",
+            hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
         )
     a_0, known = kinematics.standing_at(x[0]), 1.0 / kinematics.sizes**2
     a = a_0.copy()

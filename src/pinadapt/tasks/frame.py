@@ -301,7 +301,7 @@ class ImageTask(PositionTask):
 
     A pixel counts as some length [m], about that which it covers at the arm: y is then as large as
     the motion that it shows, which is what lengths in gains and checks are compared with. A factor
-    of two does not matter.
+    of five does not matter.
 
     Attributes:
         cameras: one or two matrices H (3, 4), as nested tuples: the projections from the axes of
