@@ -9,6 +9,9 @@ import pytest
 # garbage as often as by default, they take a quarter of the collection, and 5 % of closed loops.
 gc.set_threshold(100_000, 50, 100)
 
+# A shell starts what it runs in the background with Ctrl-C ignored; tests send it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 @pytest.fixture
 def blank_pictures(monkeypatch):

@@ -217,7 +217,7 @@ def _lumped(
 ) -> np.ndarray:
     """Return the least-squares estimate (p) of the lumped parameters.
 
-    Of the blocks is known before how large they are, and nothing else.
+    Only the size of the blocks is known beforehand.
     """
     m = x.shape[1]
     start = kinematics.initial.reshape(m, -1).copy()
