@@ -10,6 +10,9 @@ the true one, without noise, at 200 other configurations.
 
 "First order" is what the same motion leaves of the true positions if the placements enter linearly,
 x = p(q) + K(q) d at the described ones, with the best d: the remainder of second order.
+
+``make geometry_online.table`` runs the sweep ``geometry_online.toml``: such arms with right
+encoders follow a circle for 6 s at 500 Hz with default gains, tool or whole geometry unknown.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
-from pinadapt.description.chain import configuration_from_angles
+from pinadapt.description.chain import angles_from_configuration, configuration_from_angles
 from pinadapt.identification import calibrate
 
 TURN, SHIFT, OFFSET = np.radians(2.0), 2e-3, np.radians(1.0)
@@ -33,6 +36,7 @@ WIDTH, SLIDE_WIDTH = 1.5, 0.1  # rad and m, from home
 STEP = 2.0 * np.pi / 2**17  # rad, of an encoder
 NOISE, TURN_NOISE = (1e-4, 3e-4), 1e-3  # m, rad
 FRAMES = (200, 400)
+DURATION, PERIOD = 6.0, 2e-3  # s, of a circle
 
 
 def wrong_arm(
@@ -136,6 +140,30 @@ def measure(robot: str, frames: str, number: int) -> dict[str, Any]:
     }
 
 
+def follow(robot: str, unknown: str, number: int) -> dict[str, Any]:
+    """Return errors in mm of a circle that a wrong arm follows, learning while it moves."""
+    described = pa.load(robot)
+    rng = np.random.default_rng([zlib.crc32(robot.encode()), number])
+    real = wrong_arm(described, rng)
+    controller = pa.make_controller(
+        described, unknown=pa.Unknown(geometry=unknown == "geometry"), dt=PERIOD
+    )
+    circle = pa.reachable_circle(described).starting_at(real.position(real.q0))
+    run = pa.simulate(real, controller, circle, duration=DURATION, progress=False)
+    kinematics, ends = controller.kinematics, run.t > 0.9 * DURATION
+    left = []
+    for a_k, q, v, x in zip(run.a_k[ends], run.q[ends], run.v[ends], run.x[ends], strict=True):
+        kinematics.update(a_k, q, v)
+        left.append(np.linalg.norm(kinematics.x_hat - x))
+    way = np.array([angles_from_configuration(described.model, q) for q in run.q[::20]])
+    return {
+        "largest": 1e3 * float(run.distance.max()),
+        "last": 1e3 * float(run.distance[ends].max()),
+        "predicted": 1e3 * float(np.max(left)),
+        "first_order": 1e3 * first_order(described, measured(real, way, rng)),
+    }
+
+
 def first_order(described: pa.Robot, log: pa.Log) -> float:
     """Return the rms distance that placements leave which enter linearly, the best ones [m]."""
     model, data = described.model, described.model.createData()
@@ -176,4 +204,23 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
         ]
         cells = [frames, robot, str(len(own)), f"{words} of {int(own[0]['numbers'])}", *cells]
         lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def followed(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown: median / largest of the arms of each robot, in mm."""
+    lines = [
+        "| arm | unknown | arms | largest error | of the last tenth | of the predicted position "
+        "there | of first order along the path |",
+        "|" + "---|" * 7,
+    ]
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["robot"], row["unknown"]), []).append(row)
+    for (robot, unknown), own in groups.items():
+        cells = [
+            f"{median(row[key] for row in own):.2g} / {max(row[key] for row in own):.2g}"
+            for key in ("largest", "last", "predicted", "first_order")
+        ]
+        lines.append(f"| {' | '.join([robot, unknown, str(len(own)), *cells])} |")
     return "\n".join(lines)

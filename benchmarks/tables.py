@@ -182,6 +182,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "from_log": of("from_log", from_log.report),
     "governor": of("governor", governor.report),
     "governor_everything": of("governor", governor.counts),
+    "geometry_online": of("geometry_online", calibration.followed),
     "identification": of("identification", identification.report),
     "image": of("image", image.report),
     "known_load": of("known_load", known_load.as_described),

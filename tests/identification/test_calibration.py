@@ -195,6 +195,12 @@ def test_logs_that_show_no_geometry_are_refused(change, words):
         calibrate(change(recorded("ur5")), catalogue_robot("ur5"))
 
 
+def test_an_arm_that_is_as_described_is_said_to_be():
+    robot, rng = catalogue_robot("scara"), np.random.default_rng(6)
+    found = calibrate(measured(robot, random_angles(robot, rng, 60), rng, noise=NOISE), robot)
+    assert found.trusted and "the description is as good" in found.verdict
+
+
 def test_a_log_of_something_else_is_not_trusted():
     log = recorded("ur5")
     found = calibrate(replace(log, x=log.x[::-1]), catalogue_robot("ur5"))

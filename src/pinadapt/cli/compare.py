@@ -19,8 +19,16 @@ from ..plots.figures import overlay_figure
 from ..rollout.rollout import Rollout
 from ..scenario.scenario import Scenario
 from ..tasks.task import DISPLAYS, JointTask
-from .arguments import add_out, add_scenario, add_unadapted, names
-from .command_line import DONE, INTERRUPTED, interrupted, status_of
+from .command_line import (
+    DONE,
+    INTERRUPTED,
+    add_out,
+    add_scenario,
+    add_unadapted,
+    interrupted,
+    names,
+    status_of,
+)
 from .run import RUN_FILES, check_place, run_beside, run_scenario, unadapted, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"

@@ -32,8 +32,7 @@ from ..scenario.scenario import Scenario, described_robot
 from ..scenario.schema import ScenarioTables, check_tables, parsed, read_tables, tables_with
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
-from .arguments import add_settings, positive
-from .command_line import DIVERGED, DONE, INTERRUPTED
+from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, positive
 
 _STAGES = {
     "log-only": (Stage.LOG, "compute and log torques, send none (default)"),

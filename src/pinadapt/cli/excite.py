@@ -22,7 +22,7 @@ from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
 from ..scenario.schema import check_tables
 from ..tuning.unknowns import Unknown
-from .arguments import add_out_file, add_seed, names
+from .command_line import add_out_file, add_seed, names
 from .init import warn_of_findings
 
 _SCENARIO = ".toml"

@@ -23,8 +23,7 @@ from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
 from ..simulation.simulate import watched
 from ..tuning.unknowns import Unknown
-from .arguments import add_description, add_out, assignment, names
-from .command_line import DONE, INCOMPLETE, REFUSED
+from .command_line import DONE, INCOMPLETE, REFUSED, add_description, add_out, assignment, names
 from .run import RUN_FILES
 
 _SCENARIO = ".toml"

@@ -11,7 +11,7 @@ from ..exceptions import InputError
 from ..laws import DEFAULT, LAWS
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
-from .arguments import add_description, add_out_file
+from .command_line import add_description, add_out_file
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

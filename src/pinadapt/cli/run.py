@@ -18,8 +18,15 @@ from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
 from ..simulation.simulate import watched
 from ..view.live import LiveView, open_in_browser
-from .arguments import add_out, add_scenario, add_settings, add_unadapted, positive
-from .command_line import DONE, status_of
+from .command_line import (
+    DONE,
+    add_out,
+    add_scenario,
+    add_settings,
+    add_unadapted,
+    positive,
+    status_of,
+)
 
 RUN_FILES = (
     "rollout.npz",

@@ -13,8 +13,15 @@ from ..sweep.cases import COPY, MANY, METHODS, Plan
 from ..sweep.execution import Progress, ScenarioWork, claimed, engine, run_plan, work_of
 from ..sweep.sweep_report import PAGE, Report
 from ..sweep.table import CaseTable, read
-from .arguments import add_out, add_scenario, not_negative, positive
-from .command_line import DONE, INTERRUPTED, status_of
+from .command_line import (
+    DONE,
+    INTERRUPTED,
+    add_out,
+    add_scenario,
+    not_negative,
+    positive,
+    status_of,
+)
 from .run import check_place, write_run
 
 

@@ -20,8 +20,8 @@ from ..sweep.cases import Cases, Plan, Values, parsed_setting
 from ..sweep.execution import engine, rows, work_of
 from ..sweep.sweep_report import Rate, percentile, rate
 from ..sweep.table import DONE, CaseTable
-from .arguments import add_out, add_scenario, positive
 from .command_line import DONE as STATUS
+from .command_line import add_out, add_scenario, positive
 
 FILE = "tune.json"
 _OTHER_SEED = 1  # added to the sweep's seed for the validation

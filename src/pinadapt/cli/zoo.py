@@ -14,8 +14,7 @@ from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
 from ..zoo.experiment import CONVERGED, POSE, ZooRow, run_zoo, zoo_names
-from .arguments import add_out, add_seed, names, not_negative
-from .command_line import DONE, INTERRUPTED
+from .command_line import DONE, INTERRUPTED, add_out, add_seed, names, not_negative
 
 TABLE = "zoo.json"
 _DEGREES = 180.0 / math.pi

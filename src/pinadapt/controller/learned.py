@@ -196,7 +196,7 @@ class LearnedParameters:
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
         kinematics, dynamics = controller.kinematics, controller.dynamics
-        units = {name: "m" for name in kinematics.names}
+        units = dict(zip(kinematics.names, kinematics.units, strict=True))
         units |= dict(zip(dynamics.names, dynamics.units, strict=True))
         return cls(
             kinematics.robot.name,

@@ -1,7 +1,7 @@
 """Identification of robots from recorded motions, without control."""
 
 from .calibration import Calibration as Calibration
-from .calibration import GeometryError as GeometryError
+from .calibration import FrameErrors as FrameErrors
 from .calibration import calibrate as calibrate
 from .identification import Identification as Identification
 from .identification import identify as identify

@@ -37,12 +37,12 @@ from .._checks import flag, name_list, positive, vector
 from .._compiled import one_blas_thread
 from .._output import Sheet, Table, write_text
 from .._version import __version__
-from ..description.chain import is_slide
-from ..description.urdf_writer import axis_of
 from ..exceptions import InputError, LogError, did_you_mean
 from ..information.tracker import check_axes
 from ..logs.intake import Intake
 from ..logs.log import Log
+from ..models.placement_kinematics import SHIFT, TURN, axes_of
+from ..models.tracker_kinematics import TRACKER
 from ..models.translations import BASE, FIRST, TOOL
 from ..robot.changes import move_base
 from ..robot.loading import load
@@ -51,13 +51,11 @@ from ..rollout.rollout import Rollout
 from ..tasks.frame import TASKS, FrameTask, matrix
 from .identification import log_of
 
-OFFSETS, JOINTS, TRACKER = "offsets", "joints", "tracker"
+OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
 FILES = ("learned.urdf", "summary.json")
 
-# Standard deviations of a description: turns [rad], and shifts as shares of the reach.
-_TURN, _SHIFT = 0.02, 0.005
-_OFFSET = 3.0  # times those: of the offset of an encoder
+_OFFSET = 3.0  # times the deviations of a description: of the offset of an encoder
 _TOOL = (1.0, 0.5)  # a turn and a shift of the tool
 _TRACKER = (10.0, 100.0)  # of the base, where x is in the axes of a tracker
 
@@ -73,6 +71,7 @@ _LEAST_NOISE = 1e-7  # of the reach, and [rad]
 _TURNED = 0.5  # [rad] that no base is mounted off its description
 _LEAST_WAY = 1e-3  # of the reach, that a frame moves (rms)
 _WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
+_AS_GOOD = 1.2  # ratio of two errors up to which they are the same
 _LATE = 5.0  # deviations from which the frames have another clock
 _ENOUGH = 3.0  # equations a combination that are advised
 _TINY = 1e-9
@@ -81,7 +80,7 @@ _SHOWN = 0.05  # of the effect of a parameter, from which another one that cance
 _NAMED = 3  # parts that a table names
 
 
-class GeometryError(NamedTuple):
+class FrameErrors(NamedTuple):
     """How far measured frames are from those of a model.
 
     Attributes:
@@ -142,8 +141,8 @@ class Calibration:
     noise: tuple[float, float | None]
     frames: int
     outliers: int
-    before: GeometryError
-    after: GeometryError
+    before: FrameErrors
+    after: FrameErrors
     motion: float
     late: tuple[float, float]
     source: str
@@ -166,8 +165,9 @@ class Calibration:
 
     @property
     def trusted(self) -> bool:
-        """Whether the calibrated robot explains the frames, held-out ones better than before."""
-        return self.after.position <= min(self.before.position, _WORST * self.motion)
+        """Whether the calibrated robot explains the frames, held-out ones no worse than before."""
+        after = self.after.position
+        return after <= min(_AS_GOOD * self.before.position, _WORST * self.motion)
 
     @property
     def verdict(self) -> str:
@@ -183,8 +183,10 @@ class Calibration:
                 f"NOT TO BE TRUSTED: {words}, in a motion of {1e3 * self.motion:.3g} mm. Is x of "
                 f"this frame, of this robot, and timed on the clock of q?{clock}"
             )
-        if self.after.position > self.before.position:
+        if self.after.position > _AS_GOOD * self.before.position:
             return f"NOT TO BE TRUSTED: {words}, WORSE than described. Record more frames.{clock}"
+        if self.before.position < _AS_GOOD * self.after.position:
+            return f"{words}: the description is as good.{clock}"
         return f"{words}.{clock}"
 
     def __repr__(self) -> str:
@@ -545,11 +547,11 @@ def _unknown_placements(
                 f"{names}.{did_you_mean(word, [*known, *names])}",
                 where="unknown",
             )
-    shift, turn = _SHIFT * robot.reach, _TURN
+    shift, turn = SHIFT * robot.reach, TURN
     plain = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
     found = []
     for joint, name in enumerate(names, 1):
-        basis, own = _axes(robot.model, joint)
+        basis, own = axes_of(robot.model, joint)
         prior = np.repeat([shift, turn], 3)
         prior[own] *= _OFFSET
         labels = [*plain[:own], _OWN, *plain[own + 1 :]]
@@ -575,23 +577,6 @@ def _unknown_placements(
     if not found:
         raise InputError("nothing is unknown, so there is nothing to calibrate.", where="unknown")
     return found
-
-
-def _axes(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
-    """Return orthonormal directions (6, 6) of a joint's displacement, and which one is its own.
-
-    They are the axes of the joint frame, but for the own one; where the joint's axis is none of
-    these, they are turned such that the last one is.
-    """
-    axis = axis_of(model, joint)
-    k = int(np.argmax(np.abs(axis)))
-    basis = np.eye(3)
-    if abs(abs(axis[k]) - 1.0) > 1e-9:
-        k, basis = 2, np.linalg.svd(axis[None, :])[2].T[:, [1, 2, 0]]
-    basis[:, k] = axis
-    blocks = np.zeros((6, 6))
-    blocks[:3, :3] = blocks[3:, 3:] = basis
-    return blocks, k if is_slide(model.joints[joint]) else 3 + k
 
 
 class _Geometry:
@@ -904,13 +889,13 @@ def _told(
     return tuple(combinations), untold
 
 
-def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> GeometryError:
+def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:
     """Return how far frames are from those of a geometry."""
     r, _, _ = geometry.rows(seen)
     distances = np.linalg.norm(r[:, : seen.task.positions], axis=1)
     turns = np.linalg.norm(r[:, seen.task.positions :], axis=1)
     turn = float(np.sqrt(np.mean(turns**2))) if seen.task.size > seen.task.positions else None
-    return GeometryError(float(np.sqrt(np.mean(distances**2))), float(distances.max()), turn)
+    return FrameErrors(float(np.sqrt(np.mean(distances**2))), float(distances.max()), turn)
 
 
 def _rms_distance(points: np.ndarray) -> float:

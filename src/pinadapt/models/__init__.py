@@ -12,6 +12,7 @@ from .dynamics import StackedDynamics as StackedDynamics
 from .frame_kinematics import FrameKinematics as FrameKinematics
 from .joint_effects import JointEffects as JointEffects
 from .lumped import LumpedDynamics as LumpedDynamics
+from .placement_kinematics import PlacementKinematics as PlacementKinematics
 from .regressor import Momentum as Momentum
 from .regressor import MomentumRegressor as MomentumRegressor
 from .task_kinematics import JointKinematics as JointKinematics

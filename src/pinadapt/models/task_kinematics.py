@@ -88,6 +88,11 @@ class TaskKinematics(Doors, ABC):
     def x_hat(self) -> np.ndarray:
         """The estimated task coordinates."""
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each parameter (p)."""
+        return ("m",) * self.size
+
     def initial_at(self, q: np.ndarray, x: np.ndarray | None) -> np.ndarray:
         """Return the estimate (p) to start from at a measured q (nq) and x, if that is measured."""
         return self.initial

@@ -26,6 +26,7 @@ from ..models.joint_effects import (
     without_joint_effects,
 )
 from ..models.lumped import LumpedDynamics
+from ..models.placement_kinematics import GEOMETRY, PlacementKinematics
 from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
@@ -36,7 +37,18 @@ from .rates import FORGETTING, PREDICTING
 
 REGRESSORS = ("exact", "nominal")
 EFFECTS = tuple(kind for kind in KINDS if kind not in USUAL)
-WORDS = (TOOL, BASE, TRACKER, LENGTHS, "bodies", PAYLOAD, "friction", "armature", *EFFECTS)
+WORDS = (
+    TOOL,
+    BASE,
+    TRACKER,
+    GEOMETRY,
+    LENGTHS,
+    "bodies",
+    PAYLOAD,
+    "friction",
+    "armature",
+    *EFFECTS,
+)
 _FRICTION = ("viscous", "coulomb")
 
 Words = str | Sequence[str | Translation]
@@ -48,8 +60,8 @@ class Unknown:
 
     ``make_controller``, ``make_estimator``, ``identify`` and ``excite`` also take plain words in
     its place, such as ``unknown="payload"`` or ``unknown=["tool", "friction"]``: what they do not
-    name is known then. The words are "tool", "base", "tracker", "lengths", "bodies", "payload",
-    "friction", "armature", "load", "asymmetry" and "offset".
+    name is known then. The words are "tool", "base", "tracker", "geometry", "lengths", "bodies",
+    "payload", "friction", "armature", "load", "asymmetry" and "offset".
 
     The kinematic estimates stand in the order of the chain: base, ``translations``, ``lengths``,
     tool.
@@ -61,6 +73,8 @@ class Unknown:
         base: whether the position of the base is unknown, in the frame in which x is measured.
         tracker: whether x is measured in axes of its own, turned and displaced from those of the
             base by an unknown placement, see ``models.TrackerKinematics``.
+        geometry: whether every placement is a little off: shifts and small turns of the base, of
+            all joints and the tool, see ``models.PlacementKinematics``.
         translations: joints whose whole placement is unknown, by name, or ``Translation`` objects.
             The words "tool", "base", "lengths" and "joint:length" may stand among them, which
             fixes their place among the estimates.
@@ -86,6 +100,7 @@ class Unknown:
     tool: bool | None = None
     base: bool = False
     tracker: bool = False
+    geometry: bool = False
     translations: Words = ()
     lengths: bool | str | Sequence[str] = False
     bodies: str | Sequence[str] = "all"
@@ -98,9 +113,9 @@ class Unknown:
 
     def __post_init__(self) -> None:
         """Refuse values of the wrong kind."""
-        for name in ("tool", "base", "tracker", "armature"):
+        for name in ("tool", "base", "tracker", "geometry", "armature"):
             value = getattr(self, name)
-            if value is not None or name in ("base", "tracker"):
+            if value is not None or name in ("base", "tracker", "geometry"):
                 flag(value, f"unknown.{name}")
         if not isinstance(self.lengths, bool):
             name_list(self.lengths, "unknown.lengths")
@@ -146,6 +161,7 @@ class Unknown:
             tool=TOOL in words,
             base=BASE in words,
             tracker=TRACKER in words,
+            geometry=GEOMETRY in words,
             lengths=LENGTHS in words,
             bodies=bodies,
             friction="friction" in words,
@@ -233,24 +249,47 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     if isinstance(robot.task, JointTask):
         return JointKinematics(robot, unknown.translation_words(tool=False))
     words = unknown.translation_words(tool=True)
-    filmed = isinstance(robot.task, ImageTask)
-    tracked = unknown.tracker or TRACKER in words
     kinematics: TaskKinematics
-    if filmed:
-        kinematics = CameraKinematics(robot, [w for w in words if w not in (TRACKER, BASE)])
-    elif tracked:  # it contains the position of the base
-        kinematics = TrackerKinematics(robot, [w for w in words if w not in (TRACKER, BASE)])
+    if unknown.geometry or GEOMETRY in words:
+        place, kinematics = GEOMETRY, _geometry(robot, unknown, words)
+    elif isinstance(robot.task, ImageTask):
+        place, kinematics = "camera", CameraKinematics(robot, _placed_apart(words))
+    elif unknown.tracker or TRACKER in words:  # it contains the position of the base
+        place, kinematics = TRACKER, TrackerKinematics(robot, _placed_apart(words))
     else:
         kinematics = FrameKinematics(robot, words)
-    first = filmed or tracked or any(part.joint == FIRST for part in kinematics.translations)
-    if first and not law.uses_position_error:
+        place = BASE if any(part.joint == FIRST for part in kinematics.translations) else ""
+    if place and not law.uses_position_error:
         raise ParameterError(
-            f"the law '{law.name}' learns from velocities, which do not show where "
-            f"'{'camera' if filmed else TRACKER if tracked else BASE}' is.",
+            f"the law '{law.name}' learns from velocities, which do not show where '{place}' is.",
             where="unknown.kinematic",
             hint='Take the law "separation", which learns from positions too.',
         )
     return kinematics
+
+
+def _placed_apart(words: Sequence[str | Translation]) -> list[str | Translation]:
+    """Return the unknown translations beside the placement of a tracker or a camera."""
+    return [word for word in words if word not in (TRACKER, BASE)]
+
+
+def _geometry(
+    robot: Robot, unknown: Unknown, words: Sequence[str | Translation]
+) -> PlacementKinematics:
+    """Return kinematics with every placement unknown, which leaves nothing else to name.
+
+    Raises:
+        ParameterError: something else is named.
+    """
+    others = [word for word in words if word not in (GEOMETRY, TOOL, BASE)]
+    if unknown.tracker or others:
+        raise ParameterError(
+            f"'{GEOMETRY}' contains base, joints and tool, in the axes of the base; got "
+            f"{others or [TRACKER]} beside it.",
+            where="unknown.kinematic",
+            hint="`pinadapt calibrate` finds the geometry and a tracker from a log.",
+        )
+    return PlacementKinematics(robot)
 
 
 def nominal_dynamics(

@@ -1,0 +1,143 @@
+"""Positions with every placement of the chain a little off, to first order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from benchmarks.calibration import wrong_arm
+from pinadapt.models.placement_kinematics import PlacementKinematics
+from tests.support.chains import catalogue_robot, mixed_robot, random_robot, random_state
+from tests.support.differences import derivative
+from tests.support.loops import energy_along
+
+UNKNOWN = pa.Unknown(geometry=True, friction=False, armature=False)
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [catalogue_robot("scara"), catalogue_robot("planar_2r"), mixed_robot(), random_robot(4, 5)],
+    ids=lambda robot: robot.name,
+)
+def test_identities(robot):
+    """Every quantity against finite differences, at another than the described estimate."""
+    rng = np.random.default_rng(5)
+    kinematics = PlacementKinematics(robot)
+    q, v, a = random_state(robot, rng)
+    a_k, a_k_rate = rng.standard_normal((2, kinematics.size))
+
+    def at(t, rate=0.0):
+        way = pin.integrate(robot.model, q, v * t + a * (t * t / 2))
+        kinematics.update(a_k + t * rate * a_k_rate, way, v + a * t)
+        return kinematics
+
+    xd, xdd = derivative(lambda t: at(t).p_hat), derivative(lambda t: at(t).xd_hat)
+    Jdot, Jdot_v = derivative(lambda t: at(t, 1.0).J), derivative(lambda t: at(t).J) @ v
+    plain = derivative(lambda t: robot.position(pin.integrate(robot.model, q, t * v)))
+    at(0.0)
+    size = 1.0 + np.abs(kinematics.J).max() * (1.0 + np.abs(v).max()) ** 2
+    assert np.allclose(kinematics.xd_hat, xd, atol=1e-9 * size)
+    assert np.allclose(kinematics.J @ v, kinematics.xd_hat, atol=1e-12 * size)
+    assert np.allclose(plain + kinematics.Y_k @ a_k, kinematics.xd_hat, atol=1e-9 * size)
+    known = robot.position(q)
+    assert np.allclose(known + kinematics.X_k @ a_k, kinematics.p_hat, atol=1e-12 * size)
+    assert np.allclose(kinematics.Jdot_v, Jdot_v, atol=1e-8 * size)
+    assert np.allclose(kinematics.J @ a + kinematics.Jdot_v, xdd, atol=1e-7 * size)
+    assert np.allclose(kinematics.jacobian_rate(a_k_rate), Jdot, atol=1e-8 * size)
+    one, other = (kinematics.acceleration_regressor(part) for part in (a, 0.0 * a))
+    J_a = kinematics.J @ a - at(0.0)._J[-1, :3][kinematics._rows] @ a
+    assert np.allclose((one - other) @ a_k, J_a, atol=1e-11 * size)
+    x, X_k = kinematics.at(q)
+    assert np.allclose(X_k, kinematics.X_k, atol=1e-12 * size)
+    assert np.allclose(x, kinematics.p_hat, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("name", ["ur5", "scara"])
+def test_the_columns_are_the_derivatives_by_the_placements(name):
+    """And what is left of a wrong arm is of second order, within its bound."""
+    robot, rng = catalogue_robot(name), np.random.default_rng(1)
+    kinematics = PlacementKinematics(robot)
+    q, v, _ = random_state(robot, rng)
+    kinematics.update(kinematics.initial, q, v)
+
+    def moved(a_k):
+        model = robot.model.copy()
+        kinematics.write(model, a_k)
+        assert np.allclose(kinematics.read(model, a_k), a_k, atol=1e-12)
+        return replace(robot, model=model).position(q)
+
+    for k, own in enumerate(np.eye(kinematics.size)):
+        slope = derivative(lambda h, own=own: moved(h * own))
+        assert np.allclose(kinematics.X_k[:, k], slope, atol=1e-10), kinematics.names[k]
+    a = kinematics.sizes * rng.standard_normal(kinematics.size)
+    units = np.array(kinematics.units)
+    for share in (0.1, 0.01):
+        left = np.linalg.norm(moved(share * a) - kinematics.p_hat - share * kinematics.X_k @ a)
+        turns, shifts = (np.abs(share * a[units == unit]).sum() for unit in ("rad", "m"))
+        assert 0.0 < left < 0.5 * turns**2 * 1.5 * robot.reach + turns * shifts
+
+
+def test_parameters_of_a_robot_exist_without_turns():
+    robot = catalogue_robot("ur5")
+    kinematics = PlacementKinematics(robot)
+    longer = robot.changed(
+        tool_translation=[0.03, -0.02, 0.08],
+        link_translation={"elbow_joint": [0.01, 0.02, -0.01], "wrist_2_joint": [0.0, 0.01, 0.02]},
+    )
+    a_k, rng = kinematics.value(longer), np.random.default_rng(2)
+    q, v, _ = random_state(robot, rng)
+    kinematics.update(a_k, q, v)
+    assert kinematics.x_hat == pytest.approx(longer.position(q), abs=1e-12)
+    assert kinematics.value(wrong_arm(robot, rng)) is None
+    # 27 of a calibration, less the position of the base and two shifts along three parallel axes
+    assert kinematics.base() == 27 - 3 - 2
+
+
+def test_lyapunov_equality_with_unknown_placements():
+    """For shifts the position is exactly linear, and so is V's rate exactly that of the proof."""
+    robot = catalogue_robot("ur5")
+    shifted = {"shoulder_pan_joint": [0.03, 0.02, -0.04]}
+    true = robot.changed(tool_translation=[0.03, -0.02, 0.08], link_translation=shifted)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7),
+        unknown=UNKNOWN,
+        adaptation="natural",
+        limits=pa.Limits(box=False),
+        gamma_d=5.0,
+    )
+    circle = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0)
+    path = circle.starting_at(robot.position(robot.q0) + np.full(3, 0.01)).as_given()
+    energy = energy_along(true, controller, path, seconds=0.006)
+    assert energy.mismatch() < 1e-3
+
+
+def test_a_turned_arm_is_followed_and_its_geometry_learned():
+    """2 degrees and 2 mm off everywhere: what is left is the remainder of second order."""
+    robot = catalogue_robot("ur5")
+    true = wrong_arm(robot, np.random.default_rng(1))
+    controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural", dt=4e-3)
+    path = pa.reachable_circle(robot).starting_at(true.position(true.q0))
+    rollout = pa.simulate(true, controller, path, duration=1.0, progress=False)
+    kinematics, left = controller.kinematics, []
+    for k in (25, -1):
+        kinematics.update(rollout.a_k[k], rollout.q[k], rollout.v[k])
+        left.append(np.linalg.norm(kinematics.x_hat - rollout.x[k]))
+    assert left[0] > 1e-3 and left[1] < 2e-4
+    learned = rollout.learned()
+    assert np.linalg.norm(learned.position(true.q0) - true.position(true.q0)) < 5e-3
+    assert rollout.parameters().units["elbow_joint.turn_x"] == "rad"
+
+
+def test_what_does_not_go_with_it_is_refused():
+    robot = catalogue_robot("ur5")
+    for options, words in (
+        ({"unknown": pa.Unknown(geometry=True, tracker=True)}, "contains base, joints and tool"),
+        ({"unknown": pa.Unknown(geometry=True, lengths=True)}, "contains base, joints and tool"),
+        ({"unknown": UNKNOWN, "law": "adaptive-jacobian"}, "learns from velocities"),
+    ):
+        with pytest.raises(pa.ParameterError, match=words):
+            pa.make_controller(robot, **options)
+    with pytest.raises(pa.ParameterError, match="positions only"):
+        PlacementKinematics(catalogue_robot("ur5", task="pose"))
