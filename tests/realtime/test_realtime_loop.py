@@ -218,7 +218,8 @@ def test_the_scheduling_is_taken_back():
 def test_the_loop_keeps_the_garbage_collector_out_and_gives_it_back():
     seen, frozen = [], gc.get_freeze_count()
     Loop(faulty(lambda arm, m: seen.append(gc.isenabled()) or m)).ended()
-    assert not any(seen) and gc.isenabled() and gc.get_freeze_count() == frozen
+    assert not any(seen) and gc.isenabled()
+    assert frozen - 100 < gc.get_freeze_count() <= frozen  # a few may have died meanwhile
     gc.disable()
     try:
         Loop(seconds=0.02).ended()
