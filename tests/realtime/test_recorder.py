@@ -162,12 +162,21 @@ def test_a_frame_of_the_camera_is_a_point_or_a_pose(tmp_path):
 
 
 def test_a_file_without_its_end_is_read_up_to_there(run, tmp_path):
-    raw = run[0].read_bytes()
-    for size in (len(raw) // 2, len(raw) // 3):
-        cut = tmp_path / "cut.mcap"
-        cut.write_bytes(raw[:size])
+    content, cut = read_mcap(run[0]), tmp_path / "cut.mcap"
+    topic, rows = "/pinadapt/cycle", content.messages["/pinadapt/cycle"]
+    with cut.open("wb") as file:
+        writer = McapWriter(file, [Topic(topic, "Cycle", content.definitions[topic])])
+        for k, (stamp, row) in enumerate(rows[:90]):
+            writer.add(0, stamp, row)
+            if k % 30 == 29:
+                writer.flush()
+        writer.close()
+    raw = cut.read_bytes()
+    for share, left in ((0.75, 60), (0.5, 30)):
+        cut.write_bytes(raw[: round(share * len(raw))])
         log = CycleLog.read(cut)
-        assert not log.whole and 20 < len(log) < len(CycleLog.read(run[0]))
+        assert not log.whole and len(log) == left
+        assert np.array_equal(log.cycles.q, CycleLog.read(run[0]).cycles.q[:left])
     cut.write_bytes(raw[:20])
     with pytest.raises(pa.LogError, match="no cycle"):
         CycleLog.read(cut)

@@ -173,7 +173,7 @@ def test_the_answers_are_in_order():
 class Touched(PlantArm):
     """An arm on whose tool a force acts from a cycle on."""
 
-    force, at = np.zeros(3), 250
+    force, at, period = np.zeros(3), 500, 2e-3
 
     def send(self, torque):
         if self._count >= self.at:
@@ -193,9 +193,9 @@ def test_a_push_on_a_large_arm_is_contact_and_a_load_and_tool_that_are_learned_a
     )
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.05), encoder=2.0 * np.pi / 2**17)
     of = pa.make_controller(
-        described, adaptation="natural", unknown=pa.Unknown(tool=True), sensors=sensors, dt=PERIOD
+        described, adaptation="natural", unknown=pa.Unknown(tool=True), sensors=sensors, dt=Touched.period
     )
-    on = arm(true, Touched, sensors=sensors)
+    on = Touched(pa.plants.PinocchioPlant(true), Touched.period, sensors=sensors)
     on.force = np.array([0.0, newtons, 0.0])
     motion = pa.trajectories.Circle(described.position(described.q0), 0.1, 3.0)
     loop = Loop(on, motion=motion, of=of, seconds=1.3)
@@ -205,4 +205,4 @@ def test_a_push_on_a_large_arm_is_contact_and_a_load_and_tool_that_are_learned_a
         return
     assert reason.startswith("contact: ") and phases[1] == "damping"
     damped = next(t for t, phase, _ in loop.loop.ending.phases if phase == "damping")
-    assert damped < (Touched.at - 2) * PERIOD + 0.15
+    assert damped < (Touched.at - 2) * Touched.period + 0.15
