@@ -187,8 +187,8 @@ def test_a_load_that_is_set_on_the_robot_is_carried_by_it(franka):
 
 def test_a_server_in_real_time_that_is_killed_in_mid_motion_is_told():
     """A machine that stalls for ten periods is told as well; then once more."""
-    for _ in range(4):
-        server = Franka("127.0.0.3", realtime=True)
+    for attempt in range(4):  # each at an address that no connection of before keeps busy
+        server = Franka(f"127.0.0.{3 + attempt}", realtime=True)
         try:
             kill = server.process.kill
             each = lambda count, m, kill=kill: kill() if count == 200 else None  # noqa: E731

@@ -18,6 +18,7 @@ import pinadapt as pa
 from pinadapt.exceptions import ArmError
 from pinadapt.logs.mcap import McapWriter, Topic, pose_message, read_mcap, text_message
 from pinadapt.realtime import CycleLog, ProcessArm, Recorder, Safety, tell, watched
+from pinadapt.realtime.recorder import _CLOSED
 from tests.support.arms import PERIOD, Loop, arm, circle, controller, faulty, heavy, robot
 from tests.support.paths import ROOT
 
@@ -254,16 +255,23 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
     assert log.replay(controller()).same
 
 
-def test_a_ring_that_is_full_drops_and_says_so():
-    recorder = Recorder(None, controller(), rows=4)
+def test_a_ring_that_is_full_drops_and_says_so_and_the_last_events_are_written(tmp_path):
+    """The process of the log gets no time until all is over."""
+    path = tmp_path / "stalled.mcap"
+    recorder = Recorder(path, controller(), rows=4)
     try:
         os.kill(recorder.pid, signal.SIGSTOP)
-        for _ in range(10):
+        for number in range(10):
             recorder.commit()
+            recorder.event(number=number)
         assert "6 cycles are not in the log" in recorder.trouble
+        recorder._head[_CLOSED] = 1
     finally:
         os.kill(recorder.pid, signal.SIGCONT)
         recorder.close()
+    log = CycleLog.read(path)
+    assert log.whole and [event["number"] for event in log.events] == list(range(10))
+    assert len(log) == 4
 
 
 def test_no_shared_memory_is_said(monkeypatch):

@@ -193,7 +193,11 @@ def test_a_push_on_a_large_arm_is_contact_and_a_load_and_tool_that_are_learned_a
     )
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.05), encoder=2.0 * np.pi / 2**17)
     of = pa.make_controller(
-        described, adaptation="natural", unknown=pa.Unknown(tool=True), sensors=sensors, dt=Touched.period
+        described,
+        adaptation="natural",
+        unknown=pa.Unknown(tool=True),
+        sensors=sensors,
+        dt=Touched.period,
     )
     on = Touched(pa.plants.PinocchioPlant(true), Touched.period, sensors=sensors)
     on.force = np.array([0.0, newtons, 0.0])

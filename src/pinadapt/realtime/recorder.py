@@ -377,6 +377,8 @@ class _Desk:
             if lost:
                 self._note({"lost": "the process of the loop has died", "cycle": self._read})
             if lost or closed:
+                while not lost and select.select([self._link], [], [], 0.0)[0]:
+                    lost = not self._heard()  # the last events may still wait
                 self._drain()
                 self._guarded(lambda writer: writer.close())
                 return
