@@ -157,12 +157,17 @@ def test_a_second_thread_gets_an_error_never_a_wrong_torque(monkeypatch):
     def torque(k):
         return controller.step(states[k], samples[k], desired[k], 1e-3)[0]
 
+    signals = controller.observe(states[1], samples[1], desired[1])
+    answer = controller.respond(states[1], signals)[0]
     alone, law, refused = torque(0), controller.law, []
+    assert np.array_equal(controller.respond(states[1], signals)[0], answer)  # after another state
 
     def second():
         for use in (
             lambda: torque(1),
             lambda: controller.observe(states[1], samples[1], desired[1]),
+            lambda: controller.command(states[1], samples[1], desired[1]),
+            lambda: controller.respond(states[1], signals),
             lambda: controller.limited(5.0).init(samples[1]),
         ):
             with pytest.raises(pa.InputError, match="another thread"):
@@ -176,7 +181,19 @@ def test_a_second_thread_gets_an_error_never_a_wrong_torque(monkeypatch):
         return law.command(s, model)
 
     monkeypatch.setattr(controller, "law", SimpleNamespace(command=command))
-    assert np.array_equal(torque(0), alone) and len(refused) == 3
+    assert np.array_equal(torque(0), alone) and len(refused) == 5
+
+
+def test_an_estimator_is_of_one_thread_as_the_controller_of_whose_parts_it_is():
+    robot = catalogue_robot("planar_2r")
+    estimator = pa.make_estimator(robot)
+    sample = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.zeros(2))
+    state = estimator.init(sample._replace(tau=np.zeros(2)))
+    later = sample._replace(t=1e-3, tau=np.zeros(2))
+    for use in (estimator.init, lambda sample: estimator.step(state, sample)):
+        with estimator.controller.reserved(), pytest.raises(pa.InputError, match="another thread"):
+            use(later)
+        use(later)
 
 
 def test_a_refused_sample_leaves_the_controller_free():

@@ -251,3 +251,17 @@ def test_no_measurement_no_motion_and_no_estimate_are_refused(loop):
     for wrong in ("x", [[1.0]], {}):
         with pytest.raises(pa.ParameterError, match="dynamic"):
             loop.controller.init(loop.measurement, a_d=wrong)
+
+
+def test_a_nan_is_no_flag():
+    robot = pa.load("planar_2r")
+    controller = pa.make_controller(robot, adaptation="natural")
+    sample = pa.plants.PinocchioPlant(robot).measure()
+    state = controller.init(sample)
+    for use, name in (
+        (lambda: controller.init(sample, adapting=np.nan), "adapting"),
+        (lambda: state.adapt(np.nan), "adapting"),
+        (lambda: controller.safe(state, sample, hold=np.nan), "hold"),
+    ):
+        with pytest.raises(pa.InputError, match=f"{name}: expected True or False, got nan"):
+            use()

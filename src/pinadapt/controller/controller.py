@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from threading import Lock
 from types import EllipsisType
@@ -14,7 +16,7 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, positive, shown
+from .._checks import Doors, flag, positive, shown
 from .._compiled import compile_all
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
@@ -177,12 +179,23 @@ class Controller(Doors):
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
             InputError: another thread is using this controller.
         """
-        if not self._alone.acquire(blocking=False):
-            raise _used_by_another_thread()
-        try:
+        flag(adapting, "adapting")
+        with self.reserved():
             return self._first_state(
                 self._inputs.first(measurement), a_k, a_d, information, adapting
             )
+
+    @contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Have the scratch for one thread, as ``step`` and all that needs it do by themselves.
+
+        Raises:
+            InputError: another thread is using this controller.
+        """
+        if not self._alone.acquire(blocking=False):
+            raise _used_by_another_thread()
+        try:
+            yield
         finally:
             self._alone.release()
 
@@ -392,7 +405,7 @@ class Controller(Doors):
             InputError: the state is that of another controller, another thread is using this one,
                 or a damping that is negative.
         """
-        damping = positive(damping, "damping", zero=True)
+        damping, hold = positive(damping, "damping", zero=True), flag(hold, "hold")
         if not self._alone.acquire(blocking=False):
             raise _used_by_another_thread()
         try:
@@ -451,13 +464,13 @@ class Controller(Doors):
         Raises:
             MeasurementError, InputError: as ``step``.
         """
-        if not self._alone.acquire(blocking=False):
-            raise _used_by_another_thread()
-        try:
-            self._inputs.finite(*self._inputs.sample(state, measurement, desired))
-            s = self._observe(state, measurement, desired)[0]
-        finally:
-            self._alone.release()
+        with self.reserved():
+            return self._seen(state, measurement, desired)
+
+    def _seen(self, state: ControllerState, measurement: Measurement, desired: Desired) -> Signals:
+        """Return what ``observe`` does, to a thread that has the controller to itself."""
+        self._inputs.finite(*self._inputs.sample(state, measurement, desired))
+        s = self._observe(state, measurement, desired)[0]
         s.xd, s.xd_d, s.xdd_d = s.xd.copy(), s.xd_d.copy(), s.xdd_d.copy()
         return s
 
@@ -469,8 +482,9 @@ class Controller(Doors):
         Raises:
             MeasurementError, InputError: as ``step``.
         """
-        s = self.observe(state, measurement, desired)
-        return s, self.law.command(s, self._model(state, s, None))
+        with self.reserved():
+            s = self._seen(state, measurement, desired)
+            return s, self.law.command(s, self._model(state, s, None))
 
     def respond(
         self, state: ControllerState, s: Signals, dt: float | None = None
@@ -481,8 +495,14 @@ class Controller(Doors):
             state: of which the signals are.
             s: the signals; ``s.a`` may be replaced by another acceleration.
             dt: time for which the torque is held [s]; None in an integration in continuous time.
+
+        Raises:
+            InputError: another thread is using this controller.
         """
-        return self.sent(s, self.law.command(s, self._model(state, s, dt)))
+        with self.reserved():
+            self.kinematics.update(s.a_k, s.q, s.v)  # another state may have been there since
+            self.dynamics.load(s.a_d)
+            return self.sent(s, self.law.command(s, self._model(state, s, dt)))
 
     def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for a command of the law [N m or N], and the drives.

@@ -133,8 +133,20 @@ class Estimator:
             MeasurementError: measurements of the wrong size, not finite, or missing.
             ImplausibleError: the robot cannot be there, see ``FirstSamples``.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
+            InputError: another thread is using this estimator.
         """
-        sample, parts = self._checked(measurement), self.controller
+        with self.controller.reserved():
+            return self._first_state(self._checked(measurement), a_k, a_d, information)
+
+    def _first_state(
+        self,
+        sample: Measurement,
+        a_k: np.ndarray | None,
+        a_d: np.ndarray | None,
+        information: np.ndarray | None,
+    ) -> ControllerState:
+        """Return the state to start from, as ``init``, for a measurement that was checked."""
+        parts = self.controller
         kinematics, dynamics = parts.kinematics, parts.dynamics
         a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         a_d = initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
@@ -167,11 +179,17 @@ class Estimator:
             MeasurementError: a signal is missing, of the wrong size or type, or not finite.
             ImplausibleError: an impossible measurement, see ``Guards``, torques that are not the
                 robot's, see ``HeardTorques``, or its time is not after the last one's.
-            InputError: the state is that of another controller.
+            InputError: the state is that of another controller, or another thread is using this
+                estimator.
             DivergedError: the estimates diverged.
         """
         self._inputs.state(state)
-        sample, parts = self._checked(measurement), self.controller
+        with self.controller.reserved():
+            return self._next_state(state, self._checked(measurement))
+
+    def _next_state(self, state: ControllerState, sample: Measurement) -> ControllerState:
+        """Return the state after a sample, as ``step``, for a measurement that was checked."""
+        parts = self.controller
         elapsed = sample.t - state.t
         if elapsed <= 0.0:
             raise ImplausibleError("t", sample.t, f"is not after the last sample's, {state.t:g} s")

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._checks import flag
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Estimate
 from ..exceptions import InputError
@@ -87,8 +88,12 @@ class ControllerState(NamedTuple):
         return Bridged.of(self.sensed.trail)
 
     def adapt(self, adapting: bool = True) -> ControllerState:
-        """Return this state with estimates that move from now on, or rest."""
-        return self._replace(adapting=adapting)
+        """Return this state with estimates that move from now on, or rest.
+
+        Raises:
+            InputError: neither True nor False.
+        """
+        return self._replace(adapting=flag(adapting, "adapting"))
 
     def flat(self) -> np.ndarray:
         """Return what moves, estimates, filters with their memories, path time, as one array."""
