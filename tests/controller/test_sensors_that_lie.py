@@ -18,7 +18,7 @@ LASTING = {
     "v of the wrong sign": "not the rate of q",
     "v in degrees": "'v'",
     "q of a joint stuck": "q stuck",
-    "encoder stuck, v zero with it": "'q' is stuck",
+    "encoder stuck, v zero with it": "'q' is stuck.* since it moved at (?!0 rad/s)",
     "q wraps by 2 pi": "'q' has jumped.*a wrap at",
     "q in degrees": r"'q' has jumped.*is q in degrees\?",
     "q off by 0.1 for good": "'q' has jumped.*encoder",

@@ -161,6 +161,7 @@ def check_sample(
         least = before[at + LEAST]
         clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
         if same and clear and (now == rate or (now == 0.0 and not halted)):
+            after[at + RATE] = rate  # for the message
             return JOINTS + KINDS * i + STUCK
         if agreed != 0.0 and fast == i:
             return JOINTS + KINDS * i + FAST
