@@ -88,7 +88,7 @@ def test_an_approximate_regressor_leaves_a_known_rest():
         M, C = plant.mass_matrix(q), plant.coriolis_matrix(q, v)
         truth = pa.laws.Truth(np.zeros(3), a, M, C, true.friction)
         left = gravity(true.model, q) - dynamics.regressor(q, rest, rest) @ a
-        V.append(law.storage(signals, truth) + controller.parameter_storage(s.state, None, a))
+        V.append(law.storage(signals, truth) + controller.parameter_storage(s.state, truth.a_k, a))
         rate.append(law.dissipation(signals, truth) - command.drives.dynamic.e @ left)
         assert np.abs(left).max() < 0.5
     V, rate = np.array(V), np.array(rate)
