@@ -67,6 +67,9 @@ class Desired(NamedTuple):
     xdd_d: np.ndarray
 
 
+_OLDEST = 100.0  # [s] delay of a frame
+
+
 @dataclass(frozen=True)
 class Camera:
     """A camera or tracker that sees the task frame.
@@ -79,7 +82,8 @@ class Camera:
         dropout: share of the frames that never arrive, in [0, 1).
 
     Raises:
-        InputError: a rate that is not positive, a negative delay, or a dropout outside [0, 1).
+        InputError: a rate that is not positive, a delay that is negative or over 100 s, or a
+            dropout outside [0, 1).
     """
 
     rate: float | None = None
@@ -93,6 +97,12 @@ class Camera:
         for name in ("delay", "dropout"):
             number = positive(getattr(self, name), f"camera.{name}", zero=True)
             object.__setattr__(self, name, number)
+        if self.delay > _OLDEST:
+            raise InputError(
+                f"must be at most {_OLDEST:g} s, got {self.delay:g}.",
+                where="camera.delay",
+                hint="It is in seconds: 30 ms are 0.03.",
+            )
         if self.dropout >= 1.0:
             raise InputError(
                 f"must be a share of the frames, below 1, got {self.dropout:g}.",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.adaptation import Drive, Estimate
 from tests.support.chains import catalogue_robot
 from tests.support.drives import along
 from tests.support.loops import energy_along, motion_at_home, with_tool_and_load
@@ -320,3 +321,89 @@ def test_signals_do_not_share_the_callers_buffers():
     for buffer in (*measurement[1:4], *desired):
         buffer += 1.0
     assert unchanged(all_of(signals), before)
+
+
+# --- what they must not return ---
+
+
+class Plain(pa.laws.AdaptiveJacobian):
+    """A law of a user's own, one part of whose command is something else."""
+
+    def command(self, s, model):
+        command = super().command(s, model)
+        part, value = self.spoilt
+        owner = command.drives.dynamic if part in Drive.__slots__ else command
+        setattr(owner, part, value)
+        return command if part != "all" else value
+
+
+class Idle(pa.adaptation.Frozen):
+    """An adaptation of a user's own that returns something else."""
+
+    def step(self, estimate, drive, dt):
+        return self.spoilt
+
+
+WRONG_COMMANDS = {
+    "torque": [
+        None,
+        0.0,
+        [0.0, 0.0],
+        np.zeros(3),
+        np.zeros((2, 1)),
+        np.zeros(2, int),
+        np.full(2, np.nan),
+    ],
+    "feedthrough": [np.zeros(2), np.full((2, 2), np.inf), "none"],
+    "drives": [None, ()],
+    "gradient": [None, np.zeros(4), np.zeros((26, 1)), np.full(26, np.nan)],
+    "Y": [None, np.zeros((2, 5))],
+    "e": [np.zeros(3), 1.0],
+}
+
+
+@pytest.fixture(scope="module")
+def planar():
+    robot = pa.load("planar_2r")
+    made = pa.make_controller(robot, law=JACOBIAN, adaptation="natural")
+    return robot, made, pa.plants.PinocchioPlant(robot).measure()
+
+
+@pytest.mark.parametrize("part", WRONG_COMMANDS)
+def test_a_law_that_returns_something_else_is_refused_at_the_first_sample(part, planar):
+    robot, made, first = planar
+    gains = {name: getattr(made.law, name) for name in ("K_v", "K_P", "alpha", "R_k", "lambda_")}
+    law = Plain(robot.task, made.law.posture, **gains)
+    controller = pa.Controller(
+        law,
+        made.kinematics,
+        made.dynamics,
+        adaptation_k=made.adaptation_k,
+        adaptation_d=made.adaptation_d,
+    )
+    for value in WRONG_COMMANDS[part]:
+        object.__setattr__(law, "spoilt", (part, value))
+        with pytest.raises(pa.InputError, match=rf"the law's (drives.dynamic\.)?{part}: "):
+            controller.init(first)
+    object.__setattr__(law, "spoilt", ("feedthrough", None))
+    assert controller.init(first).t == first.t
+
+
+@pytest.mark.parametrize(
+    "value",
+    [None, np.zeros(26), Estimate([0.0] * 26), Estimate(np.zeros(3)), Estimate(np.zeros(26, int))],
+    ids=["None", "array", "list", "size", "integers"],
+)
+def test_an_adaptation_that_returns_something_else_is_refused_at_the_first_sample(value, planar):
+    _, made, first = planar
+    idle = Idle()
+    idle.spoilt = value
+    controller = pa.Controller(
+        made.law,
+        made.kinematics,
+        made.dynamics,
+        adaptation_k=made.adaptation_k,
+        adaptation_d=idle,
+    )
+    with pytest.raises(pa.InputError, match="the dynamic adaptation's estimate"):
+        controller.init(first)

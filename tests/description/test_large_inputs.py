@@ -6,6 +6,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.description.urdf import Urdf
+from pinadapt.robot import loading
 from pinadapt.robot.loading import end_links
 from pinadapt.scenario.template import Template
 from tests.support.descriptions import XMLNS
@@ -79,3 +80,19 @@ def test_a_comment_is_read_in_linear_time(tmp_path, name, xmlns):
     text = Urdf.read(long).text
     assert time.process_time() - start < 3  # pieces of it, each read from the start: minutes
     assert text == Urdf.read(short).text
+
+
+def test_a_hundred_thousand_attributes_are_refused_at_once(tmp_path):
+    path = tmp_path / "a.urdf"
+    attributes = " ".join(f'a{k}="1"' for k in range(100_000))
+    path.write_text(BODY.replace("<robot ", f"<robot {attributes} ") + "</robot>")
+    begun = time.process_time()
+    with pytest.raises(pa.RobotError, match="<robot> has 100001 attributes, more than 1000"):
+        pa.load(path)
+    assert time.process_time() - begun < 5.0  # it was minutes
+
+
+def test_a_chain_of_more_joints_than_the_limit_is_refused(monkeypatch):
+    monkeypatch.setattr(loading, "_MOST_JOINTS", 3)
+    with pytest.raises(pa.RobotError, match="a chain of 4 joints to tip, more than 3"):
+        pa.load(ARM4)

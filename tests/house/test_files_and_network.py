@@ -182,6 +182,11 @@ def test_the_error_names_the_file_and_the_reason(tmp_path, robot):
         archive.writestr("t.npy", b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head)
     with pytest.raises(pa.LogError, match=r"a\.npz: is damaged, or larger than the memory"):
         pa.read_log(path, robot)
+    for code in (0x110000, 0xD800):
+        names = np.array([code] + [97] * 5, dtype="=u4").view("=U1")
+        np.savez(path, t=np.arange(9.0), q=np.zeros((9, 6)), joint_names=names)
+        with pytest.raises(pa.LogError, match="joint_names has texts with characters that do not"):
+            pa.read_log(path, robot)
     path = tmp_path / "a.mcap"
     with path.open("wb") as file:
         McapWriter(file, [])

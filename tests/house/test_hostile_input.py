@@ -69,6 +69,8 @@ def refused(folder, capsys, text, *settings):
         ('simulation.duration="0.02"', "simulation.duration: .* number, got '0.02'"),
         ("truth.payload.com=[true,0.0,0.0]", "truth.payload.com.0: .* got True"),
         ("controller.watch=1", "controller.watch: .* boolean, got 1"),
+        ("title=" + "x" * 5000, "title: string should have at most 1000 characters"),
+        ("simulation.camera.delay=1e9", "simulation.camera.delay: must be at most 100 s"),
         ("title=" + "[" * 50_000, "--set: the value is too long or nested too deeply"),
         ("title." + ".".join(["a"] * 3000) + "=1", "title: input should be a valid string"),
     ],

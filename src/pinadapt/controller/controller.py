@@ -112,6 +112,7 @@ class Controller(Doors):
         self._estimated = EstimatedModel(
             kinematics, dynamics, adaptation_k, adaptation_d, nothing, nothing
         )
+        self._own = any(map(_of_a_user, (law, adaptation_k, adaptation_d)))
         self._alone = Lock()  # for a thread that uses the scratch
         self._data = kinematics.robot.model.createData()
         compile_all()
@@ -175,15 +176,18 @@ class Controller(Doors):
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
             ImplausibleError: the robot cannot be there, see ``FirstSamples``.
-            InputError: no measurement.
+            InputError: no measurement; or a law or an adaptation of one's own returns something
+                else than arrays of finite floats of the right shapes, which is tried out here.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
             InputError: another thread is using this controller.
         """
         flag(adapting, "adapting")
         with self.reserved():
-            return self._first_state(
-                self._inputs.first(measurement), a_k, a_d, information, adapting
-            )
+            measurement = self._inputs.first(measurement)
+            state = self._first_state(measurement, a_k, a_d, information, adapting)
+            if self._own:
+                self._try(state, measurement)
+            return state
 
     @contextmanager
     def reserved(self) -> Iterator[None]:
@@ -198,6 +202,20 @@ class Controller(Doors):
             yield
         finally:
             self._alone.release()
+
+    def _try(self, state: ControllerState, measurement: Measurement) -> None:
+        """Refuse a law or an adaptation of one's own by what it returns at the first sample."""
+        task = self.kinematics.task
+        x, still = task.measured(measurement.x, measurement.q), np.zeros(task.size)
+        s = self._observe(state, measurement, Desired(x, still, still))[0]
+        dt = self.period if math.isfinite(self.period) else _SHORT
+        model = self._model(state, s, dt)
+        command = self.law.command(s, model)
+        self._inputs.returned(command, state.dynamic, state.kinematic)
+        drives = self.sent(s, command)[1]
+        dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, dt)
+        kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, dt)
+        self._inputs.returned(command, dynamic, kinematic)
 
     def _first_state(
         self,
@@ -660,6 +678,13 @@ class Controller(Doors):
         if kinematic is None or dynamic is None:
             return None
         return self.adaptation_d.emphasis(state.dynamic) * kinematic + dynamic
+
+
+def _of_a_user(part: Any) -> bool:
+    """Tell whether a law or an adaptation, or one inside of it, is not of this package."""
+    inner = [getattr(part, "inner", None), *(each for each, _ in getattr(part, "parts", ()))]
+    own = not type(part).__module__.startswith("pinadapt.")
+    return own or any(_of_a_user(each) for each in inner if each is not None)
 
 
 def _used_by_another_thread() -> InputError:

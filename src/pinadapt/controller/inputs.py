@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import numbers
+from .._checks import instance, numbers, shown
+from ..adaptation.adaptation import Drive, Drives, Estimate
 from ..exceptions import InputError, MeasurementError, ParameterError
+from ..laws.law import Command
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
 from .state import ControllerState
@@ -187,6 +189,41 @@ class InputCheck:
                     where=f"the law's {name}",
                 )
 
+    def returned(self, command: Any, dynamic: Any, kinematic: Any) -> None:
+        """Refuse what a law or an adaptation of a user's own must not return.
+
+        Args:
+            command: of the law.
+            dynamic: the estimate after a step of its adaptation.
+            kinematic: the other estimate.
+
+        Raises:
+            InputError: an object of another class, or an array of another shape, not of floats or
+                not finite.
+        """
+        law, (p_d,), (p_k,), (n,) = "the law's", self._a_d, self._a_k, self._v
+        instance(command, Command, f"{law} command")
+        instance(command.drives, Drives, f"{law} drives")
+        _returned(command.torque, f"{law} torque", (n,))
+        if command.feedthrough is not None:
+            _returned(command.feedthrough, f"{law} feedthrough", (n, n))
+        for p, name in ((p_d, "dynamic"), (p_k, "kinematic")):
+            drive, place = getattr(command.drives, name), f"{law} drives.{name}"
+            instance(drive, Drive, place)
+            _returned(drive.gradient, f"{place}.gradient", (p,))
+            k = _returned(drive.Y, f"{place}.Y", (None, p))[0]
+            if drive.e is not None:
+                _returned(drive.e, f"{place}.e", (k,))
+            if drive.W is not None:
+                rows = _returned(drive.W, f"{place}.W", (None, p))[0]
+                _returned(drive.residual, f"{place}.residual", (rows,))
+                if drive.weight is not None:
+                    _returned(drive.weight, f"{place}.weight", (rows, rows))
+        for estimate, p, name in ((dynamic, p_d, "dynamic"), (kinematic, p_k, "kinematic")):
+            place = f"the {name} adaptation's estimate"
+            instance(estimate, Estimate, place)
+            _returned(estimate.value, f"{place}.value", (p,))
+
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.
 
@@ -221,6 +258,21 @@ def _array(
             raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
         raise MeasurementError(name, value, f"must be {shape[0]} numbers, and is not")
     return array.astype(float)
+
+
+def _returned(given: Any, place: str, shape: tuple[int | None, ...]) -> tuple[int, ...]:
+    """Return the shape of an array of finite floats, where None is any length, or refuse it."""
+    wanted = f"expected an array of floats of shape ({', '.join(str(k or 'any') for k in shape)})"
+    if not isinstance(given, np.ndarray):
+        raise InputError(f"{wanted}, got {shown(given)}.", where=place)
+    fits = given.ndim == len(shape) and all(
+        k in (None, length) for k, length in zip(shape, given.shape, strict=True)
+    )
+    if not fits or given.dtype != _FLOAT:
+        raise InputError(f"{wanted}, got {given.dtype} of shape {given.shape}.", where=place)
+    if not np.isfinite(given).all():
+        raise InputError(f"is not finite at the first sample: {shown(given)}.", where=place)
+    return given.shape
 
 
 def _shape(given: Any) -> tuple[int, ...] | None:

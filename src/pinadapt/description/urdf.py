@@ -22,6 +22,7 @@ _BOUNDED = ("revolute", "prismatic")
 _LIMITS = ("effort", "velocity")  # attributes of <limit> that URDF requires
 _SHOWN = 3  # unreadable meshes that a warning lists
 _HINT = "Write numbers with a decimal point, and separate several numbers by spaces."
+_MOST_ATTRIBUTES = 1000  # of an element
 _UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 # element -> attribute -> count of its numbers
 _NUMBERS: dict[str, dict[str, int]] = {
@@ -344,8 +345,21 @@ def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:
     the length of a comment.
 
     Raises:
-        RobotError: not well-formed XML.
+        RobotError: not well-formed XML, or an element with more than a thousand attributes, which
+            libraries of C++ read in a time that is quadratic in their number.
     """
+    root = _parsed(text, where)
+    crowded = next((each for each in root.iter() if len(each.attrib) > _MOST_ATTRIBUTES), None)
+    if crowded is not None:
+        raise RobotError(
+            f"the element <{crowded.tag}> has {len(crowded.attrib)} attributes, more than "
+            f"{_MOST_ATTRIBUTES}.",
+            where=where,
+        )
+    return root
+
+
+def _parsed(text: bytes | str, where: str) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(text)
     except ElementTree.ParseError as error:

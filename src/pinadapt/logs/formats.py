@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 import warnings
 import zipfile
 from abc import ABC, abstractmethod
@@ -132,7 +133,13 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+            found = {name: archive[name] for name in archive.files}
+        for name, array in found.items():
+            if array.dtype.kind == "U":  # numpy does not check the characters
+                codes = np.ascontiguousarray(array).reshape(-1).view(f"{array.dtype.byteorder}u4")
+                if ((codes > sys.maxunicode) | ((codes >= 0xD800) & (codes < 0xE000))).any():
+                    raise ValueError(f"{name} has texts with characters that do not exist")
+        return found
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise LogError(f"cannot be read: {error}.", where=str(path)) from error
 

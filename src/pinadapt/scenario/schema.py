@@ -428,7 +428,7 @@ class MotorsSection(Section):
 class ScenarioTables(Section):
     """A whole scenario file."""
 
-    title: str = ""
+    title: Annotated[str, Field(max_length=1000)] = ""
     robot: RobotSection
     truth: TruthSection = TruthSection()
     belief: BeliefSection = BeliefSection()
