@@ -184,29 +184,26 @@ class MountingPlane:
 
         None if the whole chain moves horizontally.
         """
-        data, rng = model.createData(), np.random.default_rng(0)
+        rng, data = np.random.default_rng(0), model.createData()
         samples = rng.uniform(-1.0, 1.0, (_HEIGHT_SAMPLES, model.nv))
-        heights = [
-            _heights(model, data, frame, configuration_from_angles(model, s)) for s in samples
-        ]
+        heights = _heights(model, data, frame, _configurations(model, samples))
         movable = np.flatnonzero(np.ptp(heights, axis=0) > _STILL)
         if not movable.size:
             return None
         level = _level(model)
-        above = np.mean(np.array(_heights(model, data, frame, shown))[movable]) > level - _STILL
+        above = np.mean(_heights(model, data, frame, [shown])[0, movable]) > level - _STILL
         return cls(level, 1.0 if above else -1.0, tuple(movable.tolist()))
 
     def distance(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> float:
         """Return the distance [m] of the chain from the plane; negative on the wrong side."""
-        heights = _heights(model, data, frame, q)
-        return float(min(self.side * (heights[i] - self.level) for i in self.movable))
+        heights = _heights(model, data, frame, [q])[0, self.movable]
+        return float(np.min(self.side * (heights - self.level)))
 
     def distances(
         self, model: pin.Model, frame: int, configurations: Iterable[np.ndarray]
     ) -> np.ndarray:
         """Return the distance [m] of the chain from the plane in each of N configurations (nq)."""
-        data = model.createData()
-        heights = np.array([_heights(model, data, frame, q) for q in configurations])
+        heights = _heights(model, model.createData(), frame, configurations)
         return np.asarray(np.min(self.side * (heights[:, self.movable] - self.level), axis=1))
 
     def room(self, model: pin.Model, frame: int, configurations: Iterable[np.ndarray]) -> float:
@@ -218,11 +215,22 @@ class MountingPlane:
         return min(_ROOM * reach(model, frame), most / 2) if most > 0.0 else -np.inf
 
 
-def _heights(model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> list[float]:
-    """Return the heights [m] above the root of the second joint, those after it and the frame."""
-    pin.forwardKinematics(model, data, q)
-    placements = [*data.oMi[2:], pin.updateFramePlacement(model, data, frame)]
-    return [placement.translation[2] for placement in placements]
+def _heights(
+    model: pin.Model, data: pin.Data, frame: int, configurations: Iterable[np.ndarray]
+) -> np.ndarray:
+    """Return heights (N, .) [m] above the root of the second joint, those after it and the frame.
+
+    At N configurations (nq). The places are read where Pinocchio writes them: copies cost more than
+    the kinematics.
+    """
+    places = [data.oMi[joint].translation for joint in range(2, model.njoints)]
+    places.append(data.oMf[frame].translation)
+    rows = []
+    for q in configurations:
+        pin.forwardKinematics(model, data, q)
+        pin.updateFramePlacement(model, data, frame)
+        rows.append([place.item(2) for place in places])
+    return np.array(rows)
 
 
 def _level(model: pin.Model) -> float:
