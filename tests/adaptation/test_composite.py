@@ -50,7 +50,7 @@ def loop(law, name, adaptation, **gains):
 def test_lyapunov_equality_along_the_trajectory(law, name, adaptation):
     """dV/dt is that of the law plus the term of the prediction error, for every law and metric."""
     true, controller, path = loop(law, name, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.02)
+    energy = energy_along(true, controller, path, seconds=0.014)
     assert energy.mismatch(after=10) <= 1e-4  # at first R rises from W = 0 within a few samples
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all()
@@ -69,7 +69,7 @@ def test_lyapunov_equality_with_friction_and_rotors(adaptation):
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), adaptation=adaptation, **gains
     )
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.02)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.014)
     assert energy.mismatch(after=10) <= 1e-4
     assert energy.largest_rise() <= 1e-12
 
@@ -341,7 +341,7 @@ def test_prediction_error_adapts_lumped_parameters(law, adaptation, friction, op
         **options,
     )
     assert controller.dynamics.value(true) is not None
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.008, dt=1e-4)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.004, dt=1e-4)
     assert energy.mismatch(after=10) <= 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
@@ -353,7 +353,7 @@ def test_all_lengths_and_inertias_from_correct_lengths():
         unknown=pa.Unknown(lengths=True, friction=False, armature=False),
         adaptation="composite",
     )
-    energy = energy_along(robot, controller, circle_beside(robot, "yz"), seconds=0.02)
+    energy = energy_along(robot, controller, circle_beside(robot, "yz"), seconds=0.014)
     assert energy.mismatch(after=10) <= 1e-5
     assert energy.largest_rise() <= 1e-12
 

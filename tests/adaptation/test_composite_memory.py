@@ -76,7 +76,7 @@ def test_lyapunov_equality_along_the_trajectory(law, name, adaptation, share):
         unknown=pa.Unknown(friction=False, armature=False),
     )
     with_share(controller, share)
-    energy = energy_along(true, controller, beside(true), seconds=0.02)
+    energy = energy_along(true, controller, beside(true), seconds=0.014)
     assert energy.mismatch(after=10) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-6
     assert (energy.rate <= 0.0).all()
@@ -89,7 +89,7 @@ def test_lyapunov_equality_with_friction_and_rotors():
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), adaptation="natural-memory", gamma_d=5.0, gamma_joint=1.0
     )
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.02)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.014)
     assert energy.mismatch(after=10) <= 1e-4
     assert energy.largest_rise() <= 1e-12
 
@@ -110,7 +110,7 @@ def test_what_a_log_told_holds_while_the_rest_is_learned():
     start = {"a_d": made[0].dynamics.initial, "information": 1e4 * known}
     for controller in made:
         with_share(controller, 1 / 16, contradiction=np.inf, unit=1.0)
-    energy = energy_along(true, made[0], circle_beside(true, "yz"), seconds=0.02, **start)
+    energy = energy_along(true, made[0], circle_beside(true, "yz"), seconds=0.014, **start)
     assert energy.mismatch(after=10) <= 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
     runs = [
@@ -305,11 +305,11 @@ def test_lyapunov_equality_while_the_share_falls(name, share):
         unknown=pa.Unknown(friction=False, armature=False),
     )
     with_share(controller, share, first_share=2.0 * share)
-    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
+    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.014)
     assert energy.mismatch(after=10) <= 1e-4
     assert (energy.rate[2:-2] <= 0.0).all() and energy.largest_rise() <= 1e-12
     with_share(controller, share)
-    slower = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
+    slower = energy_along(real(robot), controller, beside(real(robot)), seconds=0.002)
     assert np.abs(energy.V[0] - slower.V[0]) > 1e-3 * slower.V[0]  # the law's part counts twice
 
 
@@ -338,11 +338,11 @@ def test_lyapunov_equality_while_damping_and_share_follow_the_lateness(name):
     adaptation = with_share(controller, 0.1, first_share=0.2, timely_share=0.2).adaptation_d
     init = adaptation.init
     adaptation.init = lambda value: replace(init(value), lateness=5e-4)
-    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
+    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.014)
     assert energy.mismatch(after=10) <= 1e-4
     assert (energy.rate[2:-2] <= 0.0).all() and energy.largest_rise() <= 1e-12
     adaptation.init = init
-    slower = energy_along(real(robot), controller, beside(real(robot)), seconds=0.02)
+    slower = energy_along(real(robot), controller, beside(real(robot)), seconds=0.002)
     assert energy.V[0] - slower.V[0] > 1e-3 * slower.V[0]  # kappa, and with it the law's part
 
 
@@ -357,7 +357,7 @@ def test_lyapunov_equality_while_the_observer_trusts_the_joints():
         controller = made(law=law, adaptation="natural-memory", gamma_d=1.0)
         init = controller.adaptation_d.init
         controller.adaptation_d.init = partial(late_by, 0.1, init)
-        energies.append(energy_along(real(robot), controller, beside(real(robot)), seconds=0.02))
+        energies.append(energy_along(real(robot), controller, beside(real(robot)), seconds=0.018))
     patient, whole = energies
     assert patient.mismatch(after=10) <= 1e-4
     assert (patient.rate[2:-2] <= 0.0).all() and patient.largest_rise() <= 1e-12

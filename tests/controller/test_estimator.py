@@ -43,7 +43,7 @@ def learned(estimator, measurements):
     ],
 )
 def test_torque_and_position_come_to_be_predicted(name, adaptation, share):
-    measurements = samples(name, duration=3.0)
+    measurements = samples(name, duration=2.5)
     estimator = pa.make_estimator(catalogue_robot(name), adaptation=adaptation, dt=4e-3)
     states = learned(estimator, measurements)
     start, late = states[0], states[-200:]

@@ -471,7 +471,7 @@ def test_wrong_inertias_and_a_load_raise_no_alarm(name, scale, compensated):
         plant = None if compensated is None else adding(robot, true)
         loop = Loop(robot, true=true, plant=plant, compensated=compensated, dt=2e-3)
         try:
-            list(loop.run(0.15))
+            list(loop.run(0.1))
         except pa.ImplausibleError as error:  # an arm that falls is one, but for no such reason
             assert "10 times the limit" in str(error)
 

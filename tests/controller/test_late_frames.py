@@ -296,13 +296,13 @@ ERRORS = {  # [mm] at the end of three seconds, with a camera of 30 frames a sec
 }
 
 
-def closed_loop(law, *, duration=3.0, every=5, compensate_delay=True):
+def closed_loop(law, *, duration=3.0, every=3, compensate_delay=True):
     """Return the rollout of a panda with unknown tool and load on a circle of 10 cm, at speed."""
     robot = catalogue_robot("panda")
     true = with_tool_and_load(robot)
     believed = robot if pa.laws.LAWS[law].adapts else true
     sensors = pa.Sensors(camera=CAMERA, compensate_delay=compensate_delay)
-    controller = pa.make_controller(believed, law=law, sensors=sensors)
+    controller = pa.make_controller(believed, law=law, sensors=sensors, dt=2e-3)
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
     return pa.simulate(true, controller, path.as_given(), duration=duration, record_every=every)
 

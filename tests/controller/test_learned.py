@@ -70,7 +70,7 @@ def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
         described.position(described.q0), [0.12, 0.2, 0.12], [3, 4, 5], 14.0
     )
     controller = pa.make_controller(believed, dt=4e-3)
-    rollout = pa.simulate(true, controller, path.as_given(), duration=18.0)
+    rollout = pa.simulate(true, controller, path.as_given(), duration=14.0)
     rollout.learned().save(tmp_path / "learned.urdf")
     learned = pa.load(tmp_path / "learned.urdf", frame=described.frame, joint_effects=True)
     rng, times = np.random.default_rng(3), np.linspace(0.0, 10.0, 200)
@@ -127,7 +127,7 @@ def predicted(rollout, a_d):
     [("panda", "natural"), ("ur5", "natural-memory"), ("scara", "gradient"), ("ur5", "gradient")],
 )
 def test_what_the_motion_does_not_excite_stays_and_its_torques_too(name, adaptation):
-    controller, rollout = run(name, 2.0, adaptation=adaptation)
+    controller, rollout = run(name, 1.2, adaptation=adaptation)
     state, dynamics = rollout.evaluated().last_state, controller.dynamics
     kept = rollout.parameters().start(controller)["a_d"]
     before, after = (predicted(rollout, a) for a in (state.a_d, kept))

@@ -151,7 +151,7 @@ def reaching(name, law, torque_limits=None, **control):
     path = pa.trajectories.Waypoints(
         [np.zeros(len(far)), far, np.zeros(len(far))], 1.5
     ).starting_at(robot.position(robot.q0))
-    options = {"duration": 4.0, "engine": pa.Engine(substeps=1, torque_limits=torque_limits)}
+    options = {"duration": 3.5, "engine": pa.Engine(substeps=1, torque_limits=torque_limits)}
     return pa.simulate(robot, controller.limited(None), path, **options)
 
 
@@ -190,7 +190,7 @@ def test_ordinary_runs_are_exact(name):
         pa.make_controller(robot, adaptation="natural"),
         path,
         duration=1.0,
-        engine=pa.Engine(dt=2e-3, substeps=1),
+        engine=pa.Engine(dt=4e-3, substeps=1),
     )
     assert rollout.diverged is None and rollout.summary()["max_damping"] == 0.0
     assert "singularity" not in str(rollout)
@@ -241,7 +241,7 @@ def saturating(law, monkeypatch=None, **options):
         true,
         controller,
         path,
-        **{"duration": 3.0, "engine": pa.Engine(substeps=1, torque_limits=False), **options},
+        **{"duration": 2.5, "engine": pa.Engine(substeps=1, torque_limits=False), **options},
     )
 
 
@@ -457,7 +457,7 @@ def test_estimates_stay_in_their_box():
                 if box
                 else nullcontext()
             ):
-                runs[box] = pa.simulate(true, controller, path, duration=0.4, engine=engine)
+                runs[box] = pa.simulate(true, controller, path, duration=0.25, engine=engine)
             assert runs[box].diverged is None
         low, high = controller.kinematics.initial - 0.03, controller.kinematics.initial + 0.03
         outside = (

@@ -61,7 +61,7 @@ def test_storage_of_the_guides_law_falls_with_an_adaptation_that_has_one(guide):
 def test_the_guides_proof_is_held_by_its_closed_loop(guide):
     controller = pa.make_controller(guide["robot"], law=guide["law"], gamma_d=1.0)
     path = pa.trajectories.Hold(guide["robot"].home_angles + 0.2)
-    energy = energy_along(guide["true"], controller, path, seconds=0.02)
+    energy = energy_along(guide["true"], controller, path, seconds=0.012)
     assert energy.mismatch() <= 1e-6 and np.abs(energy.rate).max() > 1e-4
 
 

@@ -51,7 +51,7 @@ def test_one_bad_sample_is_bridged_and_counted(moving, fault):
     loop = loops[measures].lying(fault)
     apart = [
         _apart(loop.true.model, q, truth.q)
-        for q, (truth, _) in zip(honest[measures], loop.samples(0.1), strict=False)
+        for q, (truth, _) in zip(honest[measures], loop.samples(0.06), strict=False)
     ]
     assert sum(loop.state.bridged) == 1 and sum(loops[measures].state.bridged) == 0
     assert max(apart) < 0.1  # [deg]; unbridged up to 20

@@ -12,7 +12,7 @@ from tests.support.loops import circle_beside, with_tool_and_load
 
 pytestmark = pytest.mark.slow
 
-DT, SAMPLES = 2e-4, 150
+DT, SAMPLES = 2e-4, 60
 IMPROVED = "adaptive-inverse-dynamics-improved"
 
 

@@ -47,7 +47,7 @@ def test_the_equality_holds_while_the_path_is_slowed(law, name):
         return desired(state, motion, t)
 
     controller.desired = watched
-    energy = energy_along(true, controller, path, seconds=0.03, **start)
+    energy = energy_along(true, controller, path, seconds=0.02, **start)
     assert rates[0] == 1.0 and 0.05 < min(rates) < 0.9
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved

@@ -110,7 +110,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_equality_along_the_trajectory(case):
     true, controller, path = CASES[case]()
-    energy = energy_along(true, controller, path, seconds=0.03)
+    energy = energy_along(true, controller, path, seconds=0.014)
     begun = 10 if case == "memory" else 0  # samples, until H has grown from nothing
     assert energy.mismatch(after=begun) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
@@ -122,7 +122,7 @@ def test_equality_with_a_reference_that_keeps_speeds():
     true, controller, path = frame("panda")
     speeds = np.full(7, 0.04)
     controller.law = controller.law.within(speeds)
-    energy = energy_along(true, controller, path, seconds=0.03)
+    energy = energy_along(true, controller, path, seconds=0.014)
     assert energy.mismatch() <= 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
     plant = pa.plants.PinocchioPlant(true)

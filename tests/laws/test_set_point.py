@@ -58,7 +58,7 @@ def test_equality_along_the_trajectory(law, name, task, adaptation):
     true = unlike(robot)
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, law=law, adaptation=adaptation)
-    energy = energy_along(true, controller, beside_home(true), seconds=0.02)
+    energy = energy_along(true, controller, beside_home(true), seconds=0.01)
     assert energy.mismatch() <= 1e-6
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all() and (energy.V > 0.0).all()
@@ -164,7 +164,7 @@ def test_the_set_point_is_reached(law, name):
     true = unlike(robot)
     goal = pa.trajectories.Hold(true.position(true.q0) - 0.05)
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, dt=2e-3)
-    rollout = pa.simulate(true, controller, goal, duration=5.0)
+    rollout = pa.simulate(true, controller, goal, duration=4.0)
     assert rollout.diverged is None and rollout.distance[-250:].max() < 5e-4
     assert (rollout.a_k == rollout.a_k[0]).all()  # the kinematics are not learned
     alone = pa.make_controller(

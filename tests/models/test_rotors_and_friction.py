@@ -132,7 +132,7 @@ def test_lyapunov_equality_with_offset_and_asymmetry(law):
         gamma_joint=2.0,
     )
     path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
-    energy = energy_along(true, controller, path, seconds=0.02)
+    energy = energy_along(true, controller, path, seconds=0.016)
     assert energy.mismatch(after=25) <= 1e-4
     assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
 
@@ -191,7 +191,7 @@ def test_lyapunov_equality_with_friction(law, name):
         gamma_joint=2.0,
     )
     path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
-    energy = energy_along(true, controller, path, seconds=0.02)
+    energy = energy_along(true, controller, path, seconds=0.016)
     assert (
         energy.mismatch(after=25) <= 1e-4
     )  # tanh of the first millimetres a second is stiff for finite differences
@@ -211,7 +211,12 @@ def test_friction_is_learned_and_stays_positive():
             unknown=pa.Unknown(friction=friction, armature=False),
         )
         rollout = pa.simulate(
-            true, controller, path, duration=5.0, engine=pa.Engine(substeps=2), record_every=10
+            true,
+            controller,
+            path,
+            duration=4.0,
+            engine=pa.Engine(dt=2e-3, substeps=2),
+            record_every=10,
         )
         ends[friction] = rollout.summary()["max_error_last"]
     assert ends[True] < 0.5 * ends[False]

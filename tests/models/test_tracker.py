@@ -138,7 +138,7 @@ def test_lyapunov_equality_with_an_unknown_tracker(name, kinematic):
         R_k=5.0,
     )
     energy = energy_along(
-        true, controller, circle_of(true, robot, turn=turn).as_given(), seconds=0.03
+        true, controller, circle_of(true, robot, turn=turn).as_given(), seconds=0.012
     )
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4

@@ -52,7 +52,7 @@ def test_base_and_tool_are_adapted_together(name, camera):
         dt=2e-3,
     )
     rollout = pa.simulate(
-        true, controller, circle, duration=8.0, record_every=5, sensors=pa.Sensors(camera=camera)
+        true, controller, circle, duration=6.0, record_every=5, sensors=pa.Sensors(camera=camera)
     )
     assert rollout.diverged is None
     last = rollout.distance[-80:].max()

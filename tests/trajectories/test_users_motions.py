@@ -408,8 +408,8 @@ GIVEN = {
 def run_of(loop, path, mode):
     """Return a run of a path."""
     robot, controller, _ = loop
-    continuous, duration = mode == "continuous", 0.3 if mode == "sampled" else 0.15
-    engine = pa.Engine(continuous=continuous)
+    continuous, duration = mode == "continuous", 0.3 if mode == "sampled" else 0.1
+    engine = pa.Engine(dt=2e-3, continuous=continuous)
     return pa.simulate(robot, controller, path, duration=duration, engine=engine)
 
 
