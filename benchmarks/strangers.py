@@ -1,134 +1,236 @@
-"""The README's lines on descriptions for which nothing was tuned.
+"""The README's lines on descriptions of other packages, for which nothing was tuned.
+
+``make strangers.table`` runs the sweep ``strangers.toml``, whose robots are named by package and
+file. ``python -m pip install --no-deps --target DIR`` with the packages of ``PACKAGES`` gets the
+descriptions, and ``PYTHONPATH=DIR`` finds them; no package is imported.
+
+A tool of 5 % of the reach and a load of 5 % of the mass are unknown, every inertia of the model is
+30 % too small, and the motion is four turns of the circle that the library chooses, at 1 kHz.
+Errors are the largest of the last tenth of the run. A run is described by words: "perfect"
+sensors; "camera": x comes, as in the README, from a camera of 30 Hz that is 60 ms late; "tracker
+120": x is in unknown axes, turned by 120 degrees, found by a wiggle before the motion; "unadapted".
 
 ``python -m benchmarks.strangers PATH... [--camera] [--tracker DEGREES] [--duration S]
-[--unadapted] [--processes N] [--out DIR]`` runs descriptions and folders of them with the
-defaults, as a sweep, and prints a table. A folder DIR keeps the rows: what was interrupted goes on
-there. A tool of 5 % of the reach and a load of 5 % of the mass are unknown, every inertia of the
-model is 30 % too small, and the motion is four turns of the circle that the library chooses. With
-``--camera`` the position comes, as in the README, from a camera of 30 Hz that is 60 ms late. With
-``--tracker`` it is given in unknown axes, turned by so many degrees, and found by a wiggle before
-the motion. Errors are the largest of the last tenth of the run.
+[--unadapted] [--processes N] [--out DIR]`` runs other descriptions and folders of them. A folder
+DIR keeps the rows: what was interrupted goes on there.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
+import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from texttable import Texttable
 
 import pinadapt as pa
-from pinadapt.sweep import CaseTable
+from pinadapt.exceptions import InputError
+from pinadapt.sweep.table import DIVERGED, DONE, REFUSED
 
+from .timing import markdown
+
+PACKAGES = {  # by the folder that they install
+    "airo_models": "airo-models==0.0.12",
+    "cmeel.prefix": "example-robot-data",
+    "genesis": "genesis-world==1.4.5",
+    "mani_skill": "mani-skill==3.0.1",
+    "pybullet_data": "pybullet==3.2.7",
+    "pydrake": "drake==1.51.1",
+    "robosuite": "robosuite==1.5.2",
+    "rtbdata": "rtb-data==2.0.0",
+    "skrobot": "scikit-robot==0.4.7",
+}
 TOOL = np.array([0.02, -0.02, 0.04])  # of the reach, in the frame's axes
 LOAD, INERTIAS = 0.05, 0.7  # relative to the mass; factor on the inertias of the model
 TURNS = 4.0
 AXIS, PLACE = np.array([0.6, -0.64, 0.48]), np.array([0.5, -0.4, 1.1])  # of a tracker; [m]
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
 SUFFIXES = (".urdf",)
+WIDTH = 160  # of a reason in the table
 
 
-@dataclass(frozen=True)
-class Row:
-    """The result of one description; None where there is none.
+def measure(robot: str, run: str, duration: float | None = None) -> dict[str, Any]:
+    """Run the README's lines on one description, as a case of a sweep.
 
-    Attributes:
-        name: of the file.
-        frame: the chosen frame.
-        joints: number of joints.
-        radius, period: of the circle [m], [s].
-        error, unadapted: largest in the last tenth of the run [m].
-        lost: time at which the loop diverged [s].
-        message: why it did not run, or why it ended.
+    Args:
+        robot: a file, or "package/path" of one in a package.
+        run: words for the sensors and the controller, as above.
+        duration: of the motion [s]; None: four turns of the circle.
+
+    Returns:
+        frame, joints (number), radius [m] and period [s] of the circle, error [m]; for what is
+        refused or diverges status and reason.
+
+    Raises:
+        FileNotFoundError: there is no such file; it names the package to install.
+        ValueError: an unknown word.
     """
-
-    name: str
-    frame: str = ""
-    joints: int | None = None
-    radius: float | None = None
-    period: float | None = None
-    error: float | None = None
-    unadapted: float | None = None
-    lost: float | None = None
-    message: str = ""
-
-    @property
-    def share(self) -> float | None:
-        """The error relative to the radius."""
-        return None if self.error is None or self.radius is None else self.error / self.radius
-
-
-def stranger(
-    path: str, duration: float | None, camera: bool, frozen: bool, tracker: float | None = None
-) -> dict[str, Any]:
-    """Run the README's lines on one description, as a case of a sweep; also without adaptation."""
+    path, words = located(robot), _words(run)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of bodies that are not physical, for example
         try:
-            return asdict(_run(Path(path), duration, camera, frozen, tracker))
-        except pa.PinadaptError as error:
-            return asdict(Row(Path(path).stem, message=f"refused: {error}"))
+            return _followed(pa.load(path), duration, **words)
+        except InputError as error:
+            return {"status": REFUSED, "reason": str(error).replace(str(path), robot)}
+        except pa.PinadaptError as error:  # in the wiggle before a motion
+            return {"status": DIVERGED, "reason": str(error)}
 
 
-def rows_of(table: CaseTable) -> list[Row]:
-    """Return the rows of a sweep; a case that failed or crashed has its reason as message."""
-    names = [each.name for each in fields(Row)]
-    found = []
-    for row in table.rows():
-        if row["status"] != "done":
-            row |= {"name": Path(row["path"]).stem, "message": f"FAILED: {row['reason']}"}
-        own = {name: row[name] for name in names if row.get(name) is not None}
-        joints = own.get("joints")
-        found.append(Row(**own | ({} if joints is None else {"joints": int(joints)})))
+def located(robot: str) -> Path:
+    """Return a file, or that of a package in a folder of ``sys.path``; nothing is imported.
+
+    Raises:
+        FileNotFoundError: there is no such file; it names the package to install.
+    """
+    for folder in ["", *sys.path]:
+        if (Path(folder) / robot).is_file():
+            return Path(folder) / robot
+    package = robot.partition("/")[0]
+    if package not in PACKAGES:
+        raise FileNotFoundError(f"{robot}: there is no such file, nor a package '{package}'.")
+    raise FileNotFoundError(
+        f"{robot}: not found. python -m pip install --no-deps --target DIR {PACKAGES[package]}, "
+        "and run with PYTHONPATH=DIR."
+    )
+
+
+def _words(run: str) -> dict[str, Any]:
+    """Return the arguments of ``_followed`` for the words of a run."""
+    found: dict[str, Any] = {"camera": False, "tracker": None, "adaptation": None}
+    for word in run.split(", "):
+        if word == "camera":
+            found["camera"] = True
+        elif word.startswith("tracker "):
+            found["tracker"] = float(word.removeprefix("tracker "))
+        elif word == "unadapted":
+            found["adaptation"] = "none"
+        elif word != "perfect":
+            raise ValueError(f"'{word}' is not perfect, camera, tracker DEGREES or unadapted.")
     return found
 
 
-def _run(
-    path: Path, duration: float | None, camera: bool, frozen: bool, tracker: float | None
-) -> Row:
-    robot = pa.load(path)
+def _followed(
+    robot: pa.Robot,
+    duration: float | None,
+    camera: bool,
+    tracker: float | None,
+    adaptation: str | None,
+) -> dict[str, Any]:
     circle = pa.reachable_circle(robot)
     duration = duration or TURNS * circle.period
     tool = robot.reach * TOOL
     load = pa.Payload(mass=LOAD * robot.mass, com=tool)
     true = robot.changed(tool_translation=tool, payload=load)
     model = robot.changed(inertial_scale=INERTIAS)
-    row = Row(path.stem, robot.frame, robot.model.nv, circle.radius, circle.period)
     motion: Any = circle.starting_at(true.position(true.q0))
     if tracker is not None:
+        if robot.task.size < 3:
+            raise InputError(
+                "turned axes need a task in space, this one is planar.", where="tracker"
+            )
         R, seen = pin.exp3(np.radians(tracker) * AXIS), motion
         true = true.seen_from(R, PLACE)
 
         def motion(t: float) -> np.ndarray:
             return R @ seen.at(t).x_d + PLACE
 
-    sensors = pa.Sensors(CAMERA if camera else None)
-
-    def run(adaptation: str | None = None) -> tuple[pa.Rollout, float | None]:
-        unknown = pa.Unknown(tool=True, tracker=tracker is not None)
-        controller = pa.make_controller(model, unknown=unknown, adaptation=adaptation)
-        rollout = pa.simulate(
-            true, controller, motion, duration=duration, record_every=10, sensors=sensors
-        )
-        lost = rollout.diverged is not None
-        last = rollout.distance[rollout.t > 0.9 * duration]
-        return rollout, None if lost else float(last.max())
-
-    rollout, error = run()
-    without = run("none")[1] if frozen else None
-    return replace(
-        row,
-        error=error,
-        unadapted=without,
-        lost=rollout.diverged,
-        message=str(rollout.reason or ""),
+    controller = pa.make_controller(
+        model,
+        unknown=pa.Unknown(tool=True, tracker=tracker is not None),
+        adaptation=adaptation,
+        sensors=pa.Sensors(CAMERA if camera else None),
     )
+    rollout = pa.simulate(
+        true, controller, motion, duration=duration, record_every=10, progress=False
+    )
+    found: dict[str, Any] = {
+        "frame": robot.frame,
+        "joints": robot.model.nv,
+        "radius": circle.radius,
+        "period": circle.period,
+        "error": None,
+    }
+    if rollout.diverged is not None:
+        reason = f"at {rollout.diverged:.3g} s: {rollout.reason}"
+        return found | {"status": DIVERGED, "reason": reason}
+    return found | {"error": float(rollout.distance[rollout.t > 0.9 * duration].max())}
+
+
+# --- tables ---
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown, a line for each robot."""
+    runs = list(dict.fromkeys(row["run"] for row in rows))
+    lines = []
+    for robot in dict.fromkeys(row["robot"] for row in rows):
+        own = {row["run"]: row for row in rows if row["robot"] == robot}
+        reasons: dict[str, list[str]] = {}
+        for run, row in own.items():
+            if row["status"] != DONE:
+                reasons.setdefault(_shortened(row), []).append(run)
+        known = next((row for row in own.values() if row.get("radius") is not None), None)
+        lines.append(
+            [
+                *_named(robot),
+                *(["", "", ""] if known is None else _sizes(known)),
+                *(_cell(own[run]) if run in own else "" for run in runs),
+                "; ".join(
+                    reason if len(found) == len(own) else f"{', '.join(found)}: {reason}"
+                    for reason, found in reasons.items()
+                ),
+            ]
+        )
+    head = ["package", "file", "frame", "joints", "radius [m]", *runs, "remark"]
+    return markdown(head, lines)
+
+
+def counts(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table in Markdown of how the runs ended, a line for each kind of run."""
+    lines, ends = (
+        [],
+        list(dict.fromkeys([DONE, DIVERGED, REFUSED, *(row["status"] for row in rows)])),
+    )
+    for run in dict.fromkeys(row["run"] for row in rows):
+        own = [row for row in rows if row["run"] == run]
+        shares = [
+            (100.0 * row["error"] / row["radius"], _named(row["robot"])[1])
+            for row in own
+            if row["status"] == DONE
+        ]
+        worst = "" if not shares else "{:.2g} % (`{}`)".format(*max(shares))
+        middle = "" if not shares else f"{median(share for share, _ in shares):.2g} %"
+        ended = (sum(row["status"] == end for row in own) for end in ends)
+        lines.append([run, len(own), *ended, middle, worst])
+    return markdown(["run", "robots", *ends, "error, median", "largest"], lines)
+
+
+def _named(robot: str) -> tuple[str, str]:
+    path = Path(robot)
+    return ("" if path.is_absolute() else path.parts[0]), path.name
+
+
+def _sizes(row: Mapping[str, Any]) -> list[str]:
+    return [f"`{row['frame']}`", f"{row['joints']:.0f}", f"{row['radius']:.3g}"]
+
+
+def _cell(row: Mapping[str, Any]) -> str:
+    if row["status"] != DONE:
+        return str(row["status"])
+    return f"{1e3 * row['error']:.2g} mm, {100.0 * row['error'] / row['radius']:.2g} %"
+
+
+def _shortened(row: Mapping[str, Any]) -> str:
+    return textwrap.shorten(str(row["reason"]), WIDTH, placeholder=" ...")
+
+
+# --- other descriptions ---
 
 
 def descriptions(paths: Sequence[Path]) -> Iterator[Path]:
@@ -140,53 +242,8 @@ def descriptions(paths: Sequence[Path]) -> Iterator[Path]:
             yield path
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Return rows as text, with the median and the largest error."""
-    text = Texttable(max_width=200)
-    text.set_deco(Texttable.HEADER)
-    text.set_cols_dtype(["t"] * 9)
-    text.set_cols_align(["l", "l", *"rrrrrr", "l"])
-    text.header(
-        [
-            "robot",
-            "frame",
-            "joints",
-            "radius [m]",
-            "error [mm]",
-            "[% of radius]",
-            "unadapted [mm]",
-            "lost [s]",
-            "message",
-        ]
-    )
-    for row in rows:
-        text.add_row(
-            [
-                row.name,
-                row.frame,
-                _number(row.joints, 1, "d"),
-                _number(row.radius, 1),
-                _number(row.error, 1e3),
-                _number(row.share, 1e2),
-                _number(row.unadapted, 1e3),
-                _number(row.lost, 1),
-                row.message,
-            ]
-        )
-    shares = [row.share for row in rows if row.share is not None]
-    ran = [row for row in rows if row.radius is not None]
-    summary = f"{len(ran)} of {len(rows)} ran, {len(ran) - len(shares)} of them diverged"
-    if shares:
-        summary += f"; median {100 * np.median(shares):.2g} %, worst {100 * max(shares):.2g} %"
-    return f"{text.draw()}\n{summary}"
-
-
-def _number(value: float | None, unit: float, form: str = ".3g") -> str:
-    return "" if value is None else f"{value * unit:{form}}"
-
-
 def main() -> None:
-    """Print the table."""
+    """Print the tables of other descriptions."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("paths", type=Path, nargs="+", metavar="PATH")
     parser.add_argument("--camera", action="store_true")
@@ -196,14 +253,16 @@ def main() -> None:
     parser.add_argument("--processes", type=int, help="0: none besides this one")
     parser.add_argument("--out", type=Path, metavar="DIR", help="keeps the rows")
     options = parser.parse_args()
-    fixed = {
-        "duration": options.duration,
-        "camera": options.camera,
-        "frozen": options.unadapted,
-        "tracker": options.tracker,
-    }
-    cases = [{"path": str(path.resolve()), **fixed} for path in descriptions(options.paths)]
-    print(table(rows_of(pa.sweep(stranger, cases, executor=options.processes, folder=options.out))))
+    words = ["camera" if options.camera else "perfect"]
+    words += [] if options.tracker is None else [f"tracker {options.tracker:g}"]
+    runs = [words, [*words, "unadapted"]] if options.unadapted else [words]
+    cases = [
+        {"robot": str(path.resolve()), "run": ", ".join(run), "duration": options.duration}
+        for path in descriptions(options.paths)
+        for run in runs
+    ]
+    rows = list(pa.sweep(measure, cases, executor=options.processes, folder=options.out).rows())
+    print(report(rows), counts(rows), sep="\n\n")
 
 
 if __name__ == "__main__":

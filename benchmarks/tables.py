@@ -50,6 +50,7 @@ from . import (
     realtime,
     scenarios,
     sensors,
+    strangers,
     sweep_engines,
     tracker,
 )
@@ -197,6 +198,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "real_logs_split": of("real_logs", real_logs.split),
     "realtime": of_json("realtime", realtime.report),
     "sensors": of("sensors", sensors.report),
+    "strangers": of("strangers", strangers.counts),
+    "strangers_each": of("strangers", strangers.report),
     "sweep_engines": of_json("sweep_engines", sweep_engines.report),
     "thousand_pandas": thousand_pandas,
     "tracker": of("tracker", tracker.report),
