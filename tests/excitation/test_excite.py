@@ -238,7 +238,7 @@ def test_bodies_and_floor_stay_apart():
 
     It costs at most three times as much.
     """
-    robot, times = catalogue_robot("panda"), [time.process_time()]
+    robot, times = catalogue_robot("ur5"), [time.process_time()]
     options = {"unknown": "bodies", "duration": 6.0, "harmonics": 2}
     wide = {"excursion": 2.8, "progress": False}
     free = pa.excite(robot.undrawn(), **options, **wide)

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 
 @cache
-def log_of_friction(name="ur5", noise=0.2, duration=20.0, **friction):
+def log_of_friction(name="ur5", noise=0.2, duration=12.0, **friction):
     """Return the log of a robot with these effects, and the robot."""
     described = catalogue_robot(name)
     n = described.model.nv

@@ -232,12 +232,18 @@ class _Motion:
     def moved(self, order: Sequence[int]) -> _Motion:
         """Return it with the columns of the motion in another order, the torques as they are."""
         q, v, a, signs = (part[:, order] for part in (self.q, self.v, self.a, self.signs))
-        return _Motion(q, v, a, self.tau, signs)
+        return _Motion(q, v, a, self.tau, signs)._with(self.friction[list(order)])
 
     def turned(self, scale: np.ndarray, offset: np.ndarray | float = 0.0) -> _Motion:
         """Return it scaled by factors (n), positions then shifted."""
         q, v, a = (part * scale for part in (self.q, self.v, self.a))
-        return _Motion(q + offset, v, a, self.tau, self.signs * np.sign(scale))
+        turned = _Motion(q + offset, v, a, self.tau, self.signs * np.sign(scale))
+        return turned._with(self.friction)
+
+    def _with(self, friction: np.ndarray) -> _Motion:
+        """Return it with known bases: what friction explains has neither scale nor sign."""
+        vars(self)["friction"] = friction  # of the cached property
+        return self
 
     @cached_property
     def friction(self) -> np.ndarray:
@@ -503,6 +509,7 @@ class _Comparison:
         self._gravity = np.array(robot.model.gravity.linear)
         self._names, self._n = robot.joint_names, robot.model.nv
         self._found = self._described(motion)
+        self._last: tuple[_Motion, tuple[np.ndarray, np.ndarray]] | None = None
 
     def result(self, source: str) -> TorqueCheck:
         """Return factors, likely causes and other findings."""
@@ -585,8 +592,14 @@ class _Comparison:
         plain: _TorqueFit,
     ) -> _Load:
         """Return the load, a point mass on the last body, that best explains the rest."""
-        as_it_is = motion is self._motion and gravity is self._gravity
-        Y, seen = self._load_as_it_is if as_it_is else self._load_rows(motion, gravity)
+        if gravity is not self._gravity:
+            Y, seen = self._load_rows(motion, gravity)
+        elif motion is self._motion:
+            Y, seen = self._load_as_it_is
+        else:
+            if self._last is None or self._last[0] is not motion:  # that two mistakes may share
+                self._last = (motion, self._load_rows(motion, gravity))
+            Y, seen = self._last[1]
         level = np.maximum(np.linalg.norm(tau, axis=0) / math.sqrt(len(tau)), _ZERO)
         noise = np.maximum(plain.left, _LEAST_NOISE) * level
         rest = motion.without_friction(tau - described)

@@ -117,7 +117,8 @@ _ROTORLESS = f"{_FEEDBACK}, if the rotors are only those of the description"
 _KINEMATICS = "adaptation of the kinematics"
 _SLACK, _NEARLY_NONE = 0.95, 1e-6
 _SHORTEST = 1e-3  # of the period, at which late motors count as stable at no period
-_LEAST, _HALVINGS = 1e-6, 16  # smallest share, and bisections of its logarithm: to 0.02 %
+_LEAST, _SHARES = 1e-6, 2**16  # smallest share, and how many up to one: 0.02 % apart
+_SECANTS, _FARTHEST = 12, 0.125  # evaluations before bisections; share by which one may fall
 _UNSTABLE = 1.0 + 1e-9  # the null space of a redundant arm moves freely
 _FREE = 1.0 + 1e-6  # of gains that are nearly zero, whose double roots are rounded
 _WRONG, _AWAY = 0.3, 0.08  # of gravity, and what that may displace, of the reach or of a radian
@@ -239,17 +240,18 @@ def preflight(
     actuators = controller.limits.actuators if actuators is None else actuators
     dt, findings = positive(dt, "dt"), list[Finding]()
     for part, gains, radius in (*_parts(controller, actuators), *_rotorless(controller, actuators)):
-        if radius(dt=dt, factor=1.0) <= _UNSTABLE:
+        present = radius(dt=dt, factor=1.0)
+        if present <= _UNSTABLE:
             continue
         if part == _ROTORLESS and any(finding.part == _FEEDBACK for finding in findings):
             continue
         helps = radius(dt=dt, factor=_NEARLY_NONE) <= _FREE
         if helps or part in (_FEEDBACK, _ROTORLESS):
             given = helps and part != _ROTORLESS
-            factors = _stable_factors(gains, radius, dt) if given else {}
+            factors = _stable_factors(gains, radius, dt, present) if given else {}
             values = _values(controller.law, factors)
             words = "" if actuators.ideal or part == _KINEMATICS else actuators.words
-            longest = _longest(radius, dt, late=bool(words))
+            longest = _longest(radius, dt, present, late=bool(words))
             findings.append(Finding(part, dt, longest, factors, values, words))
     if controller.motion is not None:
         others = _too_slow(controller, controller.motion, dt), _too_weak(controller, dt)
@@ -319,26 +321,34 @@ def _too_weak(controller: Controller, dt: float) -> Finding | None:
     return Finding("motors", dt, 0.0, {}, flaw=words)
 
 
-def _longest(radius: Radius, dt: float, late: bool) -> float:
-    """Return the longest stable period up to dt [s], zero if late motors leave none."""
+def _longest(radius: Radius, dt: float, present: float, late: bool) -> float:
+    """Return the longest stable period up to dt [s], zero if late motors leave none.
+
+    ``present`` is the radius at dt.
+    """
     if late and radius(dt=_SHORTEST * dt, factor=1.0) > _UNSTABLE:
         return 0.0
-    return _largest(lambda period: radius(dt=period, factor=1.0), dt)
+    return _largest(lambda period: radius(dt=period, factor=1.0), dt, present)
 
 
 def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
     """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]."""
     for part, gains, radius in _parts(controller, controller.limits.actuators):
-        if part != _DYNAMICS or radius(dt=dt, factor=1.0) <= _UNSTABLE:
+        if part != _DYNAMICS or (present := radius(dt=dt, factor=1.0)) <= _UNSTABLE:
             continue
         if radius(dt=dt, factor=_NEARLY_NONE) <= _FREE:
-            return _SLACK * min(_stable_factors(gains, radius, dt).values())
+            return _SLACK * min(_stable_factors(gains, radius, dt, present).values())
     return 1.0
 
 
-def _stable_factors(gains: Mapping[str, float], radius: Radius, dt: float) -> dict[str, float]:
-    """Return with what each gain, given with its power, is multiplied to be stable at dt [s]."""
-    factor = _largest(lambda factor: radius(dt=dt, factor=factor), 1.0)
+def _stable_factors(
+    gains: Mapping[str, float], radius: Radius, dt: float, present: float
+) -> dict[str, float]:
+    """Return with what each gain, given with its power, is multiplied to be stable at dt [s].
+
+    ``present`` is the radius with the gains as they are.
+    """
+    factor = _largest(lambda factor: radius(dt=dt, factor=factor), 1.0, present)
     return {gain: factor**power for gain, power in gains.items()}
 
 
@@ -364,18 +374,47 @@ def stable_share_of_feedback(
             return _feedback_radius(of(share), dt, 1.0)
         return joints.feedback_radius(of(share), dt, 1.0)
 
-    if not whole or radius(1.0) <= _UNSTABLE or radius(_LEAST) > _FREE:
+    if not whole or (present := radius(1.0)) <= _UNSTABLE or radius(_LEAST) > _FREE:
         return 1.0
-    return _SLACK * _largest(radius, 1.0)
+    return _SLACK * _largest(radius, 1.0, present)
 
 
-def _largest(radius: Callable[..., float], start: float) -> float:
-    """Return about the largest number below ``start`` at which the spectral radius is stable."""
-    low, high = start * _LEAST, start
-    for _ in range(_HALVINGS):
-        middle = (low * high) ** 0.5
-        low, high = (low, middle) if radius(middle) > _UNSTABLE else (middle, high)
-    return low
+def _largest(radius: Callable[..., float], start: float, present: float) -> float:
+    """Return about the largest number below ``start`` at which the spectral radius is stable.
+
+    It is one of a geometric progression of numbers, the next of which is unstable. Beyond the
+    border the radius grows nearly as the number, so secants come close to it; from there, if they
+    fall below it, steps that grow lead back. Bisections end the search where both are slow.
+
+    Args:
+        radius: of a number.
+        start: where it is unstable.
+        present: the radius there.
+    """
+
+    def share(number: float) -> int:
+        """Return which number of the progression is not above another one."""
+        return math.floor(_SHARES * (1.0 - math.log(number / start) / math.log(_LEAST)))
+
+    low, high, k, step, tried = 0, _SHARES, share(0.5 * start), 0, 0
+    below, (x, above), (farther, more) = 0.0, (start, present - _UNSTABLE), (start, np.inf)
+    while high - low > 1:
+        number, tried = start * _LEAST ** (1.0 - k / _SHARES), tried + 1
+        beyond = radius(number) - _UNSTABLE
+        if beyond > 0.0:
+            high, step, (farther, more), (x, above) = k, 0, (x, above), (number, beyond)
+        else:
+            low, below = k, beyond
+        middle, width = (low + high) // 2, high - low
+        if tried >= _SECANTS or not above < more < np.inf:
+            k = middle
+            continue
+        border = x - above * (farther - x) / (more - above)
+        k = min(share(max(border, _FARTHEST * x)), high - 1)
+        if k <= low:
+            step = max(4 * step, width // 64, int(width * below / (below - above)), 1)
+            k = min(low + step, middle)
+    return start * _LEAST ** (1.0 - low / _SHARES)
 
 
 def _parts(controller: Controller, actuators: Actuators) -> list[Part]:
