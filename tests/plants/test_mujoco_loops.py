@@ -18,6 +18,7 @@ SOONER = "truth.change=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0
 SHORTER, MOVING = "simulation.duration=2.5", 'reference.start="moving"'
 TWO_MS = "simulation.dt=0.002"
 NATURAL = "controller.adaptation=natural"
+KINDS = dict(zip(SHIPPED, ([NATURAL], [NATURAL, TWO_MS], [TWO_MS]), strict=True))
 LINE = 'reference={kind="lissajous", amplitude=[0.0, 0.15, 0.0], cycles=[1, 1, 1], period=4.0}'
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]
@@ -45,8 +46,7 @@ def test_the_remaining_error_is_within_a_tenth_of_that_in_pinocchio(name, settin
 
     A memory would learn either model to micrometres, where they differ.
     """
-    kind = [TWO_MS] if "lengths" in name else [NATURAL]
-    ours, theirs = (run(name, engine, settings, MOVING, *kind)[1] for engine in ENGINES)
+    ours, theirs = (run(name, engine, settings, MOVING, *KINDS[name])[1] for engine in ENGINES)
     one, other = (rollout.summary()["max_error_last"] for rollout in (ours, theirs))
     assert other < 0.5e-3 and np.isclose(one, other, rtol=0.1)
     assert ours.limits.verdict() == theirs.limits.verdict()
@@ -71,8 +71,8 @@ def test_without_coulomb_friction_the_paths_agree_to_a_micrometre(name, settings
 @pytest.mark.parametrize("name", SHIPPED)
 def test_unknown_rotors_and_damping_are_tolerated(name):
     friction = f"truth.friction={{viscous=1.0, coulomb={0.5 if 'tool' in name else 0.0}}}"
-    kind = [TWO_MS] if "lengths" in name else [NATURAL]
-    _, rollout = run(name, "mujoco", SHORTER, MOVING, "truth.armature=0.1", friction, *kind)
+    settings = (SHORTER, MOVING, "truth.armature=0.1", friction, *KINDS[name])
+    _, rollout = run(name, "mujoco", *settings)
     assert rollout.summary()["max_error_last"] < 0.5e-3
 
 

@@ -255,7 +255,7 @@ def test_camera_and_encoders_work_with_mujoco(sensors):
     true = with_tool_and_load(robot)
     path = circle_at_home(robot).starting_at(true.position(true.q0))
     simulate = partial(
-        pa.simulate, true, duration=0.4, engine=pa.Engine(torque_limits=True), **sensors
+        pa.simulate, true, duration=0.3, engine=pa.Engine(torque_limits=True), **sensors
     )
     run = [
         simulate(

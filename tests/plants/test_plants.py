@@ -211,7 +211,7 @@ def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
     ]
     paths = []
     for plant in plants:
-        loop = pa.run(plant, controller, case.motion, duration=0.3)
+        loop = pa.run(plant, controller, case.motion, duration=0.2)
         paths.append(np.array([(s.truth.x, s.desired.x_d) for s in loop]))
     coarse, fine = paths
     tracking = np.linalg.norm(fine[-100:, 0] - fine[-100:, 1], axis=1).max()

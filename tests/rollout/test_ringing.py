@@ -69,7 +69,7 @@ def loop(declared, **options):
         adaptation="natural",
         limits=pa.Limits(actuators=late if declared else None),
     )
-    return pa.simulate(true, controller, circle_at_home(true), duration=2.0, engine=late, **options)
+    return pa.simulate(true, controller, circle_at_home(true), duration=1.4, engine=late, **options)
 
 
 @pytest.mark.slow
@@ -106,5 +106,5 @@ def test_coarse_sensors_do_not_ring(name, sensors):
     robot = catalogue_robot(name)
     true = robot.changed(payload=pa.Payload(0.03 * robot.mass))
     controller = pa.make_controller(robot.changed(inertial_scale=0.8), sensors=sensors, dt=2e-3)
-    rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=2.0)
+    rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=1.4)
     assert rollout.diverged is None and rollout.ringing is None

@@ -255,7 +255,7 @@ def test_a_figure_draws_v_at_some_samples_of_the_run():
     """At most a thousand, the first and the last among them, each as in V of all samples."""
     robot = load("planar_2r")
     controller = pa.make_controller(robot, adaptation="natural")
-    rollout = pa.simulate(robot, controller, pa.reachable_circle(robot), duration=1.5)
+    rollout = pa.simulate(robot, controller, pa.reachable_circle(robot), duration=1.1)
     t, V = rollout.lyapunov_curve
     assert len(t) == len(V) == 1000 and t[0] == rollout.t[0] and t[-1] == rollout.t[-1]
     assert np.array_equal(V, rollout.lyapunov[np.searchsorted(rollout.t, t)])
