@@ -100,7 +100,9 @@ def test_what_a_log_told_holds_while_the_rest_is_learned():
     true = with_tool_and_load(robot)
     unknown = pa.Unknown(friction=False, armature=False)
     made = [
-        pa.make_controller(robot, adaptation="natural-memory", gamma_d=5.0, unknown=unknown)
+        pa.make_controller(
+            robot, adaptation="natural-memory", gamma_d=5.0, unknown=unknown, dt=2e-3
+        )
         for _ in range(2)
     ]
     truth = made[0].dynamics.value(true)

@@ -3,6 +3,7 @@
 import re
 import threading
 import time
+from contextlib import nullcontext
 
 import numpy as np
 import pinocchio as pin
@@ -153,7 +154,8 @@ def test_a_simulated_arm_is_commanded_from_another_process(folder, capsys):
         (["tell", "9", "state", "{"], "value: is no JSON"),
     ],
 )
-def test_wrong_input_is_refused(folder, capsys, arguments, words):
+def test_wrong_input_is_refused(folder, capsys, monkeypatch, arguments, words):
+    monkeypatch.setattr("pinadapt.cli.drive.Recorder", lambda *_, **__: nullcontext())
     log = ["--log", str(folder / "refused.mcap")] if arguments[0] == "drive" else []
     assert main([each.replace("{}", str(folder)) for each in arguments] + log) == 2
     assert words in capsys.readouterr().err

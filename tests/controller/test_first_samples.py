@@ -25,8 +25,12 @@ class Loop:
     def __init__(self, robot, *, true=None, plant=None, guards=True, dt=DT, **options):
         self.robot, self.dt = robot, dt
         self.true = robot if true is None else true
-        options = {"adaptation": "natural", "limits": pa.Limits(guards=guards), **options}
-        self.controller = pa.make_controller(robot, dt=dt, **options)
+        options = {"adaptation": "natural", "dt": dt, **options}
+        if guards is True and not {"sensors", "limits"} & options.keys():
+            self.controller = guarded(robot, **options)
+        else:
+            options = {"limits": pa.Limits(guards=guards), **options}
+            self.controller = pa.make_controller(robot, **options)
         self.plant = pa.plants.PinocchioPlant(self.true) if plant is None else plant
         circle = reachable_circle(robot)
         self.path = circle.starting_at(self.true.position(self.true.q0))

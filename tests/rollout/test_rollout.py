@@ -72,7 +72,7 @@ def test_save_and_plot_write_files(tmp_path):
     )
 
 
-def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path):
+def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path, unpainted):
     assert (
         len(
             run(control={"unknown": pa.Unknown(tool=False, bodies="none")}, duration=0.01).plot(

@@ -186,7 +186,7 @@ def test_a_load_is_shown_while_it_is_carried():
 # --- the commands ---
 
 
-def test_run_live_prints_the_address_and_writes_the_usual_files(tmp_path, capsys):
+def test_run_live_prints_the_address_and_writes_the_usual_files(tmp_path, capsys, blank_pictures):
     assert (
         main(["run", PLANAR, "--live", "--out", str(tmp_path), "--set", "simulation.duration=0.1"])
         == 0
