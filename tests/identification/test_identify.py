@@ -74,7 +74,8 @@ def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
 def test_a_rollout_is_a_log(tmp_path):
     robot, true = catalogue_robot("ur5"), true_robot("ur5")
     path = pa.trajectories.Lissajous(robot.position(robot.q0), [0.12, 0.15, 0.12], [3, 4, 5], 6.0)
-    rollout = pa.simulate(true, pa.make_controller(robot, dt=2e-3), path, duration=4.5)
+    controller = pa.make_controller(robot, adaptation="natural", dt=2e-3)
+    rollout = pa.simulate(true, controller, path, duration=4.5)
     rollout.save(tmp_path)
     found = pa.identify(tmp_path, robot, unknown=pa.Unknown(bodies="payload"))
     assert found.torque_errors.gain > 10.0

@@ -168,7 +168,7 @@ def test_the_tracking_error_teaches_no_faster_than_late_motors_can_follow(name):
 
 
 @cache
-def last_error(name, adaptation, actuators, duration=2.0, **given):
+def last_error(name, adaptation, actuators, duration=1.5, **given):
     """Return the largest error of the last tenth, relative to the radius."""
     case = zoo_case(name)
     true, model, unknown = case.true, case.estimated, pa.Unknown()

@@ -299,7 +299,7 @@ class _Follower:
         home_share = 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
         damping = (0.01 * self._home) ** 2 * np.eye(task.size)
         offsets, passed = self._offsets(path), list[np.ndarray]()
-        speeds, least, start = np.zeros(model.nv), np.inf, None
+        speeds, least = np.zeros(model.nv), np.inf
         for k in range(len(offsets) - 1):
             pin.computeJointJacobians(model, data, q)
             x = task.of(pin.updateFramePlacement(model, data, self._tool))
@@ -311,13 +311,15 @@ class _Follower:
                 least, passed = min(least, _least_singular(passed)), []
                 if least < _LEAST_SINGULAR * self._home:
                     return None
-            start = x if start is None else start
-            off = task.error(task.moved(start, offsets[k]), x)
+            if k == 0:
+                start, target = x, task.moved(x, offsets[0])
+            off = task._error(target, x)
             away, turned = task.position(off), off[task.positions :]
             if away.dot(away) > (_TRACKED * path.radius) ** 2 or turned.dot(turned) > _TRACKED**2:
                 return None
             psi = home_share * pin.difference(model, q, self._q0)
-            to_go = self._arms * task.error(task.moved(start, offsets[k + 1]), x)
+            target = task.moved(start, offsets[k + 1])
+            to_go = self._arms * task._error(target, x)
             step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
             speeds = np.maximum(speeds, np.abs(step))
             q = pin.integrate(model, q, step)
