@@ -216,7 +216,7 @@ def test_direct_adaptation_of_the_composite_paper():
     assert np.allclose(controller.dynamics.initial, [0.15, 0.04, 0.03, 0.025])
     run = {
         "duration": 4.0,
-        "engine": pa.Engine(dt=2e-3, continuous=True),
+        "engine": pa.Engine(dt=2.5e-3, continuous=True),
         "start": {"a_d": np.zeros(4)},
     }
     rollout = pa.simulate(true, controller, path.as_given(), **run)

@@ -187,7 +187,7 @@ def test_a_memory_with_a_lag_bears_motors_that_are_ten_milliseconds_late():
             robot,
             controller,
             path.starting_at(robot.position(robot.q0)),
-            duration=6.0,
+            duration=4.5,
             engine=pa.robot.Actuators(delay=10e-3),
         )
         assert rollout.diverged is None

@@ -105,7 +105,7 @@ def test_the_adaptive_controller_tracks_a_robot_that_differs_from_its_descriptio
         pa.make_controller(robot, dt=2e-3, **options)
         for options in ({}, {"adaptation": "none", "gamma_k": 0.0})
     )
-    runs = [pa.simulate(robot, each, path, duration=3.0, engine=mjcf) for each in controllers]
+    runs = [pa.simulate(robot, each, path, duration=2.2, engine=mjcf) for each in controllers]
     ends = [np.linalg.norm(run.error[-150:], axis=1).max() for run in runs]
     assert ends[0] < 1e-3 and ends[1] > 5.0 * ends[0]
     assert runs[0].a_k_true is None and runs[0].a_d_true is None and runs[0].lyapunov is None

@@ -71,7 +71,7 @@ def test_a_camera_that_stays_blind_ends_the_run_at_the_stated_time():
 def test_a_path_that_leaves_the_workspace_comes_back(ur5):
     """At 1 kHz: at half of it the loop of the true model chatters at the singularity, too."""
     true, model, _ = ur5
-    found = run(true, model, way_out(true, 0.95), 11.0, governed=True, adaptation="natural")
+    found = run(true, model, way_out(true, 0.95), 12.0, governed=True, adaptation="natural")
     assert found["lost"] is None and found["last"] < 1.0
     assert found["largest"] > 100.0  # it was outside
     assert found["late"] > 3.0 and any("error" in one["cause"] for one in found["slowed"])

@@ -118,7 +118,7 @@ def test_an_initial_guess_of_the_load_helps_a_light_wrist():
             true,
             pa.make_controller(believed, adaptation="natural", dt=2e-3),
             path,
-            duration=3.0,
+            duration=2.5,
         ).summary()
         for believed in (robot.changed(payload=guess), robot)
     ]
