@@ -56,8 +56,8 @@ def test_random_signs_of_dry_friction_do_not_bias_the_load():
 
 
 def test_errors_of_the_arm_need_a_prior_or_a_run_without_load():
-    loaded = run("panda", off_arm())
-    empty = run("panda", off_arm(), "truth.payload={mass = 0.0}", "simulation.seed=1")
+    loaded = run("panda", off_arm(), dt=4e-3)
+    empty = run("panda", off_arm(), "truth.payload={mass = 0.0}", "simulation.seed=1", dt=4e-3)
     off, known = misses(loaded.payload(refined=True), 1.5)  # the data say that the arm is off
     assert (np.abs(off) < 3.0 * known).all() and known[0] > 0.02
     assert "each body off by some 3 %" in loaded.payload().explanations[0].words
