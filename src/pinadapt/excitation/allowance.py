@@ -139,10 +139,11 @@ def _distances_of(
     for request in found.distanceRequests:  # for derivatives by differences, in contact too
         request.gjk_tolerance = request.epa_tolerance = _TOLERANCE
         request.gjk_max_iterations = request.epa_max_iterations = _ITERATIONS
+    results = list(found.distanceResults)  # places where Pinocchio writes; copies cost much more
     distances = np.zeros((len(q), len(geometry.collisionPairs)))
     for row, each in zip(distances, q, strict=True):
         pin.computeDistances(model, data, geometry, found, each)
-        row[:] = [result.min_distance for result in found.distanceResults]
+        row[:] = [result.min_distance for result in results]
     return distances
 
 
