@@ -114,6 +114,8 @@ def _samples(model: pin.Model, rng: np.random.Generator) -> np.ndarray:
 
 def _configurations(model: pin.Model, poses: np.ndarray) -> list[np.ndarray]:
     """Return the configurations (nq) of joint positions (N, nv)."""
+    if model.nq == model.nv:  # positions and configurations are the same numbers
+        return list(poses)
     return [configuration_from_angles(model, angles) for angles in poses]
 
 
