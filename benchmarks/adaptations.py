@@ -12,8 +12,8 @@ Of the last tenth of a run are the largest error relative to the radius and the 
 torque between samples; the mass is the estimated one of all bodies over the true one, its inverse
 where that is larger. Where the load changes, the error around one second after it is shown too.
 
-The first lines of the table are the zoo's, all chains of the catalogue, ideally measured and moved
-(``make zoo.table``). Below the table stand the cells in which the default, the memory but where
+The first lines of the table are those of all chains of the catalogue, ideally measured and moved
+(``make zoo.table``), and of robots of other packages (``make strangers.table``). Below the table stand the cells in which the default, the memory but where
 friction is called known, is worse than it may be: the median above that of "natural" by a tenth or
 its worst by half, or either above that of no adaptation, with its own lag or with the memory's.
 ``python -m benchmarks.adaptations`` prints them.
@@ -33,6 +33,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
+from pinadapt.sweep.table import REFUSED
 from pinadapt.zoo.experiment import LOAD, ZooCase, zoo_case
 
 from .timing import table_rows, two_digits
@@ -51,6 +52,8 @@ ROTOR = 0.5, 1e-3  # of the inertia that each joint moves, and least, of the lar
 ANNOUNCED, UNANNOUNCED = "announced", "unannounced"
 ZOO = {"position": "zoo, positions", "pose": "zoo, poses"}
 IN_ZOO = {"": MEMORY, "natural": "natural"}  # the default of the zoo is the memory
+STRANGERS = {"perfect": "strangers", "camera": "strangers, camera of 30 Hz"}
+IN_STRANGERS = {"": MEMORY, "natural": "natural", "unadapted": "none"}
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,8 @@ REALITIES = {
     "500 Hz": Reality(dt=2e-3),
     "250 Hz": Reality(dt=4e-3),
 }
+
+CELLS = (*ZOO.values(), *STRANGERS.values(), *REALITIES)
 
 
 def events(name: str, zoo: ZooCase, half: float, change: str) -> pa.Events | None:
@@ -187,9 +192,23 @@ def of_zoo(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [*found, *without.values()]
 
 
+def of_strangers(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows of robots of other packages as rows of this table, but for refused ones."""
+    found = []
+    for row in rows:
+        sensors, _, adaptation = row["run"].partition(", ")
+        if row["status"] == REFUSED or adaptation not in IN_STRANGERS:
+            continue
+        case = {"reality": STRANGERS[sensors], "adaptation": IN_STRANGERS[adaptation]}
+        error = None if row["error"] is None else row["error"] / row["radius"]
+        found.append(case | {"robot": row["robot"], "error": error})
+    return found
+
+
 def whole() -> str:
-    """Return the report of the rows of the zoo and of this table."""
-    return report([*of_zoo(table_rows("zoo")), *table_rows("adaptations")])
+    """Return the report of the rows of the zoo, of strangers and of this table."""
+    elsewhere = [*of_zoo(table_rows("zoo")), *of_strangers(table_rows("strangers"))]
+    return report([*elsewhere, *table_rows("adaptations")])
 
 
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
@@ -211,7 +230,7 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["reality"], row["adaptation"]), []).append(row)
-    for reality, kind in product((*ZOO.values(), *REALITIES), ADAPTATIONS):
+    for reality, kind in product(CELLS, ADAPTATIONS):
         found = groups.get((reality, kind), [])
         held = [row for row in found if row["error"] is not None]
         if not found:
@@ -255,7 +274,7 @@ def violations(rows: Iterable[Mapping[str, Any]]) -> list[str]:
         error = math.inf if row["error"] is None else 100.0 * row["error"]
         errors.setdefault((row["reality"], row["adaptation"]), {})[row["robot"]] = error
     found = []
-    for reality, suffix in product((*ZOO.values(), *REALITIES), ("", f", {DECLARED}")):
+    for reality, suffix in product(CELLS, ("", f", {DECLARED}")):
         if reality in REALITIES and REALITIES[reality].friction_known:
             continue  # there "natural" is the default
         own = errors.get((reality, MEMORY + suffix))

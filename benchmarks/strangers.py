@@ -8,7 +8,8 @@ A tool of 5 % of the reach and a load of 5 % of the mass are unknown, every iner
 30 % too small, and the motion is four turns of the circle that the library chooses, at 1 kHz.
 Errors are the largest of the last tenth of the run. A run is described by words: "perfect"
 sensors; "camera": x comes, as in the README, from a camera of 30 Hz that is 60 ms late; "tracker
-120": x is in unknown axes, turned by 120 degrees, found by a wiggle before the motion; "unadapted".
+120": x is in unknown axes, turned by 120 degrees, found by a wiggle before the motion; "natural" or
+"unadapted" in place of the default adaptation.
 
 ``python -m benchmarks.strangers PATH... [--camera] [--tracker DEGREES] [--duration S]
 [--unadapted] [--processes N] [--out DIR]`` runs other descriptions and folders of them. A folder
@@ -51,6 +52,8 @@ LOAD, INERTIAS = 0.05, 0.7  # relative to the mass; factor on the inertias of th
 TURNS = 4.0
 AXIS, PLACE = np.array([0.6, -0.64, 0.48]), np.array([0.5, -0.4, 1.1])  # of a tracker; [m]
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
+ADAPTATIONS = {"natural": "natural", "unadapted": "none"}  # by words of a run
+SHOWN = ("perfect", "camera", "camera, tracker 120", "camera, unadapted")  # robot by robot
 SUFFIXES = (".urdf",)
 WIDTH = 160  # of a reason in the table
 
@@ -108,10 +111,12 @@ def _words(run: str) -> dict[str, Any]:
             found["camera"] = True
         elif word.startswith("tracker "):
             found["tracker"] = float(word.removeprefix("tracker "))
-        elif word == "unadapted":
-            found["adaptation"] = "none"
+        elif word in ADAPTATIONS:
+            found["adaptation"] = ADAPTATIONS[word]
         elif word != "perfect":
-            raise ValueError(f"'{word}' is not perfect, camera, tracker DEGREES or unadapted.")
+            raise ValueError(
+                f"'{word}' is not perfect, camera, tracker DEGREES, natural or unadapted."
+            )
     return found
 
 
@@ -189,6 +194,11 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
         )
     head = ["package", "file", "frame", "joints", "radius [m]", *runs, "remark"]
     return markdown(head, lines)
+
+
+def shown(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table of each robot for some of the runs."""
+    return report([row for row in rows if row["run"] in SHOWN])
 
 
 def counts(rows: Sequence[Mapping[str, Any]]) -> str:

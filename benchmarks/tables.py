@@ -199,7 +199,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "realtime": of_json("realtime", realtime.report),
     "sensors": of("sensors", sensors.report),
     "strangers": of("strangers", strangers.counts),
-    "strangers_each": of("strangers", strangers.report),
+    "strangers_each": of("strangers", strangers.shown),
     "sweep_engines": of_json("sweep_engines", sweep_engines.report),
     "thousand_pandas": thousand_pandas,
     "tracker": of("tracker", tracker.report),
