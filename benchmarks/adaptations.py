@@ -13,9 +13,10 @@ torque between samples; the mass is the estimated one of all bodies over the tru
 where that is larger. Where the load changes, the error around one second after it is shown too.
 
 The first lines of the table are those of all chains of the catalogue, ideally measured and moved
-(``make zoo.table``), and of robots of other packages (``make strangers.table``). Below the table stand the cells in which the default, the memory but where
-friction is called known, is worse than it may be: the median above that of "natural" by a tenth or
-its worst by half, or either above that of no adaptation, with its own lag or with the memory's.
+(``make zoo.table``), and of robots of other packages (``make strangers.table``). Below the table
+stand the cells in which the default, the memory but where friction is called known, is worse than
+it may be: the median above that of "natural" by a tenth or its worst by half, or either above that
+of no adaptation, with its own lag or with the memory's.
 ``python -m benchmarks.adaptations`` prints them.
 """
 
