@@ -37,7 +37,7 @@ import pinadapt as pa
 from pinadapt.sweep.table import REFUSED
 from pinadapt.zoo.experiment import LOAD, ZooCase, zoo_case
 
-from .timing import table_rows, two_digits
+from .timing import markdown, table_rows, two_digits
 
 ADAPTATIONS: dict[str, dict[str, Any]] = {
     "none": {"adaptation": "none"},
@@ -227,7 +227,7 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
         "peak [%]",
         "chatter",
     ]
-    table = [head, ["---"] * len(head)]
+    lines = []
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["reality"], row["adaptation"]), []).append(row)
@@ -247,8 +247,8 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
             median(_known(held, "chatter")),
         ]
         words = ["" if math.isnan(x) else f"{x:.2g}" for x in cells]
-        table.append([reality, kind, str(len(found)), *words])
-    text = "\n".join(f"| {' | '.join(line)} |" for line in table)
+        lines.append([reality, kind, str(len(found)), *words])
+    text = markdown(head, lines)
     worse = "\n".join(f"- {line}" for line in violations(rows))
     return f"{text}\n\n{WORSE.format(worse) if worse else RIGHT}"
 
@@ -301,8 +301,7 @@ def violations(rows: Iterable[Mapping[str, Any]]) -> list[str]:
 def declared(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a table in Markdown of the errors with actuators that are declared, and not."""
     names = ("none", "natural", MEMORY)
-    lines = [["", *(each for name in names for each in (f"`{name}`", DECLARED))]]
-    lines.append(["---"] * len(lines[0]))
+    head, lines = ["", *(each for name in names for each in (f"`{name}`", DECLARED))], []
     errors: dict[str, dict[str, list[float]]] = {}
     for row in rows:
         error = math.inf if row["error"] is None else 100.0 * row["error"]
@@ -311,7 +310,7 @@ def declared(rows: Iterable[Mapping[str, Any]]) -> str:
         own = [found[each] for name in names for each in (name, f"{name}, {DECLARED}")]
         cells = [" / ".join(map(_percent, (median(each), max(each)))) for each in own]
         lines.append([reality, *cells])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(head, lines)
 
 
 def _percent(value: float) -> str:

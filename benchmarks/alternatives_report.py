@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from .contenders import CONTENDERS, DEFAULT
-from .timing import two_digits
+from .timing import markdown, two_digits
 
 Row = Mapping[str, Any]
 TITLES = {
@@ -52,7 +52,7 @@ def errors(rows: Sequence[Row]) -> str:
     for name in _names(rows):
         cells = [found.get((name, *column)) for column in columns]
         body.append([name, *map(_error, cells, least.values())])
-    return _table(["", *head], body)
+    return markdown(["", *head], body)
 
 
 def costs(rows: Sequence[Row]) -> str:
@@ -65,7 +65,7 @@ def costs(rows: Sequence[Row]) -> str:
         median = {key: float(np.median([row[key] for row in held])) for key in _COSTS if held}
         cells = [form.format(median[key]) if held else _NONE for key, form in _COSTS.items()]
         body.append([name, *cells, str(len(own) - len(held))])
-    return _table(["", *head], body)
+    return markdown(["", *head], body)
 
 
 def gains(rows: Sequence[Row]) -> str:
@@ -74,7 +74,7 @@ def gains(rows: Sequence[Row]) -> str:
     found = {(row["contender"], row["robot"], row["sensors"]): row["gains"] for row in rows}
     names = [name for name in _names(rows) if CONTENDERS[name].grid]
     body = [[name, *(_words(found.get((name, *column))) for column in columns)] for name in names]
-    return _table(["", *(f"{robot}, {sensors}" for robot, sensors in columns)], body)
+    return markdown(["", *(f"{robot}, {sensors}" for robot, sensors in columns)], body)
 
 
 def known(rows: Sequence[Row]) -> str:
@@ -85,7 +85,7 @@ def known(rows: Sequence[Row]) -> str:
         [name, *(_error(found.get((name, *column)), 0.0) for column in columns)]
         for name in _names(rows)
     ]
-    return _table(["", *(f"{robot}, {sensors}" for robot, sensors in columns)], body)
+    return markdown(["", *(f"{robot}, {sensors}" for robot, sensors in columns)], body)
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
@@ -158,9 +158,3 @@ def _names(rows: Sequence[Row]) -> list[str]:
 def _unique(items: Iterable[Any]) -> list[Any]:
     """Return the distinct items, sorted."""
     return sorted(set(items))
-
-
-def _table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
-    """Return a table in Markdown."""
-    lines = [head, ["---"] * len(head), *body]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

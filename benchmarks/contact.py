@@ -22,7 +22,7 @@ import pinadapt as pa
 from pinadapt.description.chain import effort_limits
 from pinadapt.realtime import CycleLog, PlantArm, RealtimeLoop, Recorder, Safety, Scheduling
 
-from .timing import HERE, save
+from .timing import HERE, markdown, save
 
 ROBOTS = ("panda", "ur5", "kinova", "z1")
 FORCES = (10.0, 20.0, 30.0, 50.0, 100.0)  # [N]
@@ -135,7 +135,7 @@ class Carrier:
 def report(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a table in Markdown: of six directions, in how many the arm was stopped, how soon."""
     header = ["", "limits", "unexplained", *(f"{force:g} N" for force in FORCES), "rest before"]
-    lines = [header, ["---"] * len(header)]
+    lines = []
     for name in dict.fromkeys(row["robot"] for row in rows):
         own = [row for row in rows if row["robot"] == name]
         quiet = next(row for row in own if row["force"] is None)
@@ -150,7 +150,7 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
             cells.append(f"{len(told)}{times}{words}")
         gaps = [r["stopped_ms"] - r["rested_ms"] for r in own if r.get("check") == "contact"]
         lines.append([*cells, f"{min(gaps)} to {max(gaps)} ms"])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(header, lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -20,6 +20,8 @@ import numpy as np
 
 import pinadapt as pa
 
+from .timing import markdown, run_errors
+
 DURATION, PERIOD = 8.0, 2e-3  # [s]
 TOOL, LOAD, LIGHTER = 0.05, 0.05, 0.7  # of reach, mass and inertia
 AWAY, PIXELS = 2.0, 500.0  # reaches; a reach
@@ -85,18 +87,14 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a table in Markdown: largest error of the run, of its last tenth, and in pixels."""
     robots = list(dict.fromkeys(row["robot"] for row in rows))
     head = ["cameras, sensors", *robots]
-    lines = [head, ["---"] * len(head)]
+    lines = []
     found = {(int(row["cameras"]), row["sensors"], row["robot"]): row for row in rows}
     for cameras, sensors in dict.fromkeys(key[:2] for key in found):
         cells = [_cell(found.get((cameras, sensors, robot), {})) for robot in robots]
         lines.append([f"{cameras}, {sensors}", *cells])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(head, lines)
 
 
 def _cell(row: Mapping[str, Any]) -> str:
-    if not row:
-        return ""
-    if row.get("largest") in (None, ""):
-        return "lost"
-    share = f"{100.0 * row['largest']:.2g} / {100.0 * row['last']:.2g}"
-    return f"{share} ({row['pixels']:.2g} px)"
+    pixels = row.get("pixels")
+    return run_errors(row) if pixels in (None, "") else f"{run_errors(row)} ({pixels:.2g} px)"

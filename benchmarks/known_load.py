@@ -18,7 +18,7 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.scenario.scenario import Scenario
 
-from .timing import HERE, two_digits
+from .timing import HERE, markdown, two_digits
 
 ROBOTS = {"panda": 1.5, "ur10": 3.0}  # kg
 COM = 1e3 * np.array([0.02, -0.01, 0.05])  # mm
@@ -132,5 +132,4 @@ def _table(first: str, body: list[list[str]]) -> str:
         "stated",
         "runs with the truth within two stated deviations: mass; centre",
     ]
-    lines = [head, ["---"] * len(head), *body]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(head, body)

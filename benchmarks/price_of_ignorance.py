@@ -24,6 +24,8 @@ import numpy as np
 
 import pinadapt as pa
 
+from .timing import markdown
+
 LOADS = {"panda": 1.5, "ur5": 1.5, "z1": 0.75}  # [kg]
 AFTER = (5.0, 10.0, 20.0, 40.0)  # [s]
 TOOL = (0.03, -0.02, 0.12)  # [m]
@@ -121,14 +123,14 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a table in Markdown: errors with the true model [um or urad], below them prices."""
     found = prices(rows)
     head = [f"{robot} {end:g} s" for robot, end in product(LOADS, AFTER)]
-    lines = [["law", "adaptation", *head], ["---"] * (len(head) + 2)]
+    lines: list[list[str]] = []
     for law, kind in product(dict.fromkeys(row["law"] for row in rows), ADAPTATIONS):
         if any((law, robot, kind) in found for robot in LOADS):
             lines.append([f"`{law}`", _TITLES.get(kind, f"`{kind}`")])
             for robot in LOADS:
                 own = found.get((law, robot, kind))
                 lines[-1] += ["-"] * len(AFTER) if own is None else map(_cell, own)
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(["law", "adaptation", *head], lines)
 
 
 def _cell(number: float | None) -> str:

@@ -40,7 +40,7 @@ from pinadapt.realtime import (
 )
 from pinadapt.realtime.realtime_loop import Histogram
 
-from .timing import save, saved
+from .timing import markdown, save, saved
 
 COLUMNS = ("median", "99 %", "99.9 %", "worst")
 LONG, LATE = 3e-4, 3e-3  # [s] a step, and a period that is 2 ms late
@@ -147,14 +147,14 @@ def row(name: str, times: Histogram) -> dict[str, Any]:
 
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a table in Markdown."""
-    lines = [["[µs]", *COLUMNS, "", ""], ["---"] * 7]
+    lines = []
     for each in rows:
         long = each["name"].startswith(("step", ALONE))
         share = f"{100.0 * (1.0 - each['above'] / each['count']):.2f} % below 300"
         late = f"{each['above']} of {each['count']:,} more than 2 ms late"
         words = [WORDS[each["name"]], *(str(each[key]) for key in COLUMNS)]
         lines.append([*words, share if long else "", "" if long else late])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(["[µs]", *COLUMNS, "", ""], lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

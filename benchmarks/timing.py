@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import platform
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -67,6 +67,15 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a table in Markdown."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+
+
+def run_errors(row: Mapping[str, Any]) -> str:
+    """Return the largest error of a run and of its last tenth, in per cent; "" without a row."""
+    if not row:
+        return ""
+    if row.get("largest") in (None, ""):
+        return "lost"
+    return f"{100.0 * row['largest']:.2g} / {100.0 * row['last']:.2g}"
 
 
 def save(path: Path, rows: list[dict[str, Any]]) -> None:

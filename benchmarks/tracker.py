@@ -29,6 +29,8 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.tasks.frame import matrix, quaternion
 
+from .timing import markdown, run_errors
+
 DURATION, PERIOD = 8.0, 2e-3  # [s]
 TOOL, LOAD, LIGHTER = 0.05, 0.05, 0.7  # of reach, mass and inertia
 TILT, MARKER = 0.3, np.array([0.5, -1.0, 0.8])  # [rad]
@@ -137,23 +139,18 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a table in Markdown: largest error of the run, of its last tenth, % of the radius."""
     angles = sorted({float(row["angle"]) for row in rows})
     head = ["start, sensors", "arm", *(f"{angle:g}°" for angle in angles)]
-    lines = [head, ["---"] * len(head)]
+    lines = []
     found = {(row["start"], row["sensors"], row["robot"], float(row["angle"])): row for row in rows}
     for start, sensors, robot in dict.fromkeys(key[:3] for key in found):
         cells = [_cell(found.get((start, sensors, robot, angle), {})) for angle in angles]
         lines.append([f"{start}, {sensors}", robot, *cells])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown(head, lines)
 
 
 def _cell(row: Mapping[str, Any]) -> str:
-    if not row:
-        return ""
-    if row.get("largest") in (None, ""):
-        return "lost"
-    shares = f"{100.0 * row['largest']:.2g} / {100.0 * row['last']:.2g}"
     if row.get("turned") in (None, ""):
-        return shares
-    return f"{shares}, {row['turned']:.2g}° / {row['last_turned']:.2g}°"
+        return run_errors(row)
+    return f"{run_errors(row)}, {row['turned']:.2g}° / {row['last_turned']:.2g}°"
 
 
 if __name__ == "__main__":

@@ -15,6 +15,41 @@ def unknown_choices(robot: pa.Robot) -> list[list[str]]:
     return [["tool"], ["lengths"], [*joints, "tool"], [*joints[:1], "tool:length"]]
 
 
+def moving(kinematics, state, a_k, a_k_rate):
+    """Return a function of time: kinematics in a motion with q, v, a at 0, learning at a rate."""
+    q, v, a = state
+
+    def at(t, rate=0.0):
+        way = pin.integrate(kinematics.robot.model, q, v * t + a * (t * t / 2))
+        kinematics.update(a_k + t * rate * a_k_rate, way, v + a * t)
+        return kinematics
+
+    return at
+
+
+def check_motion(kinematics, state, a_k, a_k_rate, *, accuracy):
+    """Velocities, accelerations and regressors of position kinematics, by finite differences.
+
+    The kinematics stay at the state. Returned is the size of which rounding errors are a share.
+    """
+    q, v, a = state
+    at, p = moving(kinematics, state, a_k, a_k_rate), kinematics.positions
+    xd, xdd = derivative(lambda t: at(t).p_hat), derivative(lambda t: at(t).xd_hat)
+    Jdot, Jdot_v = derivative(lambda t: at(t, 1.0).J), derivative(lambda t: at(t).J) @ v
+    at(0.0)
+    size = 1.0 + np.abs(kinematics.J).max() * (1.0 + np.abs(v).max()) ** 2
+    assert np.allclose(kinematics.xd_hat[:p], xd, atol=accuracy * size)
+    assert np.allclose(kinematics.J @ v, kinematics.xd_hat, atol=1e-12 * size)
+    assert np.allclose(kinematics.Jdot_v, Jdot_v, atol=10.0 * accuracy * size)
+    of_second_order = min(100.0 * accuracy, 1e-6)
+    assert np.allclose(kinematics.J @ a + kinematics.Jdot_v, xdd, atol=of_second_order * size)
+    assert np.allclose(kinematics.jacobian_rate(a_k_rate), Jdot, atol=10.0 * accuracy * size)
+    x, X_k = kinematics.at(q)
+    assert np.allclose(X_k, kinematics.X_k, atol=1e-12 * size)
+    assert np.allclose(x[:p], kinematics.p_hat, atol=1e-12 * size)
+    return size
+
+
 def check_kinematics(robot: pa.Robot, unknown: list[str | Translation]) -> None:
     """J, Jdot_v, Y_k and others against finite differences at another than the own estimate."""
     rng = np.random.default_rng(7)
@@ -23,14 +58,7 @@ def check_kinematics(robot: pa.Robot, unknown: list[str | Translation]) -> None:
     a_k = believed.initial + 0.2 * rng.standard_normal(believed.size)
     a_k_rate = rng.standard_normal(believed.size)
 
-    def at(t, rate=0.0):
-        believed.update(
-            a_k + t * rate * a_k_rate,
-            pin.integrate(robot.model, q, v * t + a * (t * t / 2)),
-            v + a * t,
-        )
-        return believed
-
+    at = moving(believed, (q, v, a), a_k, a_k_rate)
     task, start = robot.task, at(0.0).x_hat
     xd = derivative(
         lambda t: task.error(at(t).x_hat, start)

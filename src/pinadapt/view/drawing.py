@@ -189,6 +189,7 @@ class _Tray(Window):
         self.messages: dict[int, tuple[Any, bytes]] = {}
 
     def keep(self, key: Any, message: bytes) -> None:
+        """Keep the message of the present shape, with its key."""
         self.messages[self.shape] = key, message
 
 

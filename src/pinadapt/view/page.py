@@ -88,6 +88,7 @@ def _percent(name: str) -> Callable[[Moment], float | None]:
     """Return a function that reads a share of a moment, in per cent."""
 
     def read(moment: Moment) -> float | None:
+        """Return the share of a moment, in per cent."""
         share: float | None = getattr(moment, name)
         return None if share is None else 100.0 * share
 
@@ -109,6 +110,7 @@ def _error(task: Any, group: RowGroup) -> Curve:
     shown = DISPLAYS[group.unit]
 
     def read(moment: Moment) -> float:
+        """Return the size of the error at a moment."""
         return shown.scale * float(np.linalg.norm(task.error(moment.x, moment.x_d)[group.rows]))
 
     return Curve(f"{group.name} error", shown.unit, read)
@@ -116,6 +118,7 @@ def _error(task: Any, group: RowGroup) -> Curve:
 
 def _translations(robots: Succession, truths: list[Any]) -> Curve:
     def read(moment: Moment) -> float:
+        """Return the size of the error at a moment [mm]."""
         return 1e3 * float(np.linalg.norm(moment.a_k - truths[int(robots.index(moment.t))]))
 
     return Curve("error of tool and length estimates", "mm", read)
@@ -435,6 +438,7 @@ def _predictions(
     since = max((at for at, _ in rollout.marks), default=-np.inf)
 
     def read(k: int) -> dict[str, Any]:
+        """Return the errors at a recorded sample."""
         if torques is None or rollout.t[k] < since:
             return {}
         a = rollout.a_d[k]
