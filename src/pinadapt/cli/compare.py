@@ -128,11 +128,14 @@ class _Warnings:
 def _laws(scenario: Scenario) -> list[str]:
     """Return the names of the laws for the scenario's kind of task and motion."""
     joints = isinstance(scenario.true.task, JointTask)
+    calibrated = scenario.controller.kinematics.calibrated
     rests = scenario.trajectory.settles is not None
     return [
         name
         for name, law in LAWS.items()
-        if law.joint_space == joints and (rests or not law.set_point)
+        if law.joint_space == joints
+        and (rests or not law.set_point)
+        and (calibrated or law.uses_position_error)
     ]
 
 
@@ -140,7 +143,7 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
     """Return a table with a row for each rollout, and for poses a column with the angle."""
     if not rollouts:
         return "nothing has run"
-    shown = DISPLAYS[rollouts[0].task.groups[0].unit]
+    shown = rollouts[0].task.groups[0].shown
     header: tuple[str, ...] = (
         "run",
         "law",

@@ -30,7 +30,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--task",
         metavar="TASK",
-        help="xyz, xy, xz, yz, pose or joint (default: xyz, or a plane if the chain is planar)",
+        help="xyz, xy, xz, yz, pose, image (of a camera that nobody calibrated) or joint (default: "
+        "xyz, or a plane if the chain is planar)",
     )
     parser.add_argument(
         "--law",

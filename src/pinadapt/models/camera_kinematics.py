@@ -21,9 +21,11 @@ from ..tasks.frame import ImageTask
 from .tracker_kinematics import LumpedKinematics
 from .translations import PlacedTranslations, Translation
 
+CAMERA = "camera"
 _OFF = 0.1  # of the reach: translations, and the picture at home
 _NEAR = 0.5  # of 1 / reach: change of the relative depth by a motion [1/m]
 _WIDE = 10.0  # times these: the bounds
+_FAR = 100.0  # reaches: bounds of the picture at home, from a corner of the image or elsewhere
 _LEAST = 0.1  # depth relative to that at home
 _SAME = 1e-9
 
@@ -65,7 +67,9 @@ class CameraKinematics(LumpedKinematics):
         small = np.append(np.repeat([1.0, _OFF * robot.reach], [3, width - 4]), _OFF * robot.reach)
         deep = small[:-1] * _NEAR / robot.reach
         self.sizes = np.concatenate([np.tile(small, task.size), np.tile(deep, count)])
-        self.bounds = self.initial + _WIDE * self.sizes * np.array([[-1.0], [1.0]])
+        wide = _WIDE * self.sizes
+        wide[: self._split].reshape(self._shape)[:, -1] = _FAR * robot.reach
+        self.bounds = self.initial + wide * np.array([[-1.0], [1.0]])
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""

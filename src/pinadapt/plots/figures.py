@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._output import whole_file
-from ..tasks.task import DISPLAYS, RowGroup
+from ..tasks.task import RowGroup
 from .style import (
     BLUE,
     GREEN,
@@ -30,7 +30,12 @@ from .style import (
 )
 
 _ONE_COLUMN = 4  # joints
-_NORMS = {"position": "|x - x_d|", "rotation": r"$|\phi|$", "joints": "|q - q_d|"}
+_NORMS = {
+    "position": "|x - x_d|",
+    "rotation": r"$|\phi|$",
+    "joints": "|q - q_d|",
+    "picture": "|y - y_d|",
+}
 
 
 def error_figure(run: Drawable) -> Picture:
@@ -63,7 +68,7 @@ def draw_errors(run: Drawable) -> tuple[Picture, Any]:
 
 
 def _draw_group(axes: Any, run: Drawable, group: RowGroup) -> None:
-    unit, scale = DISPLAYS[group.unit]
+    unit, scale = group.shown
     error = scale * run.error[:, group.rows]
     _components(axes[0], run.t, error, run.task.labels[group.rows], f"{group.name} error [{unit}]")
     _norm(axes[1], run.t, np.linalg.norm(error, axis=1), f"{_NORMS[group.name]} [{unit}]")
@@ -121,7 +126,9 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
         run: the run.
         dashed: legend of the dashed lines, drawn at ``a_k_true`` and ``a_d_true``.
     """
-    panels = [_Panel("kinematic [m]", run.a_k, run.a_k_true, run.kinematic_names)]
+    lumped = any("(" in name for name in run.kinematic_names)  # of a tracker or a camera
+    kinematic = "kinematic" if lumped else "kinematic [m]"
+    panels = [_Panel(kinematic, run.a_k, run.a_k_true, run.kinematic_names)]
     if run.a_d.shape[1] <= _MOST_NAMED:
         panels.append(_Panel("dynamic", run.a_d, run.a_d_true, run.dynamic_names))
     else:
@@ -158,11 +165,21 @@ def _kind(name: str) -> str:
     return "dynamic"
 
 
+def _owner_and_part(name: str) -> tuple[str, str]:
+    """Return to which body, joint or row of a lumped matrix a parameter belongs, and its part."""
+    row, lumped, column = name.removesuffix(")").partition("(")
+    if lumped:
+        return row, column.rpartition("_")[0] or column
+    owner, _, part = name.rpartition(".")
+    return owner or name, part.lstrip("mcI")
+
+
 def _draw(ax: Any, t: np.ndarray, panel: _Panel, dashed: str, still: frozenset[str]) -> None:
     """Draw the estimates of a panel, those that are not excited in grey, and true values dashed."""
     many = len(panel.names) > _MOST_NAMED
-    owners = [name.rpartition(".")[0] or name for name in panel.names]
-    parts = [name.rpartition(".")[2].lstrip("mcI") for name in panel.names]
+    owners, parts = (
+        zip(*map(_owner_and_part, panel.names), strict=True) if panel.names else ((), ())
+    )
     bodies, components = list(dict.fromkeys(owners)), list(dict.fromkeys(parts))
     greys = [name in still for name in panel.names]
     first = {owners[i]: i for i in sorted(range(len(owners)), key=lambda i: (not greys[i], -i))}
@@ -314,7 +331,7 @@ def overlay_figure(runs: Sequence[Drawable]) -> Picture:
 
 def _overlay(ax: Any, runs: Sequence[Drawable], group: RowGroup) -> None:
     """Draw the error norm of each run in one panel."""
-    unit, scale = DISPLAYS[group.unit]
+    unit, scale = group.shown
     norms = [
         np.maximum(scale * np.linalg.norm(run.error[:, group.rows], axis=1), 1e-12) for run in runs
     ]

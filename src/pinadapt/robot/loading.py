@@ -31,7 +31,7 @@ from ..description.missing_inertia import with_solid_points
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
 from ..exceptions import RobotError, did_you_mean
-from ..tasks.frame import TASKS, FrameTask
+from ..tasks.frame import IMAGE, TASKS, FrameTask
 from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import FRICTION_ATTRIBUTES, Friction
@@ -455,5 +455,8 @@ def task_named(name: str, model: pin.Model) -> Task:
         raise RobotError(
             f"no task is called '{name}'; choose from {names}.{did_you_mean(name, names)}",
             where="task",
+            hint="Load the robot, then say which cameras it has: Robot.filmed_by."
+            if name == IMAGE
+            else None,
         )
     return TASKS[name]

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, flag, instance, mapping, numbers, shown, vector
+from .._checks import LARGEST, flag, instance, mapping, numbers, positive, shown, vector, whole
 from .._output import Sheet, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
@@ -39,6 +39,7 @@ from .home import MountingPlane
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
 _UNITS = ("rad, rad/s, N m", "m, m/s, N")
 _SHOWN = 6  # names in a list that is printed
+_FLAT = 1e-3  # of the largest singular value of a picture's Jacobian
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -232,7 +233,7 @@ class Robot:
         before = pin.SE3.Identity() if self.tracker is None else self.tracker
         return replace(self, model=model, tracker=tracker * before, mounting=None)
 
-    def filmed_by(self, *cameras: ArrayLike) -> Robot:
+    def filmed_by(self, *cameras: ArrayLike, pixel: float | None = None, count: int = 1) -> Robot:
         """Return this robot with the task "image": the picture of the frame in one or two cameras.
 
         With one camera two coordinates of the frame's picture are controlled, with two also the
@@ -241,29 +242,50 @@ class Robot:
 
         Args:
             cameras: (3, 4) projections from the world's axes to homogeneous coordinates (y_1, y_2,
-                1) of the image, a pixel counted as about the length [m] that it covers at the arm:
-                see ``tasks.ImageTask``. None: one that looks along an axis from far away, as a
-                controller's robot may have it.
+                1) of the image, as of ``tasks.pinhole_camera``. None: cameras that look along axes
+                from far away, as a controller's robot may have them.
+            pixel: length [m] that a pixel counts as, about that which it covers at the arm; y is
+                the picture in pixels, as the cameras have it, times this length, and results are
+                shown in pixels. None: the cameras themselves count in such lengths.
+            count: of the cameras, where none is given.
 
         Raises:
-            RobotError: three cameras, wrong sizes, a frame that is not before a camera at home, or
-                a joint task.
+            RobotError: three cameras, wrong sizes, a frame that is not before a camera at home, two
+                cameras that do not fix it in space, or a joint task.
         """
         task = self.frame_task
-        plane = np.array([*np.arange(3)[task.place], *range(3)])[:2]
+        scale = None if pixel is None else positive(pixel, "pixel", error=RobotError)
         given = [numbers(H, "cameras", error=RobotError) for H in cameras]
+        plane = np.array([*np.arange(3)[task.place], *range(3)])[:2]
         if not given:
-            given = [np.concatenate([np.eye(4)[plane], np.eye(4)[3:]])]
-        if len(given) > 2 or any(H.shape != (3, 4) for H in given):
+            unknown = np.eye(4)[[*plane, 3]], np.eye(4)[[2, 1, 3]]
+            given = list(unknown[: whole(count, "count", 1)])
+        elif scale is not None and all(len(H) == 3 for H in given):
+            given = [H * np.array([[scale], [scale], [1.0]]) for H in given]
+        if count > 2 or len(given) > 2 or any(H.shape != (3, 4) for H in given):
             raise RobotError("expected one or two matrices (3, 4).", where="cameras")
-        p = self.placement(self.q0).translation
-        if any(H[2, :3] @ p + H[2, 3] <= 0.0 for H in given):
+        filmed = replace(self, task=ImageTask.seen_by(task, given, scale))
+        at = self.placement(self.q0)
+        for number, H in enumerate(given, 1):
+            if H[2, :3] @ at.translation + H[2, 3] <= 0.0:
+                raise RobotError(
+                    f"at home the frame is behind camera {number} of {len(given)}.",
+                    where="cameras",
+                    hint="The depth, row 3 of H times (p, 1), must be positive.",
+                )
+        sizes = np.linalg.svd(filmed.frame_task.jacobian(at, np.eye(6)[:, :3]), compute_uv=False)
+        if not sizes[-1] > _FLAT * sizes[0]:
             raise RobotError(
-                "at home the frame is behind a camera.",
+                "two cameras that stand in one place do not fix the frame in space."
+                if len(given) == 2
+                else "the picture shows a single direction of motion.",
                 where="cameras",
-                hint="The depth, row 3 of H times (p, 1), must be positive.",
+                hint="Move one of them, or turn the second by a right angle about its line of "
+                "sight: of its picture only the first coordinate counts."
+                if len(given) == 2
+                else "Are rows 1 and 2 of H alike?",
             )
-        return replace(self, task=ImageTask.seen_by(task, given))
+        return filmed
 
     @cached_property
     def in_base_axes(self) -> Robot:
@@ -597,4 +619,5 @@ def _parts(robot: Robot) -> dict[str, np.ndarray]:
             [friction.viscous, friction.coulomb, friction.load, friction.asymmetry, friction.offset]
         ),
         "rotors": np.array(model.armature),
+        "camera": np.array(robot.task.cameras if isinstance(robot.task, ImageTask) else 0.0),
     }

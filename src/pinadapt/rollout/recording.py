@@ -18,6 +18,7 @@ from ..information.information import MotionTorques, TorquePrediction, motion_to
 from ..laws.law import Truth
 from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import EARLY, Robot, Succession
+from ..tasks.frame import ImageTask
 from ..tasks.task import Task
 from .limit_excess import LimitExcess, motion_of_plant, motion_of_reference
 
@@ -134,6 +135,21 @@ class Evaluation:
         return LimitExcess.of(
             true, motion_of_plant(true, samples), motion_of_reference(true, samples)
         )
+
+    @cached_property
+    @np.errstate(all="ignore")
+    def beside_picture(self) -> float | None:
+        """The largest distance [m] in the last 10 %, as ``Recording`` has it."""
+        if not (self.true.known and self.samples):
+            return None
+        last = self.samples[-max(1, len(self.samples) // _TENTH) :]
+        seen, found = last[:: max(1, len(last) // _LOOKS)], []
+        for sample, k in zip(seen, self._phases(seen), strict=True):
+            robot = self.true.robots[k]
+            assert isinstance(robot.task, ImageTask)
+            p = robot.placement(sample.truth.q).translation
+            found.append(robot.task.distance(p, sample.desired.x_d))
+        return extreme(np.max, np.array(found))
 
     @cached_property
     def lyapunov(self) -> np.ndarray | None:
@@ -307,6 +323,7 @@ def ringing(
 
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
 _TENTH = 10  # parts of a run, of which errors are stated for the first and the last
+_LOOKS = 100  # samples at which a tool is compared with its picture
 _DRAWN = 1000  # samples of V in a figure
 
 
@@ -545,6 +562,14 @@ class Recording:
         """The largest share (N) of a task motion that damping takes, mu^2 / (s_min^2 + mu^2)."""
         whole = self.min_singular_J_hat**2 + self.damping
         return self.damping / np.maximum(whole, np.finfo(float).tiny)
+
+    @cached_property
+    def beside_picture(self) -> float | None:
+        """Largest distance of the tool from where its picture is the desired one [m].
+
+        In the last 10 %, to the nearest such point; None for tasks other than a picture.
+        """
+        return self.evaluated().beside_picture if isinstance(self.task, ImageTask) else None
 
     @cached_property
     def limits(self) -> LimitExcess:

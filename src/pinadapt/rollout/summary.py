@@ -19,7 +19,7 @@ from ..exceptions import InputError
 from ..information.information import TorquePrediction
 from ..laws import DEFAULT, LAWS
 from ..tasks.frame import IMAGE, TASKS, ImageTask
-from ..tasks.task import DISPLAYS, JointTask, Task
+from ..tasks.task import DISPLAYS, Display, JointTask, Task
 from .limit_excess import LimitExcess
 from .recording import CLOSE, Recording, Ringing, Slowdown, Transient, extreme, window
 
@@ -49,6 +49,7 @@ def summary(rollout: Recording) -> dict[str, Any]:
         "interrupted": rollout.interrupted,
         **_errors(rollout.distance, "error"),
         **({} if rollout.angle is None else _errors(rollout.angle, "angle")),
+        **_of_picture(rollout),
         "tau_max": extreme(np.max, np.abs(rollout.tau)),
         "min_eig_M_hat": extreme(np.min, rollout.min_eig_M_hat),
         "min_singular_J_hat": extreme(np.min, rollout.min_singular_J_hat),
@@ -70,6 +71,13 @@ def summary(rollout: Recording) -> dict[str, Any]:
         "recorded": _recorded(rollout),
         "version": __version__,
     }
+
+
+def _of_picture(rollout: Recording) -> dict[str, float | None]:
+    """Return the length [m] that a pixel counts as, and the tool's error in space [m]."""
+    if not isinstance(rollout.task, ImageTask):
+        return {}
+    return {"pixel": rollout.task.pixel, "max_tool_error_last": rollout.beside_picture}
 
 
 def _recorded(rollout: Recording) -> dict[str, Any]:
@@ -151,7 +159,7 @@ def _slowdown(slowdown: Slowdown) -> dict[str, Any]:
 
 def brief(rollout: Recording) -> Sheet:
     """Return robot, law, duration and the largest errors."""
-    numbers, unit = _errors(rollout.distance, "error"), DISPLAYS[rollout.task.groups[0].unit]
+    numbers, unit = _errors(rollout.distance, "error"), rollout.task.groups[0].shown
     first, last = (
         number(numbers[f"max_error_{part}"], unit.unit, scale=unit.scale)
         for part in ("first", "last")
@@ -169,17 +177,18 @@ def sheet(rollout: Recording) -> Sheet:
     """Return a table of the main numbers, and one of the joints that exceed their limits."""
     numbers, (group, *more) = summary(rollout), rollout.task.groups
     sizes = f"{len(rollout.kinematic_names)} kinematic, {len(rollout.dynamic_names)} dynamic"
-    singular = "m" if group.unit == "m" and not more else ""
+    singular = "m" if group.unit == "m" and not (more or group.display) else ""
     rows = [
         ("robot", f"{rollout.robot}, {numbers['nv']} joints"),
         ("law", rollout.law),
         ("adaptation", f"{rollout.adaptation}: {sizes}"),
-        *_error_rows(numbers, "error", group.unit, ("max_first", "max_last", "rms_last")),
+        *_error_rows(numbers, "error", group.shown, ("max_first", "max_last", "rms_last")),
         *(
             []
             if rollout.angle is None
-            else _error_rows(numbers, "angle", "rad", ("max_first", "max_last"))
+            else _error_rows(numbers, "angle", DISPLAYS["rad"], ("max_first", "max_last"))
         ),
+        *_picture_rows(numbers),
         ("largest torque", _largest_torque(rollout)),
         ("smallest eigenvalue of M_hat", number(numbers["min_eig_M_hat"], "kg m^2", digits=5)),
         (
@@ -197,14 +206,22 @@ def sheet(rollout: Recording) -> Sheet:
 
 
 def _error_rows(
-    numbers: dict[str, Any], name: str, unit: str, kinds: tuple[str, ...]
+    numbers: dict[str, Any], name: str, shown: Display, kinds: tuple[str, ...]
 ) -> list[tuple[str, str]]:
-    rows, shown = [], DISPLAYS[unit]
+    rows = []
     for kind in kinds:
         statistic, part = kind.split("_")
         value = number(numbers[f"{statistic}_{name}_{part}"], shown.unit, scale=shown.scale)
         rows.append((f"{name}, {part} 10 % ({statistic})", value))
     return rows
+
+
+def _picture_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return a row of the tool's error in space, where only its picture is followed."""
+    far = numbers.get("max_tool_error_last")
+    shown = DISPLAYS["m"]
+    words = "tool beside the desired picture, last 10 % (max)"
+    return [] if far is None else [(words, number(far, shown.unit, scale=shown.scale))]
 
 
 def _largest_torque(rollout: Recording) -> str:
@@ -226,7 +243,7 @@ def _ends(lyapunov: np.ndarray | None) -> str:
 
 def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the rows that only some runs have: events, damping, saturation, an early end."""
-    rows = _change_rows(numbers["changes"], rollout.task.groups[0].unit)
+    rows = _change_rows(numbers["changes"], rollout.task.groups[0].shown)
     if numbers["max_damping"]:
         share, lost = np.mean(rollout.damping > 0.0), numbers["max_damping_share"]
         words = f"{share:.1%} of the time, up to {lost:.0%} of the task motion lost"
@@ -255,10 +272,10 @@ def _ended_early(rollout: Recording) -> list[tuple[str, str]]:
     return rows
 
 
-def _change_rows(changes: list[dict[str, Any]], unit: str) -> list[tuple[str, str]]:
+def _change_rows(changes: list[dict[str, Any]], shown: Display) -> list[tuple[str, str]]:
     """Return one row for each change of the robot or announcement."""
-    rows, shown = [], DISPLAYS[unit]
-    close = number(CLOSE, shown.unit, scale=shown.scale, digits=0 if unit == "m" else 3)
+    rows, whole = [], shown == DISPLAYS["m"]
+    close = number(CLOSE, shown.unit, scale=shown.scale, digits=0 if whole else 3)
     for change in changes:
         worst, back = (
             number(change["max_error"], shown.unit, scale=shown.scale),
@@ -305,7 +322,11 @@ def load(folder: Path, kind: type[Run]) -> Run:
         given |= {name: rest[name] for name in ("path_extent", "unadapted")}
         given |= {name: tuple(numbers[name]) for name in _NAMES}
         given["task"] = _task(
-            numbers["task"], given["joint_names"], rest["continuous"], given["x"].shape[1]
+            numbers["task"],
+            given["joint_names"],
+            rest["continuous"],
+            given["x"].shape[1],
+            numbers.get("pixel"),
         )
         given["slowed"] = tuple(
             Slowdown(*(part[name] for name in _SLOWDOWN)) for part in numbers["slowed"]
@@ -326,6 +347,7 @@ def load(folder: Path, kind: type[Run]) -> Run:
         run.__dict__.update(
             computed,
             lyapunov_ends=None if V is None or not len(V) else V[[0, -1]],
+            beside_picture=numbers.get("max_tool_error_last"),
             kinematic_base=numbers["kinematic_base"],
             prediction=_prediction_of(numbers["torque_prediction"]),
             effort_limits=np.array(efforts),
@@ -351,14 +373,20 @@ def load(folder: Path, kind: type[Run]) -> Run:
 _NAMES = ("joint_names", "kinematic_names", "dynamic_names")
 
 
-def _task(name: str, joints: tuple[str, ...], continuous: Sequence[bool], coordinates: int) -> Task:
+def _task(
+    name: str,
+    joints: tuple[str, ...],
+    continuous: Sequence[bool],
+    coordinates: int,
+    pixel: float | None,
+) -> Task:
     """Return the task of this name; a joint task needs its joints and which are continuous.
 
     Of a picture with so many coordinates the cameras are not kept.
     """
     if name == IMAGE:
         return ImageTask.seen_by(
-            TASKS["xyz"], [np.eye(4)[[0, 1, 3]]] * (coordinates // 2 + coordinates % 2)
+            TASKS["xyz"], [np.eye(4)[[0, 1, 3]]] * (coordinates // 2 + coordinates % 2), pixel
         )
     return TASKS[name] if name in TASKS else JointTask(name, joints, tuple(continuous))
 
@@ -424,12 +452,14 @@ def _error(rollout: Recording) -> str:
     error = extreme(np.max, window(rollout.distance, False))
     if error is None:
         return "nothing was measured"
-    unit, scale = DISPLAYS[rollout.task.groups[0].unit]
+    unit, scale = rollout.task.groups[0].shown
     text = f"error of the last 10 % up to {_short(scale * error)} {unit}"
     if (share := error_share(rollout)) is not None:
         text += (
             f", {_short(100 * share, 2)} % of the path's {_short(scale * rollout.extent)} {unit}"
         )
+    if rollout.beside_picture is not None:
+        text += f", {_short(1e3 * rollout.beside_picture)} mm at the tool"
     if rollout.angle is not None:
         turn, angle = DISPLAYS["rad"], extreme(np.max, window(rollout.angle, False))
         text += "" if angle is None else f", and {_short(turn.scale * angle)} {turn.unit}"

@@ -13,7 +13,7 @@ from .._checks import vector
 from ..exceptions import RobotError, ScenarioError
 from ..robot.changes import Friction, Payload, Shaft, joint_id
 from ..robot.robot import Robot
-from ..tasks.frame import PoseTask
+from ..tasks.frame import ImageTask, PoseTask, pinhole_camera
 from ..tasks.task import Task
 from ..trajectories.periodic import Circle, FourierSeries, Lissajous, Sinusoid
 from ..trajectories.pose import UPRIGHT, FixedOrientation, PoseTrajectory, Swing
@@ -35,6 +35,10 @@ from .schema import (
     prefix_errors,
 )
 
+_OF_PICTURES = ("center", "radius", "amplitude", "points", "cosine", "sine")
+_LOOKS = 200  # times at which the desired picture is looked at
+_FAR_OFF = 10.0  # factor by which a pixel may be taken for another length
+
 
 def true_robot(described: Robot, truth: TruthKeys) -> Robot:
     """Return the true robot: the described one with the changes of [truth].
@@ -50,9 +54,102 @@ def true_robot(described: Robot, truth: TruthKeys) -> Robot:
         armature=truth.armature,
         friction=friction_of(described, truth.friction),
     )
+    if truth.camera or isinstance(described.task, ImageTask):
+        return _filmed(true, described, truth)
     if truth.tracker is None:
         return true
     return true.seen_from(truth.tracker.rotation, truth.tracker.translation)
+
+
+def _filmed(true: Robot, described: Robot, truth: TruthKeys) -> Robot:
+    """Return the true robot in the pictures of the cameras of [truth].
+
+    Raises:
+        ScenarioError: there is none, or one that does not see the tool at home, or another task.
+    """
+    task, cameras = described.task, []
+    if not isinstance(task, ImageTask):
+        raise ScenarioError(
+            f"a camera is for the task 'image', this one is '{task.name}'.",
+            where="camera",
+            hint='Take robot.task = "image".',
+        )
+    if not truth.camera or truth.tracker is not None:
+        raise ScenarioError(
+            'the task "image" needs a camera, and no tracker.',
+            where="tracker" if truth.camera else "camera",
+            hint="Say where the simulated one stands: [[truth.camera]] position = [2.0, 0.0, 1.0]. "
+            "The controller does not know it.",
+        )
+    if len(truth.camera) != len(task.cameras):
+        raise ScenarioError(
+            f"there are {len(task.cameras)} in [truth], here {len(truth.camera)}.", where="camera"
+        )
+    at, p = (robot.placement(robot.q0).translation for robot in (described, true))
+    for number, view in enumerate(truth.camera):
+        size, target = np.array(view.size), at if view.target is None else view.target
+        with prefix_errors(f"truth.camera.{number}"):
+            H = pinhole_camera(view.position, target, view.focal, centre=0.5 * size, roll=view.roll)
+        *seen, depth = H[:, :3] @ p + H[:, 3]
+        y = np.array(seen) / depth
+        if depth <= 0.0 or not ((y >= 0.0) & (y <= size)).all():
+            outside = f"at {_pixels(y)}, outside of its {_size_words(size)}"
+            raise ScenarioError(
+                f"it looks away: at home the tool is {'behind it' if depth <= 0.0 else outside}.",
+                where=f"camera.{number}",
+                hint="Leave target out: it then looks at the frame at home.",
+            )
+        covered = depth / view.focal
+        if task.pixel is not None and not 1.0 / _FAR_OFF < covered / task.pixel < _FAR_OFF:
+            raise ScenarioError(
+                f"a pixel of camera {number + 1} covers {covered:.2g} m at the arm, got "
+                f"{task.pixel:g}.",
+                where="robot.pixel",
+                hint=f"Give it to a factor of five: {covered:.1g}.",
+            )
+        cameras.append(H)
+    try:
+        return true.filmed_by(*cameras, pixel=task.pixel)
+    except RobotError as error:
+        raise ScenarioError(error.what, where="camera", hint=error.hint) from error
+
+
+def _pixels(y: np.ndarray) -> str:
+    """Return a place in a picture in words."""
+    return f"({', '.join(f'{each:.0f}' for each in y)})"
+
+
+def _size_words(size: np.ndarray) -> str:
+    return f"{size[0]:g} x {size[1]:g} pixels"
+
+
+def check_in_picture(motion: Trajectory, true: Robot, truth: TruthSection, duration: float) -> None:
+    """Refuse a desired picture that a camera of [truth] does not have.
+
+    Raises:
+        ScenarioError: it is outside at some time within the duration [s], or moves by less than a
+            pixel.
+    """
+    task = true.task
+    if not isinstance(task, ImageTask) or task.pixel is None:
+        return
+    times = np.linspace(0.0, duration, _LOOKS)
+    desired = np.array([motion.at(float(t)).x_d for t in times]) / task.pixel
+    hint = "Numbers of the motion are pixels, u to the right and v downwards."
+    moved = float(np.ptp(desired, axis=0).max())
+    if 0.0 < moved < 1.0:
+        raise ScenarioError(
+            f"the desired picture moves by {moved:.2g} pixels.", where="reference", hint=hint
+        )
+    for t, y in zip(times, desired, strict=True):
+        for (camera, row), place in zip(task.picks, y, strict=True):
+            if not 0.0 <= place <= truth.camera[camera].size[row]:
+                raise ScenarioError(
+                    f"at {t:.3g} s the desired picture is at {_pixels(y)}, outside of the "
+                    f"{_size_words(np.array(truth.camera[camera].size))} of camera {camera + 1}.",
+                    where="reference",
+                    hint=hint,
+                )
 
 
 def initial_model(described: Robot, belief: BeliefSection) -> Robot:
@@ -182,6 +279,8 @@ def trajectory_of(reference: Reference, true: Robot) -> Trajectory:
 def _path(reference: Reference, true: Robot) -> Trajectory:
     """Return the motion of [reference] at its own speed."""
     start, task = true.position(true.q0), true.task
+    if isinstance(task, ImageTask) and task.pixel is not None:
+        reference = _counted(reference, task.pixel)
     motion, placed = _motion(reference, task)
     motion = motion if placed else motion.starting_at(start[: _size(task)])
     if not isinstance(task, PoseTask):
@@ -196,6 +295,18 @@ def _path(reference: Reference, true: Robot) -> Trajectory:
         return PoseTrajectory(
             motion, _orientation(reference.orientation or OrientationSection(), start[3:])
         )
+
+
+def _counted(reference: Reference, pixel: float) -> Reference:
+    """Return a motion of a picture, given in pixels, in the lengths [m] that they count as."""
+    given = {name: getattr(reference, name, None) for name in _OF_PICTURES}
+    scaled = {name: _times(pixel, value) for name, value in given.items() if value is not None}
+    return reference.model_copy(update=scaled)
+
+
+def _times(factor: float, value: Any) -> Any:
+    """Return a number, or nested lists of numbers, times a factor."""
+    return [_times(factor, each) for each in value] if isinstance(value, list) else factor * value
 
 
 def _size(task: Task) -> int:
@@ -261,9 +372,10 @@ def _plane(reference: CircleSection, task: Task) -> str:
     if task.positions == 2 and reference.plane in (None, task.name):
         return "xy"
     if task.positions == 2:
-        raise ScenarioError(
-            f"must be '{task.name}', as the task, got '{reference.plane}'.", where="reference.plane"
-        )
+        words = f"must be '{task.name}', as the task, got '{reference.plane}'."
+        if isinstance(task, ImageTask):
+            words = "a picture is a plane by itself; leave it out."
+        raise ScenarioError(words, where="reference.plane")
     return reference.plane or "xy"
 
 

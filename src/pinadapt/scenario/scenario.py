@@ -27,11 +27,13 @@ from ..simulation.engine import Engine
 from ..simulation.loop import Events
 from ..simulation.prepare import findings, prepare
 from ..simulation.simulate import Progress, simulate
+from ..tasks.frame import IMAGE
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 from .parts import (
     announcements_of,
+    check_in_picture,
     initial_model,
     payload_of,
     trajectory_of,
@@ -92,7 +94,7 @@ def _anew(kind: str, of: str, make: Callable[[], Any]) -> Any:
 
 def _made_from(tables: ScenarioTables, folder: Path) -> tuple[str, str]:
     """Return what the described robot and the controller are made from, as texts."""
-    robot = f"{folder} {tables.robot.model_dump_json()}"
+    robot = f"{folder} {len(tables.truth.camera)} {tables.robot.model_dump_json()}"
     parts = [each.model_dump_json() for each in (tables.belief, tables.unknown, tables.controller)]
     simulation = tables.simulation.model_dump_json(exclude={"duration", "seed", "substeps"})
     return robot, " ".join([robot, *parts, str(tables.reference.governor), simulation])
@@ -169,7 +171,7 @@ class Scenario:
             load = payload_of(tables.belief.payload)
             estimated = unloaded.changed(payload=load)
         with prefix_errors("controller"):
-            sensors = _sensors(tables.simulation)
+            sensors = _sensors(tables.simulation, tables.robot.pixel or 1.0)
             unknown = _unknown(tables.unknown, learned, folder)
             controller = made(
                 "controller",
@@ -180,6 +182,7 @@ class Scenario:
             start = _start(tables.belief, learned, controller)
         with prefix_errors("reference"):
             trajectory = trajectory_of(tables.reference, true)
+            check_in_picture(trajectory, true, tables.truth, tables.simulation.duration)
         changes, announced = true_changes(described, tables.truth), announcements_of(tables.belief)
         with prefix_errors("simulation"):
             engine = _engine(tables, folder)
@@ -205,7 +208,8 @@ class Scenario:
                 outside the physical cone, or the engine is not installed or its model does not
                 match the robot.
         """
-        if isinstance(self.engine.plant, MujocoFile) and self.tables.truth != TruthSection():
+        changes = self.tables.truth.model_copy(update={"camera": []})
+        if isinstance(self.engine.plant, MujocoFile) and changes != TruthSection():
             raise ScenarioError(
                 "the model file of simulation.engine defines the true robot.",
                 where="truth",
@@ -252,12 +256,24 @@ class Scenario:
 
 
 def described_robot(tables: ScenarioTables, folder: Path) -> Robot:
-    """Return the robot of [robot], as described; paths are relative to ``folder``."""
+    """Return the robot of [robot], as described; paths are relative to ``folder``.
+
+    Raises:
+        InputError: it cannot be loaded, or the length of a pixel is missing, or has no use.
+    """
     robot = tables.robot
-    return load(
+    filmed = robot.task == IMAGE
+    if filmed != (robot.pixel is not None):
+        words = "is needed by" if filmed else "has a use only with"
+        raise ScenarioError(
+            f'{words} the task "image": about the length [m] that a pixel covers at the arm.',
+            where="pixel",
+            hint="0.002 for 2 mm; a factor of five does not matter." if filmed else None,
+        )
+    described = load(
         folder / robot.source if is_path(robot.source) else robot.source,
         frame=robot.frame,
-        task=robot.task,
+        task=None if filmed else robot.task,
         locked=robot.locked,
         q0=robot.q0,
         gravity=robot.gravity,
@@ -266,6 +282,9 @@ def described_robot(tables: ScenarioTables, folder: Path) -> Robot:
         mass=robot.mass,
         joint_effects=robot.joint_effects,
     )
+    if not filmed:
+        return described
+    return described.filmed_by(pixel=robot.pixel, count=max(1, len(tables.truth.camera)))
 
 
 def _learned(belief: BeliefSection, folder: Path) -> LearnedParameters | None:
@@ -296,8 +315,12 @@ def _start(
     return dict(learned.start(controller))
 
 
-def _sensors(simulation: SimulationSection) -> Sensors:
+def _sensors(simulation: SimulationSection, pixel: float) -> Sensors:
     """Return the sensors of [simulation]; a delay alone is a camera with a frame at every sample.
+
+    Args:
+        simulation: the table.
+        pixel: length [m] of the unit in which the noise of x is given.
 
     Raises:
         InputError: the delay is given twice, or a sensor's values are impossible.
@@ -312,7 +335,7 @@ def _sensors(simulation: SimulationSection) -> Sensors:
     return Sensors(
         Camera(delay=simulation.delay) if simulation.delay else camera,
         simulation.encoder,
-        simulation.noise.model_dump(),
+        simulation.noise.model_dump() | {"x": pixel * simulation.noise.x},
         simulation.carry,
     )
 

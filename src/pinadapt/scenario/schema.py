@@ -37,11 +37,15 @@ class Section(BaseModel):
 
 
 class RobotSection(Section):
-    """[robot]: which chain, which frame, which task."""
+    """[robot]: which chain, which frame, which task.
+
+    ``pixel`` is for the task "image": about the length [m] that a pixel covers at the arm.
+    """
 
     source: str
     frame: str | None = None
-    task: Literal["xy", "xz", "yz", "xyz", "pose", "joint"] | None = None
+    task: Literal["xy", "xz", "yz", "xyz", "pose", "image", "joint"] | None = None
+    pixel: Positive | None = None
     locked: list[str] = []
     q0: list[Number] | None = None
     gravity: Vector3 | None = None
@@ -95,6 +99,20 @@ class TrackerSection(Section):
     translation: Vector3 = [0.0, 0.0, 0.0]
 
 
+class PinholeSection(Section):
+    """[[truth.camera]]: a camera that films the tool, for the task "image".
+
+    Position and target [m] are in the axes of the base, the target by default the described frame
+    at home; focal length and size are in pixels, the roll about the line of sight in rad.
+    """
+
+    position: Vector3
+    target: Vector3 | None = None
+    focal: Positive = 1000.0
+    size: Annotated[list[Positive], Field(min_length=2, max_length=2)] = [1280.0, 960.0]
+    roll: Number = 0.0
+
+
 class TruthKeys(Section):
     """Keys of [truth] and of its changes."""
 
@@ -105,6 +123,7 @@ class TruthKeys(Section):
     friction: FrictionSection = FrictionSection()
     armature: NotNegative | list[NotNegative] | None = None
     tracker: TrackerSection | None = None
+    camera: Annotated[list[PinholeSection], Field(max_length=2)] = []
 
 
 class TruthChange(TruthKeys):
@@ -571,7 +590,7 @@ def parsed(setting: str) -> tuple[str, Any]:
 
 
 def put(raw: dict[str, Any], key: str, value: Any) -> None:
-    """Write one value into raw tables, by its dotted key.
+    """Write one value into raw tables, by its dotted key; tables of a list are numbered, from 0.
 
     Raises:
         ScenarioError: the key has an empty part, or a part of it is not a table.
@@ -579,11 +598,14 @@ def put(raw: dict[str, Any], key: str, value: Any) -> None:
     parts = key.split(".")
     if not all(parts):
         raise ScenarioError(f"expected a dotted key, got '{key}'.", where="--set")
-    table = raw
-    for part in parts[:-1]:
-        table = table.setdefault(part, {})
-        if not isinstance(table, dict):
-            raise ScenarioError(f"'{part}' in '{key}' is not a table.", where="--set")
+    table, way = raw, parts[:-1]
+    while way:
+        inside, number = table.setdefault(way[0], {}), "".join(way[1:2])
+        if isinstance(inside, list) and number.isdigit() and int(number) < len(inside):
+            inside, way = inside[int(number)], way[1:]
+        if not isinstance(inside, dict):
+            raise ScenarioError(f"'{way[0]}' in '{key}' is not a table.", where="--set")
+        table, way = inside, way[1:]
     table[parts[-1]] = value
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import ceil
+from math import ceil, cos, sin
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +32,10 @@ from ..robot.changes import Payload
 from ..robot.loading import JOINT, PLANES, load
 from ..robot.robot import Robot
 from ..robot.workspace import JointSwing, WorkspaceCircle, find_circle, find_swing
+from ..tasks.frame import IMAGE, pinhole_camera
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
-from .schema import SimulationSection
+from .schema import PinholeSection, SimulationSection
 
 _MEANINGS = {
     "alpha": "gain of the position error in the reference velocity [1/s]",
@@ -70,7 +71,8 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
     yield "gamma_d", _gain(bodies.gamma), f"rate of the inertial parameters{faster}"
     if joints is not None:
         yield "gamma_joint", _gain(joints.gamma), f"rate of armature and friction{faster}"
-    if law.learns_kinematics and controller.kinematics.size:
+    known = controller.kinematics.calibrated  # else they are too many for a comment
+    if law.learns_kinematics and controller.kinematics.size and known:
         rate_k = controller.adaptation_k.gain(controller.kinematics.initial)
         yield "gamma_k", _gain(rate_k), "rate of the tool"
 
@@ -106,6 +108,9 @@ def three_digits(number: float) -> float:
     return float(f"{number:.3g}")
 
 
+_AWAY, _ASIDE = 2.0, (0.25, 0.2)  # reaches to a camera; its way aside, relative to that before
+_FOCAL = PinholeSection(position=[0.0] * 3).focal
+_SMALLER = 0.8  # radius of the circle in a picture, relative to that of the circle in space
 _TOOL = 0.05  # length of the unknown tool, relative to the reach
 _LOAD = 0.05  # mass of the unknown load, relative to the moving mass
 _FRICTION = 0.5  # unknown friction, relative to what is typical for a robot of this size
@@ -125,6 +130,7 @@ class Template:
         law: name of the control law.
         tracker: whether x is measured in the axes of a tracker whose placement is unknown.
         planar: whether the task is a plane because no circle in space is within the limits.
+        filmed: whether the task is the picture of a camera that nobody calibrated.
     """
 
     source: str
@@ -136,6 +142,7 @@ class Template:
     law: str = DEFAULT
     planar: bool = False
     tracker: bool = False
+    filmed: bool = False
 
     @classmethod
     def of(
@@ -156,14 +163,23 @@ class Template:
 
         Raises:
             RobotError: as ``load``, ``find_circle`` and ``find_swing``.
-            InputError: a tracker for a joint task or a law that does not learn from positions.
+            InputError: a tracker or a camera for a law that does not learn from positions, or a
+                tracker for a joint task or a picture.
         """
-        if tracker and not (LAWS[law].uses_position_error and task != JOINT):
+        filmed = task == IMAGE
+        if tracker and (task == JOINT or filmed or not LAWS[law].uses_position_error):
             raise InputError(
                 "a tracker needs a task of the frame and a law that learns from positions.",
                 where="--tracker",
                 hint='Take the law "separation".',
             )
+        if filmed and not LAWS[law].uses_position_error:
+            raise InputError(
+                f"the law '{law}' does not learn from positions, which a picture needs.",
+                where="--law",
+                hint='Take the law "separation".',
+            )
+        task = None if filmed else task
         if task is None and LAWS[law].joint_space:
             task = JOINT
         make = partial(load, source, xacro=xacro, mass=mass)
@@ -181,7 +197,7 @@ class Template:
         if mass is not None:
             model = describe(source, xacro=xacro).model
             massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
-        return cls(source, robot, path, xacro or {}, mass, massless, law, planar, tracker)
+        return cls(source, robot, path, xacro or {}, mass, massless, law, planar, tracker, filmed)
 
     @property
     def name(self) -> str:
@@ -217,18 +233,54 @@ class Template:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the file itself contains what matters
             return make_controller(
-                self.robot,
+                self.robot.filmed_by(pixel=self.pixel) if self.filmed else self.robot,
                 law=self.law,
                 unknown=Unknown.of_tables(**self.unknown),
                 dt=SimulationSection().dt,
             )
+
+    @cached_property
+    def camera(self) -> np.ndarray:
+        """Where a camera stands (3) [m], in the axes of the base: before the circle's plane."""
+        path, p = self.path, self.robot.placement(self.robot.q0).translation
+        assert isinstance(path, WorkspaceCircle)
+        first, second = ("xyz".index(axis) for axis in path.plane)
+        E = np.eye(3)
+        normal = E[3 - first - second]
+        if p @ normal < 0.0:
+            normal = -normal
+        away = normal + _ASIDE[0] * E[first] + _ASIDE[1] * E[second]
+        return np.round(p + _AWAY * self.robot.reach * away / np.linalg.norm(away), 2)
+
+    @property
+    def _covered(self) -> float:
+        """Length [m] that a pixel covers at the tool."""
+        p = self.robot.placement(self.robot.q0).translation
+        return float(np.linalg.norm(self.camera - p)) / _FOCAL
+
+    @property
+    def pixel(self) -> float:
+        """Length [m] that a pixel is said to cover, to one digit."""
+        return float(f"{self._covered:.1g}")
+
+    @property
+    def picture(self) -> tuple[float, float]:
+        """Radius [pixels] of the circle in the picture, and its phase at the start [rad]."""
+        path, p = self.path, self.robot.placement(self.robot.q0)
+        assert isinstance(path, WorkspaceCircle)
+        H = pinhole_camera(self.camera, p.translation, _FOCAL)
+        E, (first, second) = np.eye(6), ("xyz".index(axis) for axis in path.plane)
+        out = cos(path.phase) * E[first, :3] + sin(path.phase) * E[second, :3]
+        u, v, _ = H[:, :3] @ out
+        radius = float(f"{_SMALLER * path.radius / self._covered:.2g}")
+        return radius, round(float(np.arctan2(v, u)), 3)
 
     @property
     def unknown(self) -> dict[str, Any]:
         """The keys of [unknown]."""
         if self.rests:
             return {"dynamic": "all"}
-        words = ["tracker", "tool"] if self.tracker else ["tool"]
+        words = [*["tracker"] * self.tracker, *["camera"] * self.filmed, "tool"]
         tool: dict[str, Any] = {"kinematic": words} if self.robot.task.positions else {}
         return {**tool, "dynamic": "all", "joint": "all"}
 
@@ -252,8 +304,10 @@ class Template:
         elif isinstance(path, JointSwing):
             way = f"sines of all joints in {path.period.min():g} to {path.period.max():g} s"
         else:
-            way = f"a circle of radius {path.radius} m in {path.period} s"
-        return f"{robot.model.nv} joints to '{robot.frame}', task {robot.task.name}, {way}."
+            size = f"{self.picture[0]:g} pixels" if self.filmed else f"{path.radius} m"
+            way = f"a circle of radius {size} in {path.period} s"
+        task = IMAGE if self.filmed else robot.task.name
+        return f"{robot.model.nv} joints to '{robot.frame}', task {task}, {way}."
 
 
 def _in_planes(
@@ -312,9 +366,11 @@ def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Tabl
     shares = {"tool": 100 * template.tool_share, "load": 100 * template.load_share}
     yield "truth", truth.format(**shares), _truth(template)
     unknown = _GRAVITY if rests else _UNKNOWN_OF_JOINTS if joints else _UNKNOWN
+    unknown = _UNKNOWN_CAMERA if template.filmed else unknown
     yield "unknown", unknown, _filled(template.unknown)
     yield "controller", "", _controller(template)
     reference = _SET_POINT if rests else _SINES if joints else _REFERENCE
+    reference = _CIRCLE_SEEN if template.filmed else reference
     motion = (_way if rests else _reference)(template)
     if not rests:
         _option(
@@ -343,12 +399,24 @@ _TRACKER = (
     "The base in the axes of the tracker that measures x: a rotation vector [rad] and a position "
     "[m]. The motion is given in the same axes."
 )
+_CAMERA = (
+    "The camera that films the tool: where it stands [m, axes of the base], focal length [pixels]. "
+    "It looks at the described frame at home; target = [x, y, z] says where else. size = [1280, "
+    "960] pixels and roll [rad] are its others. A second one in the list fixes the tool in space; "
+    "turn it (roll = 1.57) if the first coordinate of its picture does not show the depth of the "
+    "first."
+)
+_PIXEL = (
+    "About the length that a pixel covers at the arm [m]; a factor of five does not matter. All "
+    "numbers of pictures in this file are pixels: of [reference] and noise.x."
+)
 _TURN = [0.0, 0.0, 2.1]
 _PLACE = np.array([0.8, -0.5, 0.3])  # of the reach
 _PLANAR = (
     "This chain can follow no circle in space within its joint limits and away from "
     "singularities; the task is the plane in which it can follow the largest one."
 )
+_PICTURES = "Pictures a second, their delay [s], and the noise of what is found in them [pixels]."
 _FRICTION_AT_REST = (
     "Coulomb friction is left out: this law does not learn it, and would rest where it holds the "
     "arm. Viscous friction does no harm."
@@ -384,6 +452,14 @@ _REFERENCE = (
     "A circle through the tool's initial position. The arm can follow it within its joint limits "
     "and away from singularities, even with a tool error of 5 % of its reach."
 )
+_CIRCLE_SEEN = (
+    "A circle of the tool's picture [pixels], through the picture at the start: u to the right, v "
+    "downwards. The run begins with a wiggle of the joints, which shows what the camera sees."
+)
+_UNKNOWN_CAMERA = (
+    "What the controller adapts: the camera, of which it knows nothing, the tool's translation, "
+    "all inertial parameters of every body, rotor inertia and friction of every joint."
+)
 _SINES = (
     "Sines of all joints that start at rest at the home pose: amplitudes [rad or m], negative "
     "where the joint goes down, and periods [s]. Joint limits are kept."
@@ -407,11 +483,14 @@ def _robot(template: Template, folder: Path) -> Table:
     _remark(
         table,
         "The controlled coordinates of the frame, in world axes: xyz, xy, xz, yz, or pose, which "
-        "adds the orientation; or joint, the joints themselves.",
+        "adds the orientation; image, its picture in a camera; or joint, the joints themselves.",
     )
     if template.planar:
         _remark(table, _PLANAR)
-    table["task"] = robot.task.name
+    table["task"] = IMAGE if template.filmed else robot.task.name
+    if template.filmed:
+        _remark(table, _PIXEL)
+        table["pixel"] = template.pixel
     if robot.welded:
         _remark(
             table,
@@ -439,6 +518,11 @@ def _truth(template: Template) -> Table:
         _remark(table, _TRACKER)
         place = _PLACE * template.robot.reach
         table["tracker"] = _inline({"rotation": _TURN, "translation": _numbers(place, 2)})
+    if template.filmed:
+        _remark(table, _CAMERA)
+        stands = tomlkit.array()
+        stands.append(_inline({"position": _numbers(template.camera), "focal": _FOCAL}))
+        table["camera"] = stands
     table["payload"] = _payload(template.load)
     _option(table, "inertial_scale = 1.3", "every mass and inertia 30 % larger than described", 45)
     viscous, coulomb = template.friction
@@ -472,6 +556,10 @@ def _reference(template: Template) -> Table:
     if isinstance(path, JointSwing):
         sizes = {"amplitude": _numbers(path.amplitude), "period": _numbers(path.period)}
         return _filled({"kind": "sinusoid", **sizes})
+    if template.filmed:
+        radius, phase = template.picture
+        period = {"period": path.period, "phase": phase}
+        return _filled({"kind": "circle", "radius": radius, **period})
     return _filled(
         {
             "kind": "circle",
@@ -499,6 +587,10 @@ def _simulation(template: Template) -> Table:
     longest = 2.0 * float(np.max(template.path.period))
     duration = float(ceil(max(20.0 if template.rests else 10.0, longest)))
     table = _filled({"duration": duration, "dt": SimulationSection().dt})
+    if template.filmed:
+        _remark(table, _PICTURES)
+        table["camera"] = _inline({"rate": 30.0, "delay": 0.06})
+        table["noise"] = _inline({"x": 0.5})
     meaning = "ignore the effort limits of the description"
     _option(table, "torque_limits = false", meaning, 45)
     meaning = "[s], [rad/s]: motors that follow late; or stiffness [N m/rad]"

@@ -750,7 +750,10 @@ def _entry(base: Mapping[str, Any], key: str) -> Any:
     """Return the value at a dotted key, None where there is none."""
     found: Any = base
     for part in key.split("."):
-        found = found.get(part) if isinstance(found, Mapping) else None
+        if isinstance(found, list):
+            found = found[int(part)] if part.isdigit() and int(part) < len(found) else None
+        else:
+            found = found.get(part) if isinstance(found, Mapping) else None
     return found
 
 

@@ -183,22 +183,28 @@ def numbers_of(rollout: Rollout) -> dict[str, Any]:
     ``follows``: whether the verdict is "follows"; ``error_share``, ``max_error_first``,
     ``max_error_last`` and ``rms_error_last`` as in ``summary.json``; ``worst_after_change`` and
     ``time_back``: of the worst event during the run; ``torque_use``: largest torque over its
-    limit; ``saturated``: share of samples with a motor at its limit; ``diverged``: when [s].
+    limit; ``saturated``: share of samples with a motor at its limit; ``diverged``: when [s]. Errors
+    of a picture are ``max_pixels_first``, ``max_pixels_last`` and ``rms_pixels_last``, with
+    ``max_tool_error_last`` in metres.
     """
-    first, last, t = rollout.window(True), rollout.window(False), rollout.transients
+    t, shown = rollout.transients, rollout.task.groups[0].display
+    scale, error = (1.0, "error") if shown is None else (shown.scale, "pixels")
+    first, last = (scale * rollout.window(first) for first in (True, False))
     back = [each.back for each in t]
     limits = rollout.effort_limits
     used = np.abs(rollout.tau) / limits
     found: dict[str, Any] = {
         "follows": rollout.grade == FOLLOWS,
         "error_share": rollout.error_share,
-        "max_error_first": extreme(np.max, first),
-        "max_error_last": extreme(np.max, last),
-        "rms_error_last": extreme(lambda x: float(np.sqrt(np.mean(x**2))), last),
+        f"max_{error}_first": extreme(np.max, first),
+        f"max_{error}_last": extreme(np.max, last),
+        f"rms_{error}_last": extreme(lambda x: float(np.sqrt(np.mean(x**2))), last),
         "torque_use": extreme(np.max, used[:, np.isfinite(limits)]),
         "saturated": extreme(np.mean, rollout.saturated),
         "diverged": rollout.diverged,
     }
+    if rollout.beside_picture is not None:
+        found["max_tool_error_last"] = rollout.beside_picture
     if rollout.angle is not None:
         found["max_angle_last"] = extreme(np.max, rollout.angle[-len(last) :])
     if t:

@@ -42,7 +42,13 @@ PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _OF_ROW = ("case", "seed", "status", "reason", *LAST)
 _SHARES = ("error_share", "saturated", "torque_use")  # shown in per cent
-_LENGTHS = ("max_error_first", "max_error_last", "rms_error_last", "worst_after_change")
+_LENGTHS = (
+    "max_error_first",
+    "max_error_last",
+    "rms_error_last",
+    "worst_after_change",
+    "max_tool_error_last",
+)
 _CLASSES, _FEW = 12, 24  # classes of a drawn number; distinct values that are not classed
 _FEWEST = 5  # cases of a class
 _BANDS = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -659,7 +665,7 @@ def _unit(name: str) -> tuple[float, str]:
     """Return factor and unit in which a result is shown."""
     if name in _SHARES:
         return 100.0, "%"
-    return (1e3, "mm") if name in _LENGTHS else (1.0, "")
+    return (1e3, "mm") if name in _LENGTHS else (1.0, "px" if "_pixels_" in name else "")
 
 
 def _label(name: str) -> str:

@@ -11,9 +11,12 @@ from functools import cached_property, partial
 import numpy as np
 import pinocchio as pin
 from numpy import empty
+from numpy.typing import ArrayLike
 
+from .._checks import positive, vector
 from .._kernels import models as kernels
-from .task import CoordinateMotion, RowGroup, Task
+from ..exceptions import InputError
+from .task import CoordinateMotion, Display, RowGroup, Task
 
 _SERIES = 0.05  # [rad] below which c is computed from its series, correct to 1e-14
 
@@ -79,6 +82,7 @@ def _second_coefficient(angle: float) -> float:
 
 
 IMAGE = "image"
+_UPRIGHT = 0.999  # sine of the elevation, from which a camera looks straight up or down
 _STEPS = 3  # of Newton's method to the point of a picture
 _LOOSEST = 0.02  # of the square of a quaternion's length
 
@@ -307,16 +311,27 @@ class ImageTask(PositionTask):
         cameras: one or two matrices H (3, 4), as nested tuples: the projections from the axes of
             the base to homogeneous coordinates of the images; of the robot that a controller is
             made for, what it believes at first.
+        pixel: length [m] that a pixel counts as, in which results are shown in pixels; None: they
+            are shown in millimetres.
     """
 
     cameras: tuple[tuple[tuple[float, ...], ...], ...]
+    pixel: float | None = None
 
     @classmethod
-    def seen_by(cls, task: FrameTask, cameras: Sequence[np.ndarray]) -> ImageTask:
+    def seen_by(
+        cls, task: FrameTask, cameras: Sequence[np.ndarray], pixel: float | None = None
+    ) -> ImageTask:
         """Return the picture of a frame, whose ``task`` is that of the same robot so far."""
         labels = ("u", "v", "u_2")[: 2 * len(cameras)]
         given = tuple(tuple(map(tuple, H.tolist())) for H in cameras)
-        return cls(IMAGE, labels, task.rows, task.place, given)
+        return cls(IMAGE, labels, task.rows, task.place, given, pixel)
+
+    @property
+    def groups(self) -> tuple[RowGroup, ...]:
+        """One group: the picture, in pixels where it is known how long they count."""
+        shown = None if self.pixel is None else Display("px", 1.0 / self.pixel)
+        return (RowGroup("picture", "m", slice(0, self.size), shown),)
 
     @property
     def picks(self) -> tuple[tuple[int, int], ...]:
@@ -343,6 +358,10 @@ class ImageTask(PositionTask):
             p = p + np.linalg.pinv(J) @ (y - self.of(there))
         return p
 
+    def distance(self, p: np.ndarray, y_d: np.ndarray) -> float:
+        """Return how far p (3) is from the nearest point [m] whose picture is y_d (m)."""
+        return float(np.linalg.norm(self.nearest(p, y_d) - p))
+
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
         """Return dy/dq (m, n), J (6, n) the LOCAL_WORLD_ALIGNED Jacobian of the frame."""
         y, (above, below) = self.of(placement), self.projections
@@ -357,6 +376,45 @@ class ImageTask(PositionTask):
     def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> CoordinateMotion:
         """Return ``motion`` of one chain, with its data as scratch, as a function of q and v."""
         return partial(self.motion, model, data, frame)
+
+
+def pinhole_camera(
+    position: ArrayLike,
+    target: ArrayLike,
+    focal: float,
+    *,
+    centre: ArrayLike = (0.0, 0.0),
+    roll: float = 0.0,
+) -> np.ndarray:
+    """Return the projection (3, 4) of a camera that looks at a point, for ``Robot.filmed_by``.
+
+    u counts to the right in the picture and v downwards, which is along -z in the axes of the base;
+    of a camera that looks straight up or down it is along -y.
+
+    Args:
+        position: (3) of the camera [m], in the axes of the base.
+        target: (3) the point that it looks at [m].
+        focal: focal length [pixels].
+        centre: (2) u and v [pixels] of that point.
+        roll: by which the camera is turned about its line of sight [rad], the picture then turns
+            the other way.
+
+    Raises:
+        InputError: wrong sizes, a focal length that is not positive, or a target where the camera
+            stands.
+    """
+    eye, at = vector(position, 3, "position"), vector(target, 3, "target")
+    middle, f = vector(centre, 2, "centre"), positive(focal, "focal")
+    away = float(np.linalg.norm(at - eye))
+    if not away > 0.0:
+        raise InputError("the camera looks at the point where it stands.", where="target")
+    forward = (at - eye) / away
+    up = np.array([0.0, 0.0, 1.0] if abs(forward[2]) < _UPRIGHT else [0.0, 1.0, 0.0])
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    R = pin.exp3(np.array([0.0, 0.0, -roll])) @ np.array([right, np.cross(forward, right), forward])
+    K = np.array([[f, 0.0, middle[0]], [0.0, f, middle[1]], [0.0, 0.0, 1.0]])
+    return np.asarray(K @ np.column_stack([R, -R @ eye]))
 
 
 def _turning(q: np.ndarray) -> pin.Quaternion:

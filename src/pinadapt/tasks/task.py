@@ -38,14 +38,21 @@ class RowGroup(NamedTuple):
     """Rows of the error that share a unit.
 
     Attributes:
-        name: what they are together: "position", "rotation" or "joints".
+        name: what they are together: "position", "rotation", "joints" or "picture".
         unit: "m" or "rad"; among joints, which count as "rad", those of slides are in metres.
         rows: which rows.
+        display: how they are shown; None: as their unit.
     """
 
     name: str
     unit: str
     rows: slice
+    display: Display | None = None
+
+    @property
+    def shown(self) -> Display:
+        """How the rows are shown."""
+        return self.display or DISPLAYS[self.unit]
 
 
 @dataclass(frozen=True)

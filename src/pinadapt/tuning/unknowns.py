@@ -15,7 +15,7 @@ from ..exceptions import InputError, ParameterError, UnusedGainWarning, did_you_
 from ..laws.law import NAMES, SYMBOLS, Law
 from ..models.basis import BasisDynamics
 from ..models.bodies import PAYLOAD, BodyDynamics
-from ..models.camera_kinematics import CameraKinematics
+from ..models.camera_kinematics import CAMERA, CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.frame_kinematics import FrameKinematics
 from ..models.joint_effects import (
@@ -250,12 +250,22 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
         return JointKinematics(robot, unknown.translation_words(tool=False))
     words = unknown.translation_words(tool=True)
     kinematics: TaskKinematics
+    tracked = unknown.tracker or TRACKER in words
+    if isinstance(robot.task, ImageTask) and (tracked or unknown.geometry or GEOMETRY in words):
+        raise ParameterError(
+            f"with the task '{robot.task.name}' the camera is unknown, beside translations; "
+            f"'{TRACKER}' and '{GEOMETRY}' are of measured positions.",
+            where="unknown.kinematic",
+            hint='Take ["camera", "tool"].',
+        )
     if unknown.geometry or GEOMETRY in words:
         place, kinematics = GEOMETRY, _geometry(robot, unknown, words)
     elif isinstance(robot.task, ImageTask):
-        place, kinematics = "camera", CameraKinematics(robot, _placed_apart(words))
-    elif unknown.tracker or TRACKER in words:  # it contains the position of the base
-        place, kinematics = TRACKER, TrackerKinematics(robot, _placed_apart(words))
+        place = CAMERA
+        kinematics = CameraKinematics(robot, _placed_apart(words, place))
+    elif tracked:  # it contains the position of the base
+        place = TRACKER
+        kinematics = TrackerKinematics(robot, _placed_apart(words, place))
     else:
         kinematics = FrameKinematics(robot, words)
         place = BASE if any(part.joint == FIRST for part in kinematics.translations) else ""
@@ -268,9 +278,9 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     return kinematics
 
 
-def _placed_apart(words: Sequence[str | Translation]) -> list[str | Translation]:
-    """Return the unknown translations beside the placement of a tracker or a camera."""
-    return [word for word in words if word not in (TRACKER, BASE)]
+def _placed_apart(words: Sequence[str | Translation], place: str) -> list[str | Translation]:
+    """Return the unknown translations beside the ``place``, of a tracker or a camera."""
+    return [word for word in words if word not in (place, BASE)]
 
 
 def _geometry(

@@ -23,8 +23,9 @@ from ..controller.controller import Controller
 from ..exceptions import PinadaptError
 from ..information.information import MotionTorques
 from ..models.excited import Excited, names_together
-from ..robot.robot import Succession
-from ..tasks.task import DISPLAYS, RowGroup
+from ..robot.robot import Robot, Succession
+from ..tasks.frame import ImageTask
+from ..tasks.task import RowGroup
 from .drawing import DESIRED, TRUE, Keyframes, Window, framed, ghost
 from .scene import Scene, ShownEstimates, desired_tip, estimated_axes, motion_in_time, motion_of
 
@@ -71,6 +72,8 @@ def curves_of(robots: Succession, controller: Controller) -> list[Curve]:
     """Return the curves of a loop: errors of the task, of translations, and of the torques."""
     task = robots.robots[0].task
     curves = [_error(task, group) for group in task.groups]
+    if isinstance(task, ImageTask):
+        curves.append(_at_tool(robots.robots[0], task))
     truths = [controller.kinematics.value(robot) for robot in robots.robots]
     known = all(truth is not None for truth in truths)
     if controller.kinematics.size and controller.kinematics.calibrated and known:
@@ -107,13 +110,24 @@ def _rounded(value: float | None) -> float | None:
 
 
 def _error(task: Any, group: RowGroup) -> Curve:
-    shown = DISPLAYS[group.unit]
+    shown = group.shown
 
     def read(moment: Moment) -> float:
         """Return the size of the error at a moment."""
         return shown.scale * float(np.linalg.norm(task.error(moment.x, moment.x_d)[group.rows]))
 
     return Curve(f"{group.name} error", shown.unit, read)
+
+
+def _at_tool(true: Robot, task: ImageTask) -> Curve:
+    """Return about how far the tool is from where its picture is the desired one."""
+    back = np.linalg.pinv(task.jacobian(true.placement(true.q0), np.eye(6)[:, :3]))
+
+    def read(moment: Moment) -> float:
+        """Return the distance at a moment [mm]."""
+        return 1e3 * float(np.linalg.norm(back @ (moment.x - moment.x_d)))
+
+    return Curve("at the tool, about", "mm", read)
 
 
 def _translations(robots: Succession, truths: list[Any]) -> Curve:
