@@ -22,6 +22,7 @@ OPTIONAL = (
     "franka",
     "moteus",
     "tune",
+    "camera",
 )  # extras whose packages the library imports
 PROVIDED = {
     "pin": {"pinocchio", "coal"},
@@ -29,6 +30,7 @@ PROVIDED = {
     "meshcat": {"meshcat", "umsgpack", "IPython"},  # it requires the others
     "numba": {"numba", "llvmlite"},
     "python_can": {"can"},
+    "opencv_python_headless": {"cv2"},
 }
 
 
@@ -88,4 +90,5 @@ def test_the_tests_have_the_packages_of_the_extras_that_need_no_network():
         "pinadapt[sweep]",
         "pinadapt[dask]",
         "pinadapt[tune]",
+        "pinadapt[camera]",
     } <= set(EXTRAS["dev"])

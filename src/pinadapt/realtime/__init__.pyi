@@ -1,7 +1,10 @@
 from .arm import Arm as Arm
 from .arm import ArmFacts as ArmFacts
+from .arm import BallCamera as BallCamera
+from .arm import Frames as Frames
 from .arm import PlantArm as PlantArm
 from .arm import ProcessArm as ProcessArm
+from .arm import ball_centre as ball_centre
 from .realtime_loop import Ending as Ending
 from .realtime_loop import Phase as Phase
 from .realtime_loop import RealtimeLoop as RealtimeLoop

@@ -1,4 +1,7 @@
-"""What the library needs of an arm, and any ``Plant`` as one: here, or in a process of its own."""
+"""What the library needs of an arm, and any ``Plant`` as one: here, or in a process of its own.
+
+And x from the pictures of a camera: a coloured ball at the tool, found by OpenCV.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing import get_context
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import TypeAlias
 
 import numpy as np
@@ -31,6 +34,11 @@ _SILENT = 0.1  # [s] without a torque after which a simulated arm stops by itsel
 _STARTING = 60.0  # [s] that a new process may take
 _FIELDS = ("q", "v", "x", "xd", "tau")
 SIDES = ("joint", "motor")
+Frames = Callable[[], tuple[np.ndarray, float] | None]
+"""Returns x of a new frame and when it was taken [s], or None while there is no new one."""
+
+_SATURATED, _BRIGHT = 90, 40  # of 255, from which a pixel has a colour
+_ROUND = 0.8  # of the smallest circle around a ball that it fills when it is seen whole
 MAIN = "In a script, what starts processes stands below `if __name__ == '__main__':`."
 
 
@@ -506,3 +514,113 @@ def _serve(
         if torque is not None and not arm.stopped:
             arm.send(vector(torque, plant.nv, "torque"))
     link.close()
+
+
+# A ball at the tool, in the pictures of a camera
+
+
+class BallCamera:
+    """x from the pictures of a ball of one colour at the tool, for the task "image".
+
+    Call it once in each cycle: in the ``read`` of an arm of your own, or as
+    ``FrankaArm(camera=...)``. It returns x, the ball's centre in pixels times ``pixel``, with the
+    time of the picture; None while there is no new one, and where the ball is not seen whole, see
+    ``ball_centre``. The centre of a ball's outline is not the picture of its centre: with a radius
+    r at a distance d and an angle a off the camera's axis it is about (r / d)^2 tan(a) focal
+    lengths further out, some hundredths of a pixel.
+
+    Attributes:
+        seen: number of pictures in which the ball was found.
+        unseen: number of the others.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[], tuple[np.ndarray, float] | None],
+        hue: tuple[float, float],
+        pixel: float,
+    ) -> None:
+        """Take where pictures come from.
+
+        Args:
+            read: returns a new picture (h, w, 3), bytes in the order blue, green, red as OpenCV
+                has them, and when it was taken [s], on the clock of the arm; or None. It must not
+                wait: let a thread fetch the pictures.
+            hue: of the ball, from and to, as of ``ball_centre``.
+            pixel: length [m] that a pixel counts as, as of ``Robot.filmed_by``.
+
+        Raises:
+            InputError: OpenCV is not installed, or no length.
+        """
+        _opencv()
+        self._read, self._hue = read, hue
+        self._pixel = positive(pixel, "pixel", error=InputError)
+        self.seen = self.unseen = 0
+
+    def __call__(self) -> tuple[np.ndarray, float] | None:
+        """Return x (2) [m] and time [s] of a new picture, or None.
+
+        Raises:
+            InputError: as ``ball_centre``.
+        """
+        new = self._read()
+        if new is None:
+            return None
+        found = ball_centre(new[0], self._hue)
+        if found is None:
+            self.unseen += 1
+            return None
+        self.seen += 1
+        return self._pixel * found, new[1]
+
+
+def ball_centre(
+    picture: np.ndarray, hue: tuple[float, float], *, smallest: float = 3.0
+) -> np.ndarray | None:
+    """Return the centre (2) [pixels] of the largest ball of a colour, or None if it is not whole.
+
+    u counts to the right and v downwards, from the middle of the first pixel. The centre is that of
+    the area within the outline, so that reflections on the ball do not matter. A ball that is cut
+    by the border of the picture, or hidden so far that it is no longer round, is not seen.
+
+    Args:
+        picture: (h, w, 3) bytes, blue, green, red.
+        hue: from and to [deg]: red is 0, green 120, blue 240; (340, 20) passes through red.
+        smallest: radius of a ball [pixels].
+
+    Raises:
+        InputError: OpenCV is not installed, or something else than a picture or an angle.
+    """
+    cv = _opencv()
+    if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8 or picture.ndim != 3:
+        raise InputError("expected bytes (h, w, 3): blue, green, red.", where="picture")
+    low, high = (0.5 * float(each) for each in vector(hue, 2, "hue"))
+    if not (0.0 <= low <= 180.0 and 0.0 <= high <= 180.0):
+        raise InputError(f"expected angles from 0 to 360 deg, got {hue}.", where="hue")
+    colours = cv.cvtColor(picture, cv.COLOR_BGR2HSV)
+    spans = [(low, high)] if low <= high else [(low, 180.0), (0.0, high)]
+    of_ball = np.zeros(picture.shape[:2], dtype=np.uint8)
+    for first, last in spans:
+        of_ball |= cv.inRange(colours, (first, _SATURATED, _BRIGHT), (last, 255.0, 255.0))
+    outlines, _ = cv.findContours(of_ball, cv.RETR_EXTERNAL, cv.CHAIN_APPROX_NONE)
+    if not outlines:
+        return None
+    outline = max(outlines, key=cv.contourArea)
+    moments, (_, radius) = cv.moments(outline), cv.minEnclosingCircle(outline)
+    u, v, width, height = cv.boundingRect(outline)
+    whole = u > 0 and v > 0 and u + width < picture.shape[1] and v + height < picture.shape[0]
+    area = moments["m00"]
+    if not whole or radius < smallest or area < _ROUND * np.pi * radius**2:
+        return None
+    return np.array([moments["m10"], moments["m01"]]) / area
+
+
+def _opencv() -> ModuleType:
+    """Return the module cv2, imported at first use."""
+    try:
+        import cv2
+    except ImportError as error:
+        raise InputError(
+            "OpenCV is not installed.", hint='Install it: pip install "pinadapt[camera]".'
+        ) from error
+    return cv2

@@ -16,7 +16,7 @@ limits, reflexes and errors. It is no evidence about friction, elasticity or tim
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -28,7 +28,7 @@ from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.motors import Gravity
 from ..robot.robot import Robot
-from .arm import Arm, ArmFacts
+from .arm import Arm, ArmFacts, Frames
 
 TORQUE = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)  # [N m]
 TORQUE_RATE = 1000.0  # [N m/s]
@@ -40,8 +40,6 @@ _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
     "FrankaArm(address, robot, recover=True), on the command line --recover."
 )
-
-Frames = Callable[[], tuple[np.ndarray, float] | None]
 
 
 class FrankaArm(Arm):

@@ -1,0 +1,83 @@
+"""A coloured ball in pictures: its centre, and when it is not seen."""
+
+import numpy as np
+import pytest
+
+import pinadapt as pa
+from pinadapt.realtime import BallCamera, ball_centre
+
+cv2 = pytest.importorskip("cv2", reason='no OpenCV: pip install "pinadapt[camera]"')
+
+GREEN, RED = (90.0, 150.0), (340.0, 20.0)
+NO_OPENGL = "no OpenGL: apt install libosmesa6, and set MUJOCO_GL=osmesa"
+
+
+def drawn(centre, radius=12.0, colour=(30, 200, 60), size=(240, 160)):
+    """Return a picture of a disc at a place between pixels, on grey."""
+    fine = 8  # times finer
+    large = np.full((fine * size[1], fine * size[0], 3), 90, dtype=np.uint8)
+    place = [round(fine * (each + 0.5) - 0.5) for each in centre]
+    cv2.circle(large, place, round(fine * radius), colour, -1)
+    return cv2.resize(large, size, interpolation=cv2.INTER_AREA)
+
+
+@pytest.mark.parametrize("centre", [(100.0, 80.0), (61.5, 90.25), (150.625, 40.875)])
+def test_the_centre_is_found_to_a_tenth_of_a_pixel(centre):
+    picture = drawn(centre)
+    assert ball_centre(picture, GREEN) == pytest.approx(centre, abs=0.1)
+    u, v = (round(each) for each in centre)
+    cv2.circle(picture, (u - 4, v - 4), 3, (255, 255, 255), -1)  # a reflection
+    assert ball_centre(picture, GREEN) == pytest.approx(centre, abs=0.1)
+    assert ball_centre(drawn(centre, colour=(40, 30, 200)), RED) == pytest.approx(centre, abs=0.1)
+    cv2.circle(picture, (20, 20), 6, (30, 200, 60), -1)  # a smaller one
+    assert ball_centre(picture, GREEN) == pytest.approx(centre, abs=0.1)
+
+
+def test_a_ball_that_is_not_whole_is_not_seen():
+    hidden = drawn((100.0, 80.0))
+    hidden[:, 100:] = 90
+    others = (
+        drawn((5.0, 80.0)),
+        drawn((100.0, 80.0), radius=1.0),
+        drawn((9.0, 9.0), colour=(90,) * 3),
+    )
+    for picture in (hidden, *others):
+        assert ball_centre(picture, GREEN) is None
+    assert ball_centre(drawn((100.0, 80.0)), RED) is None
+    for wrong in (hidden.astype(float), hidden[:, :, 0], "picture"):
+        with pytest.raises(pa.InputError, match="blue, green, red"):
+            ball_centre(wrong, GREEN)
+    with pytest.raises(pa.InputError, match="0 to 360"):
+        ball_centre(hidden, (90.0, 400.0))
+
+
+def test_frames_have_the_time_of_their_picture():
+    coming = [None, (drawn((100.0, 80.0)), 0.3), (drawn((5.0, 80.0)), 0.4), None]
+    camera = BallCamera(lambda: coming.pop(0), GREEN, 0.002)
+    frames = [camera() for _ in range(4)]
+    assert [frame is None for frame in frames] == [True, False, True, True]
+    x, t = frames[1]
+    assert x == pytest.approx([0.2, 0.16], abs=2e-4) and t == 0.3
+    assert (camera.seen, camera.unseen) == (1, 1)
+
+
+@pytest.fixture
+def rendered():
+    """Return the benchmark, or skip where MuJoCo cannot draw."""
+    mujoco = pytest.importorskip("mujoco", reason='no MuJoCo: pip install "pinadapt[mujoco]"')
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    try:
+        mujoco.Renderer(model, 8, 8).close()
+    except Exception as error:  # of any kind, as the library or its display is missing
+        pytest.skip(f"{NO_OPENGL} ({error})")
+    from benchmarks import rendered
+
+    return rendered
+
+
+@pytest.mark.slow
+def test_a_rendered_ball_is_where_mujoco_projects_it(rendered):
+    found = rendered.measure("ur5", duration=2.2, drawn=False)
+    assert found["off"] < 0.5 and max(np.abs(found["mean"])) < 0.15
+    assert 8 <= found["unseen"] <= 12
+    assert found["largest"] < 3.0 and found["last"] < 1.0
