@@ -14,6 +14,7 @@ from pinadapt.cli import main
 from pinadapt.realtime import CycleLog, PlantArm, franka, tell
 from pinadapt.realtime.franka import at_task_frame
 from pinadapt.robot import Gravity
+from tests.support.arms import ORDINARY
 from tests.support.paths import ROOT
 
 SCENARIO = """
@@ -53,6 +54,12 @@ def folder(tmp_path_factory):
     (folder / "arm.toml").write_text(SCENARIO)
     (folder / "mine.py").write_text(OWN)
     return folder
+
+
+@pytest.fixture(autouse=True)
+def ordinary(monkeypatch):
+    """Run loops as any program, without waiting awake for the next cycle."""
+    monkeypatch.setattr("pinadapt.cli.drive.Scheduling", lambda **_: ORDINARY)
 
 
 def drive(folder, *arguments, kind="simulated"):

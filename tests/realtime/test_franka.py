@@ -45,9 +45,11 @@ def franka():
 
 
 @pytest.fixture(autouse=True)
-def damped_sooner(monkeypatch):
-    """Damp the arm soon after it rests; how long it is held is tested in this process."""
+def ended_sooner(monkeypatch):
+    """Hold and damp the arm for a moment; how long that takes is tested in this process."""
     monkeypatch.setattr("pinadapt.realtime.realtime_loop._HOLD", 0.05)
+    monkeypatch.setattr("pinadapt.realtime.realtime_loop._DAMP", 0.1)
+    monkeypatch.setattr("pinadapt.cli.drive.Scheduling", lambda **_: ORDINARY)
 
 
 def drive(server, stage, seconds, *, of=None, recorder=None, each=None, arm=None, **safety):
@@ -215,7 +217,7 @@ def test_nobody_at_an_address_and_another_robot_are_refused(franka):
 def test_one_command_lets_it_learn_what_it_carries(franka, tmp_path, capsys):
     """Without a scenario its joints move; the load hangs on it, and is no contact."""
     log = ["--log", str(tmp_path / "run.mcap"), "--safety", "late=1000000"]
-    assert main(["drive", "franka", franka.address, "--adapt", "--duration", "0.4", *log]) == 0
+    assert main(["drive", "franka", franka.address, "--adapt", "--duration", "0.25", *log]) == 0
     out = capsys.readouterr().out
     assert "worst" in out and "learned parameters in" in out
     cycles = CycleLog.read(tmp_path / "run.mcap").cycles

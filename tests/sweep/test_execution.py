@@ -334,7 +334,8 @@ def test_a_scheduler_that_does_not_answer_is_refused(scenario, tmp_path, capsys,
 def test_dask_gives_the_same_bits(scenario):
     distributed = pytest.importorskip("distributed")
     serial = pa.sweep(scenario, VARIED, samples=3, executor=0)
-    with distributed.Client(n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
+    here = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
+    with distributed.Client(dashboard_address=None, **here) as client:
         found = pa.sweep(scenario, VARIED, samples=3, executor=client.get_executor(pure=False))
     assert found.same_as(serial)
 
@@ -352,7 +353,7 @@ def running(session):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds processes in /proc")
 @pytest.mark.parametrize("how", ["terminal", "killed"])
-def test_a_sweep_that_is_stopped_is_resumed_to_the_same_table(how, tmp_path):
+def test_a_sweep_that_is_stopped_is_resumed_to_the_same_table(how, tmp_path, blank_pictures):
     """Killed, or by Ctrl-C: no process stays, what had a row does not run again."""
     (tmp_path / "marks").mkdir()
     file = tmp_path / "marks.toml"

@@ -157,10 +157,10 @@ def test_a_chain_converges_under_the_default_law(tmp_path, capsys):
     assert "1 of 1 converged" in capsys.readouterr().out
 
 
-def test_the_command_writes_the_rows_of_its_processes_in_the_order_of_the_robots(tmp_path, capsys):
+def test_the_command_writes_its_rows_in_the_order_of_the_robots(tmp_path, capsys):
     """Robots with most joints start first; these are refused at once."""
     names = ["planar_2r", "scara"]
-    arguments = ["--robots", ",".join(names), "--processes", "1", "--task", "pose"]
+    arguments = ["--robots", ",".join(names), "--processes", "0", "--task", "pose"]
     assert main(["zoo", *arguments, "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "zoo.json").read_text())
     assert [row["robot"] for row in rows] == names
@@ -198,7 +198,8 @@ def children():
 def test_a_zoo_that_is_interrupted_leaves_its_finished_rows_and_no_process(
     tmp_path, monkeypatch, capsys
 ):
-    """Killed, its processes end as those of any sweep."""
+    """Killed, its processes end as those of any sweep; here they have nothing to compile."""
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     before, while_it_ran = children(), set()
 
     def interrupted(*arguments):

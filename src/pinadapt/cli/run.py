@@ -17,7 +17,6 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
 from ..simulation.simulate import watched
-from ..view.live import LiveView, open_in_browser
 from .command_line import (
     DONE,
     add_out,
@@ -129,6 +128,7 @@ def view(options: argparse.Namespace) -> int:
 def _attached(scenario: Scenario, port: int) -> int:
     """Show a running loop until it ends; the loop does not notice."""
     from ..realtime.recorder import watched as samples_of
+    from ..view.live import LiveView
 
     seconds = scenario.tables.simulation.duration
     robot, controller = scenario.true, scenario.controller
@@ -140,6 +140,8 @@ def _attached(scenario: Scenario, port: int) -> int:
 
 
 def _show(folder: Path) -> int:
+    from ..view.live import open_in_browser
+
     page = folder / "animation.html"
     if not page.is_file():
         raise InputError(

@@ -11,7 +11,6 @@ from ..exceptions import InputError
 from ..rollout.summary import sheet
 from ..sweep.cases import COPY, MANY, METHODS, Plan
 from ..sweep.execution import Progress, ScenarioWork, claimed, engine, run_plan, work_of
-from ..sweep.sweep_report import PAGE, Report
 from ..sweep.table import CaseTable, read
 from .command_line import (
     DONE,
@@ -86,7 +85,7 @@ def sweep(options: argparse.Namespace) -> int:
     if options.case is not None:
         return _alone(plan, options.case, folder)
     if given.is_dir() and not (options.resume or options.retry):
-        return _show(Report(read(folder), plan, options.column, folder))
+        return _show(read(folder), plan, options.column, folder)
     _ask(len(plan.cases), options.yes)
     work = work_of(plan)
     resume = options.resume or options.retry
@@ -101,7 +100,7 @@ def sweep(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return INTERRUPTED
-    return _show(Report(table, plan, options.column, folder))
+    return _show(table, plan, options.column, folder)
 
 
 def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
@@ -170,13 +169,15 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
     return status_of(rollout)
 
 
-def _show(report: Report) -> int:
-    """Print the report and write its page."""
-    if not len(report.table):
-        print(f"no case has run; go on: pinadapt sweep {report.folder} --resume")
+def _show(table: CaseTable, plan: Plan, column: str, folder: Path) -> int:
+    """Print the report of a table and write its page."""
+    from ..sweep.sweep_report import PAGE, Report  # here, because matplotlib is slow to import
+
+    if not len(table):
+        print(f"no case has run; go on: pinadapt sweep {folder} --resume")
         return DONE
-    assert report.folder is not None
-    report.save(report.folder)
+    report = Report(table, plan, column, folder)
+    report.save(folder)
     print(report.sheet())
-    print(f"\nwritten to {report.folder}, see {report.folder / PAGE}")
+    print(f"\nwritten to {folder}, see {folder / PAGE}")
     return DONE
