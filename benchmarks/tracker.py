@@ -78,7 +78,7 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
             controller,
             path,
             duration=DURATION,
-            start={} if start == "at once" else None,
+            start={} if start.endswith("at once") else None,
             progress=False,
         )
     radius, t = circle.extent, rollout.t

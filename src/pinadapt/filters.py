@@ -20,6 +20,7 @@ from .models.delay_compensation import SensedState
 from .models.dynamics import Dynamics
 from .models.task_kinematics import TaskKinematics
 from .signals import Signals
+from .tasks.frame import rotation_between, turned
 
 
 class Filters(ABC):
@@ -214,11 +215,13 @@ class ObservedPosition(NamedTuple):
         dx_o: (m_p) x_o - x, observed minus measured [m].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
         age: time since the start [s].
+        eta: (3) log(R_o R^T) of observed and measured orientation [rad]; None: none is observed.
     """
 
     dx_o: np.ndarray
     s_f: np.ndarray
     age: float = math.inf
+    eta: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +292,7 @@ class PositionObserver(Filters):
         kernels.observed(state.memory, self.lead, kinematics.xd_hat, sensed.x, dx_o)
         return ObservedPosition(dx_o, state.s_f, age)
 
-    def _rate(self, s: Signals) -> float:
+    def rate_at(self, s: Signals) -> float:
         """Return the present beta [1/s]."""
         return kernels.observing(
             self.beta, s.filtered.dx_o, self.near, s.lateness, self.late, self.patience
@@ -298,7 +301,7 @@ class PositionObserver(Filters):
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
         (memory, s_f), after = state, empty(state.memory.size)
-        kernels.carry(memory, s.xd_hat, s.filtered.dx_o, self._rate(s), dt, after)
+        kernels.carry(memory, s.xd_hat, s.filtered.dx_o, self.rate_at(s), dt, after)
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
         return ObserverState(after, s_f)
@@ -309,8 +312,77 @@ class PositionObserver(Filters):
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
         moved = np.zeros(state.memory.size)
-        moved[: dx_o.size], moved[-1] = s.xd_hat[: dx_o.size] - self._rate(s) * dx_o, 1.0
+        moved[: dx_o.size], moved[-1] = s.xd_hat[: dx_o.size] - self.rate_at(s) * dx_o, 1.0
         return ObserverState(moved, s_f)
+
+
+class PoseObserverState(NamedTuple):
+    """What the observer of a pose remembers.
+
+    Attributes:
+        position: of the observer of the position.
+        R: (4) observed orientation R_o, a quaternion xyzw, less what the angular velocity at the
+            end of the last step adds, as for the position.
+    """
+
+    position: ObserverState
+    R: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PoseObserver(Filters):
+    """An orientation R_o, observed beside the position where the axes of x are unknown.
+
+    It has the angular velocity omega_hat - beta eta, with omega_hat = J_hat qd of the rotation rows
+    and eta = log(R_o R^T). R may be that of a marker which is turned on the tool. Sampled, R_o is
+    moved as the position is, see ``PositionObserver``.
+
+    Attributes:
+        positions: the observer of the position; beta is that of the orientation as well.
+    """
+
+    positions: PositionObserver
+
+    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> PoseObserverState:
+        """Return the observer at the first measured pose."""
+        position = self.positions.init(sensed, kinematics)
+        if sensed.x is None:
+            return PoseObserverState(position, np.array([0.0, 0.0, 0.0, 1.0]))
+        ahead = np.zeros(3)
+        if self.positions.lead:  # the kinematics are those that ``init`` of the position left
+            ahead = self.positions.lead * kinematics.xd_hat[3:]
+        return PoseObserverState(position, turned(sensed.x[3:], -ahead))
+
+    def observe(
+        self, state: PoseObserverState, sensed: SensedState, kinematics: TaskKinematics
+    ) -> ObservedPosition:
+        """Return the errors of the observation.
+
+        Raises:
+            InputError: the state of other filters.
+        """
+        if state.__class__ is not PoseObserverState:
+            raise InputError("the filters are those of another controller.", where="state")
+        observed = self.positions.observe(state.position, sensed, kinematics)
+        if sensed.x is None:
+            return observed._replace(eta=np.zeros(3))
+        ahead = state.position.memory[-2] + self.positions.lead
+        R_o = turned(state.R, ahead * kinematics.xd_hat[3:])
+        eta = rotation_between(R_o.tolist(), sensed.x[3:].tolist())
+        return observed._replace(eta=np.array([*eta]))
+
+    def step(self, state: PoseObserverState, s: Signals, dt: float) -> PoseObserverState:
+        """Return the state after dt [s]."""
+        memory, eta = state.position.memory, s.filtered.eta
+        R = turned(state.R, (memory[-2] + 0.5 * dt) * s.xd_hat[3:])
+        R = turned(R, math.expm1(-self.positions.rate_at(s) * dt) * eta)
+        return PoseObserverState(self.positions.step(state.position, s, dt), R)
+
+    def rate(self, state: PoseObserverState, s: Signals) -> PoseObserverState:
+        """Return the rates of the position's state and of R_o, half of (omega_o, 0) times R_o."""
+        omega, vector = s.xd_hat[3:] - self.positions.rate_at(s) * s.filtered.eta, state.R[:3]
+        R = 0.5 * np.append(state.R[3] * omega + np.cross(omega, vector), -omega @ vector)
+        return PoseObserverState(self.positions.rate(state.position, s), R)
 
 
 class TorqueFilterState(NamedTuple):

@@ -146,43 +146,54 @@ def test_arms_are_held_without_task_velocity(name):
     assert rollout.distance[-50:].max() < 0.1 * rollout.distance[:50].max()
 
 
-def test_the_observer_is_that_of_its_differential_equation():
+@pytest.mark.parametrize("task", [None, "pose"])
+def test_the_observer_is_that_of_its_differential_equation(task):
     """dx_o/dt = J_hat qd - beta (x_o - x): halving dt leaves less than half of the difference."""
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, law="separation", limits=pa.Limits(guards=False))
+    robot = catalogue_robot("ur5", task=task)
+    unknown = pa.Unknown(tracker=True) if task else None
+    controller = pa.make_controller(robot, unknown=unknown, limits=pa.Limits(guards=False))
     plant = pa.plants.PinocchioPlant(robot)
     at_home, v = plant.measure(), np.full(6, 0.2)
     state = controller.init(at_home)
-    path = circle_beside(robot, "yz").at(0.0)
-    ends = []
+    still = np.zeros(robot.task.size)
+    path, x, ends = (
+        pa.Desired(at_home.x, still, still),
+        robot.task.moved(at_home.x, still + 0.01),
+        [],
+    )
     for steps in (1, 2, 64):
         after = state
         for _ in range(steps):
-            measurement = plant.measurement(robot.q0, v, after.t)._replace(x=at_home.x + 0.01)
+            measurement = plant.measurement(robot.q0, v, after.t)._replace(x=x)
             after = controller.step(after.adapt(False), measurement, path, 0.01 / steps)[1]
-        ends.append(controller.observe(after, measurement, path).filtered.dx_o)
+        filtered = controller.observe(after, measurement, path).filtered
+        ends.append(filtered.eta if task else filtered.dx_o)
     coarse, fine = (np.abs(end - ends[2]).max() for end in ends[:2])
     assert 0.0 < fine < 0.6 * coarse < 1e-3
 
 
-def test_the_observer_is_ahead_of_a_velocity_that_is_late():
+@pytest.mark.parametrize(("task", "samples"), [(None, 1500), ("pose", 300)])
+def test_the_observer_is_ahead_of_a_velocity_that_is_late(task, samples):
     """Joints that swing, their velocity behind a low pass of 50 /s, the position in time."""
-    robot = catalogue_robot("planar_2r")
-    kinematics, low_pass = pa.make_controller(robot).kinematics, pa.filters.LowPass(50.0)
-    rates, dt, left = np.array([0.9, -0.6]), 2e-3, {}
+    robot = catalogue_robot("ur5" if task else "planar_2r", task=task)
+    unknown = pa.Unknown(tracker=True) if task else None
+    kinematics = pa.make_controller(robot, unknown=unknown).kinematics
+    low_pass, dt, left = pa.filters.LowPass(50.0), 2e-3, {}
+    rates = np.array([0.9, -0.6, 0.8, 0.7, -0.5, 0.9])[: kinematics.nv]
     for lead in (0.0, 1.0 / 50.0):
         observer, s, v = pa.filters.PositionObserver(4.0, lead=lead), Signals(), rates
+        observer = pa.filters.PoseObserver(observer) if task else observer
         s.lateness, state, errors = 0.0, None, []
-        for k in range(1500):
+        for k in range(samples):
             q = pin.integrate(robot.model, robot.q0, rates / 3.0 * np.sin(3.0 * k * dt))
             sensed = SensedState(q, v, robot.position(q))
             kinematics.update(kinematics.initial, q, v)
             state = observer.init(sensed, kinematics) if state is None else state
             s.filtered, s.xd_hat = observer.observe(state, sensed, kinematics), kinematics.xd_hat
-            errors.append(np.abs(s.filtered.dx_o).max())
+            errors.append(np.abs(s.filtered.eta if task else s.filtered.dx_o).max())
             state = observer.step(state, s, dt)
             v = low_pass.advance(v, rates * np.cos(3.0 * (k + 0.5) * dt), dt)
-        left[lead] = max(errors[750:])
+        left[lead] = max(errors[samples // 2 :])
     assert errors[0] < 1e-12 and left[0.02] < 0.3 * left[0.0], left
 
 

@@ -12,7 +12,9 @@ import pinadapt as pa
 from pinadapt.information.tracker import find_tracker
 from pinadapt.models.tracker_kinematics import Tracker, TrackerKinematics
 from pinadapt.reference import Wiggle
+from pinadapt.tasks.frame import turned
 from tests.support.chains import catalogue_robot, chains, random_state, seeded
+from tests.support.differences import sampled_derivative
 from tests.support.identities import check_motion
 from tests.support.loops import energy_along, with_tool_and_load
 
@@ -103,6 +105,23 @@ def circle_of(true, robot, radius=0.05, turn=TURN, by=(0.01, -0.01, 0.02)):
     return pa.trajectories.as_trajectory(path, robot.task)
 
 
+def check_kinematic_part(energy, controller, true):
+    """V_k = c (|dx_o|^2 + (l |eta|)^2) / 2 + D_k by itself: beside V_d nobody would see it."""
+    law, adaptation = controller.law, controller.adaptation_k
+    a_k, V, rate = controller.kinematics.value(true), [], []
+    for s, drive, state in energy.samples:
+        observed = s.filtered.dx_o @ s.filtered.dx_o
+        if law.lever:
+            observed += law.lever**2 * s.filtered.eta @ s.filtered.eta
+        V.append(law.c * observed / 2.0 + adaptation.storage(state.kinematic, a_k))
+        learned = adaptation.dissipation(state.kinematic, drive, a_k)
+        rate.append(learned - law.c * law.beta * observed - s.epsilon @ law.R_k @ s.epsilon)
+    dt = energy.samples[1][0].t - energy.samples[0][0].t
+    numerical = sampled_derivative(np.array(V), dt)
+    assert np.abs(numerical - rate[2:-2]).max() <= 2e-5 * np.abs(rate).max()
+    assert max(rate[1:]) < 0.0  # at first nothing is known to be wrong
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kinematic", ["gradient", "least-squares"])
 @pytest.mark.parametrize("name", ["planar_2r", "ur5", "panda", "scara"])
@@ -126,6 +145,50 @@ def test_lyapunov_equality_with_an_unknown_tracker(name, kinematic):
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+    check_kinematic_part(energy, controller, true)
+
+
+def with_marker(robot):
+    """Return the robot with a frame that is turned on the tool by 79 degrees."""
+    model = robot.model.copy()
+    frame = model.frames[robot.frame_id]
+    frame.placement = frame.placement * pin.SE3(pin.exp3(np.array([0.5, -1.0, 0.8])), np.zeros(3))
+    return replace(robot, model=model)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:the inertias of the bodies")  # of tiago_arm's description
+@pytest.mark.parametrize(
+    ("name", "off"), [("ur5", 0.0), ("panda", 0.0), ("tiago_arm", 0.0), ("kinova", 1.0)]
+)
+def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
+    """Two spherical wrists and a slide among them; the observer begins exact or 31 degrees off."""
+    robot = catalogue_robot(name, task="pose")
+    true = with_marker(with_tool_and_load(robot)).seen_from(0.3 * TURN, PLACE)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7),
+        unknown=pa.Unknown(tracker=True, friction=False, armature=False),
+        adaptation="natural",
+        limits=pa.Limits(box=False),
+        gamma_d=0.5,
+        R_k=5.0,
+    )
+    controller.law = replace(controller.law, Y_fast=np.inf)  # sigma = 1
+    path = pa.trajectories.PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz"),
+        pa.trajectories.Swing([0.0, 0.0, 1.0], 0.3, 2.0),
+    )
+    aside = np.array([0.003, -0.003, 0.006, 0.02, 0.0, 0.02])
+    path = path.starting_at(robot.task.moved(true.position(true.q0), aside)).as_given()
+
+    def begin(state):
+        R = turned(state.filters.R, off * np.array([0.3, -0.2, 0.4]))
+        return state._replace(filters=state.filters._replace(R=R))
+
+    energy = energy_along(true, controller, path, seconds=0.012, begin=begin)
+    assert energy.mismatch() <= 1e-5
+    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+    check_kinematic_part(energy, controller, true)
 
 
 @pytest.mark.slow
@@ -147,10 +210,7 @@ def test_a_pose_is_followed_whose_marker_is_turned_on_the_tool():
     """Tracker at 120 degrees and marker at 79 degrees, both unknown, and a tilt of 0.2 rad."""
     robot = pa.load("ur5", task="pose")
     turn = np.radians(120.0) * TURN / np.linalg.norm(TURN)
-    model = robot.changed(tool_translation=TOOL).model
-    frame = model.frames[robot.frame_id]
-    frame.placement = frame.placement * pin.SE3(pin.exp3(np.array([0.5, -1.0, 0.8])), np.zeros(3))
-    true = replace(robot, model=model).seen_from(turn, PLACE)
+    true = with_marker(robot.changed(tool_translation=TOOL)).seen_from(turn, PLACE)
     p_0, R_0 = true.placement(true.q0).translation, true.placement(true.q0).rotation
 
     def path(t):
@@ -159,6 +219,10 @@ def test_a_pose_is_followed_whose_marker_is_turned_on_the_tool():
         return pin.SE3(pin.exp3(tilt) @ R_0, moved)
 
     controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural", dt=4e-3)
+    begun = controller.init(pa.plants.PinocchioPlant(true).measure()).kinematic
+    V_k = controller.adaptation_k.storage(begun, controller.kinematics.value(true))
+    law = controller.law  # the observed orientation never is half a turn off
+    assert 0.0 < V_k < 0.03 * law.c * (np.pi * law.lever) ** 2 / 2.0
     rollout = pa.simulate(true, controller, path, duration=2.0)
     assert rollout.distance.max() < 1e-3 and rollout.distance[-50:].max() < 3e-4
     assert rollout.angle.max() < 2e-3 and rollout.angle[-50:].max() < 2e-4

@@ -1,6 +1,6 @@
 """Short closed loops: true robots and paths, and V with the dV/dt that the law's proof claims."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -25,6 +25,7 @@ class Energy:
         numerical: (N - 4) dV/dt by differences of V, from the third sample to the last but two.
         dx: (N, m) task error.
         delta: (N, m) its drift beside the difference of velocities, zero but for rotations.
+        samples: (N) signals, drive of the kinematic estimate and controller's state.
     """
 
     V: np.ndarray
@@ -32,6 +33,7 @@ class Energy:
     numerical: np.ndarray
     dx: np.ndarray
     delta: np.ndarray
+    samples: list[tuple[Any, Any, Any]]
 
     def mismatch(self, after: int = 0) -> float:
         """Return the largest difference of the two dV/dt, relative to the largest dV/dt."""
@@ -98,6 +100,7 @@ def energy_along(
     *,
     seconds: float,
     dt: float = 4e-4,
+    begin: Callable[[Any], Any] = lambda state: state,
     **start: Any,
 ) -> Energy:
     """Run the continuous loop with ideal acceleration from home at rest, and trace V.
@@ -110,15 +113,16 @@ def energy_along(
         path: the desired motion.
         seconds: how long, N samples.
         dt: integration step and time between samples [s].
+        begin: returns the state to start from, of that by ``Controller.init``.
         start: initial estimates a_k, a_d instead of the believed ones.
     """
     plant, controller = pa.plants.PinocchioPlant(true), controller.limited(None)
-    state = controller.init(plant.measure(), **start)
+    state = begin(controller.init(plant.measure(), **start))
     stream = pa.simulation.run_continuous(
         plant, controller, path, dt=dt, state=state, ideal_acceleration=True
     )
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate, dx, delta, others, emphasis = [], [], [], [], [], []
+    V, rate, dx, delta, others, emphasis, samples = [], [], [], [], [], [], []
     for sample in list(islice(stream, round(seconds / dt))):
         signals, command = controller.command(sample.state, sample.measurement, sample.desired)
         q, v = sample.measurement.q, sample.measurement.v
@@ -141,12 +145,13 @@ def energy_along(
         of_law += adaptation_k.dissipation(state.kinematic, drives.kinematic, a_k)
         learned = adaptation_d.dissipation(state.dynamic, drives.dynamic, a_d)
         rate.append(emphasis[-1] * of_law + learned)
+        samples.append((signals, drives.kinematic, state))
         dx.append(signals.dx.copy())
         delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())
     V, rate = np.array(V), np.array(rate)
     if np.ptp(emphasis):  # dV/dt contains the law's V times the rate of its factor
         rate[2:-2] += np.array(others)[2:-2] * sampled_derivative(np.array(emphasis), dt)
-    return Energy(V, rate, sampled_derivative(V, dt), np.array(dx), np.array(delta))
+    return Energy(V, rate, sampled_derivative(V, dt), np.array(dx), np.array(delta), samples)
 
 
 def same(one, other):

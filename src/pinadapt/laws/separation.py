@@ -16,11 +16,12 @@ from .._checks import definite_matrix, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..exceptions import GainError
-from ..filters import PositionObserver
+from ..filters import PoseObserver, PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..signals import Signals
+from ..tasks.frame import rotation_drift
 from ..tasks.task import Task
 from .law import (
     Command,
@@ -46,6 +47,7 @@ _DISAGREE = 6e-4  # of the reach: the error of the observation from which on it 
 _UNKNOWN = 1.0  # [s] after the start, during which a load that nobody announced may strike
 _PUSH = 2.0  # times the damping, more for a joint behind a shortened reference
 _OBSERVER = 1.0  # beta in bandwidths
+_LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
 _FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
 _TINY = 1e-300
 
@@ -70,6 +72,13 @@ class Separation(Law):
                   terms and the last two each belong to a V of their own.
     Pose:         the rotation error of the estimated orientation, which no estimate enters, takes
                   the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
+    Tracker:      a pose in unknown axes turns with omega_hat = J_hat qd of its rows, whose error is
+                  Y_w da_k, so its orientation is observed as well: R_o has the angular velocity
+                  omega_o = omega_hat - beta eta, eta = log(R_o R^T). log(R_o R_d^T) and omega_o
+                  take the place of the measured error and of omega, lever^2 c Y_w^T eta is added
+                  to g_k, c lever^2 eta^T eta / 2 to V, -c beta lever^2 eta^T eta to dV/dt. It holds
+                  in |eta| < pi, which no motion leaves if V's kinematic part begins below
+                  c (lever pi)^2 / 2. A constant rotation of the marker on the tool has no effect.
     Picture:      of a camera (task "image") the prediction error alone is linear in the parameters,
                   by way of the measured picture, so c is zero and dx_o leaves V. It follows
                   epsilon: r = dx_o - epsilon obeys dr/dt = -beta r - beta epsilon
@@ -127,6 +136,8 @@ class Separation(Law):
             with any differentiable qd_r. What the error asks for beyond it has to wait, and the
             path waits with it. A joint that a load spins the other way is damped up to three times
             as much meanwhile: a term of dV/dt that is not positive.
+        lever: length that makes a turn count as a way in the observation error of a pose in the
+            axes of a tracker [m]; zero: no orientation is observed, the measured one is taken.
     """
 
     task: Task
@@ -149,6 +160,7 @@ class Separation(Law):
     lead: float = 0.0
     Y_fast: float = math.inf
     speeds: np.ndarray | None = None
+    lever: float = 0.0
 
     name = "separation"
     sources = ("Wang2017",)
@@ -172,6 +184,7 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "R_k")
+        object.__setattr__(self, "lever", positive(self.lever, "lever", zero=True))
         object.__setattr__(self, "c", positive(self.c, "c", zero=True))
         if not (isinstance(self.lambda_s, float) and self.lambda_s == math.inf):
             positive(self.lambda_s, "lambda_s")
@@ -185,10 +198,10 @@ class Separation(Law):
             object.__setattr__(self, name, each)
 
     @cached_property
-    def filters(self) -> PositionObserver:
-        """The observer of the position."""
+    def filters(self) -> PositionObserver | PoseObserver:
+        """The observer of the position, or of the pose."""
         late, patience = (self.late / _MARGIN, self.patience) if self.late else (math.inf, 1.0)
-        return PositionObserver(
+        position = PositionObserver(
             self.beta,
             None if math.isinf(self.lambda_s) else self._reference_error,
             self.lambda_s,
@@ -197,6 +210,7 @@ class Separation(Law):
             patience=patience,
             near=self.near,
         )
+        return PoseObserver(position) if self.lever else position
 
     @cached_property
     def _eager(self) -> float:
@@ -218,6 +232,8 @@ class Separation(Law):
             "lambda_s": math.inf,
             "lag": dt / _STEP if given.get("Kv") is None else 0.0,
         }
+        kinematics = motion.kinematics
+        turns = not kinematics.calibrated and kinematics.task.size > kinematics.positions
         posture = Posture.of(motion.robot, given.get("posture"), w)
         patient = given.get("beta") is None and motion.kinematics.affine  # not of a picture
         gains = merged(defaults, given)
@@ -229,6 +245,7 @@ class Separation(Law):
             Y_fast=_FAST * float(Y_fast) or math.inf,
             patience=_PATIENCE if patient else 1.0,
             near=_DISAGREE * motion.robot.reach,
+            lever=_LEVER * motion.robot.reach if turns else 0.0,
             **gains,
         )
 
@@ -344,14 +361,15 @@ class Separation(Law):
     def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
         """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.
 
-        In the rows of an orientation its error stands for x_o - x_d.
+        In the rows of an orientation its error, measured or observed, stands for x_o - x_d.
         """
         u, ud = empty(s.dx.size), empty(s.dx.size)
-        kernels.reference(
-            s.xd_d, s.dx, s.xdd_d, s.xd_hat, s.filtered.dx_o, self.alpha, self._observing(s), u, ud
-        )
-        if s.delta is not None:
-            ud -= self.alpha * s.delta
+        beta, dx, xd, delta = self._observing(s), s.dx, s.xd_hat, s.delta
+        if self.lever:
+            dx, xd, delta = _turning(s, beta)
+        kernels.reference(s.xd_d, dx, s.xdd_d, xd, s.filtered.dx_o, self.alpha, beta, u, ud)
+        if delta is not None:
+            ud -= self.alpha * delta
         return u, ud
 
     def _reference_error(self, s: Signals) -> np.ndarray:
@@ -415,37 +433,55 @@ class Separation(Law):
         return Command(torque, Drives(Drive(Y, error), kinematic))
 
     def _kinematic_drive(self, s: Signals) -> Drive:
-        """Return the drive of g_k = sigma c Y_k^T dx_o + X_k^T R epsilon."""
+        """Return the drive of g_k = sigma c Y_k^T (dx_o, lever eta) + X_k^T R epsilon.
+
+        The rotation rows of Y_k count times the lever, and only where there is one.
+        """
         dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
         m, p = X_k.shape
-        error, g_k = empty(m), empty(p)
+        error, g_k, Y_k = empty(m), empty(p), self._weighted(s)
         kernels.observation_drive(
-            s.Y_k, dx_o, self.c, self.Y_fast, X_k, epsilon, self.R_k, error, g_k
+            Y_k, dx_o, self.c, self.Y_fast, X_k, epsilon, self.R_k, error, g_k
         )
-        return Drive(s.Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
+        if self.lever:
+            turning = self.sigma(s) * self.c * self.lever * s.filtered.eta
+            error, g_k, m = np.append(error, turning), g_k + turning @ Y_k[m:], len(Y_k)
+        return Drive(Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
+
+    def _weighted(self, s: Signals) -> np.ndarray:
+        """Return Y_k (m, p), its rotation rows times the lever if there is one."""
+        if not self.lever:
+            return s.Y_k
+        Y_k: np.ndarray = s.Y_k.copy()
+        Y_k[self.task.positions :] *= self.lever
+        return Y_k
 
     def sigma(self, s: Signals) -> float:
         """Return the share of c that counts at this speed."""
-        return min(1.0, self.Y_fast**2 / max(float(np.vdot(s.Y_k, s.Y_k)), _TINY))
+        Y_k = self._weighted(s)
+        return min(1.0, self.Y_fast**2 / max(float(np.vdot(Y_k, Y_k)), _TINY))
 
     def storage(self, s: Signals, truth: Truth) -> float:
-        """Return s^T M s / 2 + sigma c dx_o^T dx_o / 2, M the true mass matrix."""
-        error, dx_o = self._reference_error(s), s.filtered.dx_o
-        observed = self.sigma(s) * self.c * dx_o @ dx_o
-        return float(0.5 * error @ (truth.M @ error) + 0.5 * observed)
+        """Return s^T M s / 2 + sigma c (dx_o^T dx_o + lever^2 eta^T eta) / 2, M the true one."""
+        error = self._reference_error(s)
+        return float(0.5 * error @ (truth.M @ error) + 0.5 * self._observation(s))
+
+    def _observation(self, s: Signals) -> float:
+        """Return sigma c (dx_o^T dx_o + lever^2 eta^T eta)."""
+        dx_o, eta = s.filtered.dx_o, s.filtered.eta
+        turning = self.lever**2 * eta @ eta if self.lever else 0.0
+        return float(self.sigma(s) * self.c * (dx_o @ dx_o + turning))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt, but for what a change of sigma adds."""
         qd_r, lacking = self._reference_velocity(s)
-        error, dx_o, epsilon = s.v - qd_r, s.filtered.dx_o, s.epsilon
+        error, epsilon = s.v - qd_r, s.epsilon
         f = truth.friction.torque
         K_D = self.K_D(s.q, s.filtered.age, s.dx, s.lateness)
         joints = error @ (K_D @ error) + error @ (f(s.v) - f(s.v - error))
         if lacking is not None:
             joints -= error @ self._push(s, error, lacking)
-        task = self.sigma(s) * self.c * self._observing(s) * dx_o @ dx_o + epsilon @ (
-            self.R_k @ epsilon
-        )
+        task = self._observing(s) * self._observation(s) + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
@@ -468,6 +504,18 @@ class Separation(Law):
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling of observation and prediction."""
         return KinematicLoop(self.c or 1.0, self.beta, self.R_k)
+
+
+def _turning(s: Signals, beta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return dx, xd_hat and delta (6) with the rotation rows of the observed orientation R_o.
+
+    These are log(R_o R_d^T), omega_o = omega_hat - beta eta, and the drift of the former.
+    """
+    eta, dx, xd, delta = s.filtered.eta, s.dx.copy(), s.xd_hat.copy(), np.zeros(s.dx.size)
+    dx[3:] = pin.log3(pin.exp3(eta) @ pin.exp3(dx[3:]))
+    xd[3:] -= beta * eta
+    delta[3:] = rotation_drift(dx[3:].tolist(), xd[3:].tolist(), s.xd_d[3:].tolist())
+    return dx, xd, delta
 
 
 class NominalInertia:
