@@ -166,7 +166,7 @@ def test_frames_of_another_clock_are_named():
     log = replace(measured(robot, angles, np.random.default_rng(0)), t=t)
     late = replace(log, x=np.vstack([log.x[:1], log.x[:-1]]))
     found = calibrate(late, robot)
-    assert not found.trusted and "ms before their time would explain more" in found.verdict
+    assert not found.trusted and "ms before their time stamps would explain more" in found.verdict
     assert found.late[0] == pytest.approx(0.04, rel=0.1)
     timed = calibrate(replace(late, x=late.x[1:], x_time=t[:-1]), robot)
     assert timed.after.position < 1e-6

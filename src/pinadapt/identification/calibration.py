@@ -177,7 +177,7 @@ class Calibration:
         clock = ""
         if abs(late) > _LATE * known:
             sign = "before" if late > 0.0 else "after"
-            clock = f" Frames taken {1e3 * abs(late):.2g} ms {sign} their time would explain more."
+            clock = f" Frames taken {1e3 * abs(late):.2g} ms {sign} their time stamps would explain more."
         if self.after.position > _WORST * self.motion:
             return (
                 f"NOT TO BE TRUSTED: {words}, in a motion of {1e3 * self.motion:.3g} mm. Is x of "

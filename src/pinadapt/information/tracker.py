@@ -32,6 +32,7 @@ _PRIOR = 0.1  # of the reach: standard deviation of a described translation
 _LEAST_NOISE = 1e-6  # of the reach
 _FEWEST = 4
 _LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
+_STILL = 0.1  # times the motion of the arm, below which x does not move with it
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _LEAST_SHARE = 0.2
 _LARGEST = 10.0  # motion of a picture over that of the arm
@@ -130,7 +131,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         cause = ""
         if _noise(other, len(names), reach) < _EXPLAINED * sigma:
             late = 1e3 * float(timed.estimate[-1])
-            cause = f"; frames taken {late:.3g} ms before their time would explain it"
+            cause = f"; frames taken {late:.3g} ms before their time stamps would explain it"
         raise LogError(
             f"no tracker explains these frames: they are off by {1e3 * sigma:.3g} mm (rms) in a "
             f"motion of {1e3 * motion:.3g} mm{cause}.",
@@ -305,11 +306,16 @@ def _fitted(
 def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:
     """Refuse frames whose rotation block B (m_p, 3) shows another unit or another handedness."""
     size = _rms(x - x.mean(axis=0)) / motion * math.sqrt(x.shape[1] / 3.0)
-    if abs(math.log(size)) > _SCALE:
-        unit = "In millimetres? " if 300.0 < size < 3000.0 else ""
-        still = "x does not move with the arm. " if size < 0.01 else ""
+    if size < _STILL:
         raise LogError(
-            f"the frames move {size:.3g} times as far as the arm. {still}{unit}".strip(),
+            f"x does not move with the arm: by {1e3 * size * motion:.2g} mm (rms), where the arm "
+            f"moves its frame by {1e3 * motion:.2g} mm.",
+            hint="Does the tracker run, or repeat its last frame? Is the marker on the last body?",
+        )
+    if abs(math.log(size)) > _SCALE:
+        raise LogError(
+            f"the frames move {size:.3g} times as far as the arm."
+            f"{' In millimetres?' if 300.0 < size < 3000.0 else ''}",
             hint="Give x in metres, of a point that is fixed to the last body.",
         )
     if len(B) == 3 and np.linalg.det(B) < _MIRRORED:

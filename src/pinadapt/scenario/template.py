@@ -366,7 +366,8 @@ def _sections(template: Template, folder: Path) -> Iterable[tuple[str, str, Tabl
     shares = {"tool": 100 * template.tool_share, "load": 100 * template.load_share}
     yield "truth", truth.format(**shares), _truth(template)
     unknown = _GRAVITY if rests else _UNKNOWN_OF_JOINTS if joints else _UNKNOWN
-    unknown = _UNKNOWN_CAMERA if template.filmed else unknown
+    where = "camera" if template.filmed else "tracker" if template.tracker else ""
+    unknown = _UNKNOWN_PLACED.format(where) if where else unknown
     yield "unknown", unknown, _filled(template.unknown)
     yield "controller", "", _controller(template)
     reference = _SET_POINT if rests else _SINES if joints else _REFERENCE
@@ -456,8 +457,8 @@ _CIRCLE_SEEN = (
     "A circle of the tool's picture [pixels], through the picture at the start: u to the right, v "
     "downwards. The run begins with a wiggle of the joints, which shows what the camera sees."
 )
-_UNKNOWN_CAMERA = (
-    "What the controller adapts: the camera, of which it knows nothing, the tool's translation, "
+_UNKNOWN_PLACED = (
+    "What the controller adapts: the {}, of which it knows nothing, the tool's translation, "
     "all inertial parameters of every body, rotor inertia and friction of every joint."
 )
 _SINES = (
