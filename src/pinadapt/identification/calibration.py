@@ -55,29 +55,12 @@ OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
 FILES = ("learned.urdf", "summary.json")
 
-_OFFSET = 3.0  # times the deviations of a description: of the offset of an encoder
-_TOOL = (1.0, 0.5)  # a turn and a shift of the tool
-_TRACKER = (10.0, 100.0)  # of the base, where x is in the axes of a tracker
-
-_MOST = 2000  # frames
-_BLOCKS = 12  # of time, some of which are held out
-_LEAST = 1.5  # equations a combination that is told
-_ROUNDS = 60
-_CONVERGED, _NEARLY = 1e-3, 3e-2  # of a standard deviation; the latter before frames are left out
-_HUBER, _OUTLIER = 3.0, 6.0  # deviations from which a frame counts less, and not at all
-_MOST_OUTLIERS = 0.2  # share of the frames
-_LEAST_SHARE = 0.3  # of the variance, below which the noise of a tracker is found slowly
-_LEAST_NOISE = 1e-7  # of the reach, and [rad]
-_TURNED = 0.5  # [rad] that no base is mounted off its description
-_LEAST_WAY = 1e-3  # of the reach, that a frame moves (rms)
-_WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
 _AS_GOOD = 1.2  # ratio of two errors up to which they are the same
+_WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
 _LATE = 5.0  # deviations from which the frames have another clock
-_ENOUGH = 3.0  # equations a combination that are advised
-_TINY = 1e-9
-_KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
-_SHOWN = 0.05  # of the effect of a parameter, from which another one that cancels it is named
 _NAMED = 3  # parts that a table names
+_OWN = "offset"
+_HEADER = ("placement", "shifted [mm]", "turned [deg]", "encoder offset", "known to")
 
 
 class FrameErrors(NamedTuple):
@@ -176,8 +159,8 @@ class Calibration:
         late, known = self.late
         clock = ""
         if abs(late) > _LATE * known:
-            sign = "before" if late > 0.0 else "after"
-            clock = f" Frames taken {1e3 * abs(late):.2g} ms {sign} their time stamps would explain more."
+            early = f"{1e3 * abs(late):.2g} ms {'before' if late > 0.0 else 'after'}"
+            clock = f" Frames taken {early} their time stamps would explain more."
         if self.after.position > _WORST * self.motion:
             return (
                 f"NOT TO BE TRUSTED: {words}, in a motion of {1e3 * self.motion:.3g} mm. Is x of "
@@ -277,10 +260,6 @@ class Calibration:
         write_text(Path(folder) / FILES[1], json.dumps(self.summary(), indent=2) + "\n")
 
 
-_OWN = "offset"
-_HEADER = ("placement", "shifted [mm]", "turned [deg]", "encoder offset", "known to")
-
-
 def _listed(names: Sequence[str]) -> str:
     """Return the first names, and how many more there are."""
     if not names:
@@ -341,8 +320,7 @@ def calibrate(
         way = Intake.of(Intake.beside(source) if intake is None else intake)
         logs.append(log_of(source, described, intake=way, torques=False))
     name = ", ".join(one.source for one in logs)
-    seen = _seen(logs, described, name)
-    seen = seen._replace(encoder=noise)
+    seen = _seen(logs, described, noise, name)
     start = _start(described, seen, name, tracker=moving)
     parts = _unknown_placements(described, words, seen.task, start if moving else None)
     motion = _rms_distance(seen.x[:, : seen.task.positions])
@@ -382,6 +360,11 @@ def calibrate(
 
 # What was measured
 
+_MOST = 2000  # frames
+_BLOCKS = 12  # of time, some of which are held out
+_TURNED = 0.5  # [rad] that no base is mounted off its description
+_LEAST_WAY = 1e-3  # of the reach, that a frame moves (rms)
+
 
 class _MeasuredFrames(NamedTuple):
     """M measured frames.
@@ -405,8 +388,14 @@ class _MeasuredFrames(NamedTuple):
         return self._replace(q=self.q[chosen], v=self.v[chosen], x=self.x[chosen])
 
 
-def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
+def _seen(logs: Sequence[Log], robot: Robot, encoder: np.ndarray, where: str) -> _MeasuredFrames:
     """Return the frames of logs, with the configurations when they were taken.
+
+    Args:
+        logs: with x.
+        robot: as described.
+        encoder: (nv) standard deviations of the noise of q.
+        where: of the logs, for messages.
 
     Raises:
         LogError: there are none, or they have other coordinates than a position or a pose.
@@ -435,20 +424,27 @@ def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
             "them.",
         )
     chosen = np.unique(np.linspace(0, len(x) - 1, _MOST).astype(int))
-    size = len(x[0])
-    kinds = {3: TASKS["xyz"], 7: TASKS["pose"]}
-    if any(len(frame) != size for frame in x):
+    if any(len(frame) != len(x[0]) for frame in x):
         raise LogError("logs have frames of different coordinates.", where=where)
-    task = kinds.get(size)
-    if task is None and robot.task.positions == size and isinstance(robot.task, FrameTask):
-        task = robot.task
-    if task is None:
+    task = _task_of(len(x[0]), robot, where)
+    return _MeasuredFrames(
+        task, np.array(q)[chosen], np.array(v)[chosen], np.array(x)[chosen], encoder
+    )
+
+
+def _task_of(size: int, robot: Robot, where: str) -> FrameTask:
+    """Return the task of frames of so many coordinates: a position, a pose, or that of the robot.
+
+    Raises:
+        LogError: there is none.
+    """
+    task = {3: TASKS["xyz"], 7: TASKS["pose"]}.get(size, robot.task)
+    if not isinstance(task, FrameTask) or task.coordinates != size:
         raise LogError(
             f"frames of {size} coordinates are neither positions (3) nor poses (7).",
             where=f"{where}: x",
         )
-    picked = [np.array(part)[chosen] for part in (q, v, x)]
-    return _MeasuredFrames(task, picked[0], picked[1], picked[2], np.zeros(model.nv))
+    return task
 
 
 def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) -> pin.SE3:
@@ -503,6 +499,10 @@ def _held_out(count: int, share: float) -> np.ndarray:
 
 # What is unknown
 
+_OFFSET = 3.0  # times the deviations of a description: of the offset of an encoder
+_TOOL = (1.0, 0.5)  # a turn [rad] and a shift [reaches] of the tool
+_TRACKER = (10.0, 100.0)  # of the base, where x is in the axes of a tracker
+
 
 class _Placement(NamedTuple):
     """An unknown placement.
@@ -522,6 +522,9 @@ class _Placement(NamedTuple):
     labels: tuple[str, ...]
     prior: np.ndarray
     along: np.ndarray
+
+
+_PLAIN = tuple(f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz")
 
 
 def _unknown_placements(
@@ -547,36 +550,48 @@ def _unknown_placements(
                 f"{names}.{did_you_mean(word, [*known, *names])}",
                 where="unknown",
             )
-    shift, turn = SHIFT * robot.reach, TURN
-    plain = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
     found = []
     for joint, name in enumerate(names, 1):
-        basis, own = axes_of(robot.model, joint)
-        prior = np.repeat([shift, turn], 3)
-        prior[own] *= _OFFSET
-        labels = [*plain[:own], _OWN, *plain[own + 1 :]]
-        along = np.arange(6) % 3 == own % 3
-        chosen = np.full(6, name in words or (BASE if joint == FIRST else JOINTS) in words)
-        chosen[own] |= OFFSETS in words
+        whole = name in words or (BASE if joint == FIRST else JOINTS) in words
         if base is not None and joint == FIRST:
-            name, prior = TRACKER, np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
-            axes = (base.rotation @ robot.model.jointPlacements[FIRST].rotation).T
-            labels, basis = plain, np.kron(np.eye(2), axes)
-            along, chosen = np.full(6, False), np.full(6, True)
-        if chosen.any():
-            own_labels = tuple(label for label, yes in zip(labels, chosen, strict=True) if yes)
-            directions = basis[:, chosen]
-            found.append(
-                _Placement(name, joint, directions, own_labels, prior[chosen], along[chosen])
-            )
+            found.append(_tracker_placement(robot, base))
+        elif whole or OFFSETS in words:
+            found.append(_joint_placement(robot, joint, whole=whole))
     if TOOL in words:
         k = 6 if task.size > task.positions else 3  # a position does not show how a tool is turned
         prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)[:k]
-        along = np.full(k, False)
-        found.append(_Placement(TOOL, None, np.eye(6)[:, :k], tuple(plain[:k]), prior, along))
+        found.append(_Placement(TOOL, None, np.eye(6)[:, :k], _PLAIN[:k], prior, np.full(k, False)))
     if not found:
         raise InputError("nothing is unknown, so there is nothing to calibrate.", where="unknown")
     return found
+
+
+def _joint_placement(robot: Robot, joint: int, *, whole: bool) -> _Placement:
+    """Return the unknown placement of a joint, the ``whole`` or the offset of its encoder alone."""
+    basis, own = axes_of(robot.model, joint)
+    prior = np.repeat([SHIFT * robot.reach, TURN], 3)
+    prior[own] *= _OFFSET
+    labels = (*_PLAIN[:own], _OWN, *_PLAIN[own + 1 :])
+    chosen = list(range(6)) if whole else [own]
+    return _Placement(
+        robot.joint_names[joint - 1],
+        joint,
+        basis[:, chosen],
+        tuple(labels[k] for k in chosen),
+        prior[chosen],
+        (np.arange(6) % 3 == own % 3)[chosen],
+    )
+
+
+def _tracker_placement(robot: Robot, base: pin.SE3) -> _Placement:
+    """Return the unknown placement of the base in the axes of a tracker, with a first guess."""
+    turned = base.rotation @ robot.model.jointPlacements[FIRST].rotation
+    prior = np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
+    axes_of_x = np.kron(np.eye(2), turned).T
+    return _Placement(TRACKER, FIRST, axes_of_x, _PLAIN, prior, np.full(6, False))
+
+
+# The chain that is moved
 
 
 class _Geometry:
@@ -680,6 +695,16 @@ class _Geometry:
 
 # The fit
 
+_LEAST = 1.5  # equations a combination that is told
+_ENOUGH = 3.0  # equations a combination that are advised
+_ROUNDS = 60
+_CONVERGED, _NEARLY = 1e-3, 3e-2  # of a standard deviation; the latter before frames are left out
+_HUBER, _OUTLIER = 3.0, 6.0  # deviations from which a frame counts less, and not at all
+_MOST_OUTLIERS = 0.2  # share of the frames
+_LEAST_SHARE = 0.3  # of the variance, below which the noise of a tracker is found slowly
+_LEAST_NOISE = 1e-7  # of the reach, and [rad]
+_TINY = 1e-9
+
 
 class _GeometryFit(NamedTuple):
     """A fit of p parameters to M frames.
@@ -732,14 +757,7 @@ def _fitted(
         off = np.sqrt(np.mean(b**2, axis=(1, 2)))
         if robust:
             weights = np.minimum(1.0, _HUBER / np.maximum(off, 1.0))
-        counted = np.sqrt(weights)[:, None, None]
-        rows, right = (A * counted).reshape(-1, len(s)), (b * counted).ravel()
-        # Not by normal equations: what is not told has 1 there, and the rest up to 1e16.
-        Q, R = np.linalg.qr(np.vstack([rows, np.eye(len(s))]))
-        inverse = np.linalg.inv(R)
-        covariance = inverse @ inverse.T
-        score = Q.T @ np.concatenate([right, -geometry.value() / s])
-        step = inverse @ score
+        step, covariance, last = _step(A, b, weights, geometry.value() / s)
         told, count = len(s) - float(np.trace(covariance)), int(np.count_nonzero(kept)) * m
         if count < _LEAST * told:
             raise LogError(
@@ -749,7 +767,6 @@ def _fitted(
                 hint=f"Record {math.ceil(_ENOUGH * told / m)} or more, or name fewer unknowns.",
             )
         geometry.move(step * s)
-        last = math.sqrt(float(score @ score) / len(s))  # deviations that are stepped
         if known is None:
             growth = _growth(b, groups, None if robust else kept, told / count)
             noise = np.maximum(noise * growth ** (1.0 / np.maximum(share, _LEAST_SHARE)), least)
@@ -775,6 +792,29 @@ def _fitted(
     rows, right = A[kept].reshape(-1, len(s)), b[kept].ravel()
     late = _lateness(rows, right, covariance, -moved[kept].ravel())
     return _GeometryFit(kept, rows / s, covariance, noise, late)
+
+
+def _step(
+    A: np.ndarray, b: np.ndarray, weights: np.ndarray, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the step (p) of a Gauss-Newton round, its covariance, and its size in deviations.
+
+    All parameters are in units of their prior, which has the description as mean.
+
+    Args:
+        A: (M, m, p) slopes, in units of the noise.
+        b: (M, m, 1) residuals, likewise.
+        weights: (M) of the frames.
+        value: (p) how far the parameters are from the description.
+    """
+    counted, p = np.sqrt(weights)[:, None, None], len(value)
+    rows, right = (A * counted).reshape(-1, p), (b * counted).ravel()
+    # Not by normal equations: what is not told has 1 there, and the rest up to 1e16.
+    Q, R = np.linalg.qr(np.vstack([rows, np.eye(p)]))
+    inverse = np.linalg.inv(R)
+    score = Q.T @ np.concatenate([right, -value])
+    size = math.sqrt(float(score @ score) / p)
+    return inverse @ score, inverse @ inverse.T, size
 
 
 def _inverse_roots(
@@ -843,6 +883,12 @@ def _lateness(
     if not size > _TINY * float(column @ column):
         return 0.0, math.inf
     return float(own @ right) / size, 1.0 / math.sqrt(size)
+
+
+# What the motion tells
+
+_KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
+_SHOWN = 0.05  # of the effect of a parameter, from which another one that cancels it is named
 
 
 def _told(
