@@ -444,7 +444,7 @@ class Separation(Law):
             Y_k, dx_o, self.c, self.Y_fast, X_k, epsilon, self.R_k, error, g_k
         )
         if self.lever:
-            turning = self.sigma(s) * self.c * self.lever * s.filtered.eta
+            turning = self._share(Y_k) * self.c * self.lever * s.filtered.eta
             error, g_k, m = np.append(error, turning), g_k + turning @ Y_k[m:], len(Y_k)
         return Drive(Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
 
@@ -458,7 +458,10 @@ class Separation(Law):
 
     def sigma(self, s: Signals) -> float:
         """Return the share of c that counts at this speed."""
-        Y_k = self._weighted(s)
+        return self._share(self._weighted(s))
+
+    def _share(self, Y_k: np.ndarray) -> float:
+        """Return sigma for a weighted Y_k (m, p)."""
         return min(1.0, self.Y_fast**2 / max(float(np.vdot(Y_k, Y_k)), _TINY))
 
     def storage(self, s: Signals, truth: Truth) -> float:

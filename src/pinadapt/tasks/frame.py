@@ -34,7 +34,9 @@ def matrix(q: np.ndarray) -> np.ndarray:
 
 def turned(q: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the quaternion (4) of exp(phi) R: q (4) turned by phi (3) [rad] in world axes."""
-    return quaternion(pin.exp3(np.asarray(phi, dtype=float)) @ matrix(q))
+    turn = pin.Quaternion(pin.exp3_quat(np.asarray(phi, dtype=float)))
+    R = pin.Quaternion(np.asarray(q, dtype=float))
+    return np.asarray((turn * R).normalized().coeffs())
 
 
 def rotation_between(q: Sequence[float], q_d: Sequence[float]) -> tuple[float, float, float]:
