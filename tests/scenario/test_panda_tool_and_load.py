@@ -13,7 +13,7 @@ ROBOTS = ROOT / "robots"
 
 @pytest.fixture(scope="module")
 def adapted():
-    return Scenario.read(ROBOTS / "panda" / "tool_and_load.toml").run()
+    return Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", ["simulation.duration=4.0"]).run()
 
 
 def test_panda_tracks_within_a_millimetre(adapted):

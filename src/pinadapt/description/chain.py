@@ -64,13 +64,18 @@ def is_physical(pi: np.ndarray) -> bool:
     This holds if the pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018). The bound on
     its eigenvalues is relative: rows and columns are scaled to a unit diagonal.
     """
-    if pi[0] <= 0.0:
-        return False
-    P = pin.PseudoInertia.FromDynamicParameters(pi).toMatrix()
-    if (np.diag(P) <= 0.0).any():
-        return False
-    scale = np.sqrt(np.diag(P))
-    return bool(np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > _PHYSICAL)
+    return bool(are_physical(pi[None])[0])
+
+
+def are_physical(tens: np.ndarray) -> np.ndarray:
+    """Return of each of k bodies, ten parameters (k, 10), whether they are physical (k)."""
+    P = np.array([pin.PseudoInertia.FromDynamicParameters(pi).toMatrix() for pi in tens])
+    squares = np.diagonal(P.reshape(-1, 4, 4), axis1=1, axis2=2)
+    found = (tens[:, 0] > 0.0) & (squares > 0.0).all(axis=1)
+    scale = np.sqrt(squares[found])
+    relative = P.reshape(-1, 4, 4)[found] / (scale[:, :, None] * scale[:, None, :])
+    found[found] = np.linalg.eigvalsh(relative)[:, 0] > _PHYSICAL
+    return found
 
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:

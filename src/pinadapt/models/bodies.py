@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from .._checks import name_list
 from .._kernels import models as kernels
-from ..description.chain import is_physical, is_slide
+from ..description.chain import are_physical, is_slide
 from ..exceptions import REFUSED, ArrayError, ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
@@ -368,11 +368,8 @@ def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) 
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
     """Return the names of the bodies with unphysical parameters, stacked in a_d (10 k)."""
-    return [
-        name
-        for name, pi in zip(names, a_d.reshape(-1, PER_BODY), strict=True)
-        if not is_physical(pi)
-    ]
+    physical = are_physical(a_d.reshape(-1, PER_BODY))
+    return [name for name, is_one in zip(names, physical, strict=True) if not is_one]
 
 
 def with_bodies(robot: Robot, tens: Mapping[int, np.ndarray]) -> Robot:

@@ -77,6 +77,8 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
     """
     if not isinstance(scale, Mapping):
         factor = positive(scale, "inertial_scale", error=RobotError)
+        if factor == 1.0:
+            return
         scale = {str(name): factor for name in model.names[1:]}
     for name, given in scale.items():
         joint = joint_id(model, name, "inertial_scale")

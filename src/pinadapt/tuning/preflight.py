@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import cycle
@@ -334,9 +334,10 @@ def _longest(radius: Radius, dt: float, present: float, late: bool) -> float:
 def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
     """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]."""
     for part, gains, radius in _parts(controller, controller.limits.actuators):
-        if part != _DYNAMICS or (present := radius(dt=dt, factor=1.0)) <= _UNSTABLE:
-            continue
-        if radius(dt=dt, factor=_NEARLY_NONE) <= _FREE:
+        if part == _DYNAMICS:
+            present = radius(dt=dt, factor=1.0)
+            if present <= _UNSTABLE or radius(dt=dt, factor=_NEARLY_NONE) > _FREE:
+                return 1.0
             return _SLACK * min(_stable_factors(gains, radius, dt, present).values())
     return 1.0
 
@@ -417,12 +418,11 @@ def _largest(radius: Callable[..., float], start: float, present: float) -> floa
     return start * _LEAST ** (1.0 - low / _SHARES)
 
 
-def _parts(controller: Controller, actuators: Actuators) -> list[Part]:
-    """Return of each part of the loop name, gains with the powers of the factor, and radius."""
+def _parts(controller: Controller, actuators: Actuators) -> Iterator[Part]:
+    """Yield of each part of the loop name, gains with the powers of the factor, and radius."""
     motion = controller.motion
     if motion is None:
-        return []
-    parts: list[Part] = []
+        return
     feedback = controller.law.feedback(motion)
     joints, law = None, controller.law
     if feedback and not actuators.ideal:
@@ -431,14 +431,14 @@ def _parts(controller: Controller, actuators: Actuators) -> list[Part]:
     if feedback:
         powers = controller.law.bandwidth_powers
         of_feedback = _feedback_radius if joints is None else joints.feedback_radius
-        parts.append((_FEEDBACK, powers, partial(of_feedback, feedback)))
+        yield _FEEDBACK, powers, partial(of_feedback, feedback)
     Gamma_d = _dynamic_gain(controller, motion)
     if feedback and Gamma_d.any():
         damping, effects = cycle(at.E for at in feedback), controller.law.parameter_effects(motion)
         pairs = [(Phi @ Gamma_d @ Phi.T, E) for Phi, E in zip(effects, damping, strict=False)]
         powers = {"gamma_d": 1.0, "gamma_joint": 1.0}
         of_pairs = _dynamic_radius if joints is None else joints.adaptation_radius
-        parts.append((_DYNAMICS, powers, partial(of_pairs, pairs)))
+        yield _DYNAMICS, powers, partial(of_pairs, pairs)
     Gamma_k = controller.adaptation_k.gain(motion.kinematics.initial)
     loop = controller.law.kinematic_loop()
     if loop is not None and Gamma_k.any():
@@ -448,8 +448,7 @@ def _parts(controller: Controller, actuators: Actuators) -> list[Part]:
             speed = frequency(motion.position_regressors, Gamma_k)
         decay = speed**2 * float(np.linalg.eigvalsh(loop.weight)[-1])
         radius = partial(_kinematic_radius, mode, loop.damping, decay)
-        parts.append((_KINEMATICS, {"gamma_k": 1.0}, radius))
-    return parts
+        yield _KINEMATICS, {"gamma_k": 1.0}, radius
 
 
 def _rotorless(controller: Controller, actuators: Actuators) -> list[Part]:
