@@ -65,7 +65,11 @@ def test_numbers_of_pictures_are_pixels(scenario, rollout):
     assert scenario.sensors.deviation("x") == pytest.approx(0.5 * PIXEL)
     assert rollout.distance.max() < 3.0 * PIXEL
     assert "px, " in rollout.verdict and "mm at the tool" in rollout.verdict
-    assert draw_errors(rollout)[1][0].get_ylabel() == "picture error [px]"
+    figure, axes = draw_errors(rollout)
+    assert axes[0].get_ylabel() == "picture error [px]"
+    (picture,) = (ax for ax in figure.axes if ax.get_xlabel() == "u [px]")
+    assert picture.yaxis_inverted()
+    assert np.allclose(np.transpose(picture.lines[0].get_data()), rollout.x / PIXEL)
     numbers = numbers_of(rollout)
     assert numbers["max_pixels_last"] == pytest.approx(rollout.window(False).max() / PIXEL)
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._output import whole_file
+from ..tasks.frame import ImageTask
 from ..tasks.task import RowGroup
 from .style import (
     BLUE,
@@ -30,6 +31,7 @@ from .style import (
 )
 
 _ONE_COLUMN = 4  # joints
+_SEEN = 4.0  # height of a picture [inches]
 _NORMS = {
     "position": "|x - x_d|",
     "rotation": r"$|\phi|$",
@@ -46,11 +48,21 @@ def error_figure(run: Drawable) -> Picture:
 
 
 def draw_errors(run: Drawable) -> tuple[Picture, Any]:
-    """Return the error figure and its axes: two panels per group of rows, and V(t) where known."""
+    """Return the error figure and its axes over time.
+
+    There are two panels per group of rows, and V(t) where known; of a picture the desired and the
+    true one are below.
+    """
     groups = run.task.groups
     panels = 2 * len(groups) + (run.lyapunov_curve is not None)
-    figure = Picture(figsize=(9, 1.0 + 2.0 * panels), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(panels, 1, sharex=True))
+    height, seen = 1.0 + 2.0 * panels, _SEEN * isinstance(run.task, ImageTask)
+    figure = Picture(figsize=(9, height + seen), layout="constrained")
+    over_time: Any = figure
+    if seen:
+        parts: Any = figure.subfigures(2, 1, height_ratios=(height, seen))
+        over_time, below = parts
+        _draw_picture(below.subplots(), run)
+    axes = np.atleast_1d(over_time.subplots(panels, 1, sharex=True))
     for k, group in enumerate(groups):
         _draw_group(axes[2 * k : 2 * k + 2], run, group)
     slowed = np.zeros(len(run.t), dtype=bool)
@@ -65,6 +77,19 @@ def draw_errors(run: Drawable) -> tuple[Picture, Any]:
         axes[-1].set_ylabel("V")
         legend(axes[-1])
     return figure, axes
+
+
+def _draw_picture(ax: Any, run: Drawable) -> None:
+    """Draw the desired and the true picture as a camera has them, v downwards."""
+    unit, scale = run.task.groups[0].shown
+    drawn = (run.x, BLUE, "-", "true"), (run.x_d, "black", "--", "desired")
+    for values, tone, style, words in drawn:
+        ax.plot(*(scale * values[:, :2]).T, color=tone, ls=style, lw=1.0, label=words)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.invert_yaxis()
+    ax.set_xlabel(f"u [{unit}]")
+    ax.set_ylabel(f"v [{unit}]")
+    legend(ax)
 
 
 def _draw_group(axes: Any, run: Drawable, group: RowGroup) -> None:

@@ -217,6 +217,14 @@ class Drawable(Protocol):
         """Time (N) [s]."""
 
     @property
+    def x(self) -> np.ndarray:
+        """True task coordinates (N, .)."""
+
+    @property
+    def x_d(self) -> np.ndarray:
+        """Desired task coordinates (N, .)."""
+
+    @property
     def slowed(self) -> Sequence[tuple[float, float, str, float]]:
         """Intervals in which the path was slowed: start and end [s], cause, least rate."""
 
