@@ -19,9 +19,17 @@ from typing import Any, ClassVar, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .exceptions import GainError, InputError, did_you_mean
+from .exceptions import (
+    ArrayError,
+    GainError,
+    InputError,
+    PinadaptError,
+    RobotError,
+    did_you_mean,
+)
 
 LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be positive
+MOST_SAMPLES, MOST_PARAMETERS = 100_000, 10_000  # that are drawn, or adapted
 
 _ASYMMETRY = 1e-9  # relative difference of two entries that counts as rounding
 P = ParamSpec("P")
@@ -196,8 +204,14 @@ def _too_large(value: Any) -> str:
     return f"is too large to compute with, over {LARGEST:g}: {shown(value)}."
 
 
-def whole(value: Any, name: str, least: int, error: type[InputError] = InputError) -> int:
-    """Return a whole number that is at least as large as stated.
+def whole(
+    value: Any,
+    name: str,
+    least: int,
+    error: type[InputError] = InputError,
+    most: int = 2**63 - 1,
+) -> int:
+    """Return a whole number within the stated limits.
 
     Raises:
         error: another kind of value, too small, or too large for a counter of 64 bits.
@@ -205,8 +219,8 @@ def whole(value: Any, name: str, least: int, error: type[InputError] = InputErro
     if not isinstance(value, Integral) or isinstance(value, bool):
         raise error(f"expected a whole number, got {shown(value)}.", where=name)
     number = int(value)
-    if not least <= number < 2**63:
-        edge = f"at least {least}" if number < least else "smaller"
+    if not least <= number <= most:
+        edge = f"at least {least}" if number < least else f"at most {most}"
         raise error(f"must be {edge}, got {shown(value)}.", where=name)
     return number
 
@@ -239,8 +253,9 @@ def vector(
     *,
     names: Sequence[str] | None = None,
     error: type[InputError] = InputError,
+    fills: bool = True,
 ) -> np.ndarray:
-    """Return ``value`` as a new finite vector (size); a scalar fills it. None: of any size.
+    """Return ``value`` as a new finite vector (size), None: of any size; a number ``fills`` it.
 
     Raises:
         error: wrong size, not numbers, non-finite entries, or too large ones.
@@ -251,7 +266,7 @@ def vector(
         if not reason.what.startswith("expected numbers"):
             raise
         array = np.empty((0, 0))
-    if array.ndim == 0:
+    if array.ndim == 0 and fills:
         array = np.full(1 if size is None else size, float(array))
     if array.ndim != 1 or size not in (None, array.size):
         expected = f" {list(names)}" if names is not None else ""
@@ -321,103 +336,197 @@ def positive(
 
 _FLOAT = np.dtype(float)
 _OBJECTS = {
-    *("Robot", "Estimate", "Drive", "Drives", "Signals", "Truth"),
-    *("Measurement", "Desired", "ControllerState"),
+    *("Robot", "Estimate", "Drive", "Drives", "Signals", "Truth", "EstimatedModel"),
+    *("Measurement", "Desired", "ControllerState", "FilteredTorque", "TorqueFilterState"),
 }
+_UNCHECKED = "_unchecked"
+_RULES: dict[str, tuple[str, Callable[[float], bool]]] = {
+    "finite": ("a finite number", lambda number: True),
+    ">=0": ("a finite number, zero or positive", lambda number: number >= 0.0),
+    ">0": ("a positive finite number", lambda number: number > 0.0),
+}
+_Check = Callable[[Any, Any, dict[str, int]], Any]
 
 
 class Doors:
     """Public methods that check what they are given, in all subclasses, and cost nothing in a step.
 
-    Every public method of a subclass is wrapped, but those that run in each control step: their
-    computations find for themselves what does not fit, see ``ArrayError``. Arrays are checked by
-    the names of the arguments, objects and numbers by their annotations. Numbers of another kind
-    and lists become arrays of floats; they may be infinite or NaN, as those of a run that diverged.
+    Every public method of a subclass is wrapped. A method that runs in each control step has a twin
+    without a door, which the library calls there: ``torque_unchecked`` of ``torque``. The class
+    that introduces the method says so by ``torque_unchecked = torque``; a subclass that overrides
+    ``torque`` gets the twin of its own.
+
+    Arrays and numbers are checked by the names of the arguments, objects by their annotations.
+    Numbers of another kind and lists become arrays of floats; they may be infinite or NaN, as those
+    of a run that diverged.
 
     Attributes:
-        shapes: as "q: nq, X: size l, estimate.value: size": an argument or a part of one, and its
-            lengths, each a number, an attribute of the object, or any other word. Lengths of the
-            same word must be equal in one call.
-        in_step: the methods that are not wrapped.
+        shapes: as "q: nq, X: size l, estimate.value: size, dt: >=0": an argument or a part of one,
+            and its lengths, each a number, an attribute of the object, or any other word. Lengths
+            of the same word must be equal in one call. A number may have to be "finite", or ">=0"
+            or ">0" and finite. "... n" are arrays of any number of axes, of which the last has the
+            length n. Arrays that are not named may have any shape.
+        own_checks: methods that check their arguments themselves.
     """
 
+    __slots__ = ()
     shapes: ClassVar[str] = ""
-    in_step: ClassVar[frozenset[str]] = frozenset()
+    own_checks: ClassVar[frozenset[str]] = frozenset()
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Wrap the methods that the subclass defines."""
         super().__init_subclass__(**options)
         for name, method in list(vars(cls).items()):
-            wrapped = hasattr(method, "__wrapped__") or name.startswith("_") or name in cls.in_step
-            if isfunction(method) and not wrapped:
+            private = name.startswith("_") and name != "__call__"
+            if private or name.endswith(_UNCHECKED) or name in cls.own_checks:
+                continue
+            inside = getattr(method, _UNCHECKED, method)  # of a door that another class has made
+            if hasattr(cls, name + _UNCHECKED):
+                setattr(cls, name + _UNCHECKED, inside)
+            if isfunction(method) and inside is method:
                 setattr(cls, name, _with_door(method, cls.shapes))
+
+    def _flaw(self, value: Any) -> str | None:
+        """Return what else is wrong with an object of the right class and sizes, or None."""
+        return None
 
 
 def _with_door(method: Callable[..., R], of_class: str) -> Callable[..., R]:
     """Return a method that checks its arguments first, or itself if there is nothing to check."""
     shapes = dict(each.split(": ") for each in of_class.split(", ") if each)
-    checks: dict[str, tuple[str, bool, tuple[str, ...]]] = {}
     parameters = list(signature(method).parameters.values())[1:]
-    for each in parameters:
-        kinds = [kind.strip() for kind in str(each.annotation).split("|")]
-        parts = tuple(name for name in shapes if name.startswith(f"{each.name}."))
-        if ("np.ndarray" in kinds and each.name in shapes) or kinds[0] in (
-            _OBJECTS | {"float", "int"}
-        ):
-            checks[each.name] = kinds[0], "None" in kinds or each.default is None, parts
-    if not checks:
+    checks = {each.name: _check_of(each, shapes, method.__name__) for each in parameters}
+    if not any(checks.values()):
         return method
-    names = [each.name for each in parameters]
+    in_order = list(checks.values())
 
     @wraps(method)
     def checked(self: Any, *args: Any, **given: Any) -> R:
         """Call the method with arguments of the right kind and size."""
         found: dict[str, int] = {}
+        positional = [
+            value if check is None else check(self, value, found)
+            for check, value in zip(in_order, args, strict=False)
+        ]
+        for name, value in given.items():
+            check = checks.get(name)
+            given[name] = value if check is None else check(self, value, found)
+        try:
+            return method(self, *positional, *args[len(in_order) :], **given)
+        except PinadaptError:
+            raise
+        except (ValueError, IndexError, ArithmeticError) as reason:
+            if not of_computing(reason):
+                raise
+            raise ArrayError(
+                f"these arrays or numbers cannot be computed with ({one_line(reason)}).",
+                where=f"{type(self).__name__}.{method.__name__}",
+                hint="Are their sizes those of one robot, and their values of a usual size?",
+            ) from reason
 
-        def of(name: str, value: Any) -> Any:
-            """Return an argument as the method needs it."""
-            kind, optional, parts = checks.get(name, ("", True, ()))
-            if not kind or (value is None and optional):
-                return value
-            where = f"{type(self).__name__}.{method.__name__}: {name}"
-            if kind == "np.ndarray":
-                return _sized(value, shapes[name], self, found, where)
-            if kind == "float":
-                return _one_number(value, where)
-            if kind == "int":
-                return whole(value, where, 0)
-            if all(each.__name__ != kind for each in type(value).__mro__):
-                raise InputError(f"expected a {kind}, got {shown(value)}.", where=where)
-            for part in parts:
-                inner, place = getattr(value, part.split(".")[1]), where[: -len(name)] + part
-                if not isinstance(inner, np.ndarray) or inner.dtype != _FLOAT:
-                    raise InputError(
-                        f"expected an array of floats, got {shown(inner)}.", where=place
-                    )
-                _sized(inner, shapes[part], self, found, place)
-            return value
-
-        positional = [of(name, value) for name, value in zip(names, args, strict=False)]
-        named = {name: of(name, value) for name, value in given.items()}
-        return method(self, *positional, *args[len(names) :], **named)
-
+    setattr(checked, _UNCHECKED, method)
     return checked
 
 
-def _sized(value: Any, lengths: str, owner: Any, found: dict[str, int], where: str) -> np.ndarray:
+_COMPUTING = ("pinadapt", "numpy", "scipy", "pinocchio", "numba")
+
+
+def of_computing(reason: BaseException) -> bool:
+    """Tell whether an error comes from computations of the library, not from a user's own code."""
+    trace = reason.__traceback__
+    while trace is not None:
+        if str(trace.tb_frame.f_globals.get("__name__")).partition(".")[0] not in _COMPUTING:
+            return False
+        trace = trace.tb_next
+    return True
+
+
+def one_line(reason: BaseException) -> str:
+    """Return the last line of an error's message, cut where it is long."""
+    return shown((str(reason).strip().splitlines() or [type(reason).__name__])[-1])
+
+
+def _check_of(parameter: Parameter, shapes: Mapping[str, str], method: str) -> _Check | None:
+    """Return what checks and converts an argument (object, value, known lengths), or None."""
+    kinds = [kind.strip() for kind in str(parameter.annotation).split("|")]
+    name, kind = parameter.name, kinds[0]
+    optional, asked = "None" in kinds or parameter.default is None, shapes.get(name)
+    lengths = None if asked is None else tuple(asked.split())
+    parts = [
+        (part.split(".")[1], f"{method}: {part}", tuple(its.split()))
+        for part, its in shapes.items()
+        if part.startswith(f"{name}.")
+    ]
+
+    def where(owner: Any) -> str:
+        """Return the place of the argument, for messages."""
+        return f"{type(owner).__name__}.{method}: {name}"
+
+    def array(owner: Any, value: Any, found: dict[str, int]) -> Any:
+        """Return an array of floats of the stated lengths."""
+        if value is None and optional:
+            return None
+        return _sized(value, lengths, owner, found, where)
+
+    def number(owner: Any, value: Any, found: dict[str, int]) -> Any:
+        """Return a number."""
+        if value is None and optional:
+            return None
+        return _one_number(value, asked, where(owner))
+
+    def count(owner: Any, value: Any, found: dict[str, int]) -> int:
+        """Return a whole number."""
+        return whole(value, where(owner), 0, most=MOST_SAMPLES)
+
+    def thing(owner: Any, value: Any, found: dict[str, int]) -> Any:
+        """Return an object of the right class whose parts have the stated lengths."""
+        if value is None and optional:
+            return None
+        if all(each.__name__ != kind for each in type(value).__mro__):
+            refuse = RobotError if kind == "Robot" else InputError
+            raise refuse(f"expected a {kind}, got {shown(value)}.", where=where(owner))
+        may_lack = getattr(value, "_optional", getattr(value, "_field_defaults", ()))
+        for part, place, its in parts:
+            inner = getattr(value, part)
+            if inner is None and part in may_lack:
+                continue
+            at = f"{type(owner).__name__}.{place}"
+            if not isinstance(inner, np.ndarray) or inner.dtype != _FLOAT:
+                raise InputError(f"expected an array of floats, got {shown(inner)}.", where=at)
+            _sized(inner, its, owner, found, at)
+        if flaw := owner._flaw(value):
+            raise InputError(flaw, where=where(owner))
+        return value
+
+    if "np.ndarray" in kinds:
+        return array
+    if kind in _OBJECTS:
+        return thing
+    return {"float": number, "int": count}.get(kind)
+
+
+def _sized(
+    value: Any,
+    lengths: tuple[str, ...] | None,
+    owner: Any,
+    found: dict[str, int],
+    where: str | Callable[[Any], str],
+) -> np.ndarray:
     """Return an array of floats of the stated lengths; remember those that are met first."""
     array = value
     if value.__class__ is not np.ndarray or value.dtype is not _FLOAT:
-        try:
-            array = np.asarray(value)
-            array = array.astype(float) if array.dtype.kind in "iuf" else None
-        except (TypeError, ValueError, OverflowError):
-            array = None
+        array = _floats(value)
         if array is None:
-            raise InputError(f"expected numbers, got {shown(value)}.", where=where)
-    words = lengths.split()
-    if len(words) == array.ndim:
-        for word_, length in zip(words, array.shape, strict=True):
+            place = where if isinstance(where, str) else where(owner)
+            raise InputError(f"expected numbers, got {shown(value)}.", where=place)
+    if lengths is None:
+        return np.asarray(array)
+    shape = array.shape
+    if lengths[:1] == ("...",):
+        lengths = lengths[1:]
+        shape = shape[max(array.ndim - len(lengths), 0) :]
+    if len(lengths) == len(shape):
+        for word_, length in zip(lengths, shape, strict=True):
             if word_ not in found:
                 own = int(word_) if word_.isdigit() else _attribute(owner, word_)
                 found[word_] = length if own is None else own
@@ -425,12 +534,21 @@ def _sized(value: Any, lengths: str, owner: Any, found: dict[str, int], where: s
                 break
         else:
             return np.asarray(array)
-    known = [f"{found[each]}" if each in found else each.strip("_") for each in words]
+    known = [f"{found[each]}" if each in found else each.strip("_") for each in lengths]
     raise InputError(
         f"expected an array of shape ({', '.join(known)}{',' * (len(known) == 1)}), got "
         f"{array.shape}.",
-        where=where,
+        where=where if isinstance(where, str) else where(owner),
     )
+
+
+def _floats(value: Any) -> np.ndarray | None:
+    """Return integers or floats of any kind, or lists of them, as an array of floats, or None."""
+    try:
+        array = np.asarray(value)
+        return array.astype(float) if array.dtype.kind in "iuf" else None
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def _attribute(owner: Any, path: str) -> int | None:
@@ -440,8 +558,14 @@ def _attribute(owner: Any, path: str) -> int | None:
     return int(owner) if isinstance(owner, Integral) else None
 
 
-def _one_number(value: Any, where: str) -> float:
-    """Return a real number, infinite and NaN among them."""
-    if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
-        return float(value)
-    raise InputError(f"expected a number, got {shown(value)}.", where=where)
+def _one_number(value: Any, asked: str | None, where: str) -> float:
+    """Return a real number; it may be infinite or NaN unless it is asked to be finite."""
+    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
+        raise InputError(f"expected a number, got {shown(value)}.", where=where)
+    try:
+        number = float(value)
+    except OverflowError as reason:
+        raise InputError(_too_large(value), where=where) from reason
+    if asked and not (abs(number) <= LARGEST and _RULES[asked][1](number)):
+        raise InputError(f"expected {_RULES[asked][0]}, got {number:g}.", where=where)
+    return number

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import empty
 
-from ._checks import instance, numbers, positive
+from ._checks import Doors, instance, numbers, positive
 from ._compiled import compile_all
 from ._kernels import laws as kernels
 from ._kernels import models as regressors
@@ -75,7 +75,7 @@ class NoFilters(Filters):
         return state
 
 
-class LowPass:
+class LowPass(Doors):
     """lambda / (lambda + p) with state s: ds/dt = lambda (u - s).
 
     Its ``rate`` is the filtered derivative of the input, p lambda / (lambda + p) u: no sensor for
@@ -84,6 +84,8 @@ class LowPass:
     Attributes:
         bandwidth: lambda [1/s].
     """
+
+    shapes = "dt: >=0"
 
     def __init__(self, bandwidth: float, name: str = "lambda") -> None:
         """Take the bandwidth [1/s].
@@ -101,11 +103,15 @@ class LowPass:
         rate *= self.bandwidth
         return rate
 
+    rate_unchecked = rate
+
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
         if u.shape != state.shape:
             raise ArrayError
         return state - math.expm1(-self.bandwidth * dt) * (u - state)
+
+    advance_unchecked = advance
 
 
 @dataclass(slots=True, eq=False)
@@ -151,7 +157,7 @@ class MotionFilters(Filters):
         m, p = kinematics.positions, kinematics.size
         X_k, d = np.zeros((m, p)), np.zeros(m)
         if m and sensed.x is not None:
-            kinematics.update(kinematics.initial, sensed.q, sensed.v)
+            kinematics.update_unchecked(kinematics.initial, sensed.q, sensed.v)
             X_k = kinematics.X_k
             d = sensed.x[:m] - kinematics.p_hat + X_k.dot(kinematics.a_k)
         return np.concatenate([X_k.ravel(), d, sensed.v])
@@ -270,7 +276,7 @@ class PositionObserver(Filters):
         if kinematics.positions and sensed.x is not None:
             memory[:-2] = sensed.x[: kinematics.positions]
             if self.lead:
-                kinematics.update(kinematics.initial, sensed.q, sensed.v)
+                kinematics.update_unchecked(kinematics.initial, sensed.q, sensed.v)
                 memory[:-2] -= self.lead * kinematics.xd_hat[: kinematics.positions]
         return ObserverState(memory, s_f)
 
@@ -427,7 +433,7 @@ class FilteredTorque(NamedTuple):
             raise ArrayError from error
 
 
-class FilteredRegressor:
+class FilteredRegressor(Doors):
     """W (n, p) and y (n) with W a_d = y at the true parameters, from q, qd and torque alone.
 
     The torque is affine in the parameters, M qdd + C qd + g + friction = Y a_d + tau_0, but its
@@ -451,6 +457,12 @@ class FilteredRegressor:
         low_pass: F, of bandwidth lambda [1/s].
     """
 
+    shapes = (
+        "v: n, tau: n, dt: >=0, now.y: n, state.Z: rows c, state.u: rows c, state.y: rows, "
+        "state.tau: rows, state.shares: 2"
+    )
+    own_checks = frozenset({"along"})
+
     def __init__(self, dynamics: Dynamics, bandwidth: float) -> None:
         """Take the dynamics and the bandwidth lambda [1/s].
 
@@ -464,7 +476,7 @@ class FilteredRegressor:
 
     def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
         """Return the state at the first q (nq), v (n), at which W and y are zero."""
-        momentum, n = self.dynamics.momentum(q, v), v.size
+        momentum, n = self.dynamics.momentum_unchecked(q, v), v.size
         still = np.zeros((n, self.dynamics.size + 1))
         u, Z, W = empty(still.shape), empty(still.shape), empty(still.shape)
         regressors.filtered_regressor(
@@ -491,7 +503,7 @@ class FilteredRegressor:
         Raises:
             InputError: the state of another filter.
         """
-        momentum = self.dynamics.momentum(q, v)
+        momentum = self.dynamics.momentum_unchecked(q, v)
         n, p = momentum.Y_M.shape
         if state.__class__ is not TorqueFilterState or state.Z.shape != (n, p + 1):
             raise InputError(
@@ -512,22 +524,28 @@ class FilteredRegressor:
         now = TorqueFilterState(Z, y, u, held, np.zeros(2))
         return FilteredTorque(W[:, :-1], y - W[:, -1], now, bandwidth)
 
+    observe_unchecked = observe
+
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""
         (Z, y, u, _, _), after, shares = now.state, empty(tau.size), empty(2)
         kernels.hold(y, tau, self.low_pass.bandwidth * dt, after, shares)
         return TorqueFilterState(Z, after, u, tau, shares)
 
+    step_unchecked = step
+
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""
         Z, y, u, held, shares = now.state
         return TorqueFilterState(
-            self.low_pass.rate(Z, u),
-            self.low_pass.rate(y, tau),
+            self.low_pass.rate_unchecked(Z, u),
+            self.low_pass.rate_unchecked(y, tau),
             np.zeros(u.shape),
             np.zeros(held.shape),
             np.zeros(shares.shape),
         )
+
+    rate_unchecked = rate
 
     def along(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray

@@ -53,6 +53,7 @@ class Signals:
         lateness: by which torques may be late, see ``Estimate`` [s].
     """
 
+    _optional = ("a", "delta", "w")  # parts that may be None
     t: float
     q: np.ndarray
     v: np.ndarray

@@ -54,6 +54,7 @@ def test_a_step_of_the_default_law_passes_few_files(options):
     measurement = sample(3)
     entered = files_of(lambda: controller.step(state, measurement, desired, 1e-3))
     assert entered[0] == "controller/controller.py"
+    assert "_checks.py" not in entered  # no door of a public method is passed
     assert len(set(entered)) <= FILES, sorted(set(entered))
     changes = [pair for pair in pairwise(entered) if pair[0] != pair[1]]
     assert len(changes) <= CHANGES, changes

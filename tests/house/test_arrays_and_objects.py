@@ -6,6 +6,7 @@ adaptations of a user's own, ``tests/controller/test_own_objects.py``; the sizes
 checks, ``tests/kernels/test_kernels.py``.
 """
 
+import copy
 import mmap
 import tempfile
 
@@ -73,14 +74,202 @@ METHODS = (
 )
 
 
-@pytest.mark.parametrize("name", METHODS)
-def test_an_array_that_is_too_short_is_refused(name, loop):
-    method, arrays = methods(loop)[name]
-    method(*arrays)
-    for k, array in enumerate(arrays):
-        for short in (array[..., :-1], array[..., :0], array[..., : array.shape[-1] // 2]):
-            with pytest.raises(pa.InputError):
-                method(*arrays[:k], short, *arrays[k + 1 :])
+def calls(loop):
+    """Yield a name, a public method, and arguments that fit it."""
+    controller, state = loop
+    robot, law, kin, dyn = (
+        controller.motion.robot,
+        controller.law,
+        controller.kinematics,
+        controller.dynamics,
+    )
+    plant = pa.plants.PinocchioPlant(robot)
+    q, v, a = robot.q0, np.full(6, 0.1), np.full(6, 0.2)
+    sample = plant.measurement(q, v, 1e-3)
+    x, still, M = sample.x, np.zeros(3), np.eye(6)
+    signals = controller.observe(state, sample, pa.Desired(x, still, still))
+    command = law.command(signals, controller._model(state, signals, 1e-3))
+    inside, joints, task = dyn.inertial, dyn.joints, kin.task
+    sensors = pa.plants.SimulatedSensors(robot, 1e-3, pa.Sensors())
+    filters = pa.filters.FilteredRegressor(dyn, 30.0)
+    held = filters.init(q, v)
+    now = filters.observe(held, q, v, np.zeros(6))
+    circle = pa.trajectories.Circle([0.5, 0.0, 0.4], 0.1, 3.0)
+    ad, dynamic, true = controller.adaptation_d, state.dynamic, state.a_d * 1.01
+    drive = command.drives.dynamic
+    small = np.arange(1.0, 5.0)
+    rng = np.random.default_rng(0)
+    news = Drive(rng.normal(size=(2, 4)), np.ones(2), rng.normal(size=(3, 4)), np.ones(3))
+    squares = pa.adaptation.LeastSquares(np.eye(4), 4)
+    memory = pa.adaptation.CompositeMemory(
+        pa.adaptation.Gradient(2.0, 4), 10.0, rate=1.0, noise=np.ones(3)
+    )
+    zone = pa.adaptation.DeadZone(pa.adaptation.Gradient(2.0, 4), 0.1)
+    leak = pa.adaptation.Leak(pa.adaptation.Gradient(2.0, 4), 1.0)
+    yield from (
+        ("kinematics", kin.update, {"a_k": kin.initial, "q": q, "v": v}),
+        ("kinematics", kin.at, {"q": q}),
+        ("kinematics", kin.acceleration_regressor, {"a": a}),
+        ("kinematics", kin.between, {"q_0": q, "q_1": q, "share": 0.5}),
+        ("dynamics", dyn.load, {"a_d": state.a_d}),
+        ("dynamics", dyn.torque, {"q": q, "v": v, "a": a}),
+        ("dynamics", dyn.mass_matrix, {"q": q}),
+        ("dynamics", dyn.momentum, {"q": q, "v": v}),
+        ("bodies", inside.regressor, {"q": q, "v": v, "a": a}),
+        ("bodies", inside.slotine_li, {"q": q, "v": v, "v_r": v, "a_r": a}),
+        ("bodies", inside.expand, {"a_d": inside.initial}),
+        ("bodies", inside.reduce, {"Y": np.ones((6, 60))}),
+        ("joints", joints.robot, {"a_j": joints.initial, "nominal": robot}),
+        ("momentum", pa.models.MomentumRegressor(robot.model), {"q": q, "v": v}),
+        ("posture", law.posture.coordinates, {"q": q}),
+        ("law", law.mismatch, {"J_hat": signals.J.copy(), "J": signals.J.copy()}),
+        ("command", command.at, {"a": a}),
+        ("task", task.errors, {"x": x, "x_d": x, "xd": still, "xd_hat": still, "xd_d": still}),
+        ("task", task.position, {"x": x}),
+        ("task", task.moved, {"x": x, "by": still}),
+        ("natural", ad.step, {"estimate": dynamic, "drive": drive, "dt": 1e-3}),
+        ("natural", ad.project, {"estimate": dynamic, "q": q}),
+        ("natural", ad.divergence, {"value": state.a_d, "truth": true}),
+        ("squares", squares.step, {"estimate": squares.init(small), "drive": news, "dt": 1e-3}),
+        ("squares", squares.metric, {"estimate": squares.init(small)}),
+        ("squares", squares.gain_times, {"value": small, "X": np.ones((4, 2))}),
+        ("memory", memory.rate, {"estimate": memory.init(small), "drive": news}),
+        ("memory", memory.informed, {"estimate": memory.init(small), "H": np.eye(4)}),
+        ("zone", zone.rate, {"estimate": zone.init(small), "drive": news}),
+        ("leak", leak.recorded, {"estimate": leak.init(small)}),
+        ("cone", ad.parts[0][0].cone.covectors, {"g": inside.initial}),
+        ("plant", plant.motors, {"torque": v}),
+        ("plant", plant.acceleration_at, {"q": q, "v": v, "tau": v, "feedthrough": 0.01 * M}),
+        ("plant", plant.measurement, {"q": q, "v": v, "t": 0.1}),
+        ("plant", plant.integrate, {"q": q, "step": v}),
+        ("plant", plant.steps_in, {"dt": 1e-3}),
+        ("sensors", sensors.measure, {"truth": sample, "torque": v}),
+        ("filters", filters.observe, {"state": held, "q": q, "v": v, "tau": v}),
+        ("filters", filters.step, {"now": now, "tau": v, "dt": 1e-3}),
+        ("low pass", pa.filters.LowPass(9.0).advance, {"state": a, "u": v, "dt": 1e-3}),
+        ("circle", circle.at, {"t": 0.3}),
+        ("circle", lambda by: circle.shifted(by).at(0.3), {"by": still}),
+        ("circle", circle.positions, {"times": v}),
+        ("robot", robot.position, {"q": q}),
+        (
+            "controller",
+            lambda torque: controller.limited(torque).limits.torque,
+            {"torque": np.full(6, 5.0)},
+        ),
+        (
+            "controller",
+            controller.step,
+            {
+                "state": state,
+                "measurement": sample,
+                "desired": pa.Desired(x, still, still),
+                "dt": 1e-3,
+            },
+        ),
+    )
+
+
+def hostile(value):
+    """Yield a word, a value in place of an argument, and the floats that it means, None if none."""
+    if isinstance(value, float):
+        yield "a whole number", 1, 1.0
+        for word, bad in {"text": "x", "nothing": None, "array": np.ones(3), "1j": 1j}.items():
+            yield word, bad, None
+        yield "nan", np.nan, None
+        yield "inf", np.inf, None
+    elif isinstance(value, np.ndarray):
+        whole = np.round(value)
+        yield "integers", whole.astype(int), whole
+        yield "of the other byte order", value.astype(">f8"), value
+        yield "single precision", whole.astype(np.float32), whole
+        yield "strided", np.repeat(value, 2, axis=-1)[..., ::2], value
+        for word, bad in {
+            "short": value[..., :-1],
+            "long": np.concatenate([value, value[..., :1]], -1),
+            "empty": value[..., :0],
+            "deeper": value[None],
+            "one": value.ravel()[:1],
+            "number": 0.3,
+            "text": np.full(value.shape, "x"),
+            "objects": np.full(value.shape, None),
+            "complex": value.astype(complex),
+            "ragged": [[1.0], [1.0, 2.0]],
+            "word": "abc",
+        }.items():
+            yield word, bad, None
+        if value.ndim == 2:
+            yield "a row less", value[:-1], None
+    else:
+        parts = getattr(value, "__slots__", getattr(value, "_fields", ()))
+        for part in parts:
+            inner = getattr(value, part)
+            if isinstance(inner, np.ndarray):
+                for word, bad, good in hostile(inner):
+                    same = None if good is None else changed(value, part, good)
+                    yield f"{part} {word}", changed(value, part, bad), same
+        if isinstance(value, Estimate):
+            for i, inner in enumerate(value.memory):
+                for word, bad, _ in hostile(inner):
+                    memory = (*value.memory[:i], bad, *value.memory[i + 1 :])
+                    yield f"memory {word}", Estimate(value.value, memory), None
+        for bad in (None, "x", np.ones(3), 3.0):
+            yield "no object", bad, None
+
+
+def changed(value, part, inner):
+    """Return a copy of a record with another part."""
+    if hasattr(value, "_replace"):
+        return value._replace(**{part: inner})
+    other = copy.copy(value)
+    setattr(other, part, inner)
+    return other
+
+
+# name, argument and hostile value of calls that are legitimate
+LEGITIMATE = {
+    ("squares", "X", "short"): "any number of columns",
+    ("squares", "X", "long"): "any number of columns",
+    ("squares", "X", "empty"): "any number of columns",
+    ("circle", "times", "short"): "any number of times",
+    ("circle", "times", "long"): "any number of times",
+    ("circle", "times", "one"): "any number of times",
+    ("circle", "times", "empty"): "any number of times",
+    ("circle", "by", "number"): "a number fills a displacement",
+    ("controller", "torque", "number"): "one limit for all joints",
+}
+
+
+def test_hostile_calls_get_a_typed_error_or_the_right_result(loop):
+    """Nothing wrong in silence: sizes, kinds of numbers, and objects of public methods."""
+    wrong, untyped, made = [], [], 0
+    for name, method, fitting in calls(loop):
+        for argument, value in fitting.items():
+            for word, bad, good in hostile(value):
+                call, made = (name, argument, word), made + 1
+                try:
+                    found = flat(method(**{**fitting, argument: bad}))
+                except pa.PinadaptError:
+                    continue
+                except Exception as error:
+                    untyped.append((*call, repr(error)))
+                    continue
+                if call in LEGITIMATE:
+                    continue
+                as_good = value if good is None else good  # what is not used changes nothing
+                right = flat(method(**{**fitting, argument: as_good}))
+                wrong += [] if same(found, right) else [call]
+    assert (wrong, untyped) == ([], [])
+    assert made > 1500
+
+
+def same(found, right):
+    """Tell whether two results are the same."""
+    return len(found) == len(right) and all(
+        a.shape == b.shape
+        and (not a.size or a.dtype.kind == b.dtype.kind)
+        and np.allclose(a, b, rtol=1e-9, atol=1e-12, equal_nan=True)
+        for a, b in zip(found, right, strict=True)
+    )
 
 
 DOORS = {
@@ -128,9 +317,9 @@ def test_a_method_of_a_step_says_what_it_was_given_and_what_it_asks_for(loop):
         r"^FrameKinematics.update: .*a_k \(3,\) of int64, q \(6,\), v \(6,\)\. Its descr.*\(nq\)"
     )
     with pytest.raises(ArrayError, match=words):
-        kin.update(np.zeros(3, dtype=np.int64), q, q)
+        kin.update_unchecked(np.zeros(3, dtype=np.int64), q, q)
     with pytest.raises(ArrayError, match=r"StackedDynamics.torque: .*q \(5,\), v \(6,\)"):
-        loop[0].dynamics.torque(q[:5], q, q)
+        loop[0].dynamics.torque_unchecked(q[:5], q, q)
     assert kin.task.error([1, 2, 3], np.ones(3)).tolist() == [0.0, 1.0, 2.0]
 
 
@@ -164,11 +353,16 @@ def test_memory_layouts_give_the_same_and_are_not_written(name, layout, loop):
 
 def flat(result):
     """Return the arrays of what a method returns."""
-    if isinstance(result, Estimate):
-        return [result.value]
-    if isinstance(result, np.ndarray):
+    if isinstance(result, float | int | np.ndarray):
         return [np.array(result)]
-    return [] if result is None else [np.array(each) for each in result]
+    if isinstance(result, pa.Robot):
+        return [result.friction.viscous, result.friction.coulomb, np.array(result.model.armature)]
+    if isinstance(result, pa.Measurement):
+        return [np.array(each) for each in result if each is not None]
+    parts = getattr(result, "__slots__", None) or result or ()
+    if not isinstance(result, tuple | list):
+        parts = [getattr(result, name) for name in getattr(result, "__slots__", ())]
+    return [array for each in parts for array in flat(each)] if parts else []
 
 
 LOOPS = {

@@ -58,6 +58,7 @@ class Drive:
     """
 
     __slots__ = ("W", "Y", "e", "gradient", "observed", "residual", "saturated", "weight")
+    _optional = ("e", "W", "residual", "weight")  # parts that may be None
 
     def __init__(
         self,
@@ -172,14 +173,26 @@ class Adaptation(Doors, ABC):
 
     shapes = (
         "value: _size, truth: _size, change: _size, start: _size, estimate.value: _size, "
-        "drive.gradient: _size, H: _size _size"
+        "drive.gradient: _size, drive.Y: k _size, drive.e: k, drive.W: r _size, drive.residual: r, "
+        "drive.weight: r r, H: _size _size, X: _size l, P: _size _size, W: r _size, dt: >=0"
     )
-    in_step = frozenset({"step", "value_rate", "project", "gain_times", "weight"})
     name: str = "custom"
     sources: tuple[str, ...] = ()
     updates_gain: bool = False
     torque_bandwidth: float | None = None
     _size: int | None = None
+
+    def _flaw(self, value: Any) -> str | None:
+        """Return what does not fit together in an estimate or a drive, or None."""
+        if isinstance(value, Drive) and (value.W is None) != (value.residual is None):
+            return "W and residual are the two parts of a prediction error: give both or neither."
+        if isinstance(value, Estimate) and not self._remembers(value.memory):
+            return f"its memory is not one of '{self.name}', as ``init`` and ``step`` return it."
+        return None
+
+    def _remembers(self, memory: tuple) -> bool:
+        """Tell whether a memory can be one of this adaptation; here all can."""
+        return True
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, ``validate(value)`` with an empty memory."""
@@ -208,6 +221,8 @@ class Adaptation(Doors, ABC):
         A projection must reduce the distance to every admissible truth, so that V decreases.
         """
         return estimate.value
+
+    project_unchecked = project
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the estimate at an announced value (p).
@@ -247,14 +262,20 @@ class Adaptation(Doors, ABC):
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the time derivatives of the value (p) and of the memory."""
 
+    rate_unchecked = rate
+
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the value (p) of ``rate``, for laws whose reference contains da/dt."""
-        return self.rate(estimate, drive).value
+        return self.rate_unchecked(estimate, drive).value
+
+    value_rate_unchecked = value_rate
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
-        rate = self.rate(estimate, drive)
+        rate = self.rate_unchecked(estimate, drive)
         return Estimate(estimate.value + dt * rate.value, _moved(estimate.memory, rate.memory, dt))
+
+    step_unchecked = step
 
     @abstractmethod
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
@@ -281,12 +302,14 @@ class Adaptation(Doors, ABC):
         """Return Gamma (p, p) at a value (p) with an empty memory."""
         start = Estimate(value)
         drives = [Drive(g[None], None, gradient=g) for g in np.eye(value.size)]
-        columns = [-self.rate(start, drive).value for drive in drives]
+        columns = [-self.rate_unchecked(start, drive).value for drive in drives]
         return np.column_stack(columns) if columns else np.zeros((0, 0))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), a new array, at a value (p) with an empty memory, X (p, l)."""
         return self.gain(value).dot(X)
+
+    gain_times_unchecked = gain_times
 
     def metric(self, estimate: Estimate) -> np.ndarray:
         """Return Gamma (p, p) at an estimate with its memory; its inverse is the metric of V."""
@@ -325,6 +348,10 @@ class Wrapper(Adaptation):
         self.name, self.torque_bandwidth = inner.name, inner.torque_bandwidth
         self._size = inner._size
 
+    def _remembers(self, memory: tuple) -> bool:
+        """Tell whether a memory can be one of the inner adaptation."""
+        return self.inner._remembers(memory)
+
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with the value validated by this one."""
         return self.inner.init(value).with_value(self.validate(value))
@@ -344,7 +371,7 @@ class Wrapper(Adaptation):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
-        return self.inner.project(estimate, q)
+        return self.inner.project_unchecked(estimate, q)
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate at an announced value (p)."""
@@ -364,11 +391,11 @@ class Wrapper(Adaptation):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""
-        return self.inner.rate(estimate, drive)
+        return self.inner.rate_unchecked(estimate, drive)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
-        return self.inner.step(estimate, drive, dt)
+        return self.inner.step_unchecked(estimate, drive, dt)
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
@@ -388,7 +415,7 @@ class Wrapper(Adaptation):
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""
-        return self.inner.gain_times(value, X)
+        return self.inner.gain_times_unchecked(value, X)
 
     def metric(self, estimate: Estimate) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
@@ -397,6 +424,14 @@ class Wrapper(Adaptation):
     def references(self) -> tuple[str, ...]:
         """Return the sources of this wrapper and of the inner adaptation."""
         return self.sources + self.inner.references()
+
+
+def are_arrays(memory: tuple, *shapes: tuple[int, ...]) -> bool:
+    """Tell whether a memory consists of arrays of floats of these shapes."""
+    return len(memory) == len(shapes) and all(
+        isinstance(part, np.ndarray) and part.dtype == float and part.shape == shape
+        for part, shape in zip(memory, shapes, strict=True)
+    )
 
 
 def _moved(part: Any, rate: Any, dt: float) -> Any:
@@ -439,6 +474,16 @@ class Stacked(Adaptation):
         )
         self.updates_gain = any(part.updates_gain for part, _ in self.parts)
 
+    def _remembers(self, memory: tuple) -> bool:
+        """Tell whether a memory holds one memory a block, or nothing."""
+        return not memory or (
+            len(memory) == len(self.parts)
+            and all(
+                isinstance(own, tuple) and part._remembers(own)
+                for own, (part, _) in zip(memory, self.parts, strict=True)
+            )
+        )
+
     @property
     def projects(self) -> bool:
         """Whether a block's adaptation may move its value."""
@@ -460,7 +505,7 @@ class Stacked(Adaptation):
         """Return the value (p) to use at q (nq), each block projected by its adaptation."""
         value = estimate.value
         split = list(self._split(estimate))
-        blocks = [part.project(own, q) for part, _, own in split]
+        blocks = [part.project_unchecked(own, q) for part, _, own in split]
         same = (kept is own.value for kept, (_, _, own) in zip(blocks, split, strict=True))
         return value if all(same) else np.concatenate(blocks)
 
@@ -480,7 +525,8 @@ class Stacked(Adaptation):
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
         return self._joined(
-            part.rate(own, drive.columns(block)) for part, block, own in self._split(estimate)
+            part.rate_unchecked(own, drive.columns(block))
+            for part, block, own in self._split(estimate)
         )
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
@@ -489,7 +535,7 @@ class Stacked(Adaptation):
         drives = [drive.columns(block) for _, block in self.parts]
         after, memories = empty(self._size), []
         for (part, block), memory, its_drive in zip(self.parts, own, drives, strict=True):
-            moved = part.step(Estimate(value[block], memory), its_drive, dt)
+            moved = part.step_unchecked(Estimate(value[block], memory), its_drive, dt)
             after[block] = moved.value
             memories.append(moved.memory)
         return Estimate(after, tuple(memories))
@@ -514,11 +560,11 @@ class Stacked(Adaptation):
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p) at a value (p), block by block."""
-        return self.gain_times(value, np.eye(value.size))
+        return self.gain_times_unchecked(value, np.eye(value.size))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), block by block."""
-        blocks = [part.gain_times(value[block], X[block]) for part, block in self.parts]
+        blocks = [part.gain_times_unchecked(value[block], X[block]) for part, block in self.parts]
         return np.concatenate(blocks)
 
     def metric(self, estimate: Estimate) -> np.ndarray:

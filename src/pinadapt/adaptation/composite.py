@@ -16,7 +16,7 @@ from .._checks import numbers, positive
 from .._compiled import compile_all
 from .._kernels import estimates as kernels
 from ..exceptions import GainError
-from .adaptation import Adaptation, Drive, Estimate, Wrapper
+from .adaptation import Adaptation, Drive, Estimate, Wrapper, are_arrays
 from .least_squares import DecayWeight, checked_weight, weight_of
 
 # name of the inner adaptation -> name of the wrapped one
@@ -81,15 +81,17 @@ class Composite(Wrapper):
         if self._constant is not None:
             return weight_of(self._constant, len(W))
         assert self._decay is not None
-        return self._decay.at(W.dot(self.inner.gain_times(value, W.T)))
+        return self._decay.at(W.dot(self.inner.gain_times_unchecked(value, W.T)))
+
+    weight_unchecked = weight
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under tracking and prediction error."""
-        return self.inner.rate(estimate, self._weighted(estimate, drive))
+        return self.inner.rate_unchecked(estimate, self._weighted(estimate, drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s] under both errors, held."""
-        return self.inner.step(estimate, self._weighted(estimate, drive), dt)
+        return self.inner.step_unchecked(estimate, self._weighted(estimate, drive), dt)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -r^T R r, and what the inner adaptation adds to dV/dt."""
@@ -102,7 +104,7 @@ class Composite(Wrapper):
     def _weighted(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
         W = drive.W
-        return drive if W is None else drive.weighted(self.weight(estimate.value, W))
+        return drive if W is None else drive.weighted(self.weight_unchecked(estimate.value, W))
 
 
 class _Recalled(NamedTuple):
@@ -393,6 +395,31 @@ class CompositeMemory(Wrapper):
         own[_CLOCK] = estimate.memory[_CLOCK]
         return Estimate(inner.value, (*own, *inner.memory), estimate.lateness)
 
+    def _remembers(self, memory: tuple) -> bool:
+        """Tell whether a memory begins with the ten parts of this one, or with those of a record.
+
+        A record keeps the numbers and nothing else.
+        """
+        own, inner = memory[:_OWN], memory[_OWN:]
+        if len(own) < _OWN or not all(isinstance(part, np.ndarray) for part in own):
+            return False
+        _, b, _, origin, lasting, heard, numbers_now, matrix, pivots, value = own
+        p, n = b.size, lasting.size
+        fits = are_arrays((numbers_now,), (len(_Clock._fields),)) and self.inner._remembers(inner)
+        if all(not part.size for part in own[:_CLOCK] + own[_CLOCK + 1 :]):
+            return fits
+        made, looks = len(value), len(origin)
+        return (
+            fits
+            and (self._size in (None, p) and made in (0, p) and self.noise.size in (1, n))
+            and are_arrays(own[:3], (p, p), (p,), (p,))
+            and are_arrays((origin, lasting), (looks, p + 1), (n,))
+            and are_arrays((heard, matrix, value), (heard.size,), (made, made), (made,))
+            and heard.size in (2, 2 + n)
+            and pivots.dtype.kind in "fi"
+            and pivots.shape in ((0,), (made,))
+        )
+
     def emphasis(self, estimate: Estimate) -> float:
         """Return kappa(t) / kappa."""
         return self._emphasis(_Clock(*estimate.memory[_CLOCK].tolist()), estimate.lateness)
@@ -404,7 +431,7 @@ class CompositeMemory(Wrapper):
         told = None
         if clock.quiet <= 0.0 and not drive.saturated:
             told = self._recalled(estimate, drive)
-        rate = self.inner.rate(
+        rate = self.inner.rate_unchecked(
             inner, self._total(drive, None if told is None else told.pull, clock, estimate.lateness)
         )
         still = [np.zeros(part.shape) for part in estimate.memory[:_OWN]]
@@ -428,12 +455,12 @@ class CompositeMemory(Wrapper):
         fades, passed = math.exp(-self._bandwidth * dt), empty(len(clock))
         kernels.let_pass(numbers_now, dt, fades, passed)
         if drive.W is None or drive.residual is None or drive.saturated:
-            after = self.inner.step(inner, self._total(drive, None, clock, late), dt)
+            after = self.inner.step_unchecked(inner, self._total(drive, None, clock, late), dt)
             later = _Clock(*passed.tolist())._replace(quiet=_QUIET / self._bandwidth, due=0.0)
             memory = A, b, pull, origin, lasting, heard, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory))
         if clock.quiet > 0.0:
-            after = self.inner.step(inner, self._total(drive, None, clock, late), dt)
+            after = self.inner.step_unchecked(inner, self._total(drive, None, clock, late), dt)
             later = _Clock(*passed.tolist())._replace(quiet=0.0, left=fades)
             origin = _origin(estimate.value, drive)
             heard = np.concatenate([heard[:2], origin[:, -1]])
@@ -448,7 +475,7 @@ class CompositeMemory(Wrapper):
         size, due = kernels.mean_square(drive.residual, self._precision), clock.due
         known = _UNUSUAL * max(clock.usual, clock.residual)
         if due > 0.5 * dt and size <= max(self.contradiction, known):
-            after = self.inner.step(inner, self._total(drive, pull, clock, late), dt)
+            after = self.inner.step_unchecked(inner, self._total(drive, pull, clock, late), dt)
             if due < 2.5 * dt and dt < _SHORT * self.interval:
                 factors = self._prepared(factors, estimate.value, A, last=due < 1.5 * dt)
             memory = A, b, pull, origin, lasting, heard, passed, *factors
@@ -460,14 +487,14 @@ class CompositeMemory(Wrapper):
         later = _Clock(*passed.tolist())._replace(due=span - dt, residual=size, usual=usual)
         if clock.fresh < _SETTLED and d > max(self.contradiction, _UNUSUAL * later.usual):
             later = later._replace(due=0.0, fresh=1.0, usual=max(later.usual, _FIRST))
-            after = self.inner.step(inner, self._total(drive, None, later, late), dt)
+            after = self.inner.step_unchecked(inner, self._total(drive, None, later, late), dt)
             nothing = np.zeros(A.shape), np.zeros(b.size), np.zeros(b.size)
             later = later._replace(fresh=fades, left=fades)
             taken = _origin(estimate.value, whole)
             heard = np.concatenate([np.zeros(2), taken[:, -1]])
             memory = *nothing, taken, lasting, heard, np.array(later), *_UNMADE
             return Estimate(after.value, (*memory, *after.memory), _UNKNOWN)
-        after = self.inner.step(inner, self._total(drive, told.pull, clock, late), dt)
+        after = self.inner.step_unchecked(inner, self._total(drive, told.pull, clock, late), dt)
         kept = math.exp(-told.fading * span)
         A_new, b_new = self._news(estimate.value, drive, span)
         A_new += A if kept == 1.0 else kept * A
@@ -507,7 +534,7 @@ class CompositeMemory(Wrapper):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
-        return self.inner.project(self._inner(estimate), q)
+        return self.inner.project_unchecked(self._inner(estimate), q)
 
     def metric(self, estimate: Estimate) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
@@ -604,7 +631,7 @@ class CompositeMemory(Wrapper):
         """Return the next part of what a look needs; the last sample before it factorises."""
         if last:
             return _factorised(made) if made.value.size else made
-        moved = self.inner.gain_times(value, A)  # kappa P A
+        moved = self.inner.gain_times_unchecked(value, A)  # kappa P A
         moved.flat[:: value.size + 1] += self.share
         return _Factors(moved.T, _UNMADE.pivots, value)
 
@@ -628,7 +655,7 @@ class CompositeMemory(Wrapper):
         sides[:, 0], sides[:, 1:] = A.dot(value) - b, W.T
         # (I + A P)^-1 / kappa times A da and W^T
         solved = dgetrs(made.matrix, made.pivots, sides, overwrite_b=True)[0]
-        W_Gamma = self.inner.gain_times(made.value, W.T).T
+        W_Gamma = self.inner.gain_times_unchecked(made.value, W.T).T
         pull, change = self.share * solved[:, 0], W_Gamma.dot(solved[:, 0])
         innovation = residual - change
         S = W_Gamma.dot(solved[:, 1:])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import definite_matrix, whole
+from .._checks import MOST_PARAMETERS, definite_matrix, whole
 from .._kernels import estimates as kernels
 from ..exceptions import ArrayError
 from .adaptation import Adaptation, Drive, Estimate
@@ -29,12 +29,14 @@ class Gradient(Adaptation):
         Raises:
             GainError: Gamma is not positive definite, or of another size.
         """
-        self.Gamma = np.ascontiguousarray(definite_matrix(Gamma, whole(size, "size", 0), name))
+        self.Gamma = np.ascontiguousarray(
+            definite_matrix(Gamma, whole(size, "size", 0, most=MOST_PARAMETERS), name)
+        )
         self._information, self._size = np.linalg.inv(self.Gamma), len(self.Gamma)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return -Gamma g (p)."""
-        return Estimate(self.value_rate(estimate, drive))
+        return Estimate(self.value_rate_unchecked(estimate, drive))
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return -Gamma g (p)."""

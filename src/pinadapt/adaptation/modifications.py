@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
 from ..exceptions import GainError
-from .adaptation import Adaptation, Drive, Estimate, Wrapper
+from .adaptation import Adaptation, Drive, Estimate, Wrapper, are_arrays
 
 
 class Leak(Wrapper):
@@ -50,6 +50,13 @@ class Leak(Wrapper):
         super().__init__(inner)
         self.bandwidth = positive(bandwidth, "leak")
 
+    def _remembers(self, memory: tuple) -> bool:
+        """Tell whether a memory begins with a_0 (p)."""
+        start = memory[0] if memory else None
+        if not isinstance(start, np.ndarray) or self._size not in (None, start.size):
+            return False
+        return are_arrays(memory[:1], (start.size,)) and self.inner._remembers(memory[1:])
+
     def leak_rate(self, drive: Drive) -> float:
         """Return the rate of the leak [1/s] under a drive, lambda."""
         return self.bandwidth
@@ -85,18 +92,18 @@ class Leak(Wrapper):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
-        return self.inner.project(self._inner(estimate), q)
+        return self.inner.project_unchecked(self._inner(estimate), q)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates, the value's with the leak."""
-        rate, start = self.inner.rate(self._inner(estimate), drive), estimate.memory[0]
+        rate, start = self.inner.rate_unchecked(self._inner(estimate), drive), estimate.memory[0]
         value = rate.value + self._leak(estimate, drive)
         return Estimate(value, (np.zeros(start.size), *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s], mixed with a_0."""
         start = estimate.memory[0]
-        after = self.inner.step(self._inner(estimate), drive, dt)
+        after = self.inner.step_unchecked(self._inner(estimate), drive, dt)
         share = -math.expm1(-self.leak_rate(drive) * dt)
         return Estimate(after.value + share * (start - after.value), (start, *after.memory))
 
@@ -206,11 +213,11 @@ class DeadZone(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under the remaining errors."""
-        return self.inner.rate(estimate, self._remaining(drive))
+        return self.inner.rate_unchecked(estimate, self._remaining(drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s] under the remaining errors."""
-        return self.inner.step(estimate, self._remaining(drive), dt)
+        return self.inner.step_unchecked(estimate, self._remaining(drive), dt)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt, and da^T (g - g_zone)."""
@@ -266,11 +273,11 @@ class Normalised(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under the normalised drive."""
-        return self.inner.rate(estimate, self._normalised(estimate, drive))
+        return self.inner.rate_unchecked(estimate, self._normalised(estimate, drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s] under the normalised drive."""
-        return self.inner.step(estimate, self._normalised(estimate, drive), dt)
+        return self.inner.step_unchecked(estimate, self._normalised(estimate, drive), dt)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt, and da^T (g - g / m^2)."""
@@ -285,7 +292,7 @@ class Normalised(Wrapper):
 
     def _factor(self, value: np.ndarray, Y: np.ndarray) -> float:
         """Return 1 / m^2 at a value (p) for a regressor (k, p)."""
-        trace = float(np.sum(Y.T * self.inner.gain_times(value, Y.T)))
+        trace = float(np.sum(Y.T * self.inner.gain_times_unchecked(value, Y.T)))
         return 1.0 / (1.0 + trace / self.size)
 
 

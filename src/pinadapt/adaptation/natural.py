@@ -19,7 +19,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, instance, numbers, positive, vector, whole
+from .._checks import MOST_PARAMETERS, Doors, instance, numbers, positive, vector, whole
 from .._compiled import compile_all
 from .._kernels import estimates as kernels
 from ..exceptions import GainError, InputError, ParameterError
@@ -44,8 +44,7 @@ class MatrixInequality(Doors):
             basis in the span of F, tr(D_i F_j) = delta_ij.
     """
 
-    shapes = "a: size, X: size l"
-    in_step = frozenset({"follow_geodesic", "metric_inverse_times"})
+    shapes = "a: size, g: ... size, P: ... blocks _n _n, X: size l, gamma: blocks, h: >=0"
 
     def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
         """Make the inequality of ``blocks`` blocks.
@@ -66,7 +65,10 @@ class MatrixInequality(Doors):
             )
         if not np.allclose(self.F, self.F.transpose(0, 2, 1)):
             raise ParameterError("the coefficient matrices must be symmetric.", where="LMI")
-        self.blocks, (self._p, self._n, _) = whole(blocks, "blocks", 0), self.F.shape
+        self.blocks, (self._p, self._n, _) = (
+            whole(blocks, "blocks", 0, most=MOST_PARAMETERS),
+            self.F.shape,
+        )
         flat = self.F.reshape(self._p, -1)
         if np.linalg.matrix_rank(flat) < self._p:
             raise ParameterError(
@@ -114,6 +116,8 @@ class MatrixInequality(Doors):
         P = a.reshape(self.blocks, self._p).dot(self._flat).reshape(self.blocks, self._n, self._n)
         return P if self._offset is None else P + self._offset
 
+    matrices_unchecked = matrices
+
     def components(self, P: np.ndarray) -> np.ndarray:
         """Return the coordinates (k p) of a change of P (k, n, n), which has no offset.
 
@@ -121,12 +125,16 @@ class MatrixInequality(Doors):
         """
         return P.reshape(-1, self._n * self._n).dot(self._dual_T).ravel()
 
+    components_unchecked = components
+
     def covectors(self, g: np.ndarray) -> np.ndarray:
         """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da, g (k p).
 
         For l gradients (l, k p) the result holds their L one after the other (l k, n, n).
         """
         return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
+
+    covectors_unchecked = covectors
 
     def metric_inverse_times(self, a: np.ndarray, X: np.ndarray, gamma: np.ndarray) -> np.ndarray:
         """Return the inverse metric of -log det at a (k p), of block b times gamma_b, times X.
@@ -144,9 +152,12 @@ class MatrixInequality(Doors):
         blocks = moved.reshape(self.blocks, self._p, -1).dot(self._dual_T)
         return np.asarray((blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape))
 
+    metric_inverse_times_unchecked = metric_inverse_times
+
     def contains(self, a: np.ndarray) -> bool:
         """Tell whether every block is positive definite at a (k p)."""
-        return bool((np.linalg.eigvalsh(self.matrices(a)) > 0.0).all())
+        P = self.matrices_unchecked(a)
+        return bool(np.isfinite(P).all() and (np.linalg.eigvalsh(P) > 0.0).all())
 
     def follow_geodesic(self, a: np.ndarray, g: np.ndarray, h: float) -> np.ndarray:
         """Return the parameters (k p) of P+ = exp(-h P L) P, tr(L P(da)) = g . da.
@@ -157,6 +168,8 @@ class MatrixInequality(Doors):
         after = empty(a.size)
         kernels.follow_geodesic(a, g, h, *self.tables, after)
         return after
+
+    follow_geodesic_unchecked = follow_geodesic
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return the initial estimate a (k p) if it satisfies the inequality.
@@ -310,21 +323,21 @@ class Natural(Adaptation):
         if self._scale is not None:
             g = g * self._scale
         if self.cone.complete:
-            return Estimate(self.cone.follow_geodesic(a, g, self.gamma * dt))
-        metric = self._metric(self.cone.matrices(a)[0])
+            return Estimate(self.cone.follow_geodesic_unchecked(a, g, self.gamma * dt))
+        metric = self._metric(self.cone.matrices_unchecked(a)[0])
         step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)
         return Estimate(a + step * min(1.0, kernels.LARGEST_STEP / length if length else 1.0))
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p) at a value (p)."""
-        return self.gain_times(value, np.eye(value.size))
+        return self.gain_times_unchecked(value, np.eye(value.size))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l); Gamma is block-diagonal, one block a matrix of the cone."""
         if self.cone.complete:
-            return self.cone.metric_inverse_times(value, X, self._gammas)
-        P, X = self.cone.matrices(value), self._scaled(X.T).T
+            return self.cone.metric_inverse_times_unchecked(value, X, self._gammas)
+        P, X = self.cone.matrices_unchecked(value), self._scaled(X.T).T
         return np.asarray(self.gamma * np.linalg.solve(self._metric(P[0]), X))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
@@ -332,7 +345,7 @@ class Natural(Adaptation):
         if not np.isfinite(value).all():
             return None
         try:
-            both = [self.cone.matrices(value), self.cone.matrices(truth)]
+            both = [self.cone.matrices_unchecked(value), self.cone.matrices_unchecked(truth)]
             L, L_true = np.linalg.cholesky(np.stack(both))
         except np.linalg.LinAlgError:
             return None

@@ -16,12 +16,12 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, flag, positive, shown
+from .._checks import Doors, flag, of_computing, one_line, positive, shown
 from .._compiled import compile_all
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
-from ..exceptions import DivergedError, InputError
+from ..exceptions import DivergedError, InputError, PinadaptError
 from ..filters import FilteredRegressor
 from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
@@ -44,6 +44,8 @@ from .sensing import Guards, Senses
 from .state import ControllerState
 
 _FLOAT, _HELD = np.dtype(float), Frozen()
+# what numpy and Python raise where a computation gets what it cannot use
+_BROKEN = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
 _SHORT = 1e-3  # [s] period of a controller that has none
 _LONGEST = 10.0  # periods between two samples
 _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
@@ -73,8 +75,11 @@ class Controller(Doors):
             hand.
     """
 
-    shapes = "a_d_true: dynamics.size, a_k_true: kinematics.size"
-    in_step = frozenset(
+    shapes = (
+        "a_d_true: dynamics.size, a_k_true: kinematics.size, a_d: dynamics.size, "
+        "a_k: kinematics.size, torque: kinematics.nv, dt: >=0"
+    )
+    own_checks = frozenset(
         {"step", "sent", "init", "observe", "command", "desired", "recorded", "watch", "safe"}
     )
 
@@ -200,21 +205,25 @@ class Controller(Doors):
             raise _used_by_another_thread()
         try:
             yield
+        except _BROKEN as error:
+            if refusal := _not_from(error):
+                raise refusal from error
+            raise
         finally:
             self._alone.release()
 
     def _try(self, state: ControllerState, measurement: Measurement) -> None:
         """Refuse a law or an adaptation of one's own by what it returns at the first sample."""
         task = self.kinematics.task
-        x, still = task.measured(measurement.x, measurement.q), np.zeros(task.size)
+        x, still = task.measured_unchecked(measurement.x, measurement.q), np.zeros(task.size)
         s = self._observe(state, measurement, Desired(x, still, still))[0]
         dt = self.period if math.isfinite(self.period) else _SHORT
         model = self._model(state, s, dt)
-        command = self.law.command(s, model)
+        command = self.law.command_unchecked(s, model)
         self._inputs.returned(command, state.dynamic, state.kinematic)
         drives = self.sent(s, command)[1]
-        dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, dt)
-        kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, dt)
+        dynamic = model.adaptation_d.step_unchecked(model.dynamic, drives.dynamic, dt)
+        kinematic = model.adaptation_k.step_unchecked(model.kinematic, drives.kinematic, dt)
         self._inputs.returned(command, dynamic, kinematic)
 
     def _first_state(
@@ -356,9 +365,11 @@ class Controller(Doors):
             if not elapsed:  # the time of the sample before
                 s.adapting = False
             model = self._model(state, s, elapsed)
-            torque, drives = self.sent(s, self.law.command(s, model))
-            dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
-            kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
+            torque, drives = self.sent(s, self.law.command_unchecked(s, model))
+            dynamic = model.adaptation_d.step_unchecked(model.dynamic, drives.dynamic, elapsed)
+            kinematic = model.adaptation_k.step_unchecked(
+                model.kinematic, drives.kinematic, elapsed
+            )
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter, path, first = state.torque_filter, state.path, sensed.first
             if path is not None or first is not None or self._torque_filter is not None:
@@ -369,7 +380,7 @@ class Controller(Doors):
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
                 held = given.copy()  # the torque that goes out is the caller's
-                torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
+                torque_filter = self._torque_filter.step_unchecked(s.filtered_torque, held, elapsed)
             size = kernels.size_of_estimates(dynamic.value, kinematic.value, torque)
             if not size < self.limits.estimate**2:
                 raise self._divergence(size)
@@ -377,6 +388,10 @@ class Controller(Doors):
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
             raise DivergedError(str(error)) from error
+        except _BROKEN as error:
+            if refusal := _not_from(error):
+                raise refusal from error
+            raise
         finally:
             self._alone.release()
         return torque, ControllerState(
@@ -436,8 +451,8 @@ class Controller(Doors):
             model, dynamics = self.kinematics.robot.model, self.dynamics
             sensed = self.senses.believed(state.sensed, measurement, dt, damping, model)
             zero = np.zeros(model.nv)
-            dynamics.load(state.a_d)
-            torque = np.array(dynamics.torque(sensed.q, zero, zero))
+            dynamics.load_unchecked(state.a_d)
+            torque = np.array(dynamics.torque_unchecked(sensed.q, zero, zero))
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
             sagged = self.senses.sagged(sensed)
@@ -502,7 +517,7 @@ class Controller(Doors):
         """
         with self.reserved():
             s = self._seen(state, measurement, desired)
-            return s, self.law.command(s, self._model(state, s, None))
+            return s, self.law.command_unchecked(s, self._model(state, s, None))
 
     def respond(
         self, state: ControllerState, s: Signals, dt: float | None = None
@@ -518,9 +533,11 @@ class Controller(Doors):
             InputError: another thread is using this controller.
         """
         with self.reserved():
-            self.kinematics.update(s.a_k, s.q, s.v)  # another state may have been there since
-            self.dynamics.load(s.a_d)
-            return self.sent(s, self.law.command(s, self._model(state, s, dt)))
+            self.kinematics.update_unchecked(
+                s.a_k, s.q, s.v
+            )  # another state may have been there since
+            self.dynamics.load_unchecked(s.a_d)
+            return self.sent(s, self.law.command_unchecked(s, self._model(state, s, dt)))
 
     def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for a command of the law [N m or N], and the drives.
@@ -534,7 +551,7 @@ class Controller(Doors):
         limits = self.limits.torque
         torque, drives = command.torque, command.drives
         if command.feedthrough is not None:
-            torque = command.at(s.a)
+            torque = command.at_unchecked(s.a)
         g_d, g_k = drives.dynamic.gradient, drives.kinematic.gradient
         p_d, p_k = s.a_d.size, s.a_k.size
         if g_d.size != p_d or g_k.size != p_k or torque.shape != s.v.shape:
@@ -589,11 +606,11 @@ class Controller(Doors):
         q, v, x, epsilon, X_k, _, _, _, _ = sensed
         a_d = dynamic.value
         if self._projects:
-            a_d = self.adaptation_d.project(dynamic, q)
-        dynamics.load(a_d)
+            a_d = self.adaptation_d.project_unchecked(dynamic, q)
+        dynamics.load_unchecked(a_d)
         assert x is not None  # the first sample had one
         xd_hat = kinematics.xd_hat
-        dx, xd, delta = task.errors(x, x_d, measurement.xd, xd_hat, xd_d)
+        dx, xd, delta = task.errors_unchecked(x, x_d, measurement.xd, xd_hat, xd_d)
         inverse = RightInverse(kinematics.J, self.limits.singular)
         filtered = self._filters.observe(filters, sensed, kinematics)
         a: Any = measurement.a
@@ -604,7 +621,7 @@ class Controller(Doors):
             tau = measurement.tau
             if tau is not None:
                 tau = self._inputs.torque(tau)
-            filtered_torque = self._torque_filter.observe(torque_filter, q, v, tau)
+            filtered_torque = self._torque_filter.observe_unchecked(torque_filter, q, v, tau)
         s = Signals()
         s.t, s.q, s.v, s.a, s.x = t, q, v, a, x
         s.xd, s.xd_d, s.xdd_d = xd, xd_d, xdd_d
@@ -634,14 +651,16 @@ class Controller(Doors):
         torque_filter = self._torque_filter
         return ControllerState(
             t=1.0,
-            dynamic=self.adaptation_d.rate(state.dynamic.with_value(s.a_d), drives.dynamic),
-            kinematic=self.adaptation_k.rate(state.kinematic, drives.kinematic),
+            dynamic=self.adaptation_d.rate_unchecked(
+                state.dynamic.with_value(s.a_d), drives.dynamic
+            ),
+            kinematic=self.adaptation_k.rate_unchecked(state.kinematic, drives.kinematic),
             a_0=np.zeros(state.a_0.size),
             filters=self._filters.rate(state.filters, s),
             adapting=state.adapting,
             torque_filter=()
             if torque_filter is None
-            else torque_filter.rate(s.filtered_torque, torque),
+            else torque_filter.rate_unchecked(s.filtered_torque, torque),
             path=None
             if state.path is None
             else self._governed(state.path, s, state.sensed, torque, None),
@@ -685,6 +704,17 @@ def _of_a_user(part: Any) -> bool:
     inner = [getattr(part, "inner", None), *(each for each, _ in getattr(part, "parts", ()))]
     own = not type(part).__module__.startswith("pinadapt.")
     return own or any(_of_a_user(each) for each in inner if each is not None)
+
+
+def _not_from(error: Exception) -> InputError | None:
+    """Return the refusal of a state whose parts do not fit; None where that is not the cause."""
+    if isinstance(error, PinadaptError) or not of_computing(error):
+        return None
+    return InputError(
+        f"there is no going on from it ({one_line(error)}).",
+        where="state",
+        hint="Go on from states as init and step of this controller return them, unchanged.",
+    )
 
 
 def _used_by_another_thread() -> InputError:

@@ -440,10 +440,10 @@ class Senses:
         _, q, v, x, *_ = measurement
         first = None
         if self.guards.first is not None:
-            kinematics.update(a_k, q, v)
+            kinematics.update_unchecked(a_k, q, v)
             first = self.guards.first.init(q, x, kinematics)
         if not kinematics.positions:  # a joint task
-            x = kinematics.task.measured(None, q)
+            x = kinematics.task.measured_unchecked(None, q)
         return SensedState(
             q.copy(),
             v.copy(),
@@ -483,8 +483,12 @@ class Senses:
         if first is not None and since is not None:
             first = self._first(first, measurement, since)
         q, raw = q.copy(), v
-        v = v.copy() if self.low_pass is None else self.low_pass.advance(before.v, v, t - t_before)
-        kinematics.update(a_k, q, v)
+        v = (
+            v.copy()
+            if self.low_pass is None
+            else self.low_pass.advance_unchecked(before.v, v, t - t_before)
+        )
+        kinematics.update_unchecked(a_k, q, v)
         found = kernels.check_sample(
             q, before.q, raw, _NOTHING if x is None else x, kinematics.last_joint,
             _NOTHING if late else kinematics.p_hat, since or 0.0,
@@ -509,7 +513,7 @@ class Senses:
                 q, v, x.copy(), _NOTHING, _NO_COLUMNS, None, (), first, after
             ), still, measurement  # fmt: skip
         epsilon = kinematics.p_hat - x[: kinematics.positions]
-        X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
+        X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining_unchecked(x)
         return SensedState(
             q, v, x.copy(), epsilon, X_k, None, (), first, after
         ), still, measurement  # fmt: skip

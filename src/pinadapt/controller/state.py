@@ -109,8 +109,8 @@ class ControllerState(NamedTuple):
             InputError: another number of values.
         """
         size = self.flat().size
-        if not isinstance(values, np.ndarray) or values.shape != (size,):
-            raise InputError(f"expected an array of {size} numbers.", where="values")
+        if not isinstance(values, np.ndarray) or values.dtype != float or values.shape != (size,):
+            raise InputError(f"expected an array of {size} floats.", where="values")
         return self.filler()(values)
 
     def filler(self) -> Callable[[np.ndarray], ControllerState]:

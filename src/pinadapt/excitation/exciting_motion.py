@@ -236,7 +236,7 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 
 
 _FASTEST = 0.5  # [Hz] of the harmonics, unless the duration is too short
-_FEWEST, _MOST = 3, 8  # harmonics
+_FEWEST, _MOST, _MOST_HARMONICS = 3, 8, 1000  # harmonics, by default and at most
 _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
 _STARTS, _ITERATIONS = 24, 60
 _PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
@@ -300,7 +300,7 @@ def excite(
     duration = positive(duration, "duration", error=InputError)
     if harmonics is None:
         harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
-    harmonics = whole(harmonics, "harmonics", 2)
+    harmonics = whole(harmonics, "harmonics", 2, most=_MOST_HARMONICS)
     allowed = Allowance.of(nominal, excursion, load, Shapes.of(nominal, srdf, floor))
     search = _Search(aim, allowed, RestToRest(harmonics, duration, _PER_HARMONIC * harmonics))
     theta = search.best(whole(seed, "seed", 0), watched(range(_ITERATIONS), progress, "excite"))

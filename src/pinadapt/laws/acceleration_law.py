@@ -150,6 +150,8 @@ class EstimatedVelocityLaw(AccelerationLaw):
         )  # fmt: skip
         return e, Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
 
+    errors_unchecked = errors
+
     def commanded_acceleration(self, s: Signals, a_k_rate: np.ndarray) -> np.ndarray:
         """Return v = J^+ (xdd_d - K_v dxd_hat - K_P dx - dJ_hat/dt qd) + (I - J^+ J) psi (n).
 
@@ -160,13 +162,15 @@ class EstimatedVelocityLaw(AccelerationLaw):
         inverse, posture, missed, v = s.inverse, self.posture, empty(s.dx.size), empty(s.v.size)
         q, rows, w = s.v, _NO_POSTURE, 0.0
         if not inverse.unique:
-            q = s.q if posture.plain else posture.coordinates(s.q)
+            q = s.q if posture.plain else posture.coordinates_unchecked(s.q)
             rows, w = posture.rows, posture.frequency
         kernels.commanded_acceleration(
             s.xdd_d, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,
             inverse.J, inverse.gram_inverse, s.v, q, rows, w, missed, v,
         )  # fmt: skip
         return v
+
+    commanded_acceleration_unchecked = commanded_acceleration
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2."""

@@ -35,9 +35,9 @@ class ResolvedAcceleration(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return M v + C qd + g, (8); nothing drives the estimates."""
-        v = self.commanded_acceleration(s, np.zeros(s.a_k.size))
+        v = self.commanded_acceleration_unchecked(s, np.zeros(s.a_k.size))
         return Command(
-            model.dynamics.torque(s.q, s.v, v), Drives.none(s.a_d.size, s.a_k.size)
+            model.dynamics.torque_unchecked(s.q, s.v, v), Drives.none(s.a_d.size, s.a_k.size)
         )  # (8)
 
 

@@ -156,7 +156,7 @@ class FastFeedback(Law):
         Raises:
             MeasurementError: the motors' velocity is missing.
         """
-        found = self._law.command(s, model)
+        found = self._law.command_unchecked(s, model)
         if s.w is None:
             raise MeasurementError("w", None, "is missing, and fast feedback needs it")
         return Command(found.torque + self.gain * (s.v - s.w), found.drives, found.feedthrough)

@@ -26,7 +26,7 @@ from ..tasks.task import Task
 
 
 @dataclass(slots=True, eq=False)
-class Command:
+class Command(Doors):
     """What a law returns: the torque, and the drives of both estimates.
 
     The torque is affine in the joint acceleration a: torque + feedthrough @ a.
@@ -38,6 +38,7 @@ class Command:
         feedthrough: (n, n) factor of the acceleration [kg m^2 or kg], or None for zero.
     """
 
+    shapes = "a: torque.size"
     torque: np.ndarray
     drives: Drives
     feedthrough: np.ndarray | None = None
@@ -46,9 +47,11 @@ class Command:
         """Return the torque (n) [N m or N] at joint acceleration a (n) [rad/s^2 or m/s^2]."""
         return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
 
+    at_unchecked = at
+
 
 @dataclass(slots=True, eq=False)
-class EstimatedModel:
+class EstimatedModel(Doors):
     """The model at the current estimates, for a law to evaluate while it computes its command.
 
     Attributes:
@@ -62,6 +65,10 @@ class EstimatedModel:
         stop_on_divergence: whether an M_hat that is not positive definite ends the run.
     """
 
+    shapes = (
+        "M: n n, J: m n, e: m, Y: n dynamics.size, drive.gradient: dynamics.size, "
+        "drive.Y: k dynamics.size"
+    )
     kinematics: TaskKinematics
     dynamics: Dynamics
     adaptation_k: Adaptation
@@ -74,9 +81,11 @@ class EstimatedModel:
     def dynamic_rate(self, drive: Drive) -> np.ndarray:
         """Return da_d/dt (p_d) under a drive, its mean over dt if that is not zero."""
         if not self.dt:
-            return self.adaptation_d.rate(self.dynamic, drive).value
-        after = self.adaptation_d.step(self.dynamic, drive, self.dt)
+            return self.adaptation_d.rate_unchecked(self.dynamic, drive).value
+        after = self.adaptation_d.step_unchecked(self.dynamic, drive, self.dt)
         return np.asarray((after.value - self.dynamic.value) / self.dt)
+
+    dynamic_rate_unchecked = dynamic_rate
 
     def acceleration_drive(
         self, M: np.ndarray, J: np.ndarray, e: np.ndarray, Y: np.ndarray
@@ -112,6 +121,8 @@ class EstimatedModel:
                 "invert no mass matrix."
             )
         return Drive(Y, solution, gradient=gradient)
+
+    acceleration_drive_unchecked = acceleration_drive
 
 
 class Truth(NamedTuple):
@@ -228,10 +239,11 @@ class Law(Doors, ABC):
     """
 
     shapes = (
-        "J_hat: m n, J: m n, speeds: n, s.v: n, truth.M: n n, truth.C: n n, s.a_d: p_d, "
-        "truth.a_d: p_d, s.a_k: p_k, truth.a_k: p_k"
+        "J_hat: m n, J: m n, speeds: n, v: n, a_k_rate: p_k, s.q: nq, s.v: n, s.a: n, s.xd: m, "
+        "s.xd_d: m, s.xdd_d: m, s.dx: m, s.xd_hat: m, s.delta: m, s.a_k: p_k, s.a_d: p_d, "
+        "s.a_0: p_d, s.J: m n, s.Jdot_v: m, s.Y_k: m p_k, s.X_k: l c, s.epsilon: l, s.w: n, "
+        "truth.M: n n, truth.C: n n, truth.a_d: p_d, truth.a_k: p_k"
     )
-    in_step = frozenset({"command", "K_D", "brake", "errors", "commanded_acceleration"})
     name: ClassVar[str]
     adapts: ClassVar[bool] = True
     needs_task_velocity: ClassVar[bool] = False
@@ -266,6 +278,8 @@ class Law(Doors, ABC):
         The torque may depend on the acceleration ``s.a`` through ``Command.feedthrough`` only; the
         drives may depend on it in any way.
         """
+
+    command_unchecked = command
 
     @abstractmethod
     def storage(self, s: Signals, truth: Truth) -> float:

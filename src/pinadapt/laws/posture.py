@@ -39,8 +39,7 @@ class Posture(Doors):
             margin; see ``coordinates``.
     """
 
-    shapes = "q: _q_rest.size"
-    in_step = frozenset({"null_motion", "acceleration", "coordinates"})
+    shapes = "q: _q_rest.size, v: damping.size"
 
     def __init__(self, robot: Robot, rest: ArrayLike | None = None, frequency: float = 4.0) -> None:
         """Take the rest pose (n) [rad or m], by default home, and the frequency [rad/s].
@@ -94,14 +93,18 @@ class Posture(Doors):
     def offset(self, q: np.ndarray) -> np.ndarray:
         """Return how far q (nq) is from rest (n) [rad or m], more where a limit is near."""
         offset = empty(self.damping.size)
-        kernels.posture_offset(self.coordinates(q), self.rows, offset)
+        kernels.posture_offset(self.coordinates_unchecked(q), self.rows, offset)
         return offset
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 offset(q) [rad/s^2 or m/s^2]."""
         psi = empty(self.damping.size)
-        kernels.posture_acceleration(self.coordinates(q), self.rows, v, self.frequency, psi)
+        kernels.posture_acceleration(
+            self.coordinates_unchecked(q), self.rows, v, self.frequency, psi
+        )
         return psi
+
+    acceleration_unchecked = acceleration
 
     def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""
@@ -109,9 +112,13 @@ class Posture(Doors):
             return None, None
         v, w = s.v, self.frequency
         psi, psid = empty(v.size), empty(v.size)
-        kernels.posture_velocity(self.coordinates(s.q), self.rows, v, w, psi, psid)
+        kernels.posture_velocity(self.coordinates_unchecked(s.q), self.rows, v, w, psi, psid)
         return psi, psid
+
+    null_motion_unchecked = null_motion
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (n) of q (nq) that ``rows`` are about [rad or m]."""
         return q if self.plain else pin.difference(self._model, self._q_rest, q)
+
+    coordinates_unchecked = coordinates

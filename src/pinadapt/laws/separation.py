@@ -15,7 +15,7 @@ from numpy import empty
 from .._checks import definite_matrix, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..exceptions import GainError
+from ..exceptions import REFUSED, ArrayError, GainError
 from ..filters import PoseObserver, PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.changes import Payload
@@ -378,7 +378,7 @@ class Separation(Law):
 
     def _reference_velocity(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None]:
         """Return qd_r (n), and what it lacks to keep the speeds (n), or None where nothing."""
-        psi = self.posture.null_motion(s)[0]
+        psi = self.posture.null_motion_unchecked(s)[0]
         free = s.inverse.solve(self._reference(s)[0], psi)
         if self.speeds is None:
             return free, None
@@ -408,10 +408,10 @@ class Separation(Law):
             M_0, limit = self.M_0(s.q), self._limit(s.filtered.age, s.dx, s.lateness)
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
-        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
+        a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
         # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
-        Jdot = model.kinematics.jacobian_rate(a_k_rate)
-        psi, psid = self.posture.null_motion(s)
+        Jdot = model.kinematics.jacobian_rate_unchecked(a_k_rate)
+        psi, psid = self.posture.null_motion_unchecked(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         free = qd_r
         if self.speeds is not None:
@@ -421,7 +421,7 @@ class Separation(Law):
             noise = v - qd_r - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s
-        Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
+        Y, feedforward = model.dynamics.slotine_li_unchecked(s.q, v, qd_r, qdd_r)
         if M_0 is None or limit is None:
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
@@ -530,7 +530,10 @@ class NominalInertia:
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Return M(q) (nv, nv) at a configuration q (nq); the next call writes to it."""
-        return np.asarray(pin.crba(self._robot.model, self._data, q))
+        try:
+            return np.asarray(pin.crba(self._robot.model, self._data, q))
+        except REFUSED as error:
+            raise ArrayError from error
 
     def __reduce__(self) -> tuple[type[NominalInertia], tuple[Robot]]:
         """Copy and pickle the robot alone."""

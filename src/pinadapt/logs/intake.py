@@ -126,7 +126,7 @@ class Intake:
         if self.mount is not None:
             word(self.mount, MOUNTS, "mount")
         if self.gravity is not None:
-            vector(self.gravity, 3, "gravity")
+            vector(self.gravity, 3, "gravity", fills=False)
             if self.mount is not None:
                 raise InputError("gravity says already how the arm is mounted.", where="mount")
 

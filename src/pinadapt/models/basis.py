@@ -21,7 +21,7 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers
+from .._checks import MOST_SAMPLES, instance, numbers, whole
 from .._kernels import linear_algebra as kernels
 from .._output import Sheet, Table
 from ..exceptions import ParameterError
@@ -126,7 +126,7 @@ def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: 
     Columns of Y B that are zero up to the rounding of Y, of size at most |Y| |B_j|, do not count;
     see ``independent_columns``.
     """
-    Y = _random_motion(regressor, robot, samples)[0]
+    Y = _random_motion(regressor, robot, whole(samples, "samples", 1, most=MOST_SAMPLES))[0]
     largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
     return len(independent_columns(Y @ B, largest)[0])
 
@@ -246,8 +246,10 @@ def base_parameters(
 
     Raises:
         ParameterError: the model is neither of them.
+        InputError: more than 100000 samples.
     """
     instance(model, Dynamics | TaskKinematics, "model", ParameterError)
+    whole(samples, "samples", 0, most=MOST_SAMPLES)
     rng, rows = np.random.default_rng(0), [np.zeros((0, model.size))]
     for _ in range(samples if model.size else 0):
         q = pin.integrate(
@@ -257,7 +259,7 @@ def base_parameters(
         if isinstance(model, Dynamics):
             rows.append(model.regressor(q, v, a))
         else:
-            model.update(model.initial, q, v)
+            model.update_unchecked(model.initial, q, v)
             rows.append(model.Y_p)
     chosen, regrouping = independent_columns(np.vstack(rows))
     dead = tuple(

@@ -99,8 +99,7 @@ class JointEffects(Doors):
         zero: (n) zeros.
     """
 
-    shapes = "v: _n, a: size"
-    in_step = frozenset({"loads", "regressor", "momentum"})
+    shapes = "q: nq, v: _n, a: _n, a_j: size, inertial: _n p_b"
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
         """Choose the unknown kinds, as ``chosen_kinds``.
@@ -148,10 +147,12 @@ class JointEffects(Doors):
         """Return (n, p_b + p): an inertial regressor (n, p_b), then the unknown coefficients'."""
         Y = empty((self._n, inertial.shape[1] + self.size))
         kernels.add_joint_effects(
-            self.known, *self.tables, v, a, self.loads(q), 1.0, inertial, self.zero, Y,
+            self.known, *self.tables, v, a, self.loads_unchecked(q), 1.0, inertial, self.zero, Y,
             empty(self._n),
         )  # fmt: skip
         return Y
+
+    regressor_unchecked = regressor
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return momentum and rest of the joints alone, as ``StackedDynamics.momentum`` adds them.
@@ -160,7 +161,7 @@ class JointEffects(Doors):
         """
         n, zero, none = self._n, self.zero, empty((self._n, 0))
         Y_M, Y_0, p_0, tau_0 = empty((n, self.size)), empty((n, self.size)), empty(n), empty(n)
-        g, tables = self.loads(q), self.tables
+        g, tables = self.loads_unchecked(q), self.tables
         kernels.add_joint_effects(self.known, *tables, zero, v, g, 0.0, none, zero, Y_M, p_0)
         kernels.add_joint_effects(self.known, *tables, v, zero, g, 1.0, none, zero, Y_0, tau_0)
         return Momentum(Y_M, Y_0, p_0, tau_0)
@@ -171,6 +172,8 @@ class JointEffects(Doors):
             return self.zero
         return np.abs(pin.computeGeneralizedGravity(self._model, self._data, q))
 
+    loads_unchecked = loads
+
     def sliding(self, v: np.ndarray) -> np.ndarray:
         """Tell for each joint (n) whether noise of v (n) cannot change the sign of its friction.
 
@@ -180,10 +183,10 @@ class JointEffects(Doors):
             return np.ones(self._n, dtype=bool)
         return np.abs(v) * self._shape[0, : self._n] > _SLIDING
 
-    def robot(self, a: np.ndarray, nominal: Robot) -> Robot:
-        """Return the nominal robot with the coefficients a (p)."""
+    def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
+        """Return the nominal robot with the coefficients a_j (p)."""
         values, n = coefficients(nominal), self._n
-        values[self._kinds, self._shafts] = a
+        values[self._kinds, self._shafts] = a_j
         armature, viscous, coulomb, load, asymmetry, offset = values
         shafts = tuple(
             replace(

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import instance
+from .._checks import Doors, instance
 from .._compiled import compile_all
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
@@ -79,7 +79,7 @@ class Regressor:
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
-        return self._momentum(q, v)
+        return self._momentum._at(q, v)
 
     @cached_property
     def _momentum(self) -> MomentumRegressor:
@@ -107,7 +107,7 @@ class Momentum(NamedTuple):
     tau_0: np.ndarray
 
 
-class MomentumRegressor:
+class MomentumRegressor(Doors):
     """Y_M and Y_0 (nv, 10 N) with M a + C v + g = d/dt (Y_M pi) + Y_0 pi, without acceleration.
 
     pi stacks the ten parameters of the N moving bodies. Y_M pi = M v is the momentum and
@@ -126,6 +126,8 @@ class MomentumRegressor:
     M. Bodson, S. Sastry, B. Paden, *Adaptive identification and control for manipulators without
     using joint accelerations*, ICRA 1987.
     """
+
+    shapes = "q: _model.nq, v: _model.nv"
 
     def __init__(self, model: pin.Model) -> None:
         """Copy a model; its inertias are not used.
@@ -158,6 +160,10 @@ class MomentumRegressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (nv, 10 N) at q (nq), v (nv)."""
+        return self._at(q, v)
+
+    def _at(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_M and Y_0 of arrays that were checked."""
         try:
             pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         except REFUSED as error:

@@ -70,7 +70,7 @@ class LumpedKinematics(TaskKinematics):
         self.robot, self.task, self.frame = robot.undrawn(), task, robot.frame
         self.joint_names, self.nq, self.nv = robot.joint_names, inside.nq, inside.nv
         self.positions, self.nominal = task.positions, inside.initial
-        inside.update(self.nominal, robot.q0, np.zeros(self.nv))
+        inside.update_unchecked(self.nominal, robot.q0, np.zeros(self.nv))
         self._home = _stacked(inside.p_hat, inside.X_k)
         self.translation_names = inside.names
         of = [f"{name}_{axis}" for name in ("base", *inside.names) for axis in "xyz"]
@@ -80,11 +80,11 @@ class LumpedKinematics(TaskKinematics):
     def _look(self, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate phi, dphi/dt, Phi, and dPhi/dt v at q (nq) and v (nv)."""
         inside = self._inside
-        inside.update(self.nominal, q, v)
+        inside.update_unchecked(self.nominal, q, v)
         J, r = inside.J, inside.X_k
         blocks = [-pin.skew(r[:, i]).dot(J_w) for i, J_w in enumerate(self._turning_of(J))]
         self._Phi = np.concatenate([J[:3], *blocks, np.zeros((1, self.nv))])
-        turning = inside.acceleration_regressor(self._still)
+        turning = inside.acceleration_regressor_unchecked(self._still)
         self._drift = np.append(_stacked(inside.Jdot_v, turning[:3]), 0.0)
         self._phid = np.append(_stacked(inside.xd_hat, inside.Y_k[:3]), 0.0)
         self._phi = self.lumped(inside.p_hat, r)
@@ -92,7 +92,7 @@ class LumpedKinematics(TaskKinematics):
     def _Phi_rate(self) -> np.ndarray:
         """Return dPhi/dt (4 + 3 k, nv) by the motion."""
         inside = self._inside
-        Jd, r, rd = inside.jacobian_rate(self._none_moves), inside.X_k, inside.Y_k
+        Jd, r, rd = inside.jacobian_rate_unchecked(self._none_moves), inside.X_k, inside.Y_k
         pairs = zip(self._turning_of(inside.J), self._turning_of(Jd, rate=True), strict=True)
         blocks = [
             -pin.skew(rd[:3, i]).dot(own) - pin.skew(r[:, i]).dot(rate)
@@ -106,7 +106,7 @@ class LumpedKinematics(TaskKinematics):
 
     def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
-        self._inside.update(self.nominal, q, v)
+        self._inside.update_unchecked(self.nominal, q, v)
         return self._inside.p_hat, self._inside.X_k, self._inside.xd_hat[:3]
 
     def _turning_of(self, J: np.ndarray, rate: bool = False) -> Iterator[np.ndarray]:
@@ -245,13 +245,13 @@ class TrackerKinematics(LumpedKinematics):
 
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there."""
-        x, r = self._inside.at(q)
+        x, r = self._inside.at_unchecked(q)
         phi = self.lumped(x[:3], r)
         return self._coordinates(self._Theta.dot(phi), x), np.kron(self._eye, phi)
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate."""
-        Jd = self._inside.jacobian_rate(self._none_moves)[3:]
+        Jd = self._inside.jacobian_rate_unchecked(self._none_moves)[3:]
         Theta_rate = a_k_rate.reshape(self._shape)
         by_estimate = Theta_rate.dot(self._Phi)
         if self._turns:
@@ -275,7 +275,7 @@ class TrackerKinematics(LumpedKinematics):
         """
         found = self.initial.copy()
         if x is not None:
-            self.update(self.initial, q, self._still)
+            self.update_unchecked(self.initial, q, self._still)
             found.reshape(self._shape)[:, -1] += x[: self.positions] - self.p_hat
         return found
 
@@ -288,7 +288,7 @@ class TrackerKinematics(LumpedKinematics):
         a = PlacedTranslations(model, self.robot.frame_id, self.translations).read()
         a_k = self.parameters(Tracker(model.jointPlacements[1] * base.inverse(), a))
         q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 1.1, self.nv))
-        self.update(a_k, q, self._still)
+        self.update_unchecked(a_k, q, self._still)
         place = robot.placement(q).translation[self._rows]
         return a_k if np.abs(self.p_hat - place).max() < 1e-9 else None
 

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from math import ceil
+from math import ceil, isfinite
 from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy import empty
 
-from .._checks import instance, whole
+from .._checks import Doors, instance, whole
 from .._compiled import compile_all, compiled
-from ..exceptions import InputError, RobotError
+from ..exceptions import DivergedError, InputError, RobotError
 from ..records import Measurement
 from ..robot.motors import Actuators, Compensation, JointActuators, compensation_of
 from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 
 
-class Plant(ABC):
+class Plant(Doors, ABC):
     """A robot that can be measured and moved: the interface that a closed loop needs.
 
     Attributes:
         nv: number of joints.
     """
 
+    shapes = (
+        "torque: nv, tau: nv, feedthrough: nv nv, q: robot.model.nq, v: nv, step: nv, dt: >0, "
+        "t: finite"
+    )
     nv: int
 
     @abstractmethod
@@ -57,6 +61,8 @@ class Plant(ABC):
         """Return the torque (nv) that the motors apply now for a commanded one (nv) [N m or N]."""
         return torque
 
+    motors_unchecked = motors
+
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now.
 
@@ -74,6 +80,7 @@ class Plant(ABC):
 
 
 _MOST_SUBSTEPS = 100_000
+_LONGEST_HOLD = 100.0  # [s] of one torque
 LONGEST_STEP = 1e-3  # [s]; integration errors stay below 0.1 % of the tracking error
 _ROUNDING = 1e-6  # of a period, by which arrivals may differ and be the same
 
@@ -155,6 +162,7 @@ class SimulatedPlant(Plant):
     described: bool = True
     springs: ClassVar[bool] = False
     _q: np.ndarray
+    _t: float
 
     def __init__(
         self,
@@ -199,40 +207,59 @@ class SimulatedPlant(Plant):
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
 
+    hold_unchecked = hold
+
     def step(self, torque: np.ndarray, dt: float) -> None:
-        """Command a torque (nv) [N m or N], and move for dt [s] under what the motors apply."""
-        tau = self.motors(torque)
+        """Command a torque (nv) [N m or N], and move for dt [s] under what the motors apply.
+
+        Raises:
+            InputError: a torque of another size, or dt not from 0 to 100 s.
+            DivergedError: the torque is not finite.
+        """
+        tau, _ = self.motors_unchecked(torque), self.steps_in_unchecked(dt)
+        if not isfinite(tau.sum()) and not np.isfinite(tau).all():
+            raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
-            self.hold(tau, dt)
+            self.hold_unchecked(tau, dt)
             return
         for applied, part in self._late.pieces(tau, dt):
-            self.hold(applied, part)
+            self.hold_unchecked(applied, part)
 
     def steps_in(self, dt: float) -> int:
-        """Return the number of integration steps in dt [s]."""
-        return self.substeps or ceil(dt / self.longest_step - 1e-9)
+        """Return the number of integration steps in dt [s].
+
+        Raises:
+            InputError: dt is longer than 100 s.
+        """
+        if dt > _LONGEST_HOLD:
+            raise InputError(
+                f"a torque is held for at most {_LONGEST_HOLD:g} s, got {dt:g} s.",
+                where="dt",
+                hint="Step several times.",
+            )
+        return self.substeps or max(ceil(dt / self.longest_step - 1e-9), 1)
+
+    steps_in_unchecked = steps_in
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that the motors are to apply for a commanded one (nv) [N m or N].
 
         It is limited, and holds what the arm adds by itself; late motors apply it later.
         """
-        return self.motors_at(self._q, torque)
+        return self.motors_at_unchecked(self._q, torque)
 
     def motors_at(self, q: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that the motors apply at q (nq) for a commanded one (nv)."""
-        torque, limits = np.asarray(torque, dtype=float), self.torque_limits
+        limits = self.torque_limits
         if self.compensation is not None:
             torque = torque + self.compensation(q)
         if limits is None:
             return torque
-        if (
-            torque.shape != limits.shape
-        ):  # of a controller of one's own; numpy refuses what is wrong
-            return np.clip(torque, -limits, limits)
         applied = empty(limits.size)
         _limit(torque, limits, applied)
         return applied
+
+    motors_at_unchecked = motors_at
 
 
 @compiled("void(f8[:], f8[:], f8[:])")

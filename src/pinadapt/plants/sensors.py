@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, positive, vector, whole
+from .._checks import Doors, instance, positive, vector, whole
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
@@ -137,7 +137,7 @@ class Encoder:
         return np.where(self._there, np.rint(w / step) * step, w)
 
 
-class SimulatedSensors:
+class SimulatedSensors(Doors):
     """Encoders, velocity and torque sensors at the joints, and a camera of the task frame.
 
     For a joint task there is no camera: measurements have neither x nor xd. The velocity w of the
@@ -145,7 +145,13 @@ class SimulatedSensors:
 
     Attributes:
         sensors: what is simulated.
+        task: of the coordinates that they measure.
     """
+
+    shapes = (
+        "truth.q: _model.nq, truth.v: _model.nv, truth.x: task.coordinates, truth.w: _model.nv, "
+        "torque: _model.nv"
+    )
 
     def __init__(self, robot: Robot, dt: float, sensors: Sensors, *, seed: int = 0) -> None:
         """Simulate sensors.
@@ -170,7 +176,7 @@ class SimulatedSensors:
                 f"the task '{robot.task.name}' has no orientation; it takes no angle noise.",
                 where="noise.angle",
             )
-        self._model, self._seed = robot.model, whole(seed, "seed", 0)
+        self.task, self._model, self._seed = robot.task, robot.model, whole(seed, "seed", 0)
         self._noisy = bool(self._noise["q"] or self._noise["v"])
         self._camera = SimulatedCamera(
             robot.task,
@@ -210,6 +216,8 @@ class SimulatedSensors:
             q, v = self._encoder.read(q, v)
             w = None if w is None else self._encoder.rate(w)
         return self._camera.see(truth)._replace(q=q, v=v, w=w)
+
+    measure_unchecked = measure
 
     def _white(self, name: str) -> np.ndarray:
         return self._noise[name] * self._rng.standard_normal(self._model.nv)

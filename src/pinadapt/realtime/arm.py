@@ -512,7 +512,7 @@ def _serve(
         except OSError:
             arm.stop("the loop has ended")
         if torque is not None and not arm.stopped:
-            arm.send(vector(torque, plant.nv, "torque"))
+            arm.send(vector(torque, plant.nv, "torque", fills=False))
     link.close()
 
 

@@ -263,7 +263,7 @@ def _thresholds(values: Sequence[float], size: int, name: str) -> list[float]:
     Raises:
         InputError: another number of them, or one that is not positive.
     """
-    found = vector(values, size, name)
+    found = vector(values, size, name, fills=False)
     if not (found > 0.0).all():
         raise InputError(f"must be positive, got {found.tolist()}.", where=name)
     return [float(each) for each in found]

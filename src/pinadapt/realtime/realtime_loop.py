@@ -747,7 +747,7 @@ class RealtimeLoop:
         elif name == "frame" and isinstance(value, Mapping):
             size = self._controller.kinematics.task.coordinates
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
-            self._frame = vector(value.get("x", ()), size, "frame.x"), m.t - age
+            self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), m.t - age
         elif self._phase is Phase.STARTING:
             raise InputError("the loop has not begun.", where=name)
         elif name == "load":

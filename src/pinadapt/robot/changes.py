@@ -35,8 +35,10 @@ class Payload:
             RobotError: a mass that is not positive, an unphysical inertia, or wrong sizes.
         """
         mass = positive(self.mass, "payload.mass", error=RobotError)
-        com = vector(self.com, 3, "payload.com", error=RobotError)
-        xx, xy, yy, xz, yz, zz = vector(self.inertia, 6, "payload.inertia", error=RobotError)
+        com = vector(self.com, 3, "payload.com", error=RobotError, fills=False)
+        xx, xy, yy, xz, yz, zz = vector(
+            self.inertia, 6, "payload.inertia", error=RobotError, fills=False
+        )
         matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         second_moment = 0.5 * np.trace(matrix) * np.eye(3) - matrix
         if np.linalg.eigvalsh(second_moment)[0] < -1e-12:
@@ -106,7 +108,7 @@ def attach_payload(model: pin.Model, frame: int, payload: Payload) -> pin.Inerti
 def shift_tool(model: pin.Model, frame: int, translation: ArrayLike) -> None:
     """Move the origin of a frame by a translation (3) [m] in the axes of the frame."""
     placement = model.frames[frame].placement
-    shift = vector(translation, 3, "tool_translation", error=RobotError)
+    shift = vector(translation, 3, "tool_translation", error=RobotError, fills=False)
     placement.translation = placement.translation + placement.rotation @ shift
 
 
@@ -119,7 +121,7 @@ def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike] | None)
     for name, translation in mapping(translations, "link_translation", RobotError).items():
         placement = model.jointPlacements[joint_id(model, name, "link_translation")]
         placement.translation = placement.translation + vector(
-            translation, 3, f"link_translation.{name}", error=RobotError
+            translation, 3, f"link_translation.{name}", error=RobotError, fills=False
         )
 
 
@@ -146,7 +148,7 @@ def placement(rotation: ArrayLike, translation: ArrayLike, where: str) -> pin.SE
         if off > _ROUNDING or np.linalg.det(R) < 0.0:
             flaw = "it mirrors" if off <= _ROUNDING else f"R R^T is off the identity by {off:.2g}"
             raise RobotError(f"is no rotation: {flaw}.", where=f"{where}.rotation")
-    return pin.SE3(R, vector(translation, 3, f"{where}.translation", error=RobotError))
+    return pin.SE3(R, vector(translation, 3, f"{where}.translation", error=RobotError, fills=False))
 
 
 def move_base(model: pin.Model, base: pin.SE3) -> None:

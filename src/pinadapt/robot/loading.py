@@ -171,7 +171,7 @@ def _load_chain(found: Description, name: str, ends: Sequence[str], wanted: _Wan
     model = reduce_to_chain(found.model, keep, found.q_reference)
     check_position_limits(model)
     if wanted.gravity is not None:
-        model.gravity.linear = vector(wanted.gravity, 3, "gravity", error=RobotError)
+        model.gravity.linear = vector(wanted.gravity, 3, "gravity", error=RobotError, fills=False)
     poses, welded = _reference_poses(found, model, keep), _floats(found.model, name)
     tip, mounted = frame_id(model, name), not (welded or found.weld_root)
     plane = MountingPlane.of(model, tip, poses[0]) if mounted else None

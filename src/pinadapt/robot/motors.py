@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, instance, numbers, word
+from .._checks import LARGEST, Doors, instance, numbers, word
 from ..description.chain import effort_limits, is_slide
 from ..exceptions import REFUSED, ArrayError, GainError, InputError, did_you_mean
 from .robot import Robot
@@ -219,8 +219,10 @@ def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") 
     )
 
 
-class Gravity:
+class Gravity(Doors):
     """g(q) of a robot: the torque (nv) [N m or N] that holds it at rest at a configuration (nq)."""
+
+    shapes = "q: _robot.model.nq"
 
     def __init__(self, robot: Robot) -> None:
         """Take the nominal robot, without unknown loads or tools."""

@@ -144,7 +144,7 @@ class Robot:
         Raises:
             RobotError: not nq finite numbers.
         """
-        q = vector(q, self.model.nq, "q", error=RobotError)
+        q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
@@ -153,7 +153,10 @@ class Robot:
         Raises:
             RobotError: not nq finite numbers.
         """
-        q, data = vector(q, self.model.nq, "q", error=RobotError), self.model.createData()
+        q, data = (
+            vector(q, self.model.nq, "q", error=RobotError, fills=False),
+            self.model.createData(),
+        )
         pin.framesForwardKinematics(self.model, data, q)
         return data.oMf[self.frame_id].copy()
 
@@ -406,7 +409,7 @@ class Robot:
         Raises:
             RobotError: not nq finite numbers.
         """
-        q = vector(q, self.model.nq, "q", error=RobotError)
+        q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
         if not self.friction.loaded:
             return self.friction
         model = self.friction.bodies or self.model

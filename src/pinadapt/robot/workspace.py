@@ -314,7 +314,7 @@ class _Follower:
             if k == 0:
                 start, target = x, task.moved(x, offsets[0])
             off = task._error(target, x)
-            away, turned = task.position(off), off[task.positions :]
+            away, turned = off[: task.positions], off[task.positions :]
             if away.dot(away) > (_TRACKED * path.radius) ** 2 or turned.dot(turned) > _TRACKED**2:
                 return None
             psi = home_share * pin.difference(model, q, self._q0)

@@ -66,8 +66,10 @@ class Task(Doors, ABC):
 
     name: str
     labels: tuple[str, ...]
-    shapes = "x: coordinates, x_d: coordinates, by: size"
-    in_step = frozenset({"errors", "measured", "position", "turn", "turn_between", "carried"})
+    shapes = (
+        "x: coordinates, x_d: coordinates, x_hat: coordinates, xd: size, xd_hat: size, xd_d: size, "
+        "by: size, epsilon: positions, share: finite"
+    )
 
     @property
     def size(self) -> int:
@@ -108,9 +110,13 @@ class Task(Doors, ABC):
         assert x is not None  # the controller refuses measurements without it
         return x
 
+    measured_unchecked = measured
+
     def position(self, x: np.ndarray) -> np.ndarray:
         """Return the position rows (m_p) of coordinates x or of a velocity."""
         return x[: self.positions]
+
+    position_unchecked = position
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return the error dx (m) of x from x_d."""
@@ -142,17 +148,25 @@ class Task(Doors, ABC):
             dx, xd, and delta, which is None where it is always zero.
         """
 
+    errors_unchecked = errors
+
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
         """Return the rotation from the estimated to the measured orientation; None without one."""
         return None
+
+    turn_unchecked = turn
 
     def turn_between(self, turn: Any, before: Any, share: float) -> Any:
         """Return the rotation on the way from ``turn`` to ``before``, at this share of the way."""
         return None
 
+    turn_between_unchecked = turn_between
+
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
         """Return estimated coordinates corrected by an error epsilon (m_p) [m] and a rotation."""
         return x_hat - epsilon
+
+    carried_unchecked = carried
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Return the coordinates displaced from x by ``by`` (m), their error from x."""
@@ -207,19 +221,21 @@ class JointTask(Task):
             i += 2 if endless else 1
         return x
 
+    of_unchecked = of
+
     def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x (m) at configuration q (nq)."""
-        return self.of(q)
+        return self.of_unchecked(q)
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x (m) and v (m) itself."""
-        return self.of(q), np.array(v, dtype=float)
+        return self.of_unchecked(q), np.array(v, dtype=float)
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (m) of the measured q (nq); x is not used."""
-        return self.of(q)
+        return self.of_unchecked(q)
 
     def _error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (m), within half a turn for continuous joints."""

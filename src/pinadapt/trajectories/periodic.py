@@ -37,7 +37,7 @@ class _Centered(Trajectory):
     def shifted(self: _Motion, by: ArrayLike) -> _Motion:
         """Return the same motion displaced by (m) [m or rad]."""
         moved = copy(self)
-        moved.center = self.center + by
+        moved.center = self.center + vector(by, self.center.size, "by")
         return moved
 
 

@@ -43,7 +43,7 @@ class FixedOrientation(Trajectory):
 
     def shifted(self, by: ArrayLike) -> FixedOrientation:
         """Return the orientation turned by the rotation vector (3) [rad], world axes."""
-        return FixedOrientation(turned(self.quaternion, np.asarray(by)))
+        return FixedOrientation(turned(self.quaternion, vector(by, 3, "by", fills=False)))
 
     def at(self, t: float) -> Desired:
         """Return the quaternion xyzw (4), at rest."""
@@ -76,7 +76,7 @@ class Swing(Trajectory):
             InputError: numbers that are not finite or of the wrong size, a period that is not
                 positive, an axis of length zero, or a quaternion that is not of length 1.
         """
-        direction = vector(axis, 3, "reference.orientation.axis")
+        direction = vector(axis, 3, "reference.orientation.axis", fills=False)
         length = float(np.linalg.norm(direction))
         if length < 1e-12:
             raise InputError(
@@ -96,7 +96,7 @@ class Swing(Trajectory):
     def shifted(self, by: ArrayLike) -> Swing:
         """Return the same motion turned by the rotation vector (3) [rad], world axes."""
         other = copy(self)
-        other.quaternion = turned(self.quaternion, np.asarray(by))
+        other.quaternion = turned(self.quaternion, vector(by, 3, "by", fills=False))
         return other
 
     def at(self, t: float) -> Desired:
@@ -172,7 +172,7 @@ class PoseTrajectory(Trajectory):
 
     def shifted(self, by: ArrayLike) -> PoseTrajectory:
         """Return the same motion displaced by by[:3] [m] and turned by by[3:] [rad], world axes."""
-        by = vector(by, 6, "by")
+        by = vector(by, 6, "by", fills=False)
         return type(self)(self.position.shifted(by[:3]), self.orientation.shifted(by[3:]))
 
     def at(self, t: float) -> Desired:
@@ -221,7 +221,7 @@ def unit_quaternion(value: ArrayLike, name: str) -> np.ndarray:
     Raises:
         InputError: not four finite numbers, or a length that differs from 1 by more than 1 %.
     """
-    q = vector(value, 4, name, names=("x", "y", "z", "w"))
+    q = vector(value, 4, name, names=("x", "y", "z", "w"), fills=False)
     length = float(np.linalg.norm(q))
     if abs(length - 1.0) > 0.01:
         raise InputError(

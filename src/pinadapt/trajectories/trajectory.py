@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, positive, vector, whole
+from .._checks import Doors, instance, numbers, positive, vector, whole
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import rotation_between, turned
@@ -27,7 +27,7 @@ _RAMP, _RAMPS = 1.0, (0.1, 5.0)  # [s] of a motion without acceleration; least a
 _UNIFORM = 1e-3  # [1/s] acceleration relative to the speed, below which there is none
 
 
-class Trajectory(ABC):
+class Trajectory(Doors, ABC):
     """A twice differentiable motion of task coordinates in time.
 
     A subclass needs ``at`` alone. x_d and its derivatives have m numbers each, or, where x_d ends
@@ -38,6 +38,8 @@ class Trajectory(ABC):
     s(t) is therefore x_d(s(t)), with velocity x_d' ds/dt and acceleration x_d'' (ds/dt)^2 + x_d'
     d^2s/dt^2: ``Retimed``, of which ``from_rest`` is the most frequent case.
     """
+
+    shapes = "t: finite, times: N, duration: >=0"
 
     @abstractmethod
     def at(self, t: float) -> Desired:
@@ -136,7 +138,8 @@ class Trajectory(ABC):
 
     def positions(self, times: np.ndarray) -> np.ndarray:
         """Return the coordinates x_d, one row for each of the times (N) [s]."""
-        return np.stack([self.at(float(t)).x_d for t in times])
+        found = [self.at(float(t)).x_d for t in times]
+        return np.stack(found) if found else np.zeros((0, self.at(0.0).x_d.size))
 
 
 def _looks(motion: Trajectory, times: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -316,7 +319,7 @@ class Hold(Trajectory):
 
     def shifted(self, by: ArrayLike) -> Hold:
         """Return the point displaced by (m) [m or rad]."""
-        return Hold(self.point + by)
+        return Hold(self.point + vector(by, self.point.size, "by"))
 
     def at(self, t: float) -> Desired:
         """Return the point, at rest."""
@@ -361,7 +364,7 @@ class Waypoints(Trajectory):
 
     def shifted(self, by: ArrayLike) -> Waypoints:
         """Return the same motion displaced by (m) [m or rad]."""
-        return Waypoints(self.points + by, self.segment)
+        return Waypoints(self.points + vector(by, self.points.shape[1], "by"), self.segment)
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
