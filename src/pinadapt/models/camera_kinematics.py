@@ -131,7 +131,7 @@ class CameraKinematics(LumpedKinematics):
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated picture (m) at another q (nq), and X (m, p) there."""
         x, r = self._inside.at_unchecked(q)
-        phi, (N, D) = self.lumped(x[:3], r), self._rows(self.a_k)
+        phi, (N, D) = self.lumped_unchecked(x[:3], r), self._rows(self.a_k)
         z = np.maximum(D[self._camera].dot(phi), _LEAST)
         y = N.dot(phi) / z
         return y, self._regressor(phi, y if seen is None else seen, z)

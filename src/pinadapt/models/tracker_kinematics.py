@@ -87,7 +87,7 @@ class LumpedKinematics(TaskKinematics):
         turning = inside.acceleration_regressor_unchecked(self._still)
         self._drift = np.append(_stacked(inside.Jdot_v, turning[:3]), 0.0)
         self._phid = np.append(_stacked(inside.xd_hat, inside.Y_k[:3]), 0.0)
-        self._phi = self.lumped(inside.p_hat, r)
+        self._phi = self.lumped_unchecked(inside.p_hat, r)
 
     def _Phi_rate(self) -> np.ndarray:
         """Return dPhi/dt (4 + 3 k, nv) by the motion."""
@@ -103,6 +103,8 @@ class LumpedKinematics(TaskKinematics):
     def lumped(self, p: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Return phi (4 + 3 k) at a position p (3) and r (3, k)."""
         return np.append(_stacked(p, r) - self._home, 1.0)
+
+    lumped_unchecked = lumped
 
     def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
@@ -246,7 +248,7 @@ class TrackerKinematics(LumpedKinematics):
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there."""
         x, r = self._inside.at_unchecked(q)
-        phi = self.lumped(x[:3], r)
+        phi = self.lumped_unchecked(x[:3], r)
         return self._coordinates(self._Theta.dot(phi), x), np.kron(self._eye, phi)
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
