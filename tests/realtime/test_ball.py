@@ -44,7 +44,9 @@ def test_a_ball_that_is_not_whole_is_not_seen():
     for picture in (hidden, *others):
         assert ball_centre(picture, GREEN) is None
     assert ball_centre(drawn((100.0, 80.0)), RED) is None
-    for wrong in (hidden.astype(float), hidden[:, :, 0], "picture"):
+    rgb = drawn((100.0, 80.0))[:, :, ::-1].copy()
+    assert ball_centre(rgb[:, :, ::-1], GREEN) == pytest.approx((100.0, 80.0), abs=0.1)
+    for wrong in (hidden.astype(float), hidden[:, :, 0], hidden[:, :, :2], hidden[:0], "picture"):
         with pytest.raises(pa.InputError, match="blue, green, red"):
             ball_centre(wrong, GREEN)
     with pytest.raises(pa.InputError, match="0 to 360"):

@@ -550,9 +550,12 @@ class BallCamera:
             pixel: length [m] that a pixel counts as, as of ``Robot.filmed_by``.
 
         Raises:
-            InputError: OpenCV is not installed, or no length.
+            InputError: OpenCV is not installed, or no function, no hues or no length.
         """
         _opencv()
+        if not callable(read):
+            raise InputError("expected a function that returns a picture.", where="read")
+        vector(hue, 2, "hue")
         self._read, self._hue = read, hue
         self._pixel = positive(pixel, "pixel", error=InputError)
         self.seen = self.unseen = 0
@@ -592,12 +595,13 @@ def ball_centre(
         InputError: OpenCV is not installed, or something else than a picture or an angle.
     """
     cv = _opencv()
-    if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8 or picture.ndim != 3:
+    of_bytes = isinstance(picture, np.ndarray) and picture.dtype == np.uint8
+    if not of_bytes or picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
         raise InputError("expected bytes (h, w, 3): blue, green, red.", where="picture")
     low, high = (0.5 * float(each) for each in vector(hue, 2, "hue"))
     if not (0.0 <= low <= 180.0 and 0.0 <= high <= 180.0):
         raise InputError(f"expected angles from 0 to 360 deg, got {hue}.", where="hue")
-    colours = cv.cvtColor(picture, cv.COLOR_BGR2HSV)
+    colours = cv.cvtColor(np.ascontiguousarray(picture), cv.COLOR_BGR2HSV)
     spans = [(low, high)] if low <= high else [(low, 180.0), (0.0, high)]
     of_ball = np.zeros(picture.shape[:2], dtype=np.uint8)
     for first, last in spans:

@@ -263,10 +263,10 @@ class Robot:
         if not given:
             unknown = np.eye(4)[[*plane, 3]], np.eye(4)[[2, 1, 3]]
             given = list(unknown[: whole(count, "count", 1)])
-        elif scale is not None and all(len(H) == 3 for H in given):
-            given = [H * np.array([[scale], [scale], [1.0]]) for H in given]
         if count > 2 or len(given) > 2 or any(H.shape != (3, 4) for H in given):
             raise RobotError("expected one or two matrices (3, 4).", where="cameras")
+        if cameras and scale is not None:
+            given = [H * np.array([[scale], [scale], [1.0]]) for H in given]
         filmed = replace(self, task=ImageTask.seen_by(task, given, scale))
         at = self.placement(self.q0)
         for number, H in enumerate(given, 1):

@@ -197,7 +197,8 @@ class Template:
         if mass is not None:
             model = describe(source, xacro=xacro).model
             massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
-        return cls(source, robot, path, xacro or {}, mass, massless, law, planar, tracker, filmed)
+        plane = planar and not filmed  # a picture is planar anyway
+        return cls(source, robot, path, xacro or {}, mass, massless, law, plane, tracker, filmed)
 
     @property
     def name(self) -> str:

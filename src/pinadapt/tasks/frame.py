@@ -406,7 +406,8 @@ def pinhole_camera(
             stands.
     """
     eye, at = vector(position, 3, "position"), vector(target, 3, "target")
-    middle, f = vector(centre, 2, "centre"), positive(focal, "focal")
+    middle, (turn,) = vector(centre, 2, "centre"), vector(roll, 1, "roll")
+    f = positive(focal, "focal", error=InputError)
     away = float(np.linalg.norm(at - eye))
     if not away > 0.0:
         raise InputError("the camera looks at the point where it stands.", where="target")
@@ -414,7 +415,7 @@ def pinhole_camera(
     up = np.array([0.0, 0.0, 1.0] if abs(forward[2]) < _UPRIGHT else [0.0, 1.0, 0.0])
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
-    R = pin.exp3(np.array([0.0, 0.0, -roll])) @ np.array([right, np.cross(forward, right), forward])
+    R = pin.exp3(np.array([0.0, 0.0, -turn])) @ np.array([right, np.cross(forward, right), forward])
     K = np.array([[f, 0.0, middle[0]], [0.0, f, middle[1]], [0.0, 0.0, 1.0]])
     return np.asarray(K @ np.column_stack([R, -R @ eye]))
 
