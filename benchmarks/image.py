@@ -28,13 +28,10 @@ AWAY, PIXELS = 2.0, 500.0  # reaches; a reach
 
 
 def camera_at(robot: pa.Robot, direction: np.ndarray) -> np.ndarray:
-    """Return a camera (3, 4) that looks at the frame at home from a direction (3)."""
-    back = direction / np.linalg.norm(direction)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    R, away = np.array([right, np.cross(back, right), -back]), AWAY * robot.reach
-    t = -R @ (robot.placement(robot.q0).translation + away * back)
-    return np.asarray(np.diag([away, away, 1.0]) @ np.column_stack([R, t]))
+    """Return a camera (3, 4) that looks at the frame at home from a direction (3), v upwards."""
+    p, away = robot.placement(robot.q0).translation, AWAY * robot.reach
+    eye = p + away * direction / np.linalg.norm(direction)
+    return np.diag([1.0, -1.0, 1.0]) @ pa.tasks.pinhole_camera(eye, p, away)
 
 
 def measure(robot: str, cameras: int, sensors: str) -> dict[str, Any]:
@@ -60,7 +57,7 @@ def measure(robot: str, cameras: int, sensors: str) -> dict[str, Any]:
 
     pixel = described.reach / PIXELS
     camera = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 0.5 * pixel})
-    believed = described.filmed_by(*([np.eye(4)[[0, 1, 3]], np.eye(4)[[2, 1, 3]]][:cameras]))
+    believed = described.filmed_by(count=cameras)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of light joints; the table has the result
         controller = pa.make_controller(
