@@ -1,6 +1,7 @@
 """A description runs no code: its expressions know numbers, texts, lists and mathematics."""
 
 import math
+import os
 import time
 
 import pytest
@@ -169,6 +170,7 @@ HANGS = {
         + '<link name="${p40}"/>'
     ),
     "power": '<link name="${9**9**9}"/>',
+    "parentheses": '<link name="${' + 400 * "(" + "1" + 400 * ")" + '}"/>',
     "eval": '<link name="$(eval 9**9**9)"/>',
 }
 
@@ -176,7 +178,7 @@ HANGS = {
 @pytest.mark.parametrize("what", HANGS)
 def test_a_file_that_grows_without_end_is_refused_within_seconds(what, tmp_path):
     begun = time.process_time()
-    with pytest.raises(pa.RobotError, match=r"elements|characters|too large"):
+    with pytest.raises(pa.RobotError, match=r"elements|characters|too large|nested"):
         pa.load(written(tmp_path, HANGS[what]))
     assert time.process_time() - begun < 10.0
 
@@ -233,6 +235,27 @@ def test_only_files_of_the_descriptions_packages_are_read(content, tmp_path):
     path = written(tmp_path / "arm", content.format(outside=outside))
     (tmp_path / "arm" / "link.xacro").symlink_to(outside.with_suffix(".xacro"))
     with pytest.raises(pa.RobotError, match="outside of the description's packages"):
+        pa.load(path)
+
+
+def test_few_letters_do_not_become_many_before_they_are_counted(tmp_path):
+    path = written(tmp_path, "<a b=\"${load_yaml('y.yaml')}\"/>")
+    (tmp_path / "y.yaml").write_text("- 1\n" * 300_000)
+    with pytest.raises(pa.RobotError, match="more than 1000000 bytes"):
+        pa.load(path)
+    path.write_text('<!DOCTYPE robot [<!ENTITY a "aaaa">]>' + path.read_text())
+    with pytest.raises(pa.RobotError, match="defines entities"):
+        pa.load(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize(
+    "content", ['<xacro:include filename="pipe"/>', "<a b=\"${load_yaml('pipe')}\"/>"]
+)
+def test_nothing_is_waited_for_that_is_no_file(content, tmp_path):
+    path = written(tmp_path, content)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(pa.RobotError, match="is no file"):
         pa.load(path)
 
 

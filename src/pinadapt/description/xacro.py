@@ -39,6 +39,7 @@ _UNDEFINED = (
 )
 _DEPTH = 4  # folders above a description in which packages are searched
 _NEAR = 2  # of these, how many up a folder without package.xml counts as a package of xacro files
+_BYTES = 1_000_000  # of a file that is expanded, included or of YAML; those of arms have 50,000
 _ELEMENTS = 15_000  # of an expanded file; an arm with a hand has some 300
 _BOOLEANS = {"true": True, "false": False}
 _CHARACTERS = 20_000_000  # of all texts in which expressions were replaced
@@ -124,12 +125,18 @@ def _without_ros(packages: Packages) -> Iterator[None]:
                 hint="Files may be read from the package of the description (the folder with "
                 "package.xml, else its own folder) and from packages that it finds.",
             )
+        if path.exists() and not path.is_file():  # a pipe would be waited for without end
+            raise RobotError(f"{path} is no file.")
+        if path.exists() and path.stat().st_size > _BYTES:
+            raise RobotError(f"{path} has more than {_BYTES} bytes.")
         return path
 
     def parse_whole(given: Any, filename: str | None = None) -> Any:
         """Parse a document as xacro does, but a file in one piece, which is faster."""
         if given is None and filename is not None and allowed(filename).is_file():
             given = minidom.parseString(Path(filename).read_bytes())
+            if given.doctype is not None and len(given.doctype.entities):
+                raise RobotError(f"{filename} defines entities, which make few letters many.")
         return parse(given, filename)
 
     def yaml_file(name: str) -> Any:
@@ -375,8 +382,11 @@ def _ros_folders() -> list[Path]:
 
 def _manifest_name(folder: Path) -> str | None:
     """Return the name in a folder's package.xml, or None."""
+    file = folder / "package.xml"
     try:
-        return ElementTree.fromstring((folder / "package.xml").read_bytes()).findtext("name")
+        return (
+            ElementTree.fromstring(file.read_bytes()).findtext("name") if file.is_file() else None
+        )
     except (OSError, ElementTree.ParseError):
         return None
 
@@ -609,7 +619,10 @@ def evaluate(
     """
     if len(text) > _TEXT:
         raise RobotError(f"an expression has more than {_TEXT} characters.")
-    tree = ast.parse(text.strip(), mode="eval").body
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (MemoryError, RecursionError) as error:
+        raise RobotError("an expression is nested too deeply.") from error
     try:
         return _Evaluator(lookup, functions).eval(text, previously_parsed=tree)
     except simpleeval.InvalidExpression as error:
