@@ -9,7 +9,9 @@ same run without it:
 * farther: how much farther a joint went by then than without the fault, at most [deg or cm];
 * torque: the largest one until then, of the limit of its motor;
 * drift: how far a joint went in the 3 s after the error, on the torque of ``Controller.safe`` and
-  with the fault going on [deg or cm], and speed: the fastest joint at their end [rad/s or m/s].
+  with the fault going on [deg or cm], and speed: the fastest joint at their end [rad/s or m/s];
+* brakes: time after the error at which the state says that nothing is measured of a joint, so that
+  only brakes rest it [ms]; drift and speed are those until then.
 
 Nothing of this is a proof: a sensor may lie in ways that no comparison shows.
 """
@@ -122,7 +124,12 @@ FAULTS: dict[str, Spoil] = {
     "time of every second sample": lambda a, s: s._replace(t=s.t - DT * (a.count % 2)),
     "time stands": lambda a, s: s._replace(t=a.first.t),
     "all repeated, time goes on": _frozen,
-    "not a number": lambda a, s: s._replace(v=_joint(s.v, math.nan)),
+    "v of a joint not a number": lambda a, s: s._replace(v=_joint(s.v, math.nan)),
+    "v not a number": lambda a, s: s._replace(v=math.nan * s.v),
+    "q of a joint not a number": lambda a, s: s._replace(q=a.angles(s, lambda angle: math.nan)),
+    "q not a number": lambda a, s: s._replace(q=math.nan * s.q),
+    "x not given": lambda a, s: s._replace(x=None),
+    "q and v not a number": lambda a, s: s._replace(q=math.nan * s.q, v=math.nan * s.v),
 }
 CONTINUOUS = ("(cos, sin) times 1.2",)
 WRAPS = ("q wraps by 2 pi",)  # which a continuous joint does not do
@@ -188,11 +195,13 @@ class Loop:
         self.plant.step(torque, self.dt)
 
     def rest(self, duration: float) -> Iterator[pa.Measurement]:
-        """Yield the truth while the arm is on the torque of ``Controller.safe``."""
+        """Yield the truth while the arm is on the torque of ``Controller.safe``, without brakes."""
         for _ in range(round(duration / self.dt)):
             truth, sample = self.measured()
             yield truth
             torque, self.state = self.controller.safe(self.state, sample)
+            if self.state.unseen.any():
+                return
             self.send(torque)
 
 
@@ -215,18 +224,20 @@ def effect(loop: Loop, honest: list[np.ndarray]) -> dict[str, Any]:
         refused = 1e3 * k * loop.dt
         said = f"{type(error).__name__}: {' '.join(str(error).split())}"
         farthest = max(farthest, _apart(model, honest[k], loop.plant.measure().q))
-    drift, speed, bridged = 0.0, math.nan, sum(loop.state.bridged)
+    drift, speed, bridged, brakes = 0.0, math.nan, sum(loop.state.bridged), None
     if refused is not None:
-        start = loop.plant.measure().q
+        start = truth = loop.plant.measure()
         for truth in loop.rest(AFTER):
-            drift = max(drift, _apart(model, start, truth.q))
+            drift = max(drift, _apart(model, start.q, truth.q))
             speed = float(np.abs(truth.v).max())
+        brakes = 1e3 * (truth.t - start.t) if loop.state.unseen.any() else None
     return {
         "refused": refused,
         "farther": farthest,
         "torque": share,
         "drift": drift,
         "speed": speed,
+        "brakes": brakes,
         "bridged": bridged,
         "said": said,
     }
@@ -287,9 +298,11 @@ def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
     late = max((row["refused"] for row in rows if row["refused"] is not None), default=None)
     if late is None:
         return f"bridged, {words}"
-    drift = max(row["drift"] for row in rows)
+    drift = _angle(max(row["drift"] for row in rows))
+    if all(row["brakes"] is not None for row in rows):
+        drift = "brakes"
     never = f" ({', '.join(missed)}: not within 1 s)" if missed else ""
-    return f"{late:.0f} ms{never}, {words}, {_angle(drift)}"
+    return f"{late:.0f} ms{never}, {words}, {drift}"
 
 
 def _angle(degrees: float) -> str:

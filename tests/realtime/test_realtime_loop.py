@@ -316,6 +316,37 @@ def test_a_driver_that_fails_in_mid_motion_stops_the_arm(fault, words, stage):
     assert re.search(words, ending.reason)
 
 
+def stuck(later):
+    """Return a fault: the first joint's encoder stops, and its v is zero, then or at once."""
+
+    def fault(arm, m):
+        arm.last = getattr(arm, "last", m)
+        if later and m is arm.last:
+            return m
+        q, v = m.q.copy(), m.v.copy()
+        q[0], v[0] = arm.last.q[0], 0.0
+        return m._replace(q=q, v=v)
+
+    return fault
+
+
+@pytest.mark.parametrize(
+    ("later", "at", "soon", "said"),
+    [
+        (True, 175, 0.02, "unseen: nothing is measured of joint1 any more, only brakes rest that"),
+        (False, 125, 0.9, r"damping: joint2 still at \S+ rad/s or m/s after 0\.5 s"),
+    ],
+)
+def test_an_arm_that_no_torque_rests_is_left_to_its_brakes(later, at, soon, said):
+    """In the second case the encoder seems to be that of a joint that stands."""
+    loop = Loop(faulty(stuck(later), at=at), "adapt", seconds=9.0)
+    ending = loop.ended()
+    (damped, _, _), (stopped, _, why) = ending.phases[-2:]
+    assert ending.failed and loop.phases == ["running", "damping", "stopped"]
+    assert re.fullmatch(said, why) and stopped - damped < soon
+    assert pytest.approx(0.0, abs=1e-2) == np.abs(loop.arm.plant.measure().v).max()
+
+
 def test_an_arm_in_error_refuses_before_anything_moves():
     class InError(PlantArm):
         def begin(self):

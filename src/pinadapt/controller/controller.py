@@ -424,8 +424,9 @@ class Controller(Doors):
         sample, as soon as one was refused. The estimates rest; to go on, begin with ``init`` and
         ``a_d=state.a_d``, or after a single refused sample with ``step`` and the state before it.
 
-        A joint of which nothing is measured is braked by the model alone, and may move on. This is
-        no emergency stop, which needs no sensor.
+        A joint of which nothing is measured is braked by the model alone, and moves on where that
+        is wrong. Look at ``state.unseen``, which tells it after 15 ms, and let the arm's brakes
+        engage; only they rest it. This is no emergency stop, which needs no sensor.
 
         Args:
             state: the last one, of ``init``, ``step`` or ``safe``.
@@ -449,7 +450,9 @@ class Controller(Doors):
             dt = elapsed if 0.0 < elapsed <= _LONGEST * period else period
             damping = min(damping, _DAMPED / period)
             model, dynamics = self.kinematics.robot.model, self.dynamics
-            sensed = self.senses.believed(state.sensed, measurement, dt, damping, model)
+            sensed = self.senses.believed(
+                state.sensed, measurement, dt, damping, model, known=elapsed == 0.0
+            )
             zero = np.zeros(model.nv)
             dynamics.load_unchecked(state.a_d)
             torque = np.array(dynamics.torque_unchecked(sensed.q, zero, zero))

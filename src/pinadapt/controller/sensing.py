@@ -55,9 +55,16 @@ _STRONGER = 3.0  # than a motor can be
 _CLEARLY = 3.0  # times further, or least changes of q
 _LONG_SHARE = 0.5  # of a way, which v and q may differ by
 _OTHER = 0.25  # by which a known factor may be missed
+_REPEATED = 0.02  # [s] for which a v may be the same while q goes on
+_COARSE = 10.0  # [1/s] times tol_0: the largest step of a v that comes in steps
+_OFFSET = 0.5  # of tol_0: further ways over half a second, of a v that is off by a little
+_WHOLE = 1e-3  # of a step, by which a v in steps may be off
+_HELD, _SLOWED = 5.0, 0.5  # times the speed at which a joint moves, and of its last peak: a joint
+# that has slowed down below both may be stopped at once by its friction
 _STILL = 3.0  # samples after which a signal is stuck
 _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q
 _BOTH, _ONLY_Q, _ONLY_V, _NEITHER = range(4)  # signals of a joint that are believed
+_UNSEEN = 4.0  # less than these, where a joint has been unseen for long
 _OWN, _STILLS = kernels.TRAIL, (kernels.Q_STILL, kernels.V_STILL)  # of a joint by itself
 _SWITCH = "limits=pa.Limits(guards={{'{}': False}}) switches this check off."
 
@@ -184,10 +191,7 @@ class Guards:
         wrong_v = ~(np.abs(v) <= bounds[kernels.FASTEST])
         leaps = np.abs(v - rate) > bounds[kernels.LEAP]
         wrong_v |= leaps & (np.abs(way - rate * dt) < np.abs(way - v * dt))
-        same = q[self.places[:-1]] == _row(trail, kernels.RAW)
-        stopped = same & (v == 0.0) & ~np.all(same & (v == 0.0))
-        stuck = (stopped | same & (v == rate)) & (np.abs(rate) > bounds[kernels.CLEAR])
-        stuck &= np.abs(rate) * dt > 3.0 * _row(trail, kernels.LEAST)
+        stuck = self.stuck(trail, q, v, dt)
         v = np.where(wrong_v | stuck, rate, v)
         said = 0.5 * dt * (v + rate)
         speed = np.minimum(np.maximum(np.abs(v), np.abs(rate)), most)
@@ -203,6 +207,60 @@ class Guards:
                 part = slice(self.places[i], self.places[i + 1])
                 q[part] = predicted[part]
         return sample._replace(q=q, v=v), wrong_q | wrong_v
+
+    def stuck(self, trail: np.ndarray, q: np.ndarray, v: np.ndarray, dt: float) -> np.ndarray:
+        """Return which joints (n) have neither a new q nor a new v, though they have moved."""
+        rate, clear = _row(trail, kernels.RATE), self.bounds[kernels.CLEAR]
+        speed, same = np.abs(rate), q[self.places[:-1]] == _row(trail, kernels.RAW)
+        stopped = same & (v == 0.0)
+        slowed = (speed <= _HELD * clear) & (speed <= _SLOWED * _row(trail, kernels.PEAK))
+        halted = stopped & ~stopped.all() & ~slowed & (speed > clear)
+        stuck = halted | same & (v == rate) & (speed > clear)
+        return np.asarray(stuck & (speed * dt > _CLEARLY * _row(trail, kernels.LEAST)))
+
+    def eased(
+        self, before: np.ndarray, after: np.ndarray, v: np.ndarray, dt: float
+    ) -> tuple[Guards, np.ndarray, np.ndarray]:
+        """Return guards and a trail by which a v that is not the rate of q is judged once more.
+
+        Coarse sensors do not lie. What a v may leave out: since it changed last, if that is less
+        than 20 ms, all that q does; the step in which v comes, if all of v are multiples of one,
+        times the duration of a sum; and if it goes on changing, a little more over half a second,
+        for an offset.
+
+        Args:
+            before: the trail before the sample.
+            after: the trail with it, of all joints.
+            v: (n) of the sample [rad/s or m/s].
+            dt: since the sample before [s].
+
+        Returns:
+            the guards, the trail before the sample, and what was added to its sums, as it is in
+            the trail with the sample.
+        """
+        bounds, least = self.bounds.copy(), _row(after, kernels.V_LEAST)
+        tolerance = self.bounds[kernels.TOLERANCE]
+        seen = least[least > 0.0]
+        step = _step(v, np.where(least > 0.0, least, math.inf))
+        if seen.size and (shared := _step(v, np.full(v.size, seen.min()))).all():
+            step = np.maximum(step, shared)
+        step = np.minimum(step, _COARSE * tolerance)
+        eased, added = before.copy(), np.zeros(before.size)
+        since, moved = _row(after, kernels.V_STILL), _row(after, kernels.V_WAY)
+        for row, way, duration, more in (
+            (kernels.SAID, kernels.WAY, kernels.SHORT, 0.0),
+            (kernels.LONG_SAID, kernels.LONG_WAY, kernels.LONG, _OFFSET),
+        ):
+            most = step * duration + more * tolerance * (since == 0.0)
+            share = np.clip(_row(after, way) - _row(after, row), -most, most)
+            _row(added, row)[:] = share
+            _row(eased, row)[:] += share * math.exp(dt / duration)
+        unseen = _row(eased, kernels.V_LEAST)
+        unseen[:] = np.where(unseen > 0.0, unseen, step)
+        bounds[kernels.TOLERANCE] += np.where(
+            since < _REPEATED + _BEGUN, abs(moved - v * since), 0.0
+        )
+        return replace(self, bounds=bounds), eased, added
 
     def implausible(
         self,
@@ -385,7 +443,7 @@ def _named_factor(way: float, said: float, unit: str) -> tuple[str, str]:
             return f", {factor:.3g} times as far", words.format(sign)
     if abs(said) < 0.1 * abs(way):
         return "", "v stuck at zero, or of another joint?"
-    if abs(way) < 1e-3 * abs(said):
+    if abs(way) <= 1e-3 * abs(said):
         return "", "q stuck, or v of another joint?"
     return f", {said / way:.3g} times as far", "late, or at the motor, before a gear?"
 
@@ -575,6 +633,13 @@ class Senses:
         for name, value in (("q", sample.q), ("v", sample.v), ("x", sample.x)):
             if value is not None and not np.isfinite(value).all():
                 raise MeasurementError(name, value)
+        if dt and trail.size and (read := self._looked_at_again(found, trail, given)) is not None:
+            return read
+        if trail.size and found >= kernels.JOINTS:
+            i, kind = divmod(found - kernels.JOINTS, kernels.KINDS)
+            if kind == kernels.FAST and _row(before.trail, kernels.AGREED)[i]:
+                for row in (kernels.PATH, kernels.SAID_PATH):  # the kernel did not come to them
+                    _row(trail, row)[i] = _row(before.trail, row)[i]
         error = guards.implausible(found, before.q, sample, kinematics, trail, dt)
         if since is None or not trail.size:
             raise error
@@ -605,8 +670,49 @@ class Senses:
             _row(sensed.trail, kernels.LEAST)[:] = _row(before.trail, kernels.LEAST)
         return sensed, still, bridged
 
+    def _looked_at_again(self, found: int, trail: np.ndarray, given: Given) -> Read | None:
+        """Return what ``read`` returns if a closer look at q and v finds nothing wrong, else None.
+
+        A slow joint may stop at once, by its friction; and sensors may be coarse, see ``eased``.
+
+        Args:
+            found: the kernel's answer.
+            trail: with the sample, as far as the kernel came.
+            given: the arguments of ``read``.
+        """
+        before, t_before, sample, desired, kinematics, a_k, position_error, since = given
+        guards, eased, dt = self.guards, before.trail, since or 0.0
+        added = np.zeros(eased.size)
+        joints = before.q, sample.v, _NOTHING, _NOTHING, _NOTHING, dt
+        kind = (found - kernels.JOINTS) % kernels.KINDS if found >= kernels.JOINTS else -1
+        if kind == kernels.STUCK:
+            stuck = guards.stuck(eased, sample.q, sample.v, dt)
+            eased, trail = eased.copy(), empty(eased.size)
+            _row(eased, kernels.RATE)[~stuck & (sample.v == 0.0)] = 0.0
+            found = kernels.check_sample(
+                sample.q, *joints, guards.bounds, guards.places, guards.numbers, eased, trail
+            )
+            kind = (found - kernels.JOINTS) % kernels.KINDS if found >= kernels.JOINTS else -1
+        if kind == kernels.APART:
+            guards, eased, added = guards.eased(eased, trail, sample.v, dt)
+            found = kernels.check_sample(
+                sample.q, *joints, guards.bounds, guards.places, guards.numbers, eased, trail.copy()
+            )
+        if eased is before.trail or found > kernels.STILL:
+            return None
+        known = before._replace(trail=eased), t_before, sample, desired, kinematics, a_k
+        sensed, still, sample = replace(self, guards=guards).read((*known, position_error, since))
+        return sensed._replace(trail=sensed.trail - added), still, sample
+
     def believed(
-        self, before: SensedState, sample: Measurement | None, dt: float, decay: float, model: Any
+        self,
+        before: SensedState,
+        sample: Measurement | None,
+        dt: float,
+        decay: float,
+        model: Any,
+        *,
+        known: bool,
     ) -> SensedState:
         """Return what q and v may be believed to be at a sample, whatever is wrong with it.
 
@@ -614,7 +720,7 @@ class Senses:
         differences where v does not; the integral of v where q does not, or is stuck; and where
         neither can be believed, or nothing was measured, the motion of an arm that is damped.
         Once q and v have parted, the one that is not stuck is believed from then on. The way of
-        each joint since then is in the trail.
+        each joint since then is in the trail, and which joints were unseen for 15 ms.
 
         Args:
             before: what was known, or believed, at the sample before.
@@ -622,42 +728,53 @@ class Senses:
             dt: since then [s].
             decay: rate at which a damped arm loses its speed [1/s].
             model: of the robot.
+            known: whether the sample has the time of the one before, and may be the same.
         """
         n = model.nv
         q_before, v_before, trail = before.q, before.v, before.trail.copy()
         v_ahead = v_before * math.exp(-decay * dt)
         q_ahead = pin.integrate(model, q_before, 0.5 * dt * (v_before + v_ahead))
-        q, v = q_ahead.copy(), v_ahead
-        if sample is None:
+        q, v, unseen = q_ahead.copy(), v_ahead, np.ones(n, bool)
+        codes = _row(trail, kernels.BELIEVED) if trail.size else np.zeros(n)
+        codes[codes < 0.0] += _UNSEEN
+        if sample is not None:
+            rates = _row(trail, kernels.RATE) if trail.size else v_before.copy()
+            q_there, v_there = _finite(sample.q, q), _finite(sample.v, v)
+            measured = np.where(v_there, _numbers(sample.v, v), rates)
+            q_seen = np.where(q_there, _numbers(sample.q, q), q_ahead)
+            stuck = again = ~unseen
             if trail.size:
-                _row(trail, kernels.SAGGED)[:] += pin.difference(model, q_before, q)
-            return before._replace(q=q, v=v, trail=trail)
-        rates = _row(trail, kernels.RATE) if trail.size else v_before.copy()
-        q_there, v_there = _finite(sample.q, q), _finite(sample.v, v)
-        measured = np.where(v_there, _numbers(sample.v, v), rates)
-        q_seen = np.where(q_there, _numbers(sample.q, q), q_ahead)
-        for i in range(n):
-            part = slice(self.guards.places[i], self.guards.places[i + 1])
-            there = bool(q_there[part].all())
-            believed = (_BOTH if v_there[i] else _ONLY_Q) if there else _ONLY_V
-            believed = _NEITHER if not there and not v_there[i] else believed
-            if believed == _BOTH and trail.size:
-                believed = self._believed_joint(i, part, q_before, q_seen, measured, dt, trail)
-            if believed in (_BOTH, _ONLY_Q):
-                q[part] = q_seen[part]
-            if believed == _BOTH:
-                v[i] = measured[i]
-            elif believed == _ONLY_Q:
-                way = pin.difference(model, q_before, _with(q_before, part, q_seen))[i]
-                share = -math.expm1(-_DIFFERENCED * dt)
-                v[i] = v_before[i] + share * (way / dt - v_before[i])
-            elif believed == _ONLY_V:
-                v[i] = measured[i]
-                way = np.zeros(n)
-                way[i] = 0.5 * dt * (measured[i] + v_before[i])
-                q[part] = pin.integrate(model, q_before, way)[part]
+                stuck = self.guards.stuck(trail, q_seen, measured, dt)
+                again = known & (q_seen[self.guards.places[:-1]] == _row(trail, kernels.RAW))
+                again &= measured == rates
+            for i in range(n):
+                part = slice(self.guards.places[i], self.guards.places[i + 1])
+                there = bool(q_there[part].all())
+                believed = (_BOTH if v_there[i] else _ONLY_Q) if there else _ONLY_V
+                believed = _NEITHER if not there and not v_there[i] else believed
+                if believed == _BOTH and stuck[i] and not codes[i] and not again[i]:
+                    believed = _NEITHER
+                elif believed == _BOTH and trail.size and not again[i]:
+                    believed = self._believed_joint(i, part, q_before, q_seen, measured, dt, trail)
+                unseen[i] = believed == _NEITHER
+                if believed in (_BOTH, _ONLY_Q):
+                    q[part] = q_seen[part]
+                if believed == _BOTH:
+                    v[i] = measured[i]
+                elif believed == _ONLY_Q:
+                    way = pin.difference(model, q_before, _with(q_before, part, q_seen))[i]
+                    share = -math.expm1(-_DIFFERENCED * dt)
+                    v[i] = v_before[i] + share * (way / dt - v_before[i])
+                elif believed == _ONLY_V:
+                    v[i] = measured[i]
+                    way = np.zeros(n)
+                    way[i] = 0.5 * dt * (measured[i] + v_before[i])
+                    q[part] = pin.integrate(model, q_before, way)[part]
         if trail.size:
             _row(trail, kernels.SAGGED)[:] += pin.difference(model, q_before, q)
+            trail[kernels.BAD] = _lasting(trail[kernels.BAD], dt) if unseen.any() else 0.0
+            if trail[kernels.BAD] > _LASTS:
+                codes[unseen] -= _UNSEEN
         return before._replace(q=q, v=v, trail=trail)
 
     def sagged(self, sensed: SensedState) -> np.ndarray:
@@ -711,7 +828,7 @@ class Senses:
         trail[block] = own[_OWN:]
         if latched:
             return latched
-        if kind == kernels.STUCK or (q_still and v_still):
+        if kind == kernels.STUCK or (q_still and v_still and v[i]):
             return _NEITHER
         return _ONLY_V if kind in (kernels.JUMP, kernels.CIRCLE) else _BOTH
 
@@ -747,6 +864,12 @@ def _numbers(given: Any, like: np.ndarray) -> np.ndarray:
     except (TypeError, ValueError):
         array = np.zeros(0)
     return array if array.shape == like.shape else np.full(like.shape, np.nan)
+
+
+def _step(v: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Return the steps (n) in which velocities v (n) come, of 0 where they are no multiples."""
+    steps = v / least
+    return np.where(np.isfinite(least) & (abs(steps - np.round(steps)) < _WHOLE), least, 0.0)
 
 
 def _finite(given: Any, like: np.ndarray) -> np.ndarray:

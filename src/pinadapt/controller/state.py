@@ -87,6 +87,17 @@ class ControllerState(NamedTuple):
         """How many samples were replaced by a prediction since the start."""
         return Bridged.of(self.sensed.trail)
 
+    @property
+    def unseen(self) -> np.ndarray:
+        """Of which joints (n) ``Controller.safe`` has known nothing for 15 ms.
+
+        No torque rests such a joint: it is a matter for the arm's brakes.
+        """
+        trail = self.sensed.trail
+        if not trail.size:
+            return np.zeros(self.sensed.v.size, bool)
+        return trail[kernels.TRAIL + kernels.BELIEVED :: kernels.TRAIL_ROWS] < 0.0
+
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest.
 

@@ -47,6 +47,7 @@ from .safety import Answer, Checklist, Safety, SafetyFinding
 _WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
 _ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
 _HALT, _HOLD = 0.3, 0.5  # [s] until the path rests, and until the arm is damped
+_SWINGS = 0.2  # [rad/s or m/s] of an arm that is not coming to rest by damping
 _DAMP, _STILL, _QUIET = 1.5, 0.02, 50  # [s] longest, [rad/s or m/s], cycles below it
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
 _FREE = 0.5  # [1/s] damping of a free drive
@@ -594,15 +595,28 @@ class RealtimeLoop:
         """Return the torque (n) of gravity and damping [1/s], whatever the sensors say."""
         assert self._state is not None
         torque, self._state = self._controller.safe(self._state, m, damping=damping, hold=hold)
+        unseen = self._state.unseen
+        if unseen.any():
+            names = np.array(self._facts.joints)[unseen]
+            words = f"nothing is measured of {', '.join(names)} any more, only brakes rest that"
+            self._answer(SafetyFinding("unseen", words, Answer.STOP))
         return torque
 
     def _until_rest(self) -> None:
         """Stop once the joints rest, as far as can be believed, or after a while."""
         assert self._state is not None
-        self._quiet = self._quiet + 1 if np.abs(self._state.sensed.v).max() < _STILL else 0
+        if self._phase is Phase.STOPPED:
+            return
+        v = np.abs(self._state.sensed.v)
+        fastest = float(v.max())
+        self._quiet = self._quiet + 1 if fastest < _STILL else 0
         self._since += 1
-        if self._quiet >= _QUIET or self._since * self._facts.period > _DAMP:
+        damped = self._since * self._facts.period
+        if self._quiet >= _QUIET or damped > _DAMP:
             self._enter(Phase.STOPPED, self.ending.reason)
+        elif damped > _HOLD and fastest > _SWINGS:
+            words = f"{self._facts.joints[int(v.argmax())]} still at {fastest:.2g} rad/s or m/s"
+            self._answer(SafetyFinding("damping", f"{words} after {_HOLD:g} s", Answer.STOP))
 
     # --- findings, commands, signals ------------------------------------------------------------
 

@@ -168,6 +168,7 @@ def run(
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
+            _bring_to_rest(plant, controller, state, truth, dt)
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
         measurement = truth if sensors is None else sensors.measure_unchecked(truth, given)
         if state is None:
@@ -183,13 +184,13 @@ def run(
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started
         except PinadaptError as error:
-            simulated = isinstance(plant, SimulatedPlant)
-            if not simulated and isinstance(controller, Controller):
-                _bring_to_rest(plant, controller, state, measurement, dt)
+            _bring_to_rest(plant, controller, state, measurement, dt)
             if isinstance(error, DivergedError):
                 raise DivergedError(error.reason, truth.t) from error
             if isinstance(error, ImplausibleError):
-                raise DivergedError(lost(error, real=simulated), truth.t) from error
+                raise DivergedError(
+                    lost(error, real=isinstance(plant, SimulatedPlant)), truth.t
+                ) from error
             if isinstance(error, InputError):
                 raise unusable(error, truth.t) from error
             raise
@@ -206,15 +207,20 @@ def run(
 def _bring_to_rest(
     plant: Plant,
     controller: Controller,
-    state: ControllerState,
+    state: ControllerState | None,
     measurement: Measurement,
     dt: float,
 ) -> None:
-    """Bring an arm to rest, after a sample that ends its loop; see ``Controller.safe``."""
+    """Bring an arm to rest, after a sample that ends its loop; see ``Controller.safe``.
+
+    An arm of which nothing is measured any more is left to its own stop, and so is a simulated one.
+    """
+    if state is None or isinstance(plant, SimulatedPlant) or not isinstance(controller, Controller):
+        return
     for _ in range(round(_DAMP / dt)):
         torque, state = controller.safe(state, measurement)
         plant.step(torque, dt)
-        if np.abs(state.sensed.v).max() < _STILL:
+        if np.abs(state.sensed.v).max() < _STILL or state.unseen.any():
             break
         measurement = plant.measure()
 
