@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import wraps
+from functools import lru_cache, partial, wraps
 from inspect import Parameter, isfunction, signature
 from numbers import Integral, Real
 from reprlib import Repr
@@ -451,16 +451,13 @@ def _check_of(parameter: Parameter, shapes: Mapping[str, str], method: str) -> _
     kinds = [kind.strip() for kind in str(parameter.annotation).split("|")]
     name, kind = parameter.name, kinds[0]
     optional, asked = "None" in kinds or parameter.default is None, shapes.get(name)
-    lengths = None if asked is None else tuple(asked.split())
+    lengths = None if asked is None else _parsed(asked)
+    where = partial(_place, f"{method}: {name}")
     parts = [
-        (part.split(".")[1], f"{method}: {part}", tuple(its.split()))
+        (part.split(".")[1], partial(_place, f"{method}: {part}"), _parsed(its))
         for part, its in shapes.items()
         if part.startswith(f"{name}.")
     ]
-
-    def where(owner: Any) -> str:
-        """Return the place of the argument, for messages."""
-        return f"{type(owner).__name__}.{method}: {name}"
 
     def array(owner: Any, value: Any, found: dict[str, int]) -> Any:
         """Return an array of floats of the stated lengths."""
@@ -482,7 +479,7 @@ def _check_of(parameter: Parameter, shapes: Mapping[str, str], method: str) -> _
         """Return an object of the right class whose parts have the stated lengths."""
         if value is None and optional:
             return None
-        if all(each.__name__ != kind for each in type(value).__mro__):
+        if kind not in _names_of(value.__class__):
             refuse = RobotError if kind == "Robot" else InputError
             raise refuse(f"expected a {kind}, got {shown(value)}.", where=where(owner))
         may_lack = getattr(value, "_optional", getattr(value, "_field_defaults", ()))
@@ -490,10 +487,10 @@ def _check_of(parameter: Parameter, shapes: Mapping[str, str], method: str) -> _
             inner = getattr(value, part)
             if inner is None and part in may_lack:
                 continue
-            at = f"{type(owner).__name__}.{place}"
             if not isinstance(inner, np.ndarray) or inner.dtype != _FLOAT:
-                raise InputError(f"expected an array of floats, got {shown(inner)}.", where=at)
-            _sized(inner, its, owner, found, at)
+                words = f"expected an array of floats, got {shown(inner)}."
+                raise InputError(words, where=place(owner))
+            _sized(inner, its, owner, found, place)
         if flaw := owner._flaw(value):
             raise InputError(flaw, where=where(owner))
         return value
@@ -505,40 +502,65 @@ def _check_of(parameter: Parameter, shapes: Mapping[str, str], method: str) -> _
     return {"float": number, "int": count}.get(kind)
 
 
+def _place(words: str, owner: Any) -> str:
+    """Return the place of an argument of an object's method, for messages."""
+    return f"{type(owner).__name__}.{words}"
+
+
+@lru_cache(maxsize=256)
+def _names_of(kind: type) -> frozenset[str]:
+    """Return the names of a class and of those that it inherits from."""
+    return frozenset(each.__name__ for each in kind.__mro__)
+
+
+_Length = tuple[str, int | None, tuple[str, ...]]  # a word, and the number or the path it may be
+
+
+def _parsed(lengths: str) -> tuple[_Length, ...]:
+    """Return the words of lengths, each with its number or with the names of its attribute."""
+    return tuple(
+        (word_, int(word_) if word_.isdigit() else None, tuple(word_.split(".")))
+        for word_ in lengths.split()
+    )
+
+
+_ANY_AXES = "..."
+
+
 def _sized(
     value: Any,
-    lengths: tuple[str, ...] | None,
+    lengths: tuple[_Length, ...] | None,
     owner: Any,
     found: dict[str, int],
-    where: str | Callable[[Any], str],
+    where: Callable[[Any], str],
 ) -> np.ndarray:
     """Return an array of floats of the stated lengths; remember those that are met first."""
     array = value
     if value.__class__ is not np.ndarray or value.dtype is not _FLOAT:
         array = _floats(value)
         if array is None:
-            place = where if isinstance(where, str) else where(owner)
-            raise InputError(f"expected numbers, got {shown(value)}.", where=place)
+            raise InputError(f"expected numbers, got {shown(value)}.", where=where(owner))
+    checked: np.ndarray = array
     if lengths is None:
-        return np.asarray(array)
-    shape = array.shape
-    if lengths[:1] == ("...",):
+        return checked
+    shape = checked.shape
+    if lengths and lengths[0][0] == _ANY_AXES:
         lengths = lengths[1:]
-        shape = shape[max(array.ndim - len(lengths), 0) :]
+        shape = shape[max(len(shape) - len(lengths), 0) :]
     if len(lengths) == len(shape):
-        for word_, length in zip(lengths, shape, strict=True):
+        for (word_, number, path), length in zip(lengths, shape, strict=True):
             if word_ not in found:
-                own = int(word_) if word_.isdigit() else _attribute(owner, word_)
+                own = _attribute(owner, path) if number is None else number
                 found[word_] = length if own is None else own
             if found[word_] != length:
                 break
         else:
-            return np.asarray(array)
-    known = [f"{found[each]}" if each in found else each.strip("_") for each in lengths]
+            return checked
+    known = [f"{found[each]}" if each in found else each.strip("_") for each, _, _ in lengths]
     raise InputError(
         f"expected an array of shape ({', '.join(known)}{',' * (len(known) == 1)}), got "
-        f"{array.shape}.",
-        where=where if isinstance(where, str) else where(owner),
+        f"{checked.shape}.",
+        where=where(owner),
     )
 
 
@@ -551,10 +573,13 @@ def _floats(value: Any) -> np.ndarray | None:
         return None
 
 
-def _attribute(owner: Any, path: str) -> int | None:
+def _attribute(owner: Any, path: tuple[str, ...]) -> int | None:
     """Return a whole number among the attributes of an object, or None."""
-    for name in path.split("."):
+    for name in path:
         owner = getattr(owner, name, None)
+    if owner.__class__ is int:  # soonest told
+        number: int = owner
+        return number
     return int(owner) if isinstance(owner, Integral) else None
 
 

@@ -250,6 +250,8 @@ class Adaptation(Doors, ABC):
         """Return what a record keeps of an estimate: what ``storage`` and ``project`` need."""
         return estimate
 
+    recorded_unchecked = recorded
+
     def emphasis(self, estimate: Estimate) -> float:
         """Return the factor of the parts of V that are not this adaptation's, one for most.
 
@@ -383,7 +385,7 @@ class Wrapper(Adaptation):
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record of the inner adaptation keeps."""
-        return self.inner.recorded(estimate)
+        return self.inner.recorded_unchecked(estimate)
 
     def emphasis(self, estimate: Estimate) -> float:
         """Return the inner adaptation's factor of the other parts of V."""
@@ -520,7 +522,7 @@ class Stacked(Adaptation):
         """Return the estimate with what the records of its blocks keep; itself without a memory."""
         if not any(estimate.memory):
             return estimate
-        return self._joined(part.recorded(own) for part, _, own in self._split(estimate))
+        return self._joined(part.recorded_unchecked(own) for part, _, own in self._split(estimate))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""

@@ -390,7 +390,7 @@ class CompositeMemory(Wrapper):
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate with what V needs of the memory: the numbers that kappa follows."""
-        inner = self.inner.recorded(self._inner(estimate))
+        inner = self.inner.recorded_unchecked(self._inner(estimate))
         own = [_NOTHING] * _OWN
         own[_CLOCK] = estimate.memory[_CLOCK]
         return Estimate(inner.value, (*own, *inner.memory), estimate.lateness)

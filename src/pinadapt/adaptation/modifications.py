@@ -78,7 +78,7 @@ class Leak(Wrapper):
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return a_0 and what a record of the inner adaptation keeps."""
-        inner = self.inner.recorded(self._inner(estimate))
+        inner = self.inner.recorded_unchecked(self._inner(estimate))
         return Estimate(inner.value, (estimate.memory[0], *inner.memory))
 
     def emphasis(self, estimate: Estimate) -> float:

@@ -334,8 +334,8 @@ class Controller(Doors):
         The filters of torque and regressor and a memory of past torques are left out: at every
         sample they would be most of what a run leaves.
         """
-        dynamic = self.adaptation_d.recorded(state.dynamic)
-        kinematic = self.adaptation_k.recorded(state.kinematic)
+        dynamic = self.adaptation_d.recorded_unchecked(state.dynamic)
+        kinematic = self.adaptation_k.recorded_unchecked(state.kinematic)
         if dynamic is state.dynamic and kinematic is state.kinematic and not state.torque_filter:
             return state
         return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=())
