@@ -312,9 +312,11 @@ class Natural(Adaptation):
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p)."""
         a, g, cone = estimate.value, self._scaled(drive.gradient), self.cone
-        P = cone.matrices(a)
+        P = cone.matrices_unchecked(a)
         if cone.complete:
-            return Estimate(-self.gamma * cone.components(P @ cone.covectors(g) @ P))
+            return Estimate(
+                -self.gamma * cone.components_unchecked(P @ cone.covectors_unchecked(g) @ P)
+            )
         return Estimate(-self.gamma * np.linalg.solve(self._metric(P[0]), g))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:

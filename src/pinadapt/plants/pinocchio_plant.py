@@ -327,7 +327,7 @@ class PinocchioPlant(SimulatedPlant):
         Raises:
             DivergedError: M - feedthrough is singular.
         """
-        friction = self.friction_at(q)
+        friction = self._loaded.at(q)
         if friction.present:
             tau = tau - friction.torque(v)
         if feedthrough is None:
@@ -340,6 +340,8 @@ class PinocchioPlant(SimulatedPlant):
             raise DivergedError(
                 "the algebraic loop of torque and acceleration became singular."
             ) from error
+
+    acceleration_at_unchecked = acceleration_at
 
     def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the true task coordinates x and velocity xd at q, v; see ``Task``."""
@@ -367,3 +369,5 @@ class PinocchioPlant(SimulatedPlant):
     def integrate(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return q moved by a tangent step (nv) [rad or m]."""
         return np.asarray(pin.integrate(self._model, q, step))
+
+    integrate_unchecked = integrate

@@ -176,6 +176,8 @@ class Task(Doors, ABC):
         """Return what is wrong with finite coordinates x, or None."""
         return None
 
+    flaw_unchecked = flaw
+
 
 @dataclass(frozen=True)
 class JointTask(Task):
