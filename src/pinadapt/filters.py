@@ -19,6 +19,7 @@ from .exceptions import REFUSED, ArrayError, InputError
 from .models.delay_compensation import SensedState
 from .models.dynamics import Dynamics
 from .models.task_kinematics import TaskKinematics
+from .robot.motors import CommandsUnderway, LateTorque
 from .signals import Signals
 from .tasks.frame import rotation_between, turned
 
@@ -401,6 +402,7 @@ class TorqueFilterState(NamedTuple):
         tau: (n) torque that was held over it.
         shares: (2) that are still to come: of a change of u over it; and of a change of tau, which
             is also that of u - Z.
+        underway: what declared motors have in hand; nothing where none are late.
     """
 
     Z: np.ndarray
@@ -408,6 +410,7 @@ class TorqueFilterState(NamedTuple):
     u: np.ndarray
     tau: np.ndarray
     shares: np.ndarray
+    underway: CommandsUnderway | tuple[()] = ()
 
 
 class FilteredTorque(NamedTuple):
@@ -455,6 +458,7 @@ class FilteredRegressor(Doors):
     Attributes:
         dynamics: of the parameters; the estimate loaded into it does not matter.
         low_pass: F, of bandwidth lambda [1/s].
+        motors: that apply a torque later than it is commanded, or None.
     """
 
     shapes = (
@@ -463,8 +467,10 @@ class FilteredRegressor(Doors):
     )
     own_checks = frozenset({"along"})
 
-    def __init__(self, dynamics: Dynamics, bandwidth: float) -> None:
-        """Take the dynamics and the bandwidth lambda [1/s].
+    def __init__(
+        self, dynamics: Dynamics, bandwidth: float, motors: LateTorque | None = None
+    ) -> None:
+        """Take the dynamics, the bandwidth lambda [1/s], and motors that are late.
 
         Raises:
             GainError: the bandwidth is not positive.
@@ -472,6 +478,7 @@ class FilteredRegressor(Doors):
         """
         self.dynamics: Dynamics = instance(dynamics, Dynamics, "dynamics")
         self.low_pass = LowPass(bandwidth, "prediction filter")
+        self.motors = motors
         compile_all()
 
     def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
@@ -511,7 +518,7 @@ class FilteredRegressor(Doors):
                 where="state",
                 hint="Of a recorded run only the last state has them.",
             )
-        Z_before, y, before, held, (share_u, share_tau) = state
+        Z_before, y, before, held, (share_u, share_tau), underway = state
         u, Z, W = empty(before.shape), empty(before.shape), empty(before.shape)
         bandwidth = self.low_pass.bandwidth
         regressors.filtered_regressor(
@@ -521,28 +528,31 @@ class FilteredRegressor(Doors):
             if tau.shape != y.shape:
                 raise ArrayError
             y, held = y + share_tau * (tau - held), tau
-        now = TorqueFilterState(Z, y, u, held, np.zeros(2))
+        now = TorqueFilterState(Z, y, u, held, np.zeros(2), underway)
         return FilteredTorque(W[:, :-1], y - W[:, -1], now, bandwidth)
 
     observe_unchecked = observe
 
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""
-        (Z, y, u, _, _), after, shares = now.state, empty(tau.size), empty(2)
+        (Z, y, u, _, _, underway), after, shares = now.state, empty(tau.size), empty(2)
+        if self.motors is not None and dt > 0.0:
+            tau, underway = self.motors.mean(underway or None, tau, dt)
         kernels.hold(y, tau, self.low_pass.bandwidth * dt, after, shares)
-        return TorqueFilterState(Z, after, u, tau, shares)
+        return TorqueFilterState(Z, after, u, tau, shares, underway)
 
     step_unchecked = step
 
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""
-        Z, y, u, held, shares = now.state
+        Z, y, u, held, shares, underway = now.state
         return TorqueFilterState(
             self.low_pass.rate_unchecked(Z, u),
             self.low_pass.rate_unchecked(y, tau),
             np.zeros(u.shape),
             np.zeros(held.shape),
             np.zeros(shares.shape),
+            underway.still() if underway else (),
         )
 
     rate_unchecked = rate

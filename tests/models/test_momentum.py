@@ -141,6 +141,22 @@ def test_filtered_regressor_predicts_the_filtered_torque(name):
     assert mismatch(name, 1e-3, coulomb=0.1, **truth) < 2e-4
 
 
+def test_filtered_regressor_predicts_the_torque_of_declared_late_motors():
+    """W a = y with the torque that the motors apply, of which only the commands are known."""
+    late = pa.robot.Actuators(delay=[0.0, 5e-3], bandwidth=[60.0, np.inf])
+    robot = catalogue_robot("planar_2r")
+    controller = pa.make_controller(robot, unknown=pa.Unknown(friction=True), adaptation="none")
+    engine = pa.Engine(dt=2e-3, actuators=late)
+    run = pa.simulate(robot, controller, pa.reachable_circle(robot), duration=0.4, engine=engine)
+    dynamics, motors = controller.dynamics, pa.robot.motors.LateTorque(late.of(robot))
+    errors = []
+    for believed in (motors, None):
+        filters = pa.filters.FilteredRegressor(dynamics, 30.0, believed)
+        W, y = filters.along(run.t, run.q, run.v, run.tau)
+        errors.append(np.abs(W @ dynamics.value(robot) - y).max() / np.abs(y).max())
+    assert errors[0] < 1e-4 and errors[1] > 1e-2
+
+
 def test_filters_are_pure_and_take_a_measured_torque():
     _, dynamics, run = recorded("ur5", 1e-3)
     filters, wrong = pa.filters.FilteredRegressor(dynamics, 30.0), np.ones(6)

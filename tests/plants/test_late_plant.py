@@ -5,7 +5,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.description.catalogue import robots_folder
-from pinadapt.plants.plant import LateTorque
+from pinadapt.robot.motors import LateTorque
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
 
@@ -81,10 +81,14 @@ def test_a_bandwidth_is_a_first_order_low_pass(dt):
     """The pieces' means are the exact means of the low pass's output, at any period."""
     own = pa.robot.Actuators(bandwidth=[50.0, 200.0, *[np.inf] * 4])
     late, rest, step = LateTorque(own.of(catalogue_robot("ur5"))), np.zeros(6), np.ones(6)
-    assert all(np.array_equal(tau, rest) for tau, _ in late.pieces(rest, dt))
-    t, pieces = 0.0, []
+    at_rest, underway = late.after(None, rest, dt, 1e-3)
+    assert all(np.array_equal(tau, rest) for tau, _ in at_rest)
+    t, pieces, again = 0.0, [], underway
     for _ in range(5):
-        pieces += late.pieces(step, dt)
+        more, underway = late.after(underway, step, dt, 1e-3)
+        pieces += more
+        mean, again = late.mean(again, step, dt)
+        assert np.allclose(mean, sum(tau * h for tau, h in more) / dt, rtol=1e-12)
     for tau, h in pieces:
         assert h <= 1e-3 * (1.0 + 1e-6)
         for joint, a in enumerate((50.0, 200.0)):

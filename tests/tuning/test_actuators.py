@@ -106,8 +106,11 @@ def test_default_gains_for_declared_actuators_pass(name, actuators):
     robot = catalogue_robot(name)
     controller = made(robot, actuators)
     assert [str(finding) for finding in preflight(controller, DT)] == []
-    assert controller.law.lag == pytest.approx(feedback_lag(robot, DT, actuators))
-    assert controller.law.lag > made(robot).law.lag == 2.0 * DT
+    if actuators.elastic:
+        assert controller.law.lag == pytest.approx(feedback_lag(robot, DT, actuators))
+    else:  # beside a memory the start is not slow
+        assert controller.law.lag == 2.0 * DT
+        assert controller.law.late == pytest.approx(max(0.01, 1.5 * actuators.lateness))
     assert actuators.words in repr(controller)
 
 
@@ -121,6 +124,21 @@ def test_default_gains_for_declared_actuators_pass(name, actuators):
 def test_every_law_has_gains_for_declared_actuators(law, actuators):
     controller = made(robot_of(law, "ur5"), actuators, law=law)
     assert [str(finding) for finding in preflight(controller, DT)] == []
+
+
+def test_declared_motors_get_the_feedforward_earlier_and_their_torque_is_believed():
+    """A memory beside motors of 30 rad/s, with and without the lead."""
+    robot, late = catalogue_robot("planar_2r"), Actuators(bandwidth=30.0)
+    true, errors = robot.changed(payload=pa.Payload(0.5)), []
+    for leads in (True, False):
+        controller = made(robot, late, dt=4e-3)
+        assert controller.adaptation_d.late == late.lateness
+        if not leads:
+            controller._lead = None
+        engine = pa.Engine(dt=4e-3, actuators=late)
+        run = pa.simulate(true, controller, pa.reachable_circle(robot), duration=2.4, engine=engine)
+        errors.append(run.distance[run.t > 1.6].max())
+    assert errors[0] < 0.5 * errors[1], errors
 
 
 def test_gains_that_are_too_fast_for_late_motors_are_told_with_what_helps():

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.tuning.defaults import LATE
+from pinadapt.tuning.defaults import LATE, feedback_lag
 from pinadapt.zoo.experiment import zoo_case
 from tests.support.chains import catalogue_robot
 from tests.tuning.test_heavy_load import light_wrist
@@ -143,9 +143,14 @@ def test_a_longer_lag_and_gains_of_the_user_stay(given):
 
 
 def test_declared_actuators_have_the_last_word():
-    limits = pa.Limits(actuators=pa.robot.Actuators(delay=2e-3))
-    law = pa.make_controller(catalogue_robot("ur5"), adaptation=MEMORY, limits=limits).law
-    assert law.lag == pytest.approx(6e-3) and not law.late
+    """Springs have a lag of their own; motors are tolerated half as late again as declared."""
+    robot, own = catalogue_robot("ur5"), pa.robot.Actuators
+    found = [
+        pa.make_controller(robot, adaptation=MEMORY, limits=pa.Limits(actuators=each)).law
+        for each in (own(stiffness=2e4), own(delay=0.02))
+    ]
+    assert found[0].lag == pytest.approx(feedback_lag(robot, 1e-3, own(stiffness=2e4)))
+    assert not found[0].late and found[1].late == pytest.approx(0.03)
 
 
 def test_a_joint_that_the_assumed_load_dwarfs_keeps_more_damping():

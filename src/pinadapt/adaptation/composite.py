@@ -161,7 +161,8 @@ class _Factors(NamedTuple):
 
 _NOTHING = np.zeros(0)
 _UNMADE = _Factors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32), _NOTHING)
-_CLOCK, _OWN = 6, 10  # place of the numbers, and parts before those of the inner adaptation
+# places of the numbers and of Pi a_0, and parts before those of the inner adaptation
+_CLOCK, _START, _OWN = 6, 10, 11
 # in time constants of the low pass
 _QUIET = 6.0  # after which it knows 0.2 % of an old load
 _RISE, _FALL = 20.0, 40.0  # over which innovations are averaged, if they rise or fall
@@ -243,12 +244,21 @@ class CompositeMemory(Wrapper):
                 and only the memory mends that. Where nothing is explained this is the inner
                 adaptation at that share of its speed. V may rise by dkappa/dt (the law's V) while
                 q^2 rises.
+    Prior:      where W is noisy, least squares is biased (errors in variables): E W^T R W grows by
+                the information N of the noise per second, E W^T R y does not, so that a direction
+                that no motion shows tends to N a = 0, and inertias that vanish beside first moments
+                that are known make masses grow. With Pi for a prior, dA/dt gains Pi and db/dt gains
+                Pi a_0, a_0 the value at the start or the announced one. A direction without motion
+                tends to (N + Pi)^-1 Pi a_0, and what a motion shows with information A per second
+                is off by A^-1 (Pi (a_0 - a) - N a), however long the run is. dV/dt gains
+                (rho / kappa) da^T (I + A P)^-1 Pi (a_0 - a) t.
     Lateness:   T with T^2 = mean |r_m|^2 / mean |dy/dt|^2, both relative to the noise and averaged
                 over 20 / bandwidth, is the time by which the torques would have to be late to leave
                 such errors (``Estimate.lateness``). Motors that are late by T do, unless parameters
                 explain a part; a ringing, springs and encoders leave more. An empty memory explains
                 everything: at a new start T is 0.1 s, and decays over 40 / bandwidth to what the
-                new data say. It is 10 ms while all rests, and infinite while a motor saturates; as
+                new data say. Motors whose lateness W and y already hold are ``late`` besides. T is
+                10 ms while all rests, and infinite while a motor saturates; as
                 part of an ODE it does not move.
     Limits:     while a motor saturates, the missing torque may be that of an obstacle. The memory
                 then stores nothing and adds nothing; afterwards it goes on as if its low pass
@@ -288,6 +298,8 @@ class CompositeMemory(Wrapper):
             below which rho is reduced; zero for never.
         unit: the parameters' covariance before any data is about ``unit`` P: P is the rate of a
             loop, and larger.
+        prior: Pi (p, p) [1/s], or None.
+        late: by which torques come late that W and y hold in time [s].
     """
 
     sources = ("Kreisselmeier1977", "PanYu2018", "FortescueKershenbaumYdstie1981")
@@ -310,6 +322,8 @@ class CompositeMemory(Wrapper):
         interval: float = 0.0,
         agreement: float = 0.0,
         unit: float = 1.0,
+        prior: ArrayLike | None = None,
+        late: float = 0.0,
     ) -> None:
         """Wrap an adaptation with a memory.
 
@@ -331,10 +345,12 @@ class CompositeMemory(Wrapper):
             interval: between evaluations of H da [s], at most 1 / rho; zero: every sample.
             agreement: below which difference of the torques, relative to the noise, rho is reduced.
             unit: of P, by which information of other data is multiplied.
+            prior: Pi (p, p) [1/s], symmetric and positive semidefinite; None: zero.
+            late: by which torques come late that W and y hold in time [s].
 
         Raises:
             GainError: gains that are not positive, shares above one or below kappa, a trust above
-                one, or too long an interval.
+                one, too long an interval, or a prior that is no square matrix.
         """
         super().__init__(inner)
         self.name = _WITH_MEMORY.get(inner.name, inner.name)
@@ -366,13 +382,19 @@ class CompositeMemory(Wrapper):
             )
         self.agreement = positive(agreement, "agreement", zero=True)
         self.unit = positive(unit, "unit")
+        self.prior = None if prior is None else numbers(prior, "prior", error=GainError)
+        if self.prior is not None and self.prior.shape != 2 * self.prior.shape[:1]:
+            raise GainError(
+                f"expected a square matrix, got shape {self.prior.shape}.", where="prior"
+            )
+        self.late = positive(late, "late", zero=True)
         compile_all()
         self._variance = self.noise * self.noise
         self._precision = np.atleast_1d(1.0 / self._variance)
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with an empty memory."""
-        return self._with_empty_memory(self.inner.init(value), 0.0)
+        return self._with_empty_memory(self.inner.init(value), value, 0.0)
 
     def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
         """Return the estimate with A = unit H and b = A a_hat.
@@ -386,7 +408,7 @@ class CompositeMemory(Wrapper):
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate at an announced value (p); memory begins anew."""
         inner = self.inner.reset_to(self._inner(estimate), value, start)
-        return self._with_empty_memory(inner, _QUIET / self._bandwidth)
+        return self._with_empty_memory(inner, start, _QUIET / self._bandwidth)
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate with what V needs of the memory: the numbers that kappa follows."""
@@ -396,14 +418,14 @@ class CompositeMemory(Wrapper):
         return Estimate(inner.value, (*own, *inner.memory), estimate.lateness)
 
     def _remembers(self, memory: tuple) -> bool:
-        """Tell whether a memory begins with the ten parts of this one, or with those of a record.
+        """Tell whether a memory begins with the parts of this one, or with those of a record.
 
         A record keeps the numbers and nothing else.
         """
         own, inner = memory[:_OWN], memory[_OWN:]
         if len(own) < _OWN or not all(isinstance(part, np.ndarray) for part in own):
             return False
-        _, b, _, origin, lasting, heard, numbers_now, matrix, pivots, value = own
+        _, b, _, origin, lasting, heard, numbers_now, matrix, pivots, value, start = own
         p, n = b.size, lasting.size
         fits = are_arrays((numbers_now,), (len(_Clock._fields),)) and self.inner._remembers(inner)
         if all(not part.size for part in own[:_CLOCK] + own[_CLOCK + 1 :]):
@@ -416,6 +438,7 @@ class CompositeMemory(Wrapper):
             and are_arrays((origin, lasting), (looks, p + 1), (n,))
             and are_arrays((heard, matrix, value), (heard.size,), (made, made), (made,))
             and heard.size in (2, 2 + n)
+            and are_arrays((start,), (0 if self.prior is None else p,))
             and pivots.dtype.kind in "fi"
             and pivots.shape in ((0,), (made,))
         )
@@ -436,7 +459,7 @@ class CompositeMemory(Wrapper):
         )
         still = [np.zeros(part.shape) for part in estimate.memory[:_OWN]]
         if told is not None:
-            A_new, b_new = self._news(estimate.value, drive)
+            A_new, b_new = self._news(estimate, drive)
             still[0], still[1] = A_new - told.fading * A, b_new - told.fading * b
         fades = -self._bandwidth
         still[_CLOCK][:4] = (
@@ -449,7 +472,7 @@ class CompositeMemory(Wrapper):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        A, b, pull, origin, lasting, heard, numbers_now, *made = estimate.memory[:_OWN]
+        A, b, pull, origin, lasting, heard, numbers_now, *made, start = estimate.memory[:_OWN]
         clock, factors = _Clock(*numbers_now.tolist()), _Factors(*made)
         inner, late = self._inner(estimate), estimate.lateness
         fades, passed = math.exp(-self._bandwidth * dt), empty(len(clock))
@@ -457,14 +480,14 @@ class CompositeMemory(Wrapper):
         if drive.W is None or drive.residual is None or drive.saturated:
             after = self.inner.step_unchecked(inner, self._total(drive, None, clock, late), dt)
             later = _Clock(*passed.tolist())._replace(quiet=_QUIET / self._bandwidth, due=0.0)
-            memory = A, b, pull, origin, lasting, heard, np.array(later), *_UNMADE
+            memory = A, b, pull, origin, lasting, heard, np.array(later), *_UNMADE, start
             return Estimate(after.value, (*memory, *after.memory))
         if clock.quiet > 0.0:
             after = self.inner.step_unchecked(inner, self._total(drive, None, clock, late), dt)
             later = _Clock(*passed.tolist())._replace(quiet=0.0, left=fades)
             origin = _origin(estimate.value, drive)
             heard = np.concatenate([heard[:2], origin[:, -1]])
-            memory = A, b, pull, origin, lasting, heard, np.array(later), *_UNMADE
+            memory = A, b, pull, origin, lasting, heard, np.array(later), *_UNMADE, start
             return Estimate(after.value, (*memory, *after.memory))
         whole = drive
         if clock.left < _FORGOTTEN:
@@ -478,7 +501,7 @@ class CompositeMemory(Wrapper):
             after = self.inner.step_unchecked(inner, self._total(drive, pull, clock, late), dt)
             if due < 2.5 * dt and dt < _SHORT * self.interval:
                 factors = self._prepared(factors, estimate.value, A, last=due < 1.5 * dt)
-            memory = A, b, pull, origin, lasting, heard, passed, *factors
+            memory = A, b, pull, origin, lasting, heard, passed, *factors, start
             return Estimate(after.value, (*memory, *after.memory), late)
         told = self._recalled(estimate, drive, factors if factors.pivots.size else None)
         assert told is not None
@@ -492,11 +515,11 @@ class CompositeMemory(Wrapper):
             later = later._replace(fresh=fades, left=fades)
             taken = _origin(estimate.value, whole)
             heard = np.concatenate([np.zeros(2), taken[:, -1]])
-            memory = *nothing, taken, lasting, heard, np.array(later), *_UNMADE
+            memory = *nothing, taken, lasting, heard, np.array(later), *_UNMADE, start
             return Estimate(after.value, (*memory, *after.memory), _UNKNOWN)
         after = self.inner.step_unchecked(inner, self._total(drive, told.pull, clock, late), dt)
         kept = math.exp(-told.fading * span)
-        A_new, b_new = self._news(estimate.value, drive, span)
+        A_new, b_new = self._news(estimate, drive, span)
         A_new += A if kept == 1.0 else kept * A
         now = told.innovation / self.noise
         now *= math.sqrt(d * now.size / max(float(now @ now), 1e-300))
@@ -509,6 +532,7 @@ class CompositeMemory(Wrapper):
         lateness = self._lateness(heard, clock)
         memory = (
             A_new, kept * b + b_new, told.pull, origin, lasting, heard, np.array(later), *_UNMADE,
+            start,
         )  # fmt: skip
         return Estimate(after.value, (*memory, *after.memory), lateness)
 
@@ -608,7 +632,7 @@ class CompositeMemory(Wrapper):
         """Return T [s]."""
         errors, rates = heard[0] + _AT_REST[0], heard[1] + _AT_REST[1]
         doubt = _UNKNOWN * _UNKNOWN * clock.fresh ** (1.0 / _RISE)
-        return math.sqrt(doubt + errors / rates)
+        return self.late + math.sqrt(doubt + errors / rates)
 
     def _mean(self, mean: float, value: float, span: float) -> float:
         """Return a mean after a time [s], the faster where it rises."""
@@ -616,16 +640,20 @@ class CompositeMemory(Wrapper):
         return mean + min(1.0, span * self._bandwidth / over) * (value - mean)
 
     def _news(
-        self, value: np.ndarray, drive: Drive, span: float = 1.0
+        self, estimate: Estimate, drive: Drive, span: float = 1.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return W^T R W (p, p) and W^T R y (p) of a drive with a prediction error, times a span.
+        """Return W^T R W + Pi (p, p) and W^T R y + Pi a_0 (p) of a prediction error, times a span.
 
         They are rates, of A and b; span is the time over which they hold [s].
         """
         W, residual = drive.W, drive.residual
         assert W is not None and residual is not None
         weighted = (W.T * (span * self._bandwidth / self._variance)).dot  # W^T R
-        return weighted(W), weighted(W.dot(value) - residual)
+        A_new, b_new = weighted(W), weighted(W.dot(estimate.value) - residual)
+        if self.prior is not None:
+            A_new += span * self.prior
+            b_new += span * estimate.memory[_START]
+        return A_new, b_new
 
     def _prepared(self, made: _Factors, value: np.ndarray, A: np.ndarray, last: bool) -> _Factors:
         """Return the next part of what a look needs; the last sample before it factorises."""
@@ -672,13 +700,17 @@ class CompositeMemory(Wrapper):
         m = math.sqrt(kernels.mean_square(change, self._precision))
         return max(_CALM, m / (m + self.agreement))
 
-    def _with_empty_memory(self, estimate: Estimate, quiet: float) -> Estimate:
-        """Return the inner adaptation's estimate with A = 0 and b = 0, quiet for a time [s]."""
+    def _with_empty_memory(self, estimate: Estimate, start: np.ndarray, quiet: float) -> Estimate:
+        """Return the inner adaptation's estimate with A = 0 and b = 0, quiet for a time [s].
+
+        Its prior is the value ``start`` (p).
+        """
         p = estimate.value.size
         clock = _Clock(quiet, 0.0, 1.0, 0.0, _FIRST, 0.0, 0.0)
         nothing = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros((0, p + 1))
         heard = np.zeros(2)
-        memory = *nothing, np.zeros(self.noise.size), heard, np.array(clock), *_UNMADE
+        told = _NOTHING if self.prior is None else self.prior.dot(start)
+        memory = *nothing, np.zeros(self.noise.size), heard, np.array(clock), *_UNMADE, told
         return Estimate(estimate.value, (*memory, *estimate.memory))
 
     @staticmethod

@@ -22,7 +22,7 @@ from .._kernels import samples as kernels
 from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError, InputError, PinadaptError
-from ..filters import FilteredRegressor
+from ..filters import FilteredRegressor, FilteredTorque
 from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
 from ..models.dynamics import Dynamics
@@ -31,7 +31,7 @@ from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
-from ..robot.motors import Compensation, torque_limits
+from ..robot.motors import Compensation, LateTorque, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
@@ -112,7 +112,14 @@ class Controller(Doors):
         first = self.senses.guards.first
         self._held = slice(0) if first is None else first.held
         bandwidth = adaptation_d.torque_bandwidth
-        self._torque_filter = None if bandwidth is None else FilteredRegressor(dynamics, bandwidth)
+        self._torque_filter, self._lead = None, None
+        if bandwidth is not None:
+            motors = None
+            if self.limits.actuators.late:
+                joints = self.limits.actuators.of(kinematics.robot)
+                motors = LateTorque(joints)
+                self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
+            self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
         nothing = Estimate(np.zeros(0))
         self._estimated = EstimatedModel(
             kinematics, dynamics, adaptation_k, adaptation_d, nothing, nothing
@@ -550,6 +557,9 @@ class Controller(Doors):
         While a motor saturates, the tracking error shows the missing torque as well as the errors
         of the parameters, and would wind the estimates up. They then learn only from what holds
         for any torque, the prediction errors.
+
+        Where motors are declared late, and the adaptation predicts the torque, the feedforward of a
+        law that tells it leads by that time. dV/dt is then no equality; nor is it with late motors.
         """
         limits = self.limits.torque
         torque, drives = command.torque, command.drives
@@ -565,9 +575,25 @@ class Controller(Doors):
             (W, y, _, _), drive, residual = s.filtered_torque, drives.dynamic, empty(torque.size)
             kernels.prediction_error(W, s.a_d, y, residual)
             drive.W, drive.residual, drive.weight = W, residual, None
+            if self._lead is not None and command.feedforward is not None:
+                torque = torque + self._led(command.feedforward, s.filtered_torque, residual)
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
+
+    def _led(
+        self, feedforward: np.ndarray, filtered: FilteredTorque, residual: np.ndarray
+    ) -> np.ndarray:
+        """Return T dtau_f/dt (n) through the low pass of the prediction, T the motors' lateness.
+
+        It is T lambda (tau_f - F tau_f), F tau_f = W a_d over how far the low pass has risen: the
+        feedforward at the measured motion.
+        """
+        if not filtered.state.underway:  # the first sample
+            return np.zeros(feedforward.size)
+        risen = -math.expm1(-filtered.bandwidth * filtered.state.underway.t)
+        predicted = residual + filtered.state.y  # with the known part of the torque
+        return np.asarray(self._lead * (feedforward - predicted / risen))
 
     def _model(self, state: ControllerState, s: Signals, dt: float | None) -> EstimatedModel:
         """Return the model at the estimates, for a torque that is held for dt [s], or None."""

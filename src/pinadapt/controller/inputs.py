@@ -207,6 +207,8 @@ class InputCheck:
         _returned(command.torque, f"{law} torque", (n,))
         if command.feedthrough is not None:
             _returned(command.feedthrough, f"{law} feedthrough", (n, n))
+        if command.feedforward is not None:
+            _returned(command.feedforward, f"{law} feedforward", (n,))
         for p, name in ((p_d, "dynamic"), (p_k, "kinematic")):
             drive, place = getattr(command.drives, name), f"{law} drives.{name}"
             instance(drive, Drive, place)

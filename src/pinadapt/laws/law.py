@@ -36,12 +36,15 @@ class Command(Doors):
         drives: what moves the estimates; new at every call, as the controller adds the prediction
             error of the torque to the dynamic one, where the adaptation uses it.
         feedthrough: (n, n) factor of the acceleration [kg m^2 or kg], or None for zero.
+        feedforward: (n) part of the torque that the reference needs by the estimate, or None for a
+            law that does not tell it; declared late motors get it earlier.
     """
 
     shapes = "a: torque.size"
     torque: np.ndarray
     drives: Drives
     feedthrough: np.ndarray | None = None
+    feedforward: np.ndarray | None = None
 
     def at(self, a: np.ndarray | None) -> np.ndarray:
         """Return the torque (n) [N m or N] at joint acceleration a (n) [rad/s^2 or m/s^2]."""

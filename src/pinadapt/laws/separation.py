@@ -430,7 +430,7 @@ class Separation(Law):
             )
         if qd_r is not free:
             torque += self._push(s, error, free - qd_r)
-        return Command(torque, Drives(Drive(Y, error), kinematic))
+        return Command(torque, Drives(Drive(Y, error), kinematic), None, feedforward)
 
     def _kinematic_drive(self, s: Signals) -> Drive:
         """Return the drive of g_k = sigma c Y_k^T (dx_o, lever eta) + X_k^T R epsilon.

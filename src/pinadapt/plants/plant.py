@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from math import ceil, isfinite
 from typing import ClassVar, TypeAlias
 
@@ -14,7 +14,13 @@ from .._checks import Doors, instance, whole
 from .._compiled import compile_all, compiled
 from ..exceptions import DivergedError, InputError, RobotError
 from ..records import Measurement
-from ..robot.motors import Actuators, Compensation, JointActuators, compensation_of
+from ..robot.motors import (
+    Actuators,
+    CommandsUnderway,
+    Compensation,
+    LateTorque,
+    compensation_of,
+)
 from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 
@@ -82,59 +88,6 @@ class Plant(Doors, ABC):
 _MOST_SUBSTEPS = 100_000
 _LONGEST_HOLD = 100.0  # [s] of one torque
 LONGEST_STEP = 1e-3  # [s]; integration errors stay below 0.1 % of the tracking error
-_ROUNDING = 1e-6  # of a period, by which arrivals may differ and be the same
-
-
-class LateTorque:
-    """What motors apply that follow their commands late: after a delay, through a low pass.
-
-    The first command counts from before the start: until another one has arrived, it is applied.
-    The low pass is exact: within each piece of time the mean of its output is held.
-    """
-
-    def __init__(self, joints: JointActuators) -> None:
-        """Take the delays and bandwidths of n joints."""
-        self._delays = np.unique(joints.delay)
-        self._joints = [np.flatnonzero(joints.delay == delay) for delay in self._delays]
-        self._bandwidth = joints.bandwidth
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all commands."""
-        self._coming: list[tuple[float, int, np.ndarray]] = []  # arrival, which delay, command
-        self._arrived: np.ndarray | None = None
-        self._applied = np.zeros(0)
-        self._t = 0.0
-
-    def pieces(self, command: np.ndarray, dt: float) -> Iterator[tuple[np.ndarray, float]]:
-        """Yield the torque (n) applied, and for how long [s], over the next dt [s].
-
-        A piece ends where a command arrives, and lasts at most ``LONGEST_STEP`` where there is a
-        low pass.
-        """
-        if self._arrived is None:
-            self._arrived, self._applied = command.copy(), command
-        coming, least = self._coming, _ROUNDING * dt
-        coming += [(self._t + late, k, command) for k, late in enumerate(self._delays)]
-        coming.sort(key=lambda each: each[0])
-        end, smooth = self._t + dt, bool(np.isfinite(self._bandwidth).any())
-        while self._t < end - least:
-            while coming and coming[0][0] <= self._t + least:
-                _, k, arriving = coming.pop(0)
-                self._arrived[self._joints[k]] = arriving[self._joints[k]]
-            stop = min(end, coming[0][0]) if coming else end
-            stop = end if stop > end - least else stop
-            if smooth:
-                stop = min(stop, self._t + LONGEST_STEP)
-            yield self._passed(stop - self._t), stop - self._t
-            self._t = stop
-
-    def _passed(self, h: float) -> np.ndarray:
-        """Return the mean (n) of the low pass's output over h [s], and move it on."""
-        assert self._arrived is not None  # pieces sets it
-        z, off = self._bandwidth * h, self._applied - self._arrived
-        self._applied = self._arrived + np.exp(-z) * off
-        return self._arrived - np.expm1(-z) / z * off
 
 
 class SimulatedPlant(Plant):
@@ -197,11 +150,11 @@ class SimulatedPlant(Plant):
         compile_all()
         joints = self.actuators.of(robot)
         self._late = LateTorque(joints) if self.actuators.late else None
+        self._underway: CommandsUnderway | None = None
 
     def reset(self) -> None:
         """Forget the commands that have not arrived; a subclass returns home besides."""
-        if self._late is not None:
-            self._late.reset()
+        self._underway = None
 
     @abstractmethod
     def hold(self, tau: np.ndarray, dt: float) -> None:
@@ -222,7 +175,8 @@ class SimulatedPlant(Plant):
         if self._late is None:
             self.hold_unchecked(tau, dt)
             return
-        for applied, part in self._late.pieces(tau, dt):
+        pieces, self._underway = self._late.after(self._underway, tau, dt, LONGEST_STEP)
+        for applied, part in pieces:
             self.hold_unchecked(applied, part)
 
     def steps_in(self, dt: float) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import NamedTuple, TypeAlias
@@ -105,6 +106,11 @@ class Actuators:
         return bool(np.any(self.delay) or np.isfinite(self.bandwidth).any())
 
     @property
+    def lateness(self) -> float:
+        """Delay and time constant of the slowest motor together [s]."""
+        return float(np.max(np.asarray(self.delay) + 1.0 / np.asarray(self.bandwidth)))
+
+    @property
     def elastic(self) -> bool:
         """Whether there are springs."""
         return bool(np.isfinite(self.stiffness).any())
@@ -143,6 +149,92 @@ class Actuators:
                 )
             values.append(np.broadcast_to(array, len(names)).copy())
         return JointActuators(*values)
+
+
+_ROUNDING = 1e-6  # of a period, by which arrivals may differ and be the same
+
+
+class CommandsUnderway(NamedTuple):
+    """What late motors have in hand; n joints.
+
+    Attributes:
+        t: time since the first command [s].
+        coming: commands that have not arrived, in their order: when they do [s], the number of the
+            delay, and the command (n).
+        arrived: (n) what has, [N m or N].
+        applied: (n) output of the low pass [N m or N].
+    """
+
+    t: float
+    coming: tuple[tuple[float, int, np.ndarray], ...]
+    arrived: np.ndarray
+    applied: np.ndarray
+
+    def still(self) -> CommandsUnderway:
+        """Return its time derivative where time stands still: zeros."""
+        coming = tuple((t, k, np.zeros(command.shape)) for t, k, command in self.coming)
+        zero = np.zeros(self.arrived.shape)
+        return CommandsUnderway(self.t, coming, zero, zero)
+
+
+class LateTorque:
+    """What motors apply that follow their commands late: after a delay, through a low pass.
+
+    The first command counts from before the start: until another one has arrived, it is applied.
+    The low pass is exact: within each piece of time the mean of its output is held.
+    """
+
+    def __init__(self, joints: JointActuators) -> None:
+        """Take the delays and bandwidths of n joints."""
+        self._delays = np.unique(joints.delay)
+        self._joints = [np.flatnonzero(joints.delay == delay) for delay in self._delays]
+        self._bandwidth, self._smooth = joints.bandwidth, bool(np.isfinite(joints.bandwidth).any())
+
+    def after(
+        self,
+        before: CommandsUnderway | None,
+        command: np.ndarray,
+        dt: float,
+        longest: float = math.inf,
+    ) -> tuple[list[tuple[np.ndarray, float]], CommandsUnderway]:
+        """Return the torques (n) applied over the next dt [s], for how long [s], and what is left.
+
+        Args:
+            before: what was left by the last command; None: this one is the first.
+            command: (n) [N m or N].
+            dt: until the next command [s].
+            longest: time for which a torque is held where there is a low pass [s].
+        """
+        if before is None:
+            before = CommandsUnderway(0.0, (), command, command)
+        t, arrived, applied = before.t, before.arrived.copy(), before.applied
+        coming, least, pieces = list(before.coming), _ROUNDING * dt, []
+        coming += [(t + late, k, command) for k, late in enumerate(self._delays.tolist())]
+        coming.sort(key=lambda each: each[0])
+        end = t + dt
+        while t < end - least:
+            while coming and coming[0][0] <= t + least:
+                _, k, arriving = coming.pop(0)
+                arrived[self._joints[k]] = arriving[self._joints[k]]
+            stop = min(end, coming[0][0]) if coming else end
+            stop = end if stop > end - least else stop
+            if self._smooth:
+                stop = min(stop, t + longest)
+            z, off = self._bandwidth * (stop - t), applied - arrived
+            applied = arrived + np.exp(-z) * off
+            pieces.append((arrived - np.expm1(-z) / z * off, stop - t))
+            t = stop
+        return pieces, CommandsUnderway(t, tuple(coming), arrived, applied)
+
+    def mean(
+        self, before: CommandsUnderway | None, command: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, CommandsUnderway]:
+        """Return the mean torque (n) over the next dt [s], and what is left; see ``after``."""
+        pieces, left = self.after(before, command, dt)
+        total = np.zeros(command.size)
+        for torque, h in pieces:
+            total += h * torque
+        return (total / dt if pieces else command), left
 
 
 def _numbers(value: ArrayLike, name: str, *, zero: bool) -> np.ndarray:

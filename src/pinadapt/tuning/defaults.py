@@ -146,8 +146,8 @@ _LAG, _GIVING_WAY, _ELASTIC = 2.0, 1.0, 0.5
 # of the bandwidth
 PREDICTION_RATE = 0.125
 
-# [s], of motors that nobody declared late, see ``Law.tolerant``
-LATE = 0.01
+# [s], of motors that nobody declared late, see ``Law.tolerant``; times the declared lateness
+LATE, _LATER = 0.01, 1.5
 
 
 def bandwidth(robot: Robot, dt: float) -> float:
@@ -173,6 +173,15 @@ def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
     own = actuators.of(robot)
     late = float(_LAG * np.max(dt + own.delay + 1.0 / own.bandwidth))
     return late + _GIVING_WAY / elastic_mode(robot, actuators)
+
+
+def tolerated_lateness(actuators: Actuators) -> float:
+    """Return the delay of motors for which the feedback beside a memory is made [s].
+
+    It is 10 ms, or one and a half times the declared delay and time constant together where that is
+    longer. Zero for springs, which have a rule of their own in ``feedback_lag``.
+    """
+    return 0.0 if actuators.elastic else max(LATE, _LATER * actuators.lateness)
 
 
 def slowest_share(robot: Robot, actuators: Actuators, mode: float) -> float:

@@ -35,7 +35,7 @@ from ..robot.changes import Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.task import JointTask
-from .defaults import LATE, bandwidth, elastic_mode, feedback_lag, slowest_share
+from .defaults import bandwidth, elastic_mode, feedback_lag, slowest_share, tolerated_lateness
 from .noise import (
     SIGMA,
     Given,
@@ -173,16 +173,17 @@ def make_controller(
         kind = default_adaptation(chosen, robot, dynamics)
     motion = TypicalMotion(robot, kinematics, dynamics, bandwidth(robot, dt), applied.torque)
     K_f = None if fast is None else fast.gain_for(robot, applied.actuators, dt)
-    tuned, w = _tuned(law, motion, dt, gains, applied.actuators, K_f)
+    late = 0.0
+    if kind in MEMORIES and learns_friction(robot, dynamics) and gains.get("lag") is None:
+        late = tolerated_lateness(applied.actuators)  # else the feedback compensates friction
+    tuned, w = _tuned(law, motion, dt, gains, applied.actuators, K_f, late)
     quality = sensors.quality(robot.model.nv, dt)
     settings = noise_settings(quality, w, robot.reach)
     elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
         tuned = tuned.decorrelated(settings.decorrelation, 1.0 / settings.velocity)
-        patient = kind in MEMORIES and applied.actuators.ideal and gains.get("lag") is None
-        if patient and learns_friction(robot, dynamics):  # else the feedback compensates it
-            tuned = tuned.tolerant(LATE, robot)
+        tuned = tuned.tolerant(late, robot) if late else tuned
     if applied.governor is not None:
         tuned = tuned.within(applied.governor.velocity)
     _warn(tuned, (kind, kind_k), motion, gains | rates, payload)
@@ -192,7 +193,7 @@ def make_controller(
         tuned = _weighed(tuned, motion, adaptation_k, w, settings)
     if isinstance(kinematic_adaptation, Adaptation):
         adaptation_k = kinematic_adaptation
-    tuning = Tuning(tuned, motion, w, dt, quality, settings)
+    tuning = Tuning(tuned, motion, w, dt, quality, settings, applied.actuators.lateness)
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
         """Return the adaptation of the dynamics, at a share of its rate."""
@@ -275,10 +276,10 @@ def _adaptation(
     """Return how the dynamic estimate moves; noisy sensors add a leak where none is chosen."""
     law, motion, w, settings = tuning.law, tuning.motion, tuning.bandwidth, tuning.settings
     first, jitter = share * settings.mode**2, 0.0
-    share *= tracking_share(kind, law, settings.mode, w)
+    share *= tracking_share(kind, law, settings.mode, w, tuning.late)
     if tuning.quality.v:
         jitter = tuning.quality.v * min(1.0, math.sqrt(0.5 * settings.velocity * tuning.period))
-    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter, first)
+    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter, first, tuning.late)
     if kind == "none":
         return moved
     moved = modified(moved, modifying, tuning)
@@ -389,19 +390,22 @@ def _tuned(
     gains: dict[str, Any],
     actuators: Actuators,
     K_f: np.ndarray | None,
+    late: float,
 ) -> tuple[Law, float]:
     """Return the law, and the bandwidth [rad/s] that it has at the period dt [s].
 
     The feedback of a law by name is made as slow as a stable loop at dt needs with the actuators,
-    where none of its gains is given.
+    where none of its gains is given; for motors that are ``late`` [s], see ``Law.tolerant``, as
+    slow as with that lag, which it does not get yet.
     """
     if isinstance(law, Law):
         if given := [name for name, gain in gains.items() if gain is not None]:
             raise InputError(f"a law given as an object has its gains; got {given}.", where="gains")
         return law, motion.bandwidth * law.bandwidth_share
     chosen = LAWS[law]
+    own = gains
     if not actuators.ideal and gains.get("lag") is None and gains.get("Kv") is None:
-        gains = gains | {"lag": feedback_lag(motion.robot, dt, actuators)}
+        gains = gains | {"lag": late or feedback_lag(motion.robot, dt, actuators)}
     tuned = chosen.tuned(motion, dt, **gains)
     if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
         return tuned, motion.bandwidth * tuned.bandwidth_share
@@ -427,7 +431,7 @@ def _tuned(
             "velocity besides: law=pa.laws.FastFeedback(...).",
             stacklevel=6,
         )
-    tuned = slowed(share)
+    tuned = chosen.tuned(motion, dt, share, **own) if late else slowed(share)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
 

@@ -172,6 +172,7 @@ def dynamic_adaptation(
     share: float = 1.0,
     jitter: float = 0.0,
     first: float = 1.0,
+    late: float = 0.0,
 ) -> Adaptation:
     """Return the dynamic adaptation with given rates or a share of the default ones.
 
@@ -186,6 +187,7 @@ def dynamic_adaptation(
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
         first: share of the default rates with which the tracking error teaches beside a memory that
             is empty.
+        late: by which the motors are declared to be late [s].
 
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
@@ -197,7 +199,7 @@ def dynamic_adaptation(
         mode = law.prediction_mode
         timely = _TIMELY if law.remembers else 1.0
         moved = predicting(
-            kind, moved, motion, bandwidth, share, rates, mode, jitter, first, timely
+            kind, moved, motion, bandwidth, share, rates, mode, jitter, first, timely, late
         )
     return law.guarded(moved, motion.dynamics)
 
@@ -323,6 +325,7 @@ def predicting(
     jitter: float,
     first: float,
     timely: float,
+    late: float,
 ) -> Adaptation:
     """Return an adaptation that also follows the prediction error of the torque.
 
@@ -353,7 +356,9 @@ def predicting(
     of the torque filter's bandwidth times it. What it seems to teach of the parameters adds up,
     whatever the motion, and would move those that nothing excites. The memory's noise is so large
     that this reaches the initial uncertainty after 2000 time constants of that filter, about a
-    minute; the motion teaches hundreds of times as much meanwhile.
+    minute; the motion teaches hundreds of times as much meanwhile. And the start is remembered as
+    well as the noise, see ``prior_information``: least squares on a noisy W says that what no
+    motion shows is zero.
 
     Args:
         kind: of ``PREDICTING``.
@@ -368,6 +373,7 @@ def predicting(
             is empty.
         timely: times the share, with which it teaches where torques are in time; laws that need
             M_hat^-1 or a fixed M_hat_0 bear no faster one.
+        late: by which the motors are declared to be late [s].
 
     Raises:
         GainError: a rate that is not positive.
@@ -381,9 +387,11 @@ def predicting(
         doubt = _given(rates, "forgetting", _DOUBT * bandwidth)
         given = any(rates.get(name) is not None for name in ("gamma_d", "gamma_joint"))
         first = share if given else max(share, first)
-        variance = _NOISE**2 * torques
+        variance, prior = _NOISE**2 * torques, None
         if jitter:
-            variance += _HORIZON * shaken_torques(moved, motion, low_pass * jitter)
+            shaken = shaken_torques(moved, motion, low_pass * jitter)
+            variance += _HORIZON * shaken
+            prior = prior_information(moved, motion, low_pass * share * shaken / variance)
         return CompositeMemory(
             moved,
             low_pass,
@@ -400,6 +408,8 @@ def predicting(
             interval=_INTERVAL / rate,
             agreement=_AGREEMENT,
             unit=_unit(moved, motion) * share,
+            prior=prior,
+            late=late,
         )
     if kind != LeastSquares.name:
         return Composite(moved, low_pass, rate=rate, floor=_FLOOR * torques)
@@ -431,6 +441,23 @@ def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
     return float(np.median(prior / np.diag(Gamma)[: len(prior)]))
 
 
+def prior_information(
+    adaptation: Adaptation, motion: TypicalMotion, noise: np.ndarray
+) -> np.ndarray:
+    """Return the information (p, p) that the start has as often as noise has its own, per second.
+
+    It is the metric of the adaptation at typical parameters, with the trace of the noise: a motion
+    teaches hundreds of times as much of what it shows.
+
+    Args:
+        adaptation: with Gamma.
+        motion: of the model.
+        noise: (n) diagonal of R E[Y Gamma Y^T], what the noise of each row adds per second.
+    """
+    Gamma = adaptation.gain(typical_start(adaptation, motion))
+    return np.asarray(noise.sum() / len(Gamma) * np.linalg.inv(Gamma))
+
+
 def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
     """Return the mean diagonal (n) of E Y Gamma Y^T, Y due to accelerations of the joints alone.
 
@@ -449,23 +476,25 @@ def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> n
     return np.asarray(a**2 * rest.size * np.mean(found, axis=0))
 
 
-def tracking_share(kind: str, law: Law, mode: float, bandwidth: float) -> float:
+def tracking_share(kind: str, law: Law, mode: float, bandwidth: float, late: float) -> float:
     """Return the share of the law's default rates with which the tracking error teaches.
 
     Beside a memory its mode is ``Law.memory_mode`` bandwidths, and at most half of 1 / T where the
-    feedback is for motors that are late by T: a faster one takes the rest of the phase margin.
+    feedback is for motors that are late by T, or they are declared to be: a faster one takes the
+    rest of the phase margin.
 
     Args:
         kind: of adaptation.
         law: with its mode, at the default rates.
         mode: share of it that the noise of the sensors leaves.
         bandwidth: w [rad/s].
+        late: by which the motors are declared to be late [s].
     """
     if kind in MEMORIES:
         own = law.adaptation_mode * bandwidth
         mode = min(mode, law.memory_mode * bandwidth / own)
-        if law.late:
-            mode = min(mode, _IN_TIME / (law.late * own))
+        if late := max(late, law.late):
+            mode = min(mode, _IN_TIME / (late * own))
     return mode**2
 
 
