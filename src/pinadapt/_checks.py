@@ -338,6 +338,7 @@ _FLOAT = np.dtype(float)
 _OBJECTS = {
     *("Robot", "Estimate", "Drive", "Drives", "Signals", "Truth", "EstimatedModel"),
     *("Measurement", "Desired", "ControllerState", "FilteredTorque", "TorqueFilterState"),
+    *("Model", "Data"),  # of Pinocchio
 }
 _UNCHECKED = "_unchecked"
 _RULES: dict[str, tuple[str, Callable[[float], bool]]] = {
@@ -384,18 +385,29 @@ class Doors:
             if hasattr(cls, name + _UNCHECKED):
                 setattr(cls, name + _UNCHECKED, inside)
             if isfunction(method) and inside is method:
-                setattr(cls, name, _with_door(method, cls.shapes))
+                above = getattr(super(cls, cls), name, None)
+                setattr(cls, name, _with_door(method, cls.shapes, above))
 
     def _flaw(self, value: Any) -> str | None:
         """Return what else is wrong with an object of the right class and sizes, or None."""
         return None
 
 
-def _with_door(method: Callable[..., R], of_class: str) -> Callable[..., R]:
-    """Return a method that checks its arguments first, or itself if there is nothing to check."""
+def _with_door(method: Callable[..., R], of_class: str, above: Any) -> Callable[..., R]:
+    """Return a method that checks its arguments first, or itself if there is nothing to check.
+
+    Args:
+        method: of a class.
+        of_class: its attribute ``shapes``.
+        above: the method that it overrides, whose annotations hold where it has none; or None.
+    """
     shapes = dict(each.split(": ") for each in of_class.split(", ") if each)
-    parameters = list(signature(method).parameters.values())[1:]
-    checks = {each.name: _check_of(each, shapes, method.__name__) for each in parameters}
+    inherited = signature(above).parameters if isfunction(above) else {}
+    checks = {}
+    for each in list(signature(method).parameters.values())[1:]:
+        bare = each.annotation is Parameter.empty and each.name in inherited
+        typed = inherited[each.name] if bare else each
+        checks[each.name] = _check_of(typed, shapes, method.__name__)
     if not any(checks.values()):
         return method
     in_order = list(checks.values())
@@ -415,8 +427,9 @@ def _with_door(method: Callable[..., R], of_class: str) -> Callable[..., R]:
             return method(self, *positional, *args[len(in_order) :], **given)
         except PinadaptError:
             raise
-        except (ValueError, IndexError, ArithmeticError) as reason:
-            if not of_computing(reason):
+        except (TypeError, ValueError, IndexError, ArithmeticError) as reason:
+            of_python = isinstance(reason, TypeError) and type(reason) is TypeError
+            if of_python or not of_computing(reason):
                 raise
             raise ArrayError(
                 f"these arrays or numbers cannot be computed with ({one_line(reason)}).",
@@ -448,7 +461,9 @@ def one_line(reason: BaseException) -> str:
 
 def _check_of(parameter: Parameter, shapes: Mapping[str, str], method: str) -> _Check | None:
     """Return what checks and converts an argument (object, value, known lengths), or None."""
-    kinds = [kind.strip() for kind in str(parameter.annotation).split("|")]
+    given = parameter.annotation
+    words = given.__name__ if isinstance(given, type) else str(given)
+    kinds = [kind.strip().rpartition(".")[2] for kind in words.split("|")]
     name, kind = parameter.name, kinds[0]
     optional, asked = "None" in kinds or parameter.default is None, shapes.get(name)
     lengths = None if asked is None else _parsed(asked)
@@ -495,7 +510,7 @@ def _check_of(parameter: Parameter, shapes: Mapping[str, str], method: str) -> _
             raise InputError(flaw, where=where(owner))
         return value
 
-    if "np.ndarray" in kinds:
+    if "ndarray" in kinds:
         return array
     if kind in _OBJECTS:
         return thing

@@ -150,6 +150,8 @@ def calls(loop):
         ("circle", circle.at, {"t": 0.3}),
         ("circle", lambda by: circle.shifted(by).at(0.3), {"by": still}),
         ("circle", circle.positions, {"times": v}),
+        ("start", circle.from_rest(1.0).law.when, {"s": 0.3}),
+        ("picture", pa.tasks.pinhole_camera, {"position": x, "target": still, "focal": 900.0}),
         ("robot", robot.position, {"q": q}),
         (
             "controller",
@@ -323,6 +325,54 @@ def test_a_method_of_a_step_says_what_it_was_given_and_what_it_asks_for(loop):
     assert kin.task.error([1, 2, 3], np.ones(3)).tolist() == [0.0, 1.0, 2.0]
 
 
+def test_absurd_counts_and_durations_end_at_once(loop):
+    controller = loop[0]
+    robot, kin, dyn = controller.motion.robot, controller.kinematics, controller.dynamics
+    plant, still = pa.plants.PinocchioPlant(robot), np.zeros(6)
+    for absurd in (
+        lambda: plant.step(still, 1e29),
+        lambda: plant.hold(still, 100.1),
+        lambda: kin.base(10**9),
+        lambda: pa.models.base_parameters(dyn, robot, samples=10**9),
+        lambda: pa.adaptation.Gradient(1.0, 10**9),
+        lambda: pa.excite(robot, harmonics=10**9),
+    ):
+        with pytest.raises(pa.InputError, match="at most"):
+            absurd()
+    for dt in (0.0, -1e-3, np.nan, np.inf, 1e300):
+        with pytest.raises(pa.InputError, match=r"PinocchioPlant.step: dt: expected a positive"):
+            plant.step(still, dt)
+    with pytest.raises(pa.DivergedError, match="not finite"):
+        plant.step(np.full(6, np.nan), 1e-3)
+    assert plant.measure().t == 0.0
+
+
+def test_a_state_that_does_not_fit_is_refused(loop):
+    controller, state = loop
+    sample = pa.plants.PinocchioPlant(controller.motion.robot).measurement(
+        controller.motion.robot.q0, np.zeros(6), 1e-3
+    )
+    wrong = state._replace(sensed=state.sensed._replace(trail="x"))
+    with pytest.raises(pa.InputError, match=r"^state: there is no going on from it"):
+        controller.step(wrong, sample, pa.Desired(sample.x, *np.zeros((2, 3))), 1e-3)
+
+
+def test_errors_of_a_users_own_code_stay_and_overrides_have_their_twin():
+    class Own(pa.adaptation.Adaptation):
+        def rate(self, estimate, drive):
+            raise ValueError("of my own")
+
+        def divergence(self, value, truth):
+            return None
+
+    own, drive = Own(), Drive(np.ones((1, 2)), np.ones(1))
+    for call in (own.rate, own.rate_unchecked, own.value_rate):
+        with pytest.raises(ValueError, match=r"^of my own$"):
+            call(Estimate(np.ones(2)), drive)
+    with pytest.raises(pa.InputError, match=r"^Own.rate: estimate"):
+        own.rate(None, drive)
+
+
 def read_only(array):
     """Return a copy in memory that the system does not let anybody write, as joblib's maps are."""
     with tempfile.TemporaryFile() as file:
@@ -386,7 +436,7 @@ def test_what_goes_out_and_comes_in_is_the_callers(options):
         for array in (torque, sample.q, sample.v, sample.x, *desired):
             array += 9.0
         assert unchanged(state, before)
-    for part, value in (("x_d", np.inf), ("x_d", -np.inf), ("x_d", np.nan)):
+    for part, value in (("x_d", np.inf), ("x_d", np.nan), ("xd_d", -np.inf), ("xdd_d", np.inf)):
         wrong = pa.Desired(first.x, *np.zeros((2, 2)))._replace(**{part: np.full(2, value)})
         with pytest.raises(pa.InputError, match="not finite"), np.errstate(all="ignore"):
             controller.step(state, plant.measurement(robot.q0, np.zeros(2), 0.004), wrong, 1e-3)

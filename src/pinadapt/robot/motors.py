@@ -268,6 +268,7 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     Raises:
         GainError: wrong size, or limits that are not positive.
     """
+    instance(robot, Robot, "robot")
     if limits is None or limits is False:
         return None
     n = robot.model.nv

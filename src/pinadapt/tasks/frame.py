@@ -405,8 +405,9 @@ def pinhole_camera(
         InputError: wrong sizes, a focal length that is not positive, or a target where the camera
             stands.
     """
-    eye, at = vector(position, 3, "position"), vector(target, 3, "target")
-    middle, (turn,) = vector(centre, 2, "centre"), vector(roll, 1, "roll")
+    eye = vector(position, 3, "position", fills=False)
+    at = vector(target, 3, "target", fills=False)
+    middle, (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
     f = positive(focal, "focal", error=InputError)
     away = float(np.linalg.norm(at - eye))
     if not away > 0.0:

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import Doors
+from ..exceptions import InputError
 
 CoordinateMotion: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Function of q (nq) and v (nv) that returns coordinates x and task velocity xd (m)."""
@@ -68,7 +69,8 @@ class Task(Doors, ABC):
     labels: tuple[str, ...]
     shapes = (
         "x: coordinates, x_d: coordinates, x_hat: coordinates, xd: size, xd_hat: size, xd_d: size, "
-        "by: size, epsilon: positions, share: finite"
+        "by: size, epsilon: positions, share: finite, q: nq, v: nv, turn: 4, before: 4, p: 3, "
+        "y_d: size"
     )
 
     @property
@@ -107,7 +109,8 @@ class Task(Doors, ABC):
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x: the measured ones, or those that follow from q (nq) alone."""
-        assert x is not None  # the controller refuses measurements without it
+        if x is None:
+            raise InputError("is missing; only a joint task does without it.", where="x")
         return x
 
     measured_unchecked = measured
@@ -191,6 +194,7 @@ class JointTask(Task):
         continuous: for each joint, whether it turns without limits.
     """
 
+    shapes = f"{Task.shapes}, v: size"
     continuous: tuple[bool, ...]
 
     @classmethod

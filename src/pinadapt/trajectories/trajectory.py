@@ -386,11 +386,13 @@ def half_diagonal(path: np.ndarray) -> float:
 _NEWTON, _EXACT = 20, 1e-15  # most iterations, and the step at which they end [cells]
 
 
-class TimeLaw(ABC):
+class TimeLaw(Doors, ABC):
     """A path's own time s as a function of time t, twice continuously differentiable for t > 0.
 
     Along x_d(s(t)) velocity and acceleration are x_d' ds/dt and x_d'' (ds/dt)^2 + x_d' d^2s/dt^2.
     """
+
+    shapes = "t: finite, s: finite, since: finite, period: finite"
 
     @abstractmethod
     def at(self, t: float) -> tuple[float, float, float]:
