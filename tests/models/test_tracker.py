@@ -9,6 +9,7 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 import pinadapt as pa
+from pinadapt.controller import slow_start
 from pinadapt.information.tracker import find_tracker
 from pinadapt.models.tracker_kinematics import Tracker, TrackerKinematics
 from pinadapt.reference import Wiggle
@@ -203,6 +204,89 @@ def test_a_wiggle_makes_no_angle_special():
     assert rollout.diverged is None
     assert rollout.distance.max() < 3e-3
     assert rollout.distance[-30:].max() < 3e-4
+
+
+def at_half_a_turn(name):
+    """Return a robot, and the true one with a tool that a tracker sees turned by 180 degrees."""
+    robot, turn = catalogue_robot(name), np.pi * TURN / np.linalg.norm(TURN)
+    return robot, robot.changed(tool_translation=TOOL).seen_from(turn, PLACE), turn
+
+
+@pytest.mark.slow
+def test_without_a_wiggle_the_joints_hold_until_millimetres_have_told_the_axes():
+    robot, true, turn = at_half_a_turn("scara")
+    controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural", dt=1e-2)
+    circle = circle_of(true, robot, 0.04, turn, np.zeros(3))
+    rollout = pa.simulate(true, controller, circle, duration=4.5, start={})
+    (waited,) = rollout.slowed
+    began = rollout.t > waited.end
+    assert rollout.diverged is None and waited.cause == "unknown axes"
+    assert 3.6 < waited.end < 3.8
+    assert rollout.path_time[-1] == pytest.approx(rollout.t[-1] - waited.end, abs=0.02)
+    assert rollout.distance[began].max() < 2.1e-3  # as with the true axes from the start
+    assert rollout.distance[rollout.t < 0.5].max() < 1e-5
+    assert 0.002 * robot.reach < rollout.distance.max() < 0.003 * robot.reach
+
+
+def wiggled_start(controller, true, of=lambda x: x):
+    """Return controller, start and sample, with the frames of a cycle by kinematics alone."""
+    robot, kinematics = controller.kinematics.robot, controller.kinematics
+    x = of(true.position(robot.q0))
+    first = pa.Measurement(0.0, robot.q0, np.zeros(robot.model.nv), x)
+    state = controller.init(first)
+    start, cycle = state.start, controller._cycle
+    for k, place in enumerate(np.linspace(0.0, cycle.moving, 60)):
+        q = pin.integrate(robot.model, start.q, start.ways @ (2e-3 * cycle.at(place)[0]))
+        kinematics.update(state.a_k, q, first.v)
+        start = start.with_frame(kinematics.X_k, kinematics.p_hat - of(true.position(q)), float(k))
+    return state, start, x
+
+
+def test_frames_of_the_slow_start_tell_the_velocity_of_every_direction():
+    robot, true, _ = at_half_a_turn("panda")
+    controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural")
+    state, start, x = wiggled_start(controller, true)
+    found, kinematics = controller._known(start, state.a_k, x), controller.kinematics
+    for way in start.ways.T:
+        kinematics.update(kinematics.value(true), robot.q0, way)
+        expected = kinematics.xd_hat
+        kinematics.update(found, robot.q0, way)
+        assert np.linalg.norm(expected) == pytest.approx(1.0, abs=0.3)
+        assert kinematics.xd_hat == pytest.approx(expected, abs=2e-3)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((60, 3))
+    noisy = replaced = start
+    for k, each in enumerate(noise):  # one cycle with a millimetre of noise is not enough
+        noisy = replaced.with_frame(np.zeros((3, kinematics.size)), each, float(k))
+        replaced = noisy
+    assert controller._known(noisy, state.a_k, x) is None
+
+
+@pytest.mark.parametrize(
+    ("of", "words"),
+    [
+        (lambda x: 1e3 * x, "in millimetres"),
+        (lambda x: x * [1.0, 1.0, -1.0], "only a mirror"),
+        (lambda x: 0.0 * x, "times as far as the arm"),
+    ],
+)
+def test_the_slow_start_refuses_frames_that_no_tracker_gives(of, words):
+    robot, true, _ = at_half_a_turn("panda")
+    controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural")
+    state, start, x = wiggled_start(controller, true, of)
+    with pytest.raises(pa.ImplausibleError, match=words):
+        controller._known(start, state.a_k, x)
+
+
+def test_the_two_circles_of_the_slow_start_are_smooth_and_excite_all_axes():
+    cycle = slow_start._Cycle(0.3)
+    h, places = 1e-5, np.linspace(0.01, cycle.moving - 0.01, 400)
+    e = np.array([cycle.at(place)[0] for place in places])
+    for place in places[::7]:
+        before, now, after = (cycle.at(t) for t in (place - h, place, place + h))
+        for k in (0, 1):
+            assert now[k + 1] == pytest.approx((after[k] - before[k]) / (2 * h), abs=1e-4)
+    assert np.linalg.norm(e, axis=1).max() <= 1.0 + 1e-12
+    assert np.linalg.cond(np.cov(e.T)) < 1.7
 
 
 @pytest.mark.slow

@@ -53,6 +53,26 @@ def test_log_only_computes_torques_and_sends_none():
     assert loop.phases == ["running", "stopped"] and moved(loop) == 0.0
 
 
+def test_in_axes_that_nobody_knows_the_joints_are_held():
+    """Turned by 180 degrees against the description, the feedback of x would drive the arm away."""
+    true = heavy().changed(tool_translation=[0.03, 0.02, 0.0]).seen_from([0.0, 0.0, np.pi])
+    unknown = controller(unknown=pa.Unknown(tracker=True))
+    described = unknown.kinematics.initial_at(true.q0, true.position(true.q0))
+    for start, held in ((None, True), ({"a_k": described}, False)):
+        loop = Loop(arm(true), "hold", 0.2, of=unknown, start=start)
+        ending = loop.ended()
+        assert (moved(loop) < 0.01) is held
+        waits = ending.state.path is not None and ending.state.path.cause == "unknown axes"
+        assert waits is held
+
+
+def test_without_adaptation_a_motion_in_axes_that_nobody_knows_is_refused():
+    unknown = controller(unknown=pa.Unknown(tracker=True))
+    with pytest.raises(pa.InputError, match="without adaptation"):
+        Loop(stage="slow", of=unknown)
+    Loop(stage="slow", of=unknown, start={"a_k": unknown.kinematics.initial})
+
+
 def test_gravity_compensation_lets_the_arm_be_moved_by_hand():
     """A push moves it on, and with the right model it neither falls nor returns."""
 

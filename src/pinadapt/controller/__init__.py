@@ -11,5 +11,6 @@ from .limits import ControllerLimits as ControllerLimits
 from .limits import Limits as Limits
 from .sensing import Guards as Guards
 from .sensing import Senses as Senses
+from .slow_start import SlowStart as SlowStart
 from .state import ControllerState as ControllerState
 from .state import Sample as Sample

@@ -623,7 +623,7 @@ class Controller(Doors):
         """
         measurement, desired = self._inputs.sample(state, measurement, desired)
         senses, kinematics, dynamics = self.senses, self.kinematics, self.dynamics
-        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, torque_filter, _ = state
+        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, torque_filter, _, _ = state
         task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, kinematic.value, desired
         t, elapsed, since = measurement.t, 0.0, None
         if dt is not ...:

@@ -58,7 +58,9 @@ class ControllerState(NamedTuple):
         sensed: what the sensors said at the last sample, see ``SensedState``.
         torque_filter: state of the low pass of torque and regressor, where the adaptation uses
             their prediction error.
-        path: time of the path, where a governor may slow it; else None.
+        path: time of the path, where a governor may slow it, or where it had to wait for a
+            ``SlowStart``; else None.
+        start: of a ``SlowStart``, what it remembers until the path begins; None from then on.
     """
 
     t: float
@@ -71,6 +73,7 @@ class ControllerState(NamedTuple):
     sensed: SensedState = _NOTHING
     torque_filter: Any = ()
     path: PathTime | None = None
+    start: Any = None
 
     @property
     def a_d(self) -> np.ndarray:
@@ -128,14 +131,16 @@ class ControllerState(NamedTuple):
         """Return ``with_flat`` as a function, faster where many states of one shape are made."""
         moving, size = _filler((*self[1:5], self.torque_filter, self.path), 0)
         t, adapting, load, sensed = self.t, self.adapting, self.load, self.sensed
+        start = self.start
 
         def filled(values: np.ndarray) -> ControllerState:
             """Return this state with its moving numbers replaced, at the same time."""
             assert size == values.size
             dynamic, kinematic, a_0, filters, torque_filter, path = moving(values)
             return ControllerState(
-                t, dynamic, kinematic, a_0, filters, adapting, load, sensed, torque_filter, path
-            )
+                t, dynamic, kinematic, a_0, filters, adapting, load, sensed, torque_filter, path,
+                start,
+            )  # fmt: skip
 
         return filled
 

@@ -1,6 +1,8 @@
 """The control laws; a file has one and its relatives."""
 
 from ..signals import Signals as Signals
+from .acceleration_law import ComputedTorque as ComputedTorque
+from .acceleration_law import ResolvedAcceleration as ResolvedAcceleration
 from .adaptive_inverse_dynamics import AdaptiveInverseDynamics as AdaptiveInverseDynamics
 from .adaptive_inverse_dynamics import (
     AdaptiveInverseDynamicsImproved as AdaptiveInverseDynamicsImproved,
@@ -15,8 +17,6 @@ from .approximate_jacobian import ApproximateJacobian as ApproximateJacobian
 from .approximate_jacobian import ApproximateJacobianGravity as ApproximateJacobianGravity
 from .approximate_jacobian import BoundedTorque as BoundedTorque
 from .approximate_jacobian import Saturation as Saturation
-from .computed_torque import ComputedTorque as ComputedTorque
-from .computed_torque import ResolvedAcceleration as ResolvedAcceleration
 from .fast_feedback import FastFeedback as FastFeedback
 from .law import Command as Command
 from .law import EstimatedModel as EstimatedModel

@@ -17,6 +17,7 @@ from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
 from ..signals import Signals
+from ..tasks.task import JointTask
 from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, SetPointLoop, Truth
 
 _DAMPING = 0.7  # of the springs' fast modes
@@ -98,6 +99,11 @@ class FastFeedback(Law):
     def around(self, law: Law, gain: np.ndarray) -> FastFeedback:
         """Return this feedback with a gain (n) around a law that was made."""
         return replace(self, law=law, gain=gain)
+
+    def of_joints(self, task: JointTask) -> FastFeedback | None:
+        """Return this feedback around that of the law with the joints as its task."""
+        law = self._law.of_joints(task)
+        return None if law is None else replace(self, law=law)
 
     def gain_for(self, robot: Robot, actuators: Actuators, dt: float) -> np.ndarray:
         """Return K_f (n) [N m s/rad or N s/m] for a robot with actuators at a period dt [s].

@@ -22,7 +22,7 @@ from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Friction
 from ..robot.robot import Robot
 from ..signals import Signals
-from ..tasks.task import Task
+from ..tasks.task import JointTask, Task
 
 
 @dataclass(slots=True, eq=False)
@@ -349,6 +349,10 @@ class Law(Doors, ABC):
         The law itself where its proof needs the reference as it is.
         """
         return self
+
+    def of_joints(self, task: JointTask) -> Law | None:
+        """Return the same feedback with the joints as its task, None for a law that has none."""
+        return None
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation of the dynamics, wrapped in what the law's proof needs."""

@@ -22,7 +22,7 @@ from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.frame import rotation_drift
-from ..tasks.task import Task
+from ..tasks.task import JointTask, Task
 from .law import (
     Command,
     EstimatedModel,
@@ -341,6 +341,10 @@ class Separation(Law):
     def within(self, speeds: np.ndarray) -> Separation:
         """Return the law with these speeds (n) [rad/s or m/s], unless it has some."""
         return replace(self, speeds=speeds) if self.speeds is None else self
+
+    def of_joints(self, task: JointTask) -> Separation:
+        """Return the same feedback with the joints as its task."""
+        return replace(self, task=task, R_k=1.0, far=1.0 / _TURNED, patience=1.0, lever=0.0)
 
     def decorrelated(self, bandwidth: float, lead: float = 0.0) -> Separation:
         """Return the law with another lambda_s [1/s], for a velocity that is late by a lead [s]."""

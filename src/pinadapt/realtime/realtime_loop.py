@@ -283,7 +283,9 @@ class RealtimeLoop:
             stage: what to do.
             safety: numbers of the checklist; None for the defaults.
             recorder: log and desk; None for neither.
-            start: initial estimates ``a_k``, ``a_d`` and ``information``, as of ``simulate``.
+            start: initial estimates ``a_k``, ``a_d`` and ``information``, as of ``simulate``. Where
+                nobody knows the axes of x, and ``a_k`` is not given, the arm first holds its joints
+                and moves by millimetres, see ``SlowStart``.
             slowness: by which a slow motion is slower.
             scheduling: what is asked of the system; None for the defaults.
             say: gets each message; None prints it to standard error.
@@ -297,6 +299,14 @@ class RealtimeLoop:
         self._facts = facts = arm.facts
         _check_fit(arm, controller)
         kinematics = controller.kinematics
+        known = kinematics.calibrated or (start or {}).get("a_k") is not None
+        if self.stage is Stage.SLOW and motion is not None and not known:
+            raise InputError(
+                "without adaptation it stays unknown how the axes of x stand against the arm.",
+                where="stage",
+                hint='Take "adapt", which first finds it by millimetres of motion; or give '
+                'start={"a_k": ...}, which information.find_tracker returns.',
+            )
         self._motion = None if motion is None else as_trajectory(motion, kinematics.task)
         self.safety = Safety() if safety is None else safety
         self._checks = Checklist(self.safety, controller, facts)
@@ -366,24 +376,18 @@ class RealtimeLoop:
         state = controller.init(m, **self._start)
         motion: Trajectory = Hold(controller.kinematics.task.measured(m.x, m.q))
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
-            motion = starting_from(self._motion, controller.kinematics.robot, m)
+            believed = controller.kinematics.seen(state.a_k)
+            motion = starting_from(self._motion, believed, m)
             if self.stage is Stage.SLOW:
                 motion = Retimed(motion, SlowedTime(np.full(4, self._slowness), 1.0))
         self._path, self._begin, self._t = motion, m.t, m.t
-        warm, desired = state.adapt(self._adapting), motion.at(0.0)
+        desired = motion.at(0.0)
         if desired.x_d.size == desired.xd_d.size:  # no quaternion
             desired = desired._replace(x_d=desired.x_d + _ASIDE)
-        tau = m.tau  # the brakes hold the arm: what is measured now is not what is asked for
-        for k in range(_WARM_UPS):
-            sample = m._replace(t=m.t + k * self._facts.period, tau=tau)
-            torque, warm = controller.step(warm, sample, desired, self._facts.period)
-            if tau is not None:
-                added = controller.compensation
-                tau = torque if added is None else torque + added(m.q)
-            self._checks.limited(torque, self._zero, self._facts.period)
-            self._checks.of_arm(sample, self._facts.period)
-            self._watched(sample, self._facts.period, warm, desired, torque, torque)
-            controller.safe(warm, sample, damping=self.safety.damping)
+        self._warmed(state, m, desired)
+        if state.start is not None:  # what follows it as well
+            known = {**self._start, "a_k": state.a_k}
+            self._warmed(controller.init(m, **known), m, desired)
         self._checks = Checklist(self.safety, controller, self._facts)
         gc.collect()
         gc.disable()
@@ -400,6 +404,21 @@ class RealtimeLoop:
         self._sent, _ = controller.safe(self._state, m, damping=0.0)
         self._enter(Phase.RUNNING, f"stage '{self.stage.value}'")
         return m
+
+    def _warmed(self, state: ControllerState, m: Measurement, desired: Desired) -> None:
+        """Run all code of a cycle from a state, with a measurement and a reference."""
+        warm, controller = state.adapt(self._adapting), self._controller
+        tau = m.tau  # the brakes hold the arm: what is measured now is not what is asked for
+        for k in range(_WARM_UPS):
+            sample = m._replace(t=m.t + k * self._facts.period, tau=tau)
+            torque, warm = controller.step(warm, sample, desired, self._facts.period)
+            if tau is not None:
+                added = controller.compensation
+                tau = torque if added is None else torque + added(m.q)
+            self._checks.limited(torque, self._zero, self._facts.period)
+            self._checks.of_arm(sample, self._facts.period)
+            self._watched(sample, self._facts.period, warm, desired, torque, torque)
+            controller.safe(warm, sample, damping=self.safety.damping)
 
     def _first_frame(self) -> Measurement:
         """Return the first measurement with a frame of the camera, if the task needs one.
@@ -769,7 +788,8 @@ class RealtimeLoop:
         elif name == "reference" and isinstance(value, Trajectory):
             if self._phase is not Phase.HOLDING or not self._halted:
                 raise InputError("hold the path before a new reference.", where="reference")
-            self._path = value
+            lag = 0.0 if self._state is None or self._state.path is None else self._state.path.lag
+            self._path = Retimed(value, _Halted(-lag, place=0.0)) if lag else value
             self._begin = self._t
             self._phase, self._halted = Phase.RUNNING, False
             self._note(f"running: new reference, {value!r}")

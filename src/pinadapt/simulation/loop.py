@@ -12,6 +12,7 @@ import numpy as np
 
 from .._checks import instance, mapping, positive
 from ..controller.controller import Controller
+from ..controller.governor import PathTime
 from ..controller.state import ControllerState, Sample
 from ..exceptions import (
     DivergedError,
@@ -353,6 +354,9 @@ class _Loop:
         self._q = plant.robot.q0
         self.measurement: Measurement = plant.measurement(self._q, np.zeros(plant.nv))
         self.state = controller.init(self.measurement) if state is None else state
+        if self.state.start is not None:  # samples are what it waits for
+            path = None if controller.limits.governor is None else PathTime()
+            self.state = self.state._replace(start=None, path=path)
         self._filled, self._cause = self.state.filler(), ""
         self.desired: Desired
         self.torque: np.ndarray

@@ -170,7 +170,8 @@ def simulate(
         start: initial estimates, ``a_k`` (p_k) [m] and ``a_d`` (p_d) by name, with ``information``
             as of ``Controller.init``; or what was learned before. By default those of the
             controller's model; an unknown tracker is found by a ``Wiggle`` of the joints before the
-            run begins, from the same home, and ``start={}`` omits that.
+            run begins, from the same home. ``start={}`` omits that; the controller then finds it by
+            millimetres of motion before the path begins, see ``controller.SlowStart``.
         seed: of the noise and of lost frames.
         record_every: keep one sample of so many; the loop itself runs at every one.
         title: of the rollout.

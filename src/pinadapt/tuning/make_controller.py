@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, instance, keywords, positive
-from ..adaptation.adaptation import Adaptation
+from ..adaptation.adaptation import Adaptation, Frozen
 from ..adaptation.modifications import Leak
 from ..adaptation.natural import MatrixInequality
 from ..controller.announcement import NominalRobot
@@ -22,6 +22,7 @@ from ..controller.estimator import Estimator
 from ..controller.governor import Governor
 from ..controller.limits import Limits, limits_for, make_box
 from ..controller.sensing import Guards, Senses, make_guards
+from ..controller.slow_start import SlowStart
 from ..exceptions import InputError, did_you_mean
 from ..filters import LowPass
 from ..laws import DEFAULT, LAWS
@@ -213,7 +214,8 @@ def make_controller(
         compensation=compensation,
         dt=dt,
     )
-    controller = Controller(
+    slowly = not kinematics.calibrated and not isinstance(adaptation_k, Frozen)
+    controller = (SlowStart if slowly else Controller)(
         tuned if fast is None or K_f is None else fast.around(tuned, K_f),
         kinematics,
         dynamics,

@@ -1,0 +1,356 @@
+"""The start of a path in axes that nobody knows: the joints hold, and millimetres of motion tell.
+
+While it is not known how the axes of x stand against the robot's base, a feedback of x may drive
+the arm away from the path. That of the joints cannot. So the joints are held where they are, by the
+same law with the joints as its task, which has a V of its own and learns what the arm carries.
+The frame moves on two circles within a small ball about its place, and the frames of that tell the
+kinematic estimate, by least squares in which the prediction error is linear whatever the estimate
+is. When what it predicts of a motion in any direction is known, the path begins with it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ..adaptation.adaptation import Estimate, Frozen
+from ..adaptation.projections import BoxProjection
+from ..exceptions import ImplausibleError
+from ..models.delay_compensation import SensedState
+from ..models.task_kinematics import JointKinematics
+from ..models.tracker_kinematics import TrackerKinematics
+from ..records import Desired, Measurement
+from .controller import Controller
+from .governor import PathTime
+from .sensing import Guards, Senses
+from .state import ControllerState
+
+AXES = "unknown axes"  # the cause for which the path waits
+_BALL = 2.2e-3  # of the reach: farthest that the frame moves
+_KNOWN = 0.04  # standard deviation of a predicted velocity, relative to that of the frame
+_SETTLING, _TURN, _RAMP, _REST = 0.5, 1.0, 0.3, 0.3  # [s]
+_FRAMES = 2.0  # that a rest is long enough for
+_LEAST_NOISE = 1e-5  # of the reach
+_ROUNDS = 3  # of the noise that the residual shows
+_SINGULAR = 0.1  # of the largest singular value of the Jacobian: below, a direction is left out
+_SCALE, _MIRRORED = 0.7, -0.5  # logarithm of a size, and determinant, that no rotation has
+
+
+class Start(NamedTuple):
+    """What is remembered until the path begins; n joints, m_p positions, p kinematic parameters.
+
+    Attributes:
+        q: (nq) where the joints are held.
+        ways: (n, 3) joint motion that moves the frame along each axis of the base by one metre.
+        size: of the motion [m]; zero while the estimates rest.
+        filters: state of the filters of the law of the joints.
+        taken: time of the last frame [s].
+        frames: how many there were.
+        information: (p, p) sum of X_k^T X_k over the frames.
+        score: (p) sum of X_k^T epsilon, epsilon at the estimate that is held until the end [m].
+        squares: sum of epsilon^T epsilon.
+    """
+
+    q: np.ndarray
+    ways: np.ndarray
+    size: float
+    filters: Any
+    taken: float
+    frames: int
+    information: np.ndarray
+    score: np.ndarray
+    squares: float
+
+    def with_frame(self, X_k: np.ndarray, epsilon: np.ndarray, taken: float) -> Start:
+        """Return this with one more frame.
+
+        Args:
+            X_k: (m_p, p) regressor of its prediction error.
+            epsilon: (m_p) the error [m].
+            taken: its time [s].
+        """
+        return self._replace(
+            taken=taken,
+            frames=self.frames + 1,
+            information=self.information + X_k.T.dot(X_k),
+            score=self.score + epsilon.dot(X_k),
+            squares=self.squares + float(epsilon.dot(epsilon)),
+        )
+
+
+class SlowStart(Controller):
+    """A controller that moves nothing but joints by millimetres until the axes of x are known.
+
+    That is where the state begins without a kinematic estimate; with one the path begins at once.
+    The frame is to stay within 0.22 % of the reach of its place. A cycle of its motion takes 3.5 s;
+    after each one the path begins if the standard deviation of a coordinate of the predicted
+    velocity is at most 4 % of the velocity of the frame, in all directions in which the arm can
+    move, by the noise that the residual shows. Until then the time of the path stands still
+    (``PathTime``, cause "unknown axes"). Nothing but the joints is held while the estimates rest.
+
+    As one differential equation (``run_continuous``), and under a law that has no feedback of the
+    joints (``Law.of_joints``), the path begins at once.
+    """
+
+    @cached_property
+    def _joints(self) -> Controller | None:
+        """The controller that holds the joints, with the same dynamics; None: the law has none."""
+        kinematics = JointKinematics(self.kinematics.robot)
+        law = self.law.of_joints(kinematics.task)
+        if law is None:
+            return None
+        places = self.senses.guards.places
+        return Controller(
+            law,
+            kinematics,
+            self.dynamics,
+            adaptation_k=Frozen(),
+            adaptation_d=self.adaptation_d,
+            limits=replace(self.limits, governor=None),
+            senses=Senses(replace(Guards.none(kinematics.nv), places=places)),
+            compensation=self.compensation,
+            period=self.period,
+        )
+
+    def limited(self, torque: ArrayLike | bool | None) -> Controller:
+        """Return this controller with other torque limits; see ``Controller.limited``."""
+        other = super().limited(torque)
+        vars(other).pop("_joints", None)
+        return other
+
+    def _first_state(self, measurement: Measurement, a_k: Any, *given: Any) -> ControllerState:
+        """Return the state to start from, as ``Controller.init``."""
+        state, joints = super()._first_state(measurement, a_k, *given), self._joints
+        if a_k is not None or joints is None:
+            return state
+        q, robot, p = state.sensed.q, self.kinematics.robot, self.kinematics.size
+        J = pin.computeFrameJacobian(
+            robot.model, robot.model.createData(), q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+        )
+        start = Start(
+            q=q,
+            ways=np.linalg.pinv(J[:3], rcond=_SINGULAR),
+            size=0.0,
+            filters=joints.law.filters.init(state.sensed, joints.kinematics),
+            taken=-math.inf,
+            frames=0,
+            information=np.zeros((p, p)),
+            score=np.zeros(p),
+            squares=0.0,
+        )
+        return state._replace(start=start, path=PathTime(rate=0.0, cause=AXES))
+
+    def recorded(self, state: ControllerState) -> ControllerState:
+        """Return what a record keeps of a state; see ``Controller.recorded``."""
+        kept = super().recorded(state)
+        return kept if kept.start is None else kept._replace(start=None)
+
+    def step(
+        self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
+    ) -> tuple[np.ndarray, ControllerState]:
+        """Return the torque (n) to hold for the next dt [s], and the next state.
+
+        Raises:
+            ImplausibleError: no placement of a tracker explains the frames of the start.
+            PinadaptError: as ``Controller.step``.
+        """
+        start, joints, path = state.start, self._joints, state.path
+        if start is None or joints is None or path is None:
+            return super().step(state, measurement, desired, dt)
+        cycle, place = self._cycle, self._cycle.since(path.lag)
+        with self.reserved():
+            sensed, elapsed, held = self._sensed(state, measurement, desired, dt)
+            t, begun = held.t, None
+            taken = t if sensed.frame is None else sensed.frame.t
+            if taken > start.taken and sensed.epsilon.size:
+                rests = place - cycle.moving - (t - taken)
+                first = 0.0 <= rests < taken - start.taken  # frame of this rest
+                start = start.with_frame(sensed.X_k, sensed.epsilon, taken)
+                if first and state.adapting:
+                    begun = self._begun(state, start, measurement)
+        if begun is not None:
+            return super().step(begun, measurement, desired, dt)
+        if not 0.0 <= place < cycle.moving:
+            start = start._replace(size=_BALL * self.kinematics.robot.reach * state.adapting)
+        e, ed, edd = (start.ways.dot(start.size * each) for each in cycle.at(place))
+        inner = state._replace(
+            kinematic=Estimate(np.zeros(0)),
+            filters=start.filters,
+            adapting=state.adapting and elapsed > 0.0,
+            sensed=SensedState(state.sensed.q, state.sensed.v),
+            path=None,
+            start=None,
+        )
+        held = held._replace(q=sensed.q, v=sensed.v, x=None, x_time=None, xd=None)
+        goal = Desired(joints.kinematics.task.measured(None, start.q) + e, ed, edd)
+        torque, after = joints.step(inner, held, goal, elapsed or dt)
+        if sensed.first is not None:
+            own = 0.0 if self.compensation is None else self.compensation(sensed.q)
+            sensed.first[self._held] = torque + own
+        return torque, after._replace(
+            kinematic=state.kinematic,
+            filters=state.filters,
+            adapting=state.adapting,
+            sensed=sensed,
+            path=path._replace(lag=path.lag + elapsed),
+            start=start._replace(filters=after.filters),
+        )
+
+    def _sensed(
+        self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
+    ) -> tuple[SensedState, float, Measurement]:
+        """Return what the sensors say, the elapsed time [s], and the sample as it is believed."""
+        measurement, desired = self._inputs.sample(state, measurement, desired)
+        before, guards, t = state.sensed, self.senses.guards, measurement.t
+        elapsed = guards.elapsed(state.t, t, dt, self.period, before.trail)
+        since = t - state.t if guards.clock else elapsed
+        sensed, _, measurement = self.senses.read(
+            (before, state.t, measurement, desired, self.kinematics, state.a_k, True, since)
+        )
+        return sensed, elapsed, measurement
+
+    @cached_property
+    def _cycle(self) -> _Cycle:
+        """The motion of the frame."""
+        camera = self.sensors.camera
+        if camera is None:
+            return _Cycle(_REST)
+        frames = 0.0 if camera.rate is None else _FRAMES / camera.rate
+        return _Cycle(camera.delay + max(_REST, frames))
+
+    def _known(self, start: Start, a_k: np.ndarray, x: Any) -> np.ndarray | None:
+        """Return the kinematic estimate (p) by the frames, None while they do not tell enough.
+
+        Args:
+            start: with the frames.
+            a_k: (p) the estimate whose prediction errors they are.
+            x: measured coordinates.
+
+        Raises:
+            ImplausibleError: no placement of a tracker explains them.
+        """
+        kinematics, H, score = self.kinematics, start.information, start.score
+        prior, least = np.diag(1.0 / kinematics.sizes**2), _LEAST_NOISE * kinematics.robot.reach
+        spare = max(1, start.frames * kinematics.positions - kinematics.size)
+        variance = least**2
+        for _ in range(_ROUNDS):
+            P = np.linalg.inv(H / variance + prior)
+            off = P.dot(score) / variance
+            left = start.squares - off.dot(2.0 * score - H.dot(off))
+            variance = max(left / spare, least**2)
+        found, moved = a_k - off, []
+        uncertain = 0.0
+        for way in start.ways.T:
+            kinematics.update_unchecked(found, start.q, way)
+            Y_p = kinematics.Y_p
+            uncertain = max(uncertain, float(np.vdot(Y_p.dot(P), Y_p)) / len(Y_p))
+            moved.append(kinematics.xd_hat[: kinematics.positions])
+        axes = int(np.linalg.matrix_rank(start.ways))
+        size = float(np.linalg.norm(moved)) / math.sqrt(min(kinematics.positions, axes))
+        if uncertain > (_KNOWN * max(1.0, size)) ** 2:
+            return None
+        if isinstance(kinematics, TrackerKinematics):
+            mirrored = len(moved[0]) == axes == 3 and np.linalg.det(moved) < _MIRRORED
+            _check(x, size, mirrored)
+        box = self.adaptation_k
+        return np.clip(found, box.low, box.high) if isinstance(box, BoxProjection) else found
+
+    def _begun(
+        self, state: ControllerState, start: Start, measurement: Measurement
+    ) -> ControllerState | None:
+        """Return the state with which the path begins, None while it does not.
+
+        The arm rests; where it is all frames tell, and the last one how it is turned.
+        """
+        kinematics, before = self.kinematics, state.sensed
+        a_k = self._known(start, state.a_k, measurement.x)
+        if a_k is None:
+            return None
+        kinematics.update_unchecked(a_k, before.q, before.v)
+        x = np.array(measurement.x, dtype=float)
+        x[: kinematics.positions] = kinematics.p_hat
+        sensed = before._replace(x=x, frame=None, history=())
+        assert state.path is not None
+        return state._replace(
+            kinematic=self.adaptation_k.init(a_k),
+            filters=self._filters.init(sensed, kinematics),
+            sensed=sensed,
+            path=PathTime(state.path.lag),
+            start=None,
+        )
+
+
+def _check(x: Any, size: float, mirrored: bool) -> None:
+    """Refuse frames x that no tracker explains.
+
+    Args:
+        x: the last of them.
+        size: of their motion, relative to that of the arm.
+        mirrored: whether a mirror explains them.
+
+    Raises:
+        ImplausibleError: they are such frames.
+    """
+    if not abs(math.log(max(size, _LEAST_NOISE))) < _SCALE:
+        unit = " (in millimetres?)" if 300.0 < size < 3000.0 else ""
+        raise ImplausibleError(
+            "x",
+            x,
+            f"moves {size:.2g} times as far as the arm{unit}",
+            hint="Give x in metres, of a point that is fixed to the last body.",
+        )
+    if mirrored:
+        raise ImplausibleError(
+            "x",
+            x,
+            "is in left-handed axes: only a mirror explains the frames",
+            hint="Change the sign of one coordinate of x.",
+        )
+
+
+class _Cycle:
+    """Two circles of a point about a place, on the unit sphere, one above and one below it.
+
+    With w from 0 to 1 and back, e = w (sqrt(2/3) cos, sqrt(2/3) sin, +-sqrt(1/3)): each axis is
+    excited about as much as the others.
+
+    Attributes:
+        moving: duration of both circles [s].
+        whole: with the rest that follows [s].
+    """
+
+    def __init__(self, rest: float) -> None:
+        """Take the rest [s]."""
+        self._half = _TURN + 2.0 * _RAMP
+        self.moving = 2.0 * self._half
+        self.whole = self.moving + rest
+
+    def since(self, time: float) -> float:
+        """Return the time in the cycle at a time since the start [s]; negative: before it."""
+        time -= _SETTLING
+        return time if time < 0.0 else math.fmod(time, self.whole)
+
+    def at(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return e (3), de/dt and d^2e/dt^2 at a time in the cycle [s]."""
+        none = np.zeros(3)
+        if not 0.0 < place < self.moving:
+            return none, none, none
+        above, t = place < self._half, math.fmod(place, self._half)
+        u, sign = min(t, self._half - t) / _RAMP, 1.0 if t < 0.5 * self._half else -1.0
+        w, wd, wdd = 1.0, 0.0, 0.0
+        if u < 1.0:
+            w = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+            wd = sign * 30.0 * u * u * (1.0 - u) ** 2 / _RAMP
+            wdd = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / _RAMP**2
+        turn, wide = 2.0 * math.pi / self._half, math.sqrt(2.0 / 3.0)
+        cosine, sine = wide * math.cos(turn * t), wide * math.sin(turn * t)
+        c = np.array([cosine, sine, math.sqrt(1.0 / 3.0) * (1.0 if above else -1.0)])
+        cd = turn * np.array([-sine, cosine, 0.0])
+        cdd = -(turn**2) * np.array([cosine, sine, 0.0])
+        return w * c, wd * c + w * cd, wdd * c + 2.0 * wd * cd + w * cdd
