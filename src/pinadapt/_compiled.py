@@ -9,11 +9,10 @@ be written, or not at all; a damaged cache file is replaced.
 
 Kernels fill arrays that their caller has made, because numba is slow at returning arrays, and do
 not call each other, because the cache on disk would not notice a change of the other. A kernel
-checks at its beginning that the sizes of its arrays fit, which takes a nanosecond, as it would
-read outside of an array that is too short. Before that, its entry point checks that they are arrays
-of the kind and the number of axes that it was compiled for, and writable where it writes: numba
-compares only the size of an entry, reads integers as floats, and an array of more axes breaks its
-stack. What does not fit is an ``ArrayError``.
+checks at its beginning that the sizes of its arrays fit, which takes a nanosecond, and raises an
+``ArrayError`` else, as it would read outside of an array that is too short. It does not check that
+they are arrays of floats with the axes that it was compiled for: what users give becomes such
+arrays at the doors of the public methods, see ``_checks.Doors``.
 """
 
 from __future__ import annotations
@@ -24,13 +23,10 @@ import os
 import random
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-
-from .exceptions import ArrayError
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -114,136 +110,11 @@ def _machine_code(function: Callable[..., Any], signature: str, fills: int, allo
     )
     # no counting of references: an option of numba's that its documentation does not have
     counting: dict[str, Any] = {} if allocates else {"_nrt": False}
-    with _checked_entries():
-        try:
-            return njit(typed, cache=True, error_model="numpy", **counting)(function)
-        except Exception:  # a cache that cannot be written, or a damaged one: errors of unpickling
-            _empty_cache(function)
-            return njit(typed, error_model="numpy", **counting)(function)
-
-
-class _Array(ctypes.Structure):
-    """An array as numpy has it in memory."""
-
-    _fields_ = [
-        ("head", ctypes.c_byte * object.__basicsize__),
-        ("data", ctypes.c_void_p),
-        ("axes", ctypes.c_int),
-        ("shape", ctypes.c_void_p),
-        ("strides", ctypes.c_void_p),
-        ("base", ctypes.c_void_p),
-        ("dtype", ctypes.c_void_p),
-        ("flags", ctypes.c_int),
-    ]
-
-
-class _Dtype(ctypes.Structure):
-    """The beginning of a dtype as numpy 1 and 2 have it in memory."""
-
-    _fields_ = [
-        ("head", ctypes.c_byte * object.__basicsize__),
-        ("type", ctypes.c_void_p),
-        ("kind", ctypes.c_char),
-        ("letter", ctypes.c_char),
-        ("order", ctypes.c_char),
-        ("reserved", ctypes.c_char),
-        ("number", ctypes.c_int),
-    ]
-
-
-_MOST_AXES, _WRITABLE, _NATIVE = 64, 0x400, ord("=")  # of numpy
-
-
-@contextmanager
-def _checked_entries() -> Iterator[None]:
-    """Have numba check the arguments of what it compiles meanwhile."""
-    from numba import types
-    from numba.core import boxing  # noqa: F401, fills the table
-    from numba.core.compiler_lock import global_compiler_lock
-    from numba.core.pythonapi import _unboxers
-
-    with global_compiler_lock:
-        of_numba = _unboxers.functions[types.Array]
-        _unboxers.functions[types.Array] = _checked_array
-        try:
-            yield
-        finally:
-            _unboxers.functions[types.Array] = of_numba
-
-
-def _checked_array(kind: Any, given: Any, c: Any) -> Any:
-    """Write the machine code that takes an argument as an array of one kind, or refuses it.
-
-    Args:
-        kind: numba's type of the array.
-        given: the argument, a Python object.
-        c: numba's tools.
-    """
-    from llvmlite import ir
-    from numba.core.pythonapi import NativeValue
-    from numba.np.numpy_support import as_dtype
-
-    builder, whole = c.builder, ir.IntType(32)
-    room = getattr(builder.function, "room", None)
-    if room is None:  # for the head of an array of any number of axes; all arguments share it
-        with builder.goto_entry_block():
-            words = builder.alloca(ir.ArrayType(ir.IntType(64), 5 + 2 * _MOST_AXES))
-            room = builder.function.room = builder.bitcast(words, c.pyapi.voidptr)
-    needed = _WRITABLE if kind.mutable else 0
-    expected = [whole(number) for number in (kind.ndim, as_dtype(kind.dtype).num, needed)]
-    taken = builder.call(_taking(c), [given, room, *expected])
-    array = c.context.make_array(kind)(c.context, builder)
-    place = builder.bitcast(room, array._getpointer().type)
-    return NativeValue(builder.load(place), is_error=builder.not_(taken))
-
-
-def _taking(c: Any) -> Any:
-    """Return the function of a module that takes an array: (object, room, axes, number, flags).
-
-    It tells whether the object is an array of that number of axes and kind, and writes its head
-    into the room. If not, an error is set.
-    """
-    from llvmlite import ir
-    from numba.core import cgutils
-
-    module, byte, whole = c.builder.module, ir.IntType(8), ir.IntType(32)
-    pointer, name = byte.as_pointer(), "pinadapt_take_array"
-    if name in module.globals:
-        return module.globals[name]
-    kind = ir.FunctionType(ir.IntType(1), [c.pyapi.pyobj, pointer, whole, whole, whole])
-    function = ir.Function(module, kind, name)
-    function.linkage = "internal"
-    function.attributes.add("noinline")
-    builder = ir.IRBuilder(function.append_basic_block())
-    pyapi = c.context.get_python_api(builder)
-    given, room, axes, number, flags = function.args
-    no, yes = (ir.Constant(ir.IntType(1), each) for each in (0, 1))
-
-    def read(what: Any, part: Any, of: Any) -> Any:
-        """Return a part of a structure in memory."""
-        start = builder.gep(builder.bitcast(what, pointer), [whole(part.offset)])
-        return builder.load(builder.bitcast(start, of.as_pointer()))
-
-    counts = c.context.enable_nrt
-    adapt = pyapi.nrt_adapt_ndarray_from_python if counts else pyapi.numba_array_adaptor
-    with builder.if_then(cgutils.is_null(builder, adapt(given, room)), likely=True):
-        dtype = read(given, _Array.dtype, pointer)
-        found = [
-            (read(given, _Array.axes, whole), axes),
-            (read(dtype, _Dtype.number, whole), number),
-            (read(dtype, _Dtype.order, byte), byte(_NATIVE)),
-        ]
-        alike = [builder.icmp_unsigned("==", is_, should) for is_, should in found]
-        with builder.if_then(reduce(builder.and_, alike), likely=True):
-            with builder.if_then(builder.icmp_unsigned("==", flags, whole(0))):
-                builder.ret(yes)
-            has = builder.and_(read(given, _Array.flags, whole), flags)
-            with builder.if_then(builder.icmp_unsigned("==", has, flags), likely=True):
-                builder.ret(yes)
-    error = pyapi.unserialize(pyapi.serialize_object(ArrayError))
-    pyapi.err_set_object(error, pyapi.call_function_objargs(error, ()))
-    builder.ret(no)
-    return function
+    try:
+        return njit(typed, cache=True, error_model="numpy", **counting)(function)
+    except Exception:  # a cache that cannot be written, or a damaged one: errors of unpickling
+        _empty_cache(function)
+        return njit(typed, error_model="numpy", **counting)(function)
 
 
 def _empty_cache(function: Callable[..., Any]) -> None:

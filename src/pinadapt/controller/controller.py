@@ -80,7 +80,7 @@ class Controller(Doors):
         "a_k: kinematics.size, torque: kinematics.nv, dt: >=0"
     )
     own_checks = frozenset(
-        {"step", "sent", "init", "observe", "command", "desired", "recorded", "watch", "safe"}
+        {"step", "sent", "init", "observe", "command", "desired", "recorded", "safe"}
     )
 
     def __init__(
@@ -704,6 +704,8 @@ class Controller(Doors):
         size = kernels.size_of_estimates(a_d, a_k, torque)
         if not size < self.limits.estimate**2:
             raise self._divergence(size)
+
+    watch_unchecked = watch
 
     def _divergence(self, size: float) -> DivergedError:
         """Return the error for estimates of this squared norm."""

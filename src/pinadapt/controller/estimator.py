@@ -210,7 +210,7 @@ class Estimator:
                 dynamic = self._dynamic_step(dynamic, filtered, sample.q, elapsed)
             kinematic = self._kinematic_step(kinematic, sensed, elapsed)
             torque = np.zeros(0) if sample.tau is None else sample.tau
-            parts.watch(torque, dynamic.value, kinematic.value)
+            parts.watch_unchecked(torque, dynamic.value, kinematic.value)
         return state._replace(
             t=sample.t,
             dynamic=dynamic,

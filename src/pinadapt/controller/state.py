@@ -46,6 +46,9 @@ class Bridged(NamedTuple):
 class ControllerState(NamedTuple):
     """An immutable snapshot; keep an old one and you can go back to it.
 
+    The sizes of the estimates are checked in every step. What filters, adaptations and sensors
+    remember is taken as it is, so leave it to the controller.
+
     Attributes:
         t: time of the last sample [s].
         dynamic: estimate of the dynamic parameters, with what its adaptation remembers.

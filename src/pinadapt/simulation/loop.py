@@ -315,7 +315,7 @@ def run_continuous(
             k1 = loop.slope(y, t)
             if not np.isfinite(k1).all():
                 raise DivergedError("the torque or the estimates are no longer finite.")
-            controller.watch(loop.torque, loop.state.a_d, loop.state.a_k)
+            controller.watch_unchecked(loop.torque, loop.state.a_d, loop.state.a_k)
             yield loop.sample(t)
             k2 = loop.slope(y + (0.5 * dt) * k1, t + 0.5 * dt)
             k3 = loop.slope(y + (0.5 * dt) * k2, t + 0.5 * dt)
