@@ -600,7 +600,8 @@ def _attribute(owner: Any, path: tuple[str, ...]) -> int | None:
 
 def _one_number(value: Any, asked: str | None, where: str) -> float:
     """Return a real number; it may be infinite or NaN unless it is asked to be finite."""
-    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
+    real = value.__class__ is float or isinstance(value, Real)  # the first is soonest told
+    if not real or isinstance(value, bool | np.bool_):
         raise InputError(f"expected a number, got {shown(value)}.", where=where)
     try:
         number = float(value)

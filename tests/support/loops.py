@@ -137,13 +137,16 @@ def energy_along(
             controller.adaptation_k,
             controller.adaptation_d,
         )
-        emphasis.append(adaptation_d.emphasis(state.dynamic))
-        of_law, learned = law.storage(signals, truth), controller.parameter_storage(state, a_k, a_d)
+        emphasis.append(adaptation_d.emphasis_unchecked(state.dynamic))
+        of_law, learned = (
+            law.storage_unchecked(signals, truth),
+            controller.parameter_storage(state, a_k, a_d),
+        )
         V.append(emphasis[-1] * of_law + learned)
-        others.append((V[-1] - adaptation_d.storage(state.dynamic, a_d)) / emphasis[-1])
-        of_law = law.dissipation(signals, truth)
-        of_law += adaptation_k.dissipation(state.kinematic, drives.kinematic, a_k)
-        learned = adaptation_d.dissipation(state.dynamic, drives.dynamic, a_d)
+        others.append((V[-1] - adaptation_d.storage_unchecked(state.dynamic, a_d)) / emphasis[-1])
+        of_law = law.dissipation_unchecked(signals, truth)
+        of_law += adaptation_k.dissipation_unchecked(state.kinematic, drives.kinematic, a_k)
+        learned = adaptation_d.dissipation_unchecked(state.dynamic, drives.dynamic, a_d)
         rate.append(emphasis[-1] * of_law + learned)
         samples.append((signals, drives.kinematic, state))
         dx.append(signals.dx.copy())

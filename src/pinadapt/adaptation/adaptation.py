@@ -260,6 +260,8 @@ class Adaptation(Doors, ABC):
         """
         return 1.0
 
+    emphasis_unchecked = emphasis
+
     @abstractmethod
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the time derivatives of the value (p) and of the memory."""
@@ -283,13 +285,19 @@ class Adaptation(Doors, ABC):
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the adaptation's part of V at a value (p); None where it is undefined."""
 
+    divergence_unchecked = divergence
+
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the adaptation's part of V at an estimate; None where it is undefined."""
-        return self.divergence(estimate.value, truth)
+        return self.divergence_unchecked(estimate.value, truth)
+
+    storage_unchecked = storage
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the adaptation adds to the law's dV/dt, zero without a prediction error."""
         return 0.0
+
+    dissipation_unchecked = dissipation
 
     def power(self, estimate: Estimate, change: np.ndarray, truth: np.ndarray) -> float:
         """Return what a change (p) of the rate of the value adds to dV/dt, da^T Gamma^-1 change."""
@@ -389,7 +397,7 @@ class Wrapper(Adaptation):
 
     def emphasis(self, estimate: Estimate) -> float:
         """Return the inner adaptation's factor of the other parts of V."""
-        return self.inner.emphasis(estimate)
+        return self.inner.emphasis_unchecked(estimate)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""
@@ -401,15 +409,15 @@ class Wrapper(Adaptation):
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
-        return self.inner.divergence(value, truth)
+        return self.inner.divergence_unchecked(value, truth)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
-        return self.inner.storage(estimate, truth)
+        return self.inner.storage_unchecked(estimate, truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt."""
-        return self.inner.dissipation(estimate, drive, truth)
+        return self.inner.dissipation_unchecked(estimate, drive, truth)
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p)."""
@@ -544,21 +552,27 @@ class Stacked(Adaptation):
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        parts = [part.divergence(value[block], truth[block]) for part, block in self.parts]
+        parts = [
+            part.divergence_unchecked(value[block], truth[block]) for part, block in self.parts
+        ]
         return (
             None if any(d is None for d in parts) else float(sum(d for d in parts if d is not None))
         )
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        parts = [part.storage(own, truth[block]) for part, block, own in self._split(estimate)]
+        parts = [
+            part.storage_unchecked(own, truth[block]) for part, block, own in self._split(estimate)
+        ]
         known = [part for part in parts if part is not None]
         return float(sum(known)) if len(known) == len(parts) else None
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return the sum of what the blocks' adaptations add to dV/dt."""
         blocks = self._split(estimate)
-        return float(sum(p.dissipation(own, drive.columns(b), truth[b]) for p, b, own in blocks))
+        return float(
+            sum(p.dissipation_unchecked(own, drive.columns(b), truth[b]) for p, b, own in blocks)
+        )
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p) at a value (p), block by block."""

@@ -99,7 +99,7 @@ class Composite(Wrapper):
         if weighted.W is not None and weighted.weight is not None:
             predicted = weighted.W.dot(estimate.value - truth)
             own = -float(predicted @ weighted.weight @ weighted.residual)
-        return own + self.inner.dissipation(estimate, weighted, truth)
+        return own + self.inner.dissipation_unchecked(estimate, weighted, truth)
 
     def _weighted(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
@@ -545,11 +545,11 @@ class CompositeMemory(Wrapper):
         total = self._total(drive, None if told is None else told.pull, clock, estimate.lateness)
         pulled = total.gradient - self._emphasis(clock, estimate.lateness) * drive.gradient
         own = -float((estimate.value - truth).dot(pulled))
-        return own + self.inner.dissipation(self._inner(estimate), total, truth)
+        return own + self.inner.dissipation_unchecked(self._inner(estimate), total, truth)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
-        return self.inner.storage(self._inner(estimate), truth)
+        return self.inner.storage_unchecked(self._inner(estimate), truth)
 
     @property
     def projects(self) -> bool:

@@ -83,7 +83,7 @@ class Leak(Wrapper):
 
     def emphasis(self, estimate: Estimate) -> float:
         """Return the inner adaptation's factor of the other parts of V."""
-        return self.inner.emphasis(self._inner(estimate))
+        return self.inner.emphasis_unchecked(self._inner(estimate))
 
     @property
     def projects(self) -> bool:
@@ -109,12 +109,14 @@ class Leak(Wrapper):
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
-        return self.inner.storage(self._inner(estimate), truth)
+        return self.inner.storage_unchecked(self._inner(estimate), truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt, and -lambda da^T Gamma^-1 (a - a_0)."""
         inner, leak = self._inner(estimate), self._leak(estimate, drive)
-        return self.inner.dissipation(inner, drive, truth) + self.inner.power(inner, leak, truth)
+        return self.inner.dissipation_unchecked(inner, drive, truth) + self.inner.power(
+            inner, leak, truth
+        )
 
     def metric(self, estimate: Estimate) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
@@ -223,7 +225,7 @@ class DeadZone(Wrapper):
         """Return what the inner adaptation adds to dV/dt, and da^T (g - g_zone)."""
         remaining = self._remaining(drive)
         removed = (estimate.value - truth) @ (drive.gradient - remaining.gradient)
-        return float(removed) + self.inner.dissipation(estimate, remaining, truth)
+        return float(removed) + self.inner.dissipation_unchecked(estimate, remaining, truth)
 
     def _remaining(self, drive: Drive) -> Drive:
         """Return the drive with the errors that remain outside the zone."""
@@ -283,7 +285,7 @@ class Normalised(Wrapper):
         """Return what the inner adaptation adds to dV/dt, and da^T (g - g / m^2)."""
         normalised = self._normalised(estimate, drive)
         removed = (estimate.value - truth) @ (drive.gradient - normalised.gradient)
-        return float(removed) + self.inner.dissipation(estimate, normalised, truth)
+        return float(removed) + self.inner.dissipation_unchecked(estimate, normalised, truth)
 
     def _normalised(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with each part divided by its m^2."""

@@ -723,11 +723,11 @@ class Controller(Doors):
         """Return the parameters' part of V, or None where an adaptation leaves it undefined."""
         kinematic: float | None = 0.0
         if self.law.learns_kinematics:
-            kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
-        dynamic = self.adaptation_d.storage(state.dynamic, a_d_true)
+            kinematic = self.adaptation_k.storage_unchecked(state.kinematic, a_k_true)
+        dynamic = self.adaptation_d.storage_unchecked(state.dynamic, a_d_true)
         if kinematic is None or dynamic is None:
             return None
-        return self.adaptation_d.emphasis(state.dynamic) * kinematic + dynamic
+        return self.adaptation_d.emphasis_unchecked(state.dynamic) * kinematic + dynamic
 
 
 def _of_a_user(part: Any) -> bool:

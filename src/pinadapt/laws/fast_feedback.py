@@ -174,11 +174,11 @@ class FastFeedback(Law):
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return V of the law, without the parts of the parameters."""
-        return self._law.storage(s, truth)
+        return self._law.storage_unchecked(s, truth)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt of the law, where link and motor move alike."""
-        return self._law.dissipation(s, truth)
+        return self._law.dissipation_unchecked(s, truth)
 
     def with_prediction_weight(self, weight: float) -> FastFeedback:
         """Return this feedback around the law with another weight."""

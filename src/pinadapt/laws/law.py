@@ -288,12 +288,16 @@ class Law(Doors, ABC):
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return V without the parts of the parameters, the adaptations' ``divergence``."""
 
+    storage_unchecked = storage
+
     @abstractmethod
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt as the proof has it.
 
         An equality in continuous time with the ideal acceleration and constant true parameters.
         """
+
+    dissipation_unchecked = dissipation
 
     @property
     def filters(self) -> Filters:

@@ -341,8 +341,6 @@ class PinocchioPlant(SimulatedPlant):
                 "the algebraic loop of torque and acceleration became singular."
             ) from error
 
-    acceleration_at_unchecked = acceleration_at
-
     def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the true task coordinates x and velocity xd at q, v; see ``Task``."""
         return self._motion(q, v)
@@ -369,5 +367,3 @@ class PinocchioPlant(SimulatedPlant):
     def integrate(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Return q moved by a tangent step (nv) [rad or m]."""
         return np.asarray(pin.integrate(self._model, q, step))
-
-    integrate_unchecked = integrate

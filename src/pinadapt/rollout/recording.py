@@ -176,8 +176,11 @@ class Evaluation:
             except ImplausibleError:
                 V.append(np.nan)
                 continue
-            of_law = law.storage(signals, truth_at(plant, sample, a_k, a_d))
-            V.append(parts + self.controller.adaptation_d.emphasis(sample.state.dynamic) * of_law)
+            of_law = law.storage_unchecked(signals, truth_at(plant, sample, a_k, a_d))
+            V.append(
+                parts
+                + self.controller.adaptation_d.emphasis_unchecked(sample.state.dynamic) * of_law
+            )
         return np.array(V)
 
 

@@ -382,7 +382,7 @@ class _Loop:
         v = y[n : 2 * n]
         if not v.dot(v) < FASTEST**2:  # also true for NaN
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.")
-        self._q = self._plant.integrate_unchecked(self._q, y[:n])
+        self._q = self._plant.integrate(self._q, y[:n])
         state = self._filled(y[2 * n :])
         kept = self._controller.adaptation_d.project(state.dynamic, self._q)
         if kept is not state.a_d:
@@ -404,27 +404,27 @@ class _Loop:
             InputError: the desired motion is not finite.
         """
         plant, controller, n = self._plant, self._controller, self._plant.nv
-        q, v = plant.integrate_unchecked(self._q, y[:n]), y[n : 2 * n]
+        q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
         self.state = state = self._filled(y[2 * n :])
         if state.path is not None:
             self.state = state._replace(path=state.path._replace(cause=self._cause))
-        self.measurement = plant.measurement_unchecked(q, v, t)
+        self.measurement = plant.measurement(q, v, t)
         self.desired = controller.desired(self.state, self._trajectory, t)
         if not np.isfinite(np.concatenate(self.desired)).all():
             raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
         if self._ideal:
             signals, command = controller.command(self.state, self.measurement, self.desired)
-            a = plant.acceleration_at_unchecked(q, v, command.torque, command.feedthrough)
+            a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
             if controller.law.uses_acceleration:
                 tau, drives = controller.respond(self.state, signals.replaced(a=a))
             else:
                 tau, drives = controller.sent(signals, command)
-            self.torque = plant.motors_at_unchecked(q, tau)
+            self.torque = plant.motors_at(q, tau)
         else:
             signals = controller.observe(self.state, self.measurement, self.desired)
             tau, drives = controller.respond(self.state, signals)
-            self.torque = plant.motors_at_unchecked(q, tau)
-            a = plant.acceleration_at_unchecked(q, v, self.torque)
+            self.torque = plant.motors_at(q, tau)
+            a = plant.acceleration_at(q, v, self.torque)
         rate = controller.rate(self.state, signals, drives, self.torque)
         if rate.path is not None:
             self._cause = rate.path.cause
