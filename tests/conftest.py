@@ -1,5 +1,6 @@
 """Fixtures of all tests."""
 
+import copy
 import gc
 import signal
 
@@ -39,6 +40,19 @@ def interruptible():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(scope="session")
+def moving():
+    """Return loops of a UR5 in motion, by whether they measure torques, and where they will be."""
+    from benchmarks.lying_sensors import begun
+
+    loops = {measures: begun("ur5", "separation", measures, 2e-3) for measures in (False, True)}
+    honest = {
+        measures: [s.q for s, _ in copy.deepcopy(loop).samples(1.0)]
+        for measures, loop in loops.items()
+    }
+    return loops, honest
 
 
 def pytest_collection_finish(session):
