@@ -19,7 +19,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import MOST_PARAMETERS, Doors, instance, numbers, positive, vector, whole
+from .._checks import MOST_PARAMETERS, Doors, instance, name_list, numbers, positive, vector, whole
 from .._compiled import compile_all
 from .._kernels import estimates as kernels
 from ..exceptions import GainError, InputError, ParameterError
@@ -210,10 +210,14 @@ class BodyInequality(MatrixInequality):
             least_radius: of these [m]: their second moment about the centre of mass becomes at
                 least mass times radius squared.
         """
-        super().__init__(COEFFICIENTS, blocks=len(names))
+        self._names = tuple(name_list(names, "names"))
+        super().__init__(COEFFICIENTS, blocks=len(self._names))
         compile_all()
-        self._names = tuple(names)
-        self._repair = partial(nearest_physical, least_mass=least_mass, least_radius=least_radius)
+        self._repair = partial(
+            nearest_physical,
+            least_mass=positive(least_mass, "least_mass", error=InputError),
+            least_radius=positive(least_radius, "least_radius", error=InputError),
+        )
 
     def follow_geodesic(self, a: np.ndarray, g: np.ndarray, h: float) -> np.ndarray:
         """Return the parameters (10 k) of P+ = exp(-h P L) P, by the explicit form of P and L."""

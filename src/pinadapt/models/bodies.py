@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from .._checks import name_list
+from .._checks import instance, name_list
 from .._kernels import models as kernels
 from ..description.chain import are_physical, is_slide
-from ..exceptions import REFUSED, ArrayError, ParameterError
+from ..exceptions import REFUSED, ArrayError, ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
@@ -131,6 +131,7 @@ class InertialDynamics(Dynamics):
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model of a nominal robot."""
+        instance(robot, Robot, "robot", RobotError)
         self._model = InertialModel(robot.model)
         self._regressor = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)

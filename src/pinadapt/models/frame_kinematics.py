@@ -14,8 +14,9 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
+from .._checks import instance
 from .._kernels import models as kernels
-from ..exceptions import REFUSED, ArrayError, ParameterError
+from ..exceptions import REFUSED, ArrayError, ParameterError, RobotError
 from ..robot.robot import Robot
 from .basis import base_parameters
 from .regressor import live_array
@@ -39,6 +40,7 @@ class FrameKinematics(TaskKinematics):
         Raises:
             ParameterError, RobotError: as ``unknown_translations``.
         """
+        instance(robot, Robot, "robot", RobotError)
         self.translations = unknown_translations(robot, unknown)
         self.robot = robot.undrawn()
         self.task, self.joint_names, self.frame = robot.task, robot.joint_names, robot.frame

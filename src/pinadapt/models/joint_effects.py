@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import Doors, name_list
+from .._checks import Doors, instance, name_list
 from .._kernels import models as kernels
 from ..description.chain import effort_limits
-from ..exceptions import ParameterError, did_you_mean
+from ..exceptions import ParameterError, RobotError, did_you_mean
 from ..robot.changes import Friction
 from ..robot.robot import Robot
 from .regressor import Momentum
@@ -107,6 +107,7 @@ class JointEffects(Doors):
         Raises:
             ParameterError: as ``chosen_kinds``, or a joint that does not exist.
         """
+        instance(robot, Robot, "robot", RobotError)
         friction, self._n = robot.friction, robot.model.nv
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from .._checks import instance
 from ..description.chain import is_slide
 from ..description.urdf_writer import axis_of
-from ..exceptions import ParameterError
+from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import PositionTask
 from .basis import base_parameters
@@ -66,7 +67,7 @@ class PlacementKinematics(TaskKinematics):
         Raises:
             ParameterError: the task is not one of positions alone.
         """
-        task = robot.frame_task
+        task = instance(robot, Robot, "robot", RobotError).frame_task
         if not isinstance(task, PositionTask):
             raise ParameterError(
                 f"the geometry is learned from positions only, and the task is '{task.name}'.",

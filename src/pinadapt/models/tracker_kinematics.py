@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from .._checks import instance
+from ..exceptions import RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import TASKS, FrameTask, matrix, quaternion
 from .basis import base_parameters
@@ -64,7 +66,7 @@ class LumpedKinematics(TaskKinematics):
 
     def _take(self, robot: Robot, unknown: str | Sequence[str | Translation]) -> None:
         """Take a nominal robot and its unknown translations."""
-        task = robot.frame_task
+        task = instance(robot, Robot, "robot", RobotError).frame_task
         inside = FrameKinematics(replace(robot, task=TASKS["pose"]), unknown)
         self._inside, self.translations = inside, inside.translations
         self.robot, self.task, self.frame = robot.undrawn(), task, robot.frame

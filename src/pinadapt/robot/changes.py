@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, instance, mapping, numbers, positive, vector, whole
+from .._checks import Doors, instance, mapping, numbers, positive, shown, vector, whole
 from ..exceptions import RobotError, did_you_mean
 
 
@@ -194,8 +195,10 @@ class Shaft:
         for name in ("armature", "viscous", "coulomb", "threshold"):
             zero = name != "threshold"
             positive(getattr(self, name), f"friction.shafts.{name}", zero=zero, error=RobotError)
-        if self.sign not in (1, -1):
-            raise RobotError(f"must be 1 or -1, got {self.sign}.", where="friction.shafts.sign")
+        if not isinstance(self.sign, Real) or self.sign not in (1, -1):
+            raise RobotError(
+                f"must be 1 or -1, got {shown(self.sign)}.", where="friction.shafts.sign"
+            )
 
     def name(self, joints: Sequence[str]) -> str:
         """Return the name, given those of all joints: "joint_5+joint_6"."""
