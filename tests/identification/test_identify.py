@@ -192,7 +192,7 @@ def test_a_correct_description_is_reported():
 
 
 def test_the_log_of_another_robot_is_doubted():
-    log = recorded("ur5", dt=4e-3)
+    log = recorded("ur5")
     other = catalogue_robot("ur5").changed(
         link_translation={"elbow_joint": [0.0, 0.3, 0.0], "wrist_1_joint": [0.2, 0.0, -0.2]}
     )

@@ -77,7 +77,7 @@ def test_unknown_rotors_and_damping_are_tolerated(name):
 
 
 def test_a_line_with_friction_stays_off_the_stops():
-    settings = ("simulation.duration=6.0", TWO_MS, LINE)
+    settings = ("simulation.duration=4.4", TWO_MS, LINE)
     scenario, rollout = run("panda/tool_and_load.toml", "mujoco", *settings)
     lower, upper = position_limits(scenario.true.model)
     assert np.ptp(rollout.x[:, 1]) > 0.29
