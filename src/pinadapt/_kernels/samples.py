@@ -37,8 +37,7 @@ _LEARNED = 1.0  # of a frame's error, which learning may take away between two f
 
 
 @compiled(
-    "i8(f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,::1], i8[::1], f8[::1], f8[::1],"
-    " f8[::1])"
+    "i8(f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,::1], i8[::1], f8[::1], f8[:], f8[::1])"
 )
 def check_sample(
     q: np.ndarray,
