@@ -216,7 +216,8 @@ class Guards:
         slowed = (speed <= _HELD * clear) & (speed <= _SLOWED * _row(trail, kernels.PEAK))
         halted = stopped & ~stopped.all() & ~slowed & (speed > clear)
         stuck = halted | same & (v == rate) & (speed > clear)
-        return np.asarray(stuck & (speed * dt > _CLEARLY * _row(trail, kernels.LEAST)))
+        least = _row(trail, kernels.LEAST)
+        return np.asarray(stuck & (least > 0.0) & (speed * dt > _CLEARLY * least))
 
     def eased(
         self, before: np.ndarray, after: np.ndarray, v: np.ndarray, dt: float
@@ -805,17 +806,21 @@ class Senses:
         block = slice(
             kernels.TRAIL + kernels.TRAIL_ROWS * i, kernels.TRAIL + kernels.TRAIL_ROWS * (i + 1)
         )
-        guards = self.guards
+        guards = replace(self.guards, bounds=self.guards.bounds[:, i : i + 1].copy())
         own = np.concatenate([trail[: kernels.TRAIL], trail[block]])
-        after = empty(own.size)
-        found = kernels.check_sample(
-            q[part], q_before[part], v[i : i + 1], _NOTHING, _NOTHING, _NOTHING, dt,
-            guards.bounds[:, i : i + 1].copy(), np.array([0, part.stop - part.start]),
-            guards.numbers, own, after,
-        )  # fmt: skip
+        after, places = own.copy(), np.array([0, part.stop - part.start])
+        joint = q[part], q_before[part], v[i : i + 1], _NOTHING, _NOTHING, _NOTHING, dt
+        found = kernels.check_sample(*joint, guards.bounds, places, guards.numbers, own, after)
         kind = (found - kernels.JOINTS) % kernels.KINDS if found >= kernels.JOINTS else -1
+        if kind == kernels.APART:
+            guards, eased, _ = guards.eased(own, after, v[i : i + 1], dt)
+            bounds, numbers = guards.bounds, guards.numbers
+            found = kernels.check_sample(*joint, bounds, places, numbers, eased, own.copy())
+            kind = kind if found > kernels.STILL else -1
         latched, sagged = int(own[_OWN + kernels.BELIEVED]), own[_OWN + kernels.SAGGED]
         q_still, v_still = (after[_OWN + row] > _STILL * dt for row in _STILLS)
+        way = (abs(v[i]) - after[_OWN + kernels.V_LEAST]) * after[_OWN + kernels.Q_STILL]
+        frozen = q_still and v_still and way > _CLEARLY * after[_OWN + kernels.LEAST] > 0.0
         if kind in (-1, kernels.APART):
             own[_OWN:] = after[_OWN:]
         if not latched and kind == kernels.APART:
@@ -828,7 +833,7 @@ class Senses:
         trail[block] = own[_OWN:]
         if latched:
             return latched
-        if kind == kernels.STUCK or (q_still and v_still and v[i]):
+        if kind == kernels.STUCK or frozen:
             return _NEITHER
         return _ONLY_V if kind in (kernels.JUMP, kernels.CIRCLE) else _BOTH
 
