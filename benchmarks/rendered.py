@@ -164,7 +164,7 @@ def measure(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of light joints
         controller = pa.make_controller(believed, sensors=declared, dt=PERIOD)
-    a_k = wiggled(plant, controller, PERIOD, Uncovered(plant, believed))
+    a_k = wiggled(plant, controller, PERIOD, Uncovered(plant, believed))["a_k"]
     y_0 = plant.measure().x
     assert y_0 is not None
 

@@ -230,7 +230,7 @@ def test_pixels_of_mujocos_own_camera(tmp_path):
     plant = Filmed(true, mjcf=pa.plants.MujocoFile(path))
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 0.5 * pixel})
     controller = pa.make_controller(believed, adaptation="natural", sensors=sensors, dt=4e-3)
-    a_k = wiggled(plant, controller, 4e-3, SimulatedSensors(true, 4e-3, sensors))
+    a_k = wiggled(plant, controller, 4e-3, SimulatedSensors(true, 4e-3, sensors))["a_k"]
     y_0 = plant.measure().x
     radius = 0.06 * robot.reach
 

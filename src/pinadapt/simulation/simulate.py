@@ -210,7 +210,8 @@ def simulate(
     if not controller.kinematics.calibrated and not isinstance(start, LearnedParameters):
         given = {"a_k": None} if start is None else dict(start)
         if given.get("a_k", ()) is None:
-            start = {**given, "a_k": wiggled(plant, controller, dt, simulated)}
+            found = wiggled(plant, controller, dt, simulated)
+            start = {**found, **given, "a_k": found["a_k"]}
     state = prepare(plant, controller, trajectory, start, duration)
     believed = controller.kinematics.seen(state.a_k)
     trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
@@ -258,10 +259,12 @@ def wiggled(
     dt: float,
     sensors: SimulatedSensors | None = None,
     duration: float = 2.0,
-) -> np.ndarray:
-    """Return the kinematic estimate (p_k) that a ``Wiggle`` of all joints of a plant shows.
+) -> dict[str, np.ndarray]:
+    """Return the estimates to start from that a ``Wiggle`` of all joints of a plant shows.
 
-    A controller of the joints moves it, with the default unknowns and limits.
+    A controller of the joints moves it, with the default unknowns and limits. ``a_k`` (p_k) is what
+    explains the frames. ``a_d`` (p_d) is what the mover has learned of load and arm meanwhile, if
+    the controller adapts the same parameters.
 
     Args:
         plant: at its home, to which it returns.
@@ -287,11 +290,16 @@ def wiggled(
     motion = Wiggle(robot, duration)
     late = 0.0 if seen.camera is None else seen.camera.delay
     loop = run(plant, own, motion, dt=dt, duration=duration + late, sensors=sensors)
-    measurements = [sample.measurement for sample in loop]
+    samples = list(loop)
     plant.reset()
+    measurements = [sample.measurement for sample in samples]
     if isinstance(controller.kinematics, CameraKinematics):
-        return find_camera(controller.kinematics, measurements).estimate
-    return find_tracker(controller.kinematics, measurements).a_k
+        found = {"a_k": find_camera(controller.kinematics, measurements).estimate}
+    else:
+        found = {"a_k": find_tracker(controller.kinematics, measurements).a_k}
+    if own.dynamics.names == controller.dynamics.names:
+        found["a_d"] = samples[-1].state.a_d
+    return found
 
 
 @contextmanager
