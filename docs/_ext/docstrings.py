@@ -15,7 +15,7 @@ _MARKUP = re.compile(r"\||(?<=\w)_(?!\w)|(?<![*\w])\*(?=\w+[^*]*$)")
 def setup(app):
     """Register the hooks, ahead of napoleon's."""
     app.connect("autodoc-process-docstring", to_rst, priority=400)
-    app.connect("autodoc-skip-member", skip_tuple_fields)
+    app.connect("autodoc-skip-member", skip)
     return {"parallel_read_safe": True}
 
 
@@ -40,6 +40,7 @@ def escaped(line):
     )
 
 
-def skip_tuple_fields(app, what, name, obj, skip, options):
-    """Leave out the fields of named tuples, which the class describes."""
-    return True if type(obj).__name__ == "_tuplegetter" else None
+def skip(app, what, name, obj, skipped, options):
+    """Leave out the fields of named tuples, which the class describes, and methods' twins."""
+    left_out = type(obj).__name__ == "_tuplegetter" or name.endswith("_unchecked")
+    return True if left_out else None
