@@ -154,7 +154,8 @@ def test_the_observer_is_that_of_its_differential_equation(task):
     controller = pa.make_controller(robot, unknown=unknown, limits=pa.Limits(guards=False))
     plant = pa.plants.PinocchioPlant(robot)
     at_home, v = plant.measure(), np.full(6, 0.2)
-    state = controller.init(at_home)
+    begun = {"a_k": controller.kinematics.initial_at(at_home.q, at_home.x)} if task else {}
+    state = controller.init(at_home, **begun)
     still = np.zeros(robot.task.size)
     path, x, ends = (
         pa.Desired(at_home.x, still, still),
