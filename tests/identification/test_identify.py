@@ -101,6 +101,12 @@ def test_velocities_are_not_needed(name="ur5"):
     assert "causal" in found.report()
 
 
+def test_a_short_log_leaves_friction_undetermined_and_is_identified_nevertheless():
+    """A joint that hardly turns around has no columns of its own for the shapes of friction."""
+    found = pa.identify(recorded("ur5", seen=False, duration=2.0), catalogue_robot("ur5"))
+    assert found.torque_errors.gain > 10.0
+
+
 def test_dynamics_are_identified_without_positions_of_the_frame():
     log = recorded("ur5", seen=False, duration=4.0)
     found = pa.identify(log, catalogue_robot("ur5"), unknown=pa.Unknown(tool=False, **TOLD))

@@ -472,7 +472,7 @@ class _Model:
         for b, (block, own) in enumerate(zip(self._blocks, self._H, strict=True)):
             H = total - own
             right = np.column_stack([H[np.ix_(index, J)], H[index, -1]])
-            solved = np.linalg.solve(H[np.ix_(index, index)] + prior, right)
+            solved = _least_solution(H[np.ix_(index, index)] + prior, right)
             Z, x = solved[:, :-1], solved[:, -1]
             S = H[np.ix_(J, J)] + more - right[:, :-1].T @ Z
             s = H[J, -1] - right[:, :-1].T @ x
@@ -484,7 +484,7 @@ class _Model:
                 if not part:
                     found[c, b] = np.mean(r**2, axis=0)
                     continue
-                beta = np.linalg.solve(S[np.ix_(part, part)], s[part])
+                beta = _least_solution(S[np.ix_(part, part)], s[part])
                 found[c, b] = np.mean((r - E[:, :, part] @ beta) ** 2, axis=0)
         return found
 
@@ -516,6 +516,14 @@ class _Model:
                 if enough and (found is None or one.share > found[0].share):
                     found = one, part
         return found
+
+
+def _least_solution(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the x of A x = b, the least one where a short motion leaves it undetermined."""
+    try:
+        return np.linalg.solve(A, b)
+    except np.linalg.LinAlgError:
+        return np.linalg.lstsq(A, b)[0]
 
 
 def friction_spread(
