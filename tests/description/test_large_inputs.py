@@ -75,7 +75,8 @@ def test_too_deeply_nested_elements_are_refused(tmp_path, name):
 
 @pytest.mark.parametrize(("name", "xmlns"), [("a.urdf", ""), ("a.xacro", XMLNS)])
 def test_a_comment_is_read_in_linear_time(tmp_path, name, xmlns):
-    short, long = (with_comment(tmp_path / f"{n}{name}", n, xmlns) for n in (10**6, 2 * 10**7))
+    sizes = (10**6, 2 * 10**7) if not xmlns else (10**5, 9 * 10**5)  # xacro files: at most 1 MB
+    short, long = (with_comment(tmp_path / f"{n}{name}", n, xmlns) for n in sizes)
     start = time.process_time()
     text = Urdf.read(long).text
     assert time.process_time() - start < 3  # pieces of it, each read from the start: minutes
