@@ -179,6 +179,8 @@ class SimulatedPlant(Plant):
         for applied, part in pieces:
             self.hold_unchecked(applied, part)
 
+    step_unchecked = step
+
     def steps_in(self, dt: float) -> int:
         """Return the number of integration steps in dt [s].
 

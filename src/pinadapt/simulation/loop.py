@@ -166,6 +166,9 @@ def run(
     if sensors is not None:
         sensors.reset()
     given, governed = None, getattr(controller, "desired", None)
+    motors, move = plant.motors, plant.step
+    if isinstance(plant, SimulatedPlant) and isinstance(controller, Controller):
+        motors, move = plant.motors_unchecked, plant.step_unchecked
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
@@ -195,9 +198,9 @@ def run(
             if isinstance(error, InputError):
                 raise unusable(error, truth.t) from error
             raise
-        given = plant.motors(torque)
+        given = motors(torque)
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
-        plant.step(torque, dt)
+        move(torque, dt)
         state = after
         if events is not None:
             now = truth.t + dt
