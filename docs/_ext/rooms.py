@@ -41,6 +41,7 @@ of classes, such as the control laws, have a package each.
 
 DATA = {
     "DEFAULT": "The name of the default law.",
+    "Frames": "The frames of a camera: a function that returns the newest x and its time, or None.",
     "LAWS": "The laws by name.",
     "TASKS": "The tasks by name.",
     "TrajectoryLike": "A motion as ``simulate`` takes it: a ``Trajectory``, an object with a "
@@ -83,11 +84,15 @@ def resolved(full):
     return pinadapt if not package else getattr(resolved(package), name)
 
 
+def is_data(thing):
+    """Tell whether a thing is plain data or the name of a type, without a docstring of its own."""
+    return not (inspect.isclass(thing) or inspect.isroutine(thing) or isinstance(thing, ModuleType))
+
+
 def summary(full):
     """Return the first line of a thing's docstring; for plain data the line of ``DATA``."""
     thing = resolved(full)
-    documented = callable(thing) or isinstance(thing, ModuleType)
-    said = inspect.getdoc(thing) if documented else DATA[short(full)]
+    said = DATA[short(full)] if is_data(thing) else inspect.getdoc(thing)
     return escaped(said.split("\n\n")[0].replace("\n", " "))
 
 
@@ -113,7 +118,7 @@ def entry(package):
 def link(full):
     """Return a link to a public name."""
     thing = resolved(full)
-    kind = "class" if inspect.isclass(thing) else "func" if callable(thing) else "data"
+    kind = "class" if inspect.isclass(thing) else "data" if is_data(thing) else "func"
     return f":py:{kind}:`~{home(full)}`"
 
 
@@ -130,7 +135,7 @@ def page(package, names):
             ours = [base for base in thing.__bases__ if "pinadapt" in base.__module__]
             options = "   :members:" + ("\n   :show-inheritance:" if ours else "")
             parts.append(f".. autoclass:: {full}\n{options}")
-        elif callable(thing):
+        elif not is_data(thing):
             parts.append(f".. autofunction:: {full}")
         else:
             parts.append(f".. py:data:: {full}\n\n   {summary(full)}\n\n{by_name(package, thing)}")
