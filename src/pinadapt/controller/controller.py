@@ -288,7 +288,11 @@ class Controller(Doors):
                 where="motion",
                 hint="pa.trajectories.as_trajectory makes one of a function, or of samples.",
             )
-        return motion.at(t) if state.path is None else state.path.desired(motion, t)
+        if state.path is not None:
+            return state.path.desired(motion, t)
+        if t.__class__ is float and isinstance(motion, Trajectory):
+            return motion.at_unchecked(t)
+        return motion.at(t)
 
     def announce(
         self,

@@ -45,6 +45,8 @@ class Trajectory(Doors, ABC):
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
 
+    at_unchecked = at
+
     def __repr__(self) -> str:
         """Return the kind of motion."""
         return type(self).__name__
@@ -196,7 +198,7 @@ class _Shifted(Derived):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        (x_d, xd_d, xdd_d), by = self.motion.at(t), self._by
+        (x_d, xd_d, xdd_d), by = self.motion.at_unchecked(t), self._by
         if x_d.size == xd_d.size:
             return Desired(x_d + by, xd_d, xdd_d)
         n, R = x_d.size - 4, pin.exp3(by[-3:])
@@ -254,8 +256,8 @@ class Retimed(Derived):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        s, rate, acceleration = self.law.at(t)
-        x_d, xd_d, xdd_d = self.motion.at(s)
+        s, rate, acceleration = self.law.at_unchecked(t)
+        x_d, xd_d, xdd_d = self.motion.at_unchecked(s)
         return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
 
 
@@ -288,7 +290,7 @@ class AsGiven(Derived):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        return self.motion.at(t)
+        return self.motion.at_unchecked(t)
 
 
 class Hold(Trajectory):
@@ -397,6 +399,8 @@ class TimeLaw(Doors, ABC):
     @abstractmethod
     def at(self, t: float) -> tuple[float, float, float]:
         """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
+
+    at_unchecked = at
 
     @abstractmethod
     def when(self, s: float) -> float:
