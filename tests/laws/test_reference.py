@@ -22,7 +22,7 @@ PUBLISHED = {"gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
 # 2 s; the filters need short steps, and the loops end after the first turn of the file's five.
 LOOPS = {
     "known": ("resolved-acceleration", "filtered", 0.01 / 3, 2.0, {}),
-    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 1.0, {}),
+    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 2.0, {}),
     "cheah": ("adaptive-jacobian", "ideal", 2e-3, 2.0, {}),
     "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 2.0, {"Q": 1.0}),
     "idc_filtered_first_30ms": ("adaptive-inverse-dynamics", "filtered", 1e-4, 0.03, {}),
@@ -85,7 +85,7 @@ def test_truth_is_the_papers():
     assert np.allclose(rollout.a_d_true, [3.34, 1.2, 0.97])
 
 
-@pytest.mark.parametrize("dt", [2e-4, 5e-4, 1e-3, 2e-3, 5e-3])
+@pytest.mark.parametrize("dt", [1e-4, 5e-4, 1e-3, 2e-3, 5e-3])
 def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
     """Law (11) with the published filter; the published adaptation makes M_hat singular."""
     natural = controller("adaptive-inverse-dynamics", "natural", gamma_d=1.0)
@@ -93,7 +93,7 @@ def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
         catalogue_robot("planar_2r"),
         natural,
         CIRCLE,
-        duration=1.05 if dt < 1e-3 else 1.5,
+        duration=1.1 if dt == 1e-4 else 2.0,
         engine=pa.Engine(dt=dt),
         start=WRONG,
     )
