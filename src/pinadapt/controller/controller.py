@@ -451,9 +451,7 @@ class Controller(Doors):
                 or a damping that is negative.
         """
         damping, hold = positive(damping, "damping", zero=True), flag(hold, "hold")
-        if not self._alone.acquire(blocking=False):
-            raise _used_by_another_thread()
-        try:
+        with self.reserved():
             self._inputs.state(state)
             t = math.nan if measurement is None else self._inputs.time(measurement.t)
             period = self.period if math.isfinite(self.period) else _SHORT
@@ -476,8 +474,6 @@ class Controller(Doors):
                 torque -= np.clip(spring, -most, most)
             else:
                 sagged[:] = 0.0
-        finally:
-            self._alone.release()
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:

@@ -88,7 +88,9 @@ class InputCheck:
             InputError: it is that of another controller.
         """
         if given.__class__ is not ControllerState or not (
-            _shape(given.kinematic) == self._a_k
+            isinstance(given.kinematic, Estimate)
+            and isinstance(given.dynamic, Estimate)
+            and _shape(given.kinematic) == self._a_k
             and _shape(given.dynamic) == _shape(given.a_0) == self._a_d
         ):
             raise InputError("the state is that of another controller.", where="state")
