@@ -245,7 +245,7 @@ class PositionObserver(Filters):
     behind it plus v_f / lambda, so x_o is ahead of its integral by ``lead`` times J_hat v_f: it
     lags by |dJ/dt qd| / (lambda beta) only.
 
-    Joints that give way: x_o follows the joints' velocity above beta and the measured position
+    Elastic joints: x_o follows the joints' velocity above beta and the measured position
     below. A link on a spring swings against its motor above its own frequency w_e, and feedback of
     its position makes it swing more: a motor that follows qd_r exactly lets it grow at the rate
     alpha beta (alpha + beta) / (2 (w_e^2 + (alpha + beta)^2)) [1/s], alpha that of qd_r. So where

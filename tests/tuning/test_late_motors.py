@@ -1,4 +1,4 @@
-"""Motors that are late and joints that give way, which nobody declared."""
+"""Late motors and elastic joints that were not declared."""
 
 import warnings
 from dataclasses import replace

@@ -201,7 +201,7 @@ class CompositeMemory(Wrapper):
     Share:      written with P, da/dt = -P (kappa Y^T e + rho H da), and kappa V has the derivative
                 kappa (that of the law) - rho da^T H da. With kappa below one the tracking error
                 teaches more slowly than the memory, which needs no fast loop of torque and estimate
-                for its accuracy: such a loop rings where motors are late or joints give way.
+                for its accuracy: such a loop rings where motors are late or joints are elastic.
     Rate:       errors in directions with much information, P A >> 1, decay as exp(-rho t). A
                 need not have full rank for that, and excitation need not persist. The eigenvalues
                 of rho P H are at most rho, so a step is stable for every period below 2 / rho.

@@ -481,7 +481,7 @@ def _prediction_words(rollout: Recording) -> str:
 
 def ringing_words(ringing: Ringing) -> str:
     """Return at which frequency which torque rings, and how much."""
-    return f"{ringing.joint} at {ringing.frequency:.2g} Hz, {ringing.share:.0%} of its torque"
+    return f"{ringing.joint} at {ringing.frequency:.0f} Hz, {ringing.share:.0%} of its torque"
 
 
 def _rings(rollout: Recording) -> str:
@@ -489,9 +489,10 @@ def _rings(rollout: Recording) -> str:
     if rollout.ringing is None:
         return ""
     return (
-        f"the torque rings, {ringing_words(rollout.ringing)}: motors are late or joints give way, "
-        "more than the controller was told: declare it (controller.actuators, "
-        "pa.Limits(actuators=...)), or take a larger lag and a smaller gamma_d"
+        f"the torque rings, {ringing_words(rollout.ringing)}: gains too high for the period, or "
+        "late motors or elastic joints beyond what was declared: lower the gains, "
+        "declare the actuators (controller.actuators, pa.Limits(actuators=...)), or take a larger "
+        "lag and a smaller gamma_d"
     )
 
 
