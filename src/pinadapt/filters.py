@@ -120,8 +120,8 @@ class FilteredMotion:
     """Output of ``MotionFilters``.
 
     Attributes:
-        W_k, y: (m_p, p_k) and (m_p) filtered regressor and velocity, (3)-(4), the known part taken
-            off y; positions only.
+        W_k, y: (m_p, p_k) and (m_p) filtered regressor and velocity, (3)-(4), y without its
+            known part; positions only.
         a: (n) filtered joint acceleration.
     """
 
@@ -208,7 +208,7 @@ class ObserverState(NamedTuple):
         memory: (m_p + 2) observed position x_o [m], less what the velocity at the end of the last
             step adds; for how long it adds [s], half of that step, the lead not counted; and the
             time since the start [s].
-        s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
+        s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where it is not used.
     """
 
     memory: np.ndarray
@@ -220,7 +220,7 @@ class ObservedPosition(NamedTuple):
 
     Attributes:
         dx_o: (m_p) x_o - x, observed minus measured [m].
-        s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where nobody asks.
+        s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where it is not used.
         age: time since the start [s].
         eta: (3) log(R_o R^T) of observed and measured orientation [rad]; None: none is observed.
     """

@@ -83,7 +83,7 @@ def joint_motion(
 
     Args:
         motion: of the task's coordinates.
-        robot: the robot as it is believed to be; read only.
+        robot: the model of the robot; read only.
         s: (N) instants at even steps [s], N >= 3.
         q: (nq) where the search for the first configuration begins; None: home.
     """
@@ -234,7 +234,7 @@ class WithinLimits(SlowedTime):
     Attributes:
         slowed: where and why.
         speed_share: largest share of a velocity limit that is used, and the joint; None: no limits.
-        effort_share: the same of the effort limits, with the torque of the robot as believed.
+        effort_share: the same of the effort limits, with the torques of the model.
     """
 
     slowed: tuple[Slowing, ...] = ()
@@ -281,11 +281,11 @@ def within_limits(
 
     Without model of the task's frame there is no way around a point that cannot be reached: where
     the motion leaves the workspace, or a joint its range, a warning says when and where. Time
-    scaling does not mend it; those instants do not count for the rate.
+    scaling does not help there; those instants do not count for the rate.
 
     Args:
         motion: of the task's coordinates, as ``as_trajectory`` takes it.
-        robot: the robot as it is believed to be, with its friction; read only. Redundant joints
+        robot: the model of the robot, with its friction; read only. Redundant joints
             move as under the default posture of the control laws.
         share: of the velocity limits, and of the effort limits, that may be used.
         margin: by how much the true torque may exceed that of the model, relative to it; the torque
@@ -409,7 +409,7 @@ class _Allowed:
             i = int(np.argmax(heavy))
             warnings.warn(
                 f"gravity alone takes {100 * heavy[i]:.3g} % of the effort limit of joint "
-                f"'{robot.joint_names[i]}' on the way; no time scaling mends that.",
+                f"'{robot.joint_names[i]}' on the way; no time scaling helps.",
                 stacklevel=3,
             )
         return cls(
@@ -711,7 +711,7 @@ def starting_from(
 
     Args:
         motion: of the task's coordinates, as ``as_trajectory`` takes it.
-        robot: the robot as it is believed to be; read only.
+        robot: the model of the robot; read only.
         measurement: of the robot at rest; its x, or for a joint task its q, is where it is.
         duration: of the run [s]; the motion is not looked at beyond. None: unknown.
 
@@ -759,7 +759,7 @@ def approach_time(approach: Approach, robot: Robot, q: np.ndarray) -> tuple[floa
 
     Args:
         approach: of any duration.
-        robot: as it is believed to be; read only.
+        robot: the model; read only.
         q: (nq) configuration where it starts.
     """
     joints = joint_motion(approach, robot, np.linspace(0.0, approach.duration, _POINTS), q)

@@ -146,19 +146,22 @@ def test_a_simulated_arm_is_commanded_from_another_process(folder, capsys):
     ("arguments", "words"),
     [
         (["drive", "simulated"], "--scenario: is needed"),
-        (["drive", "spot"], "no arm is called 'spot'"),
+        (["drive", "spot"], "there is no arm 'spot'"),
         (["drive", "{}/none.py:Mine"], "none.py: no such file"),
         (["drive", "{}/mine.py:Yours"], "has no class 'Yours'"),
-        (["drive", "{}/mine.py:nothing", "--scenario", "{}/arm.toml"], "is no pinadapt.realtime"),
+        (
+            ["drive", "{}/mine.py:nothing", "--scenario", "{}/arm.toml"],
+            "is not a pinadapt.realtime",
+        ),
         (["drive", "simulated", "--safety", "x=1"], "expected one of"),
-        (["drive", "simulated", "--safety", "error=x"], "no number"),
+        (["drive", "simulated", "--safety", "error=x"], "is not a number"),
         (["drive", "moteus", "--scenario", "{}/arm.toml"], "[[motors.joint]]"),
         (["drive", "franka"], "ADDRESS: is needed"),
-        (["drive", "franka", "here", "--load", "{"], "--load: is no JSON"),
+        (["drive", "franka", "here", "--load", "{"], "--load: is not valid JSON"),
         (["drive", "franka", "here", "--load", "null"], "--load: expected a table"),
         (["drive", "simulated", "--load", "1"], "--load: is set on a Franka only"),
         (["replay", "{}/arm.toml"], "is not an MCAP file"),
-        (["tell", "9", "state", "{"], "value: is no JSON"),
+        (["tell", "9", "state", "{"], "value: is not valid JSON"),
     ],
 )
 def test_wrong_input_is_refused(folder, capsys, monkeypatch, arguments, words):

@@ -436,7 +436,7 @@ def test_a_model_ten_percent_too_heavy_makes_no_difference():
 def test_an_arm_that_does_not_add_what_was_said_is_refused(name):
     robot = catalogue_robot(name)
     loop = Loop(robot, compensated="nominal")
-    _, moved = loop.refused("does not add the torque of `compensated`.*Leave `compensated`", 0.1)
+    _, moved = loop.refused("does not add the torque of `compensated`.*Omit `compensated`", 0.1)
     assert moved < 0.5
 
 
@@ -456,7 +456,7 @@ def test_a_measured_torque_tells_at_once(name, wrong):
 def test_a_measured_torque_in_another_unit_is_told(name):
     robot = catalogue_robot(name)
     for factor, guess in ((0.1, "in amperes"), (-1.0, "the wrong sign"), (0.0, "not measured")):
-        words = f"times the torque that is sent.*{guess}"
+        words = f"multiple of the commanded torque.*{guess}"
         error, moved = Loop(robot).refused(words, 0.1, measures_torque=factor)
         assert error.field == "tau" and moved < 0.2
     assert len(list(Loop(robot).run(0.1, measures_torque=0.8))) == 100

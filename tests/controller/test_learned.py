@@ -213,7 +213,7 @@ def test_estimates_outside_their_domain_are_as_learned():
     other = state._replace(dynamic=state.dynamic.with_value(a_d))
     with pytest.warns(UserWarning):
         given, words = along.estimate(controller, other)
-    assert given is a_d and "All estimates are as learned" in words
+    assert given is a_d and "All estimates are kept as learned" in words
 
 
 # --- numbers to start from ---

@@ -85,10 +85,10 @@ def test_a_wrong_arm_is_calibrated_to_the_noise_of_the_tracker(name, told, tmp_p
     errors = true_errors(found, other)
     assert np.sqrt(np.mean(errors**2)) < NOISE and errors.max() < 4.0 * NOISE
     assert len(found.combinations) in (told, told - 1)
-    assert len(found.names) == len(found.combinations) + len(found.untold)
+    assert len(found.names) == len(found.combinations) + len(found.unidentified)
     first, *_ = catalogue_robot(name).joint_names
     if name == "ur5":
-        assert "shoulder_lift_joint.turn_x" in found.untold[f"{first}.offset"]
+        assert "shoulder_lift_joint.turn_x" in found.unidentified[f"{first}.offset"]
     found.save(tmp_path)
     read = pa.load(tmp_path / "learned.urdf", frame=found.robot.frame)
     assert "calibrated" in (tmp_path / "learned.urdf").read_text()
@@ -107,7 +107,7 @@ def test_the_tracker_may_stand_anywhere_and_measure_poses():
     assert np.linalg.norm(off.translation) < 0.02 and np.linalg.norm(pin.log3(off.rotation)) < 0.1
     assert errors.max() < 1e-3 and found.after.turn < 3e-3 and found.before.turn > 0.02
     assert found.noise[1] == pytest.approx(1e-3, rel=0.2)
-    assert found.untold["wrist_3_joint.offset"] == ("tool.turn_z",)
+    assert found.unidentified["wrist_3_joint.offset"] == ("tool.turn_z",)
     assert "tracker" in str(found) and found._repr_html_().startswith("<div>")
     plain = calibrate(recorded("ur5", pose=True), catalogue_robot("ur5"))
     assert len(plain.combinations) == len(found.combinations)
@@ -124,7 +124,7 @@ def test_offsets_of_encoders_alone(name):
     log = measured(robot, angles, rng, noise=NOISE, offsets=offsets)
     found = calibrate(log, robot, unknown="offsets")
     values, deviations = np.array(list(found.offsets.values())).T
-    seen = [name not in found.untold for name in found.names]
+    seen = [name not in found.unidentified for name in found.names]
     assert list(found.offsets) == robot.joint_names and np.count_nonzero(seen) >= len(seen) - 1
     off = ((values - offsets) / deviations)[seen]
     assert np.abs(off).max() < 4.0 and deviations[seen].max() < 3e-3
@@ -226,8 +226,8 @@ def test_the_command_reads_logs_without_torques_and_times(tmp_path, capsys):
     path, out = tmp_path / "poses.csv", tmp_path / "out"
     np.savetxt(path, np.hstack([log.q, log.x]), "%.9g", ",", header=header, comments="")
     assert main(["calibrate", str(path), "--robot", "scara", "--out", str(out)]) == 0
-    assert "told by this motion" in capsys.readouterr().out
+    assert "identified by this motion" in capsys.readouterr().out
     numbers = json.loads((out / "summary.json").read_text())
     assert numbers["trusted"] and numbers["after"]["position"] < 1e-3
-    assert len(numbers["combinations"]) + len(numbers["untold"]) == len(numbers["parameters"])
+    assert len(numbers["combinations"]) + len(numbers["unidentified"]) == len(numbers["parameters"])
     assert (out / "learned.urdf").is_file()

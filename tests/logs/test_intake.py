@@ -70,7 +70,7 @@ def test_columns_of_a_file_without_header_may_alternate_or_be_named(tmp_path, ro
         found = pa.read_log(path, robot)
     assert same(found, log)
     path.write_text(rows_of([log.t, log.tau, log.t, log.q]))
-    with pytest.raises(pa.LogError, match="14 columns for 6 joints: it cannot be told"):
+    with pytest.raises(pa.LogError, match="14 columns for 6 joints: their meaning is ambiguous"):
         pa.read_log(path, robot)
     found = read(path, robot, columns={"t": "1", "q": "9-14", "tau": "2-7"})
     assert same(found, log, ("t", "q", "tau")) and found.v is None

@@ -353,7 +353,12 @@ def stuck(later):
 @pytest.mark.parametrize(
     ("later", "at", "soon", "said"),
     [
-        (True, 175, 0.02, "unseen: nothing is measured of joint1 any more, only brakes rest that"),
+        (
+            True,
+            175,
+            0.02,
+            "unseen: neither q nor v of joint1 is measured any more; it needs brakes",
+        ),
         (False, 125, 0.9, r"damping: joint2 still at \S+ rad/s or m/s after 0\.5 s"),
     ],
 )

@@ -94,10 +94,13 @@ def test_a_loaded_run_knows_its_pixels(rollout, tmp_path):
     ("settings", "words"),
     [
         ({"truth.camera": []}, 'truth.camera: the task "image" needs a camera'),
-        ({"truth.camera.0.target": [1.0, 0.3, 9.0]}, "camera.0: it looks away.*behind it"),
+        (
+            {"truth.camera.0.target": [1.0, 0.3, 9.0]},
+            "camera.0: it does not see the tool.*behind it",
+        ),
         (
             {"truth.camera.0.target": [5.0, 0.0, 0.0]},
-            "looks away.*outside of its 1280 x 960 pixels",
+            "does not see the tool.*outside of its 1280 x 960 pixels",
         ),
         ({"truth.camera.0.target": EYE}, "truth.camera.0.target: .*where it stands"),
         ({"truth.camera": [{"position": EYE}] * 2}, "stand in one place.*Move one"),

@@ -115,7 +115,7 @@ def test_a_design_has_one_point_in_each_stratum(method):
 @pytest.mark.parametrize(
     ("given", "options", "words"),
     [
-        ({"a": "uniform(0, 1)"}, {}, "samples: a is drawn, but the number of samples"),
+        ({"a": "uniform(0, 1)"}, {}, "samples: a is random, but the number of samples"),
         ({"a": [1]}, {"samples": 3}, "nothing is drawn"),
         ({"a": [1]}, {"repeat": 0}, "repeat: a whole number of at least 1"),
         ({"a": "uniform(0, 1)"}, {"samples": 3, "method": "latin"}, "method: must be one of"),

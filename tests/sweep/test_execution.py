@@ -307,7 +307,7 @@ def test_the_command_writes_table_page_and_figures_and_runs_a_case_alone(
             "",
         ),
         (["--vary", "reference.radius=[0.1]", "--case", "3"], "there are 1 cases"),
-        (["--vary", "reference.radius=uniform(0.1, 0.2)"], "number of samples is not said"),
+        (["--vary", "reference.radius=uniform(0.1, 0.2)"], "number of samples is missing"),
     ],
 )
 def test_the_command_refuses(arguments, words, scenario, tmp_path, capsys):

@@ -217,7 +217,7 @@ def test_without_a_display_a_run_waits_for_a_visitor_at_a_terminal(visited, monk
     view.close()
     said = capsys.readouterr().err
     assert "the run starts with the first visitor" in " ".join(said.lower().split())
-    assert ("Nobody came" in said) != visited
+    assert ("No browser has connected" in said) != visited
 
 
 def test_without_display_and_terminal_a_run_says_how_to_look_afterwards(monkeypatch, capsys):

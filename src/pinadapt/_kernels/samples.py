@@ -340,7 +340,7 @@ def limit_torque(
     dt: float,
     limited: np.ndarray,
 ) -> bool:
-    """Write a torque within its limits, then within rate dt of the one before; tell if it changed.
+    """Write a torque within its limits and within rate dt of the last; return if it changed.
 
     All are of n joints.
     """
@@ -551,7 +551,7 @@ def first_samples(
         tolerance: (n) tol_0 of ``check_sample`` [rad or m].
         longest: time [s] from which on a sample does not follow the one before.
         half: of the window [s].
-        before: what the samples before have told.
+        before: the sums over the samples before.
         after: the same with this one.
     """
     n = len(v)

@@ -25,8 +25,8 @@ class Estimate:
     Attributes:
         value: (p) the parameters, floats.
         memory: internal state of the adaptation, arrays or tuples of arrays; empty for most.
-        lateness: by which torques may be late, for all that the adaptation can tell [s]; infinite
-            where it tells nothing.
+        lateness: largest delay of the torques that the adaptation considers possible [s];
+            infinite where it has no estimate.
     """
 
     value: np.ndarray

@@ -173,9 +173,9 @@ _UNUSUAL = 10.0  # times the usual innovation
 _FIRST = 3e-3  # innovation that is usual at a new start
 _CALM = 0.1  # least share of rho
 _SHORT = 0.1  # of the interval: periods below it prepare a look in the samples before
-_IN_TIME = 2e-3  # [s] lateness below which the tracking error teaches faster
+_IN_TIME = 2e-3  # [s] lateness below which the tracking error adapts faster
 _UNKNOWN = 0.1  # [s] lateness beside an empty memory
-_AT_REST = 1e-6, 1e-2  # mean squares of errors and their rates that tell nothing
+_AT_REST = 1e-6, 1e-2  # mean squares of errors and their rates at rest
 
 
 class CompositeMemory(Wrapper):
@@ -200,7 +200,7 @@ class CompositeMemory(Wrapper):
                 adaptation the estimate stays in its cone.
     Share:      written with P, da/dt = -P (kappa Y^T e + rho H da), and kappa V has the derivative
                 kappa (that of the law) - rho da^T H da. With kappa below one the tracking error
-                teaches more slowly than the memory, which needs no fast loop of torque and estimate
+                adapts more slowly than the memory, which needs no fast loop of torque and estimate
                 for its accuracy: such a loop rings where motors are late or joints are elastic.
     Rate:       errors in directions with much information, P A >> 1, decay as exp(-rho t). A
                 need not have full rank for that, and excitation need not persist. The eigenvalues
@@ -223,25 +223,25 @@ class CompositeMemory(Wrapper):
                 count at once. The mean of d, over 20 / bandwidth where it rises and 40 / bandwidth
                 where it falls, is for errors that no parameters explain: they contradict all data
                 alike.
-    Teaching:   kappa(t) = kappa + (kappa_1 - kappa) exp(-bandwidth t) at a time t after a new
-                start. An empty memory has nothing to say; meanwhile the tracking error teaches as
+    Onset:      kappa(t) = kappa + (kappa_1 - kappa) exp(-bandwidth t) at a time t after a new
+                start. An empty memory contributes nothing; meanwhile the tracking error adapts as
                 fast as without one. V = kappa(t) (that of the law) + D, D in the metric P^-1, has
                 the derivative kappa (dV/dt of the law) + dkappa/dt (the law's V) - rho da^T H da:
                 with dkappa/dt <= 0 and a law's V >= 0 it decreases at least as fast as with a
                 constant kappa. At a new start kappa, and with it V, jumps up. ``emphasis`` is
                 kappa(t) / kappa, for V in the metric Gamma^-1, this V over kappa. Where torques are
                 in time, (kappa_3 - kappa) (1 - T / 2 ms) is added, T the lateness
-                below: a tracking error that teaches faster compensates more of what sampling
+                below: a tracking error that adapts faster compensates more of what sampling
                 leaves, and rings only where torques are late. V may rise by dkappa/dt (the law's V)
                 while T falls.
-    Distrust:   where there is a tracking error, innovations that last contradict the assumption
+    Mismatch:   where there is a tracking error, innovations that last contradict the assumption
                 W a = y itself, as friction does that is in no parameter. With q^2 the mean square
                 of the innovations, scaled to d and averaged over 10 / bandwidth with their signs,
                 rho is multiplied by 1 / (1 + (q^2 / unexplained)^2), or ``least_trust`` where that
                 is larger, and kappa(t) is at least the complementary share of kappa_2. A least
                 trust is for models that explain all joints' friction: innovations that last then
                 come from a prior that is far too narrow, such as that of a wrist with a heavy load,
-                and only the memory mends that. Where nothing is explained this is the inner
+                and only the memory corrects that. Where nothing is explained this is the inner
                 adaptation at that share of its speed. V may rise by dkappa/dt (the law's V) while
                 q^2 rises.
     Prior:      where W is noisy, least squares is biased (errors in variables): E W^T R W grows by
@@ -287,9 +287,9 @@ class CompositeMemory(Wrapper):
         noise: standard deviation of the torques, one number or (n) [N m or N].
         forgetting: [1/s] at an innovation as large as expected; zero never forgets.
         share: kappa.
-        first_share: kappa_1, with which the tracking error teaches beside an empty memory.
-        lone_share: kappa_2, with which it teaches beside a memory that explains nothing.
-        timely_share: kappa_3, with which it teaches where torques are in time.
+        first_share: kappa_1, share of the tracking error beside an empty memory.
+        lone_share: kappa_2, its share beside a memory that explains nothing.
+        timely_share: kappa_3, its share where torques are in time.
         contradiction: d above which the memory begins anew; infinite for never.
         unexplained: q^2 at which the memory is trusted by half; infinite for always wholly.
         least_trust: from 0 to 1, that lasting innovations leave.
@@ -363,7 +363,7 @@ class CompositeMemory(Wrapper):
         self.share = positive(share, "share")
         if self.share > 1.0:
             raise GainError(
-                f"the tracking error teaches at most as fast as the memory, got {share:g} > 1.",
+                f"the tracking error may adapt at most as fast as the memory, got {share:g} > 1.",
                 where="share",
             )
         self.first_share = self._greater(first_share, "first_share")
@@ -400,7 +400,7 @@ class CompositeMemory(Wrapper):
         """Return the estimate with A = unit H and b = A a_hat.
 
         Where the other data's best value is off by e, dV/dt changes by (rho / kappa) da^T
-        (I + A P)^-1 A e besides: the memory holds what it was told, as exactly as it was told.
+        (I + A P)^-1 A e besides: the memory keeps the other data with the stated accuracy.
         """
         A = self.unit * H
         return Estimate(estimate.value, (A, A.dot(estimate.value), *estimate.memory[2:]))

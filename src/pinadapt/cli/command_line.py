@@ -33,7 +33,7 @@ _COMMANDS = {
     "excite": "find a motion that excites the unknown parameters of a robot",
     "run": "run a scenario",
     "view": "show a finished run, or run a scenario and show it live",
-    "drive": "drive a real or simulated arm on a clock",
+    "drive": "drive a real or simulated arm in real time",
     "replay": "compute the torques of a log of `drive` again, by its controller or another one",
     "tell": "send a command to a running `drive`",
     "compare": "run several laws on one scenario",

@@ -1,4 +1,4 @@
-"""``pinadapt drive``, ``replay`` and ``tell``: an arm on a clock, its log, and its commands."""
+"""``pinadapt drive``, ``replay`` and ``tell``: an arm in real time, its log, and its commands."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, positive
 _STAGES = {
     "log-only": (Stage.LOG, "compute and log torques, send none (default)"),
     "gravity": (Stage.GRAVITY, "compensate gravity, to move the arm by hand"),
-    "hold": (Stage.HOLD, "hold the place where the arm is"),
+    "hold": (Stage.HOLD, "hold the present position"),
     "slow": (Stage.SLOW, "the motion five times slower, without adaptation"),
     "adapt": (Stage.ADAPT, "the motion with adaptation"),
 }
 _COLLISION = {
-    "collision": (7, "NM", "torques beside the model at which the robot's own reflex stops it"),
+    "collision": (7, "NM", "external torques at which the robot's own reflex stops it"),
     "forces": (6, "N", "the same for force and torque at the flange"),
 }
 _FRANKA = {
@@ -90,8 +90,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--load",
         metavar="JSON",
-        help="set on the robot, which then carries it (Franka): mass, com and inertia in the axes "
-        """of the flange, such as '{"mass": 0.7, "com": [0, 0, 0.1]}'""",
+        help="load that is set on the robot, which then compensates it (Franka): mass, com "
+        """and inertia in the axes of the flange, such as '{"mass": 0.7, "com": [0, 0, 0.1]}'""",
     )
     for name, (number, unit, text) in _COLLISION.items():
         parser.add_argument(
@@ -182,7 +182,7 @@ def _safety(settings: Sequence[str]) -> Safety:
         try:
             given[key] = json.loads(value)
         except ValueError as error:
-            raise InputError(f"'{value}' is no number.", where=f"safety.{key}") from error
+            raise InputError(f"'{value}' is not a number.", where=f"safety.{key}") from error
     return Safety(**given)
 
 
@@ -211,7 +211,8 @@ def _maker(options: argparse.Namespace) -> Callable[[Scenario], Arm]:
     file, _, name = kind.rpartition(":")
     if not file.endswith(".py"):
         raise InputError(
-            f"no arm is called '{kind}'; there are simulated, franka, moteus, and FILE.py:CLASS.",
+            f"there is no arm '{kind}'; expected one of simulated, franka, moteus, and "
+            "FILE.py:CLASS.",
             where="ARM",
         )
     return partial(_own_arm, _own(Path(file), name), kind, address)
@@ -230,22 +231,22 @@ def _franka(scenario: Scenario, address: str, **given: Any) -> Arm:
 
 
 def _load(text: str) -> Payload:
-    """Return the load of JSON.
+    """Return the load that a JSON text states.
 
     Raises:
-        InputError: it is none.
+        InputError: it is not valid JSON or not a load.
     """
     try:
         load = load_of(json.loads(text))
     except ValueError as error:
-        raise InputError(f"is no JSON: {error}.", where="--load") from error
+        raise InputError(f"is not valid JSON: {error}.", where="--load") from error
     if load is None:
         raise InputError('expected a table such as {"mass": 0.7}.', where="--load")
     return cast(Payload, load)
 
 
 def _carrying(tables: ScenarioTables, folder: Path, load: Payload) -> ScenarioTables:
-    """Return the tables of a robot that carries a load and adds its gravity.
+    """Return the tables for a robot that carries a load and compensates its gravity itself.
 
     Raises:
         InputError: the scenario has a load already, or its robot no flange.
@@ -253,7 +254,9 @@ def _carrying(tables: ScenarioTables, folder: Path, load: Payload) -> ScenarioTa
     from ..realtime.franka import at_task_frame
 
     if tables.belief.payload is not None:
-        raise ScenarioError("is given by --load as well; give one of them.", where="belief.payload")
+        raise ScenarioError(
+            "is also given by --load; give only one of them.", where="belief.payload"
+        )
     seen = at_task_frame(load, described_robot(tables, folder))
     raw = tables.model_dump(by_alias=True, exclude_unset=True)
     com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
@@ -265,7 +268,7 @@ def _carrying(tables: ScenarioTables, folder: Path, load: Payload) -> ScenarioTa
 def _own_arm(made_by: Any, kind: str, address: str | None, scenario: Scenario) -> Arm:
     made = made_by(address, scenario.estimated)
     if not isinstance(made, Arm):
-        raise InputError("is no pinadapt.realtime.Arm.", where=kind)
+        raise InputError("is not a pinadapt.realtime.Arm.", where=kind)
     return made
 
 
@@ -344,9 +347,9 @@ def replay_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def replay(options: argparse.Namespace) -> int:
-    """Print the torques of a log beside those that its controller, or another one, asks for.
+    """Print the torques of a log beside those that its controller, or another one, computes.
 
-    Return 3 if the same controller asks for others, else 0.
+    Return 3 if the same controller computes others, else 0.
 
     Raises:
         InputError: the log cannot be used, or has no scenario.
@@ -354,7 +357,7 @@ def replay(options: argparse.Namespace) -> int:
     log = CycleLog.read(options.log)
     if "scenario" not in log.about:
         raise InputError(
-            "has no scenario; replay it in Python: CycleLog.read(path).replay(controller).",
+            "contains no scenario; replay it in Python: CycleLog.read(path).replay(controller).",
             where=str(options.log),
         )
     raw = json.loads(log.about["scenario"])
@@ -364,7 +367,7 @@ def replay(options: argparse.Namespace) -> int:
     found = log.replay(scenario.controller)
     at = found.asked
     if not at.any():
-        raise InputError("no controller was asked in this log.", where=str(options.log))
+        raise InputError("this log contains no torque of a controller.", where=str(options.log))
     rows = [
         (name, *(f"{value:.4g}" for value in values))
         for name, *values in zip(
@@ -404,12 +407,12 @@ def tell(options: argparse.Namespace) -> int:
     """Send a command to a running loop and print its answer.
 
     Raises:
-        InputError: nobody answers, or the command is refused.
+        InputError: no answer, or the command is refused.
     """
     try:
         value = None if options.value is None else json.loads(options.value)
     except ValueError as error:
-        raise InputError(f"is no JSON: {error}.", where="value") from error
+        raise InputError(f"is not valid JSON: {error}.", where="value") from error
     answer: Mapping[str, Any] = tell_loop(options.port, options.what, value)
     for key, part in answer.items():
         if key != "about":

@@ -61,7 +61,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     ):
         parser.add_argument(f"--{option}", type=float, default=default, metavar=unit, help=text)
     parser.add_argument(
-        "--srdf", type=Path, metavar="FILE", help="its disable_collisions name links that may touch"
+        "--srdf",
+        type=Path,
+        metavar="FILE",
+        help="SRDF file; the pairs in its disable_collisions may touch",
     )
     add_seed(parser, "the search")
     add_out_file(parser, "the robot's name and _excited.toml")

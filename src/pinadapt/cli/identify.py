@@ -86,7 +86,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--excite",
         action="store_true",
-        help="find a motion that tells more (some seconds), and report what it would tell",
+        help=(
+            "find a more informative motion (takes some seconds), and report what it would identify"
+        ),
     )
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
@@ -114,7 +116,10 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tracker",
         action="store_true",
-        help="x is in axes of its own, anywhere; by default in those of the robot's base",
+        help=(
+            "x is in the axes of a tracker at an unknown pose (default: in those of the "
+            "robot's base)"
+        ),
     )
     parser.add_argument(
         "--encoder",
@@ -156,7 +161,8 @@ def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
 def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add a group of options that say how a log is to be read, see ``Intake``; return it."""
     group = parser.add_argument_group(
-        "how the log is read", f"they override the file beside the log: run{SUFFIX} of run.csv"
+        "how the log is read",
+        f"these options override the file beside the log: run{SUFFIX} of run.csv",
     )
     group.add_argument(
         "--intake", type=Path, metavar="FILE", help="in place of the file beside the log"
@@ -197,7 +203,7 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     for option, metavar, what in (
         ("--gear", "N", "turns of the motor for one of the joint; the log is that of the motors"),
         ("--torque-gain", "K", "torque for a unit of the log, such as N m/A"),
-        ("--offset", "RAD", "added to the positions, rad or m"),
+        ("--offset", "RAD", "offset added to the positions, rad or m"),
     ):
         group.add_argument(
             option,
@@ -240,7 +246,7 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         dest="doubtful",
         action="store_true",
         default=None,
-        help="learn although the torques do not fit the description; the exit status stays 2",
+        help="identify although the torques do not fit the description; the exit status stays 2",
     )
     return group
 
@@ -327,7 +333,7 @@ def _intake(options: argparse.Namespace) -> Intake | None:
     first, *others = logs
     if options.intake is None and (own := [beside[log] for log in others if log in beside]):
         raise InputError(
-            f"options say how all logs are read, and {own[0]} how one of them is.",
+            f"options apply to all logs, but {own[0]} states how one of them is read.",
             where="identify",
             hint="Write the options into the files beside the logs: --write-intake, one by one.",
         )
@@ -457,7 +463,7 @@ def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, dict[str, An
 
 
 def _words(given: str | list[str]) -> str | list[str]:
-    """Return a single word instead of a list of one: "all" is not the name of a joint."""
+    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
     return given[0] if isinstance(given, list) and len(given) == 1 else given
 
 
@@ -465,7 +471,7 @@ def _compared(options: argparse.Namespace, robot: Robot) -> dict[str, Robot]:
     """Return the models that ``--compare`` names, as chains with the frame and joints of a robot.
 
     Raises:
-        InputError: a file that is none, or of another chain.
+        InputError: a file that cannot be read, or a robot with other joints.
     """
     return {
         path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)

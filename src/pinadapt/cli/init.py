@@ -30,7 +30,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--task",
         metavar="TASK",
-        help="xyz, xy, xz, yz, pose, image (of a camera that nobody calibrated) or joint (default: "
+        help="xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: "
         "xyz, or a plane if the chain is planar)",
     )
     parser.add_argument(
@@ -44,7 +44,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tracker",
         action="store_true",
-        help="x is measured by a tracker that nobody calibrated against the base",
+        help="x is measured in the axes of an uncalibrated tracker",
     )
     add_description(parser)
     add_out_file(parser, "the robot's name and .toml")

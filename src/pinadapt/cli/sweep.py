@@ -41,10 +41,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUES",
         help="a dotted key of the scenario and its values; several keys are combined",
     )
-    parser.add_argument("--samples", type=positive, metavar="N", help="samples of what is drawn")
-    parser.add_argument("--method", choices=METHODS, help="of the samples (default: random)")
-    parser.add_argument("--repeat", type=positive, metavar="N", help="runs of each case")
-    parser.add_argument("--seed", type=not_negative, metavar="N", help="of the sweep (default: 0)")
+    parser.add_argument(
+        "--samples", type=positive, metavar="N", help="number of samples of the distributions"
+    )
+    parser.add_argument("--method", choices=METHODS, help="sampling method (default: random)")
+    parser.add_argument("--repeat", type=positive, metavar="N", help="number of runs of each case")
+    parser.add_argument("--seed", type=not_negative, metavar="N", help="random seed (default: 0)")
     parser.add_argument(
         "--timeout", type=float, metavar="S", help="seconds after which a case is given up"
     )
@@ -55,13 +57,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="number of processes, 0 for none besides this one (default: one per core)",
     )
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="of Dask, or 'local': run there instead"
+        "--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, or 'local'"
     )
     parser.add_argument(
-        "--success", metavar="CONDITION", help="such as 'error_share < 0.01' (default: follows)"
+        "--success",
+        metavar="CONDITION",
+        help="when a case succeeds, such as 'error_share < 0.01' (default: its verdict is follows)",
     )
-    parser.add_argument("--column", default="", metavar="NAME", help="the result to rank and draw")
-    parser.add_argument("--csv", action="store_true", default=None, help="write no Parquet")
+    parser.add_argument(
+        "--column", default="", metavar="NAME", help="the result in ranking and figures"
+    )
+    parser.add_argument("--csv", action="store_true", default=None, help="write CSV, not Parquet")
     parser.add_argument("--resume", action="store_true", help="run the cases that are missing")
     parser.add_argument(
         "--retry",
@@ -135,7 +141,7 @@ def _ask(count: int, yes: bool) -> None:
     """Ask whether to run very many cases.
 
     Raises:
-        InputError: nobody says yes.
+        InputError: the question is not answered with yes.
     """
     if count <= MANY or yes:
         return

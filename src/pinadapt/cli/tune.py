@@ -45,7 +45,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="what is searched: controller.alpha=loguniform(5, 100), uniform(a, b), choice([...])",
     )
     parser.add_argument("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUES")
-    parser.add_argument("--samples", type=positive, metavar="N", help="cases of what is drawn")
+    parser.add_argument(
+        "--samples", type=positive, metavar="N", help="number of samples of the distributions"
+    )
     parser.add_argument(
         "--trials", type=positive, default=40, metavar="N", help="default: %(default)s"
     )
@@ -53,14 +55,17 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--objective",
         default="error_share",
         metavar="COLUMN",
-        help="the result whose percentile is made small (default: %(default)s)",
+        help="the result whose percentile is minimised (default: %(default)s)",
     )
     parser.add_argument(
         "--percentile",
         type=float,
         default=0.9,
         metavar="P",
-        help="of the objective over the cases; lost cases are the worst (default: %(default)s)",
+        help=(
+            "percentile of the objective over the cases; failed cases count as the worst "
+            "(default: %(default)s)"
+        ),
     )
     parser.add_argument(
         "--validation",
@@ -68,14 +73,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="samples with other seeds, on which gains are compared (default: as in the search)",
     )
-    parser.add_argument("--processes", type=int, metavar="N", help="default: one per core")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="of Dask, or 'local'")
+    parser.add_argument(
+        "--processes", type=int, metavar="N", help="number of processes (default: one per core)"
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, or 'local'"
+    )
     add_out(parser, "out/ and the file's name and -tune")
 
 
 @dataclass(frozen=True)
 class Judged:
-    """The cases with one set of gains.
+    """Results of all cases with one set of gains.
 
     Attributes:
         gains: by key; empty: the defaults.
@@ -211,7 +220,7 @@ def searched(given: list[str], plan: Plan) -> dict[str, Values]:
 def _optuna(
     gains: Mapping[str, Values], seed: int
 ) -> tuple[Callable[[], tuple[Any, dict[str, Any]]], Callable[[Any, float], None]]:
-    """Return functions that suggest gains, and that are told their objective."""
+    """Return two functions: one suggests gains, the other takes their objective."""
     try:
         import optuna
     except ImportError as error:

@@ -36,7 +36,7 @@ _PAUSE = 10.0  # periods after which the filters start anew
 _FIRST, _LAST = 1.0, 8.0  # [s] of motion after which the torques are judged, doubling in between
 _SLIDING = 0.02  # [rad/s or m/s] from where Coulomb friction has its full size
 _FACTORS = (0.3, 4.0)  # of all joints together
-_CLEAR = 0.9  # correlation of a joint that is told to have the wrong sign
+_CLEAR = 0.9  # correlation at which a joint is reported to have the wrong sign
 _AGAINST = -0.35  # its factor
 _HEAVY = 0.2  # of the largest predicted torque, from where on a joint is judged by itself
 _RELATED = 0.3  # correlation of all joints together, below which torques are not the robot's
@@ -57,7 +57,7 @@ class Estimator:
     and why, is not its business.
 
     In the first seconds of motion the torques are compared with what the initial estimate predicts,
-    see ``HeardTorques``, and refused if they cannot be the robot's.
+    see ``TorqueHistory``, and refused if they cannot be the robot's.
 
     ``init`` and ``step`` are pure. An implausible sample raises as in a controller, and
     the state is as good as before; go on with the next one. The filters bridge what was left out up
@@ -159,7 +159,7 @@ class Estimator:
             dynamic=dynamic,
             kinematic=kinematic,
             a_0=dynamic.value.copy(),
-            filters=HeardTorques.none(kinematics.nv) if self._listens else (),
+            filters=TorqueHistory.none(kinematics.nv) if self._listens else (),
             load=None if parts.nominal is None else parts.nominal.load,
             sensed=self._senses.init(sample, kinematics, kinematic.value),
             torque_filter=self._anew(sample.q, sample.v),
@@ -168,7 +168,7 @@ class Estimator:
     def step(self, state: ControllerState, measurement: Measurement) -> ControllerState:
         """Return the state after a sample, at which the estimates have moved since the last one.
 
-        They rest while all joints do: what stiction holds says nothing.
+        They rest while all joints do: stiction then hides the torque.
 
         Args:
             state: from ``init`` or ``step``; as good as before, whatever is raised.
@@ -178,7 +178,7 @@ class Estimator:
         Raises:
             MeasurementError: a signal is missing, of the wrong size or type, or not finite.
             ImplausibleError: an impossible measurement, see ``Guards``, torques that are not the
-                robot's, see ``HeardTorques``, or its time is not after the last one's.
+                robot's, see ``TorqueHistory``, or its time is not after the last one's.
             InputError: the state is that of another controller, or another thread is using this
                 estimator.
             DivergedError: the estimates diverged.
@@ -274,8 +274,8 @@ class Estimator:
         return self.controller.adaptation_k.step_unchecked(kinematic, drive, elapsed)
 
 
-class HeardTorques(NamedTuple):
-    """What the torques of a motion have told so far.
+class TorqueHistory(NamedTuple):
+    """Comparison of the torques of a motion with the predicted ones, so far.
 
     Attributes:
         time: of the motion [s].
@@ -290,14 +290,14 @@ class HeardTorques(NamedTuple):
     products: np.ndarray
 
     @classmethod
-    def none(cls, n: int) -> HeardTorques:
+    def none(cls, n: int) -> TorqueHistory:
         """Return that of n joints before any sample."""
         return cls(0.0, _FIRST, np.zeros((3, n)), np.zeros((n, 4, 4)))
 
     def after(
         self, tau: np.ndarray, v: np.ndarray, error: np.ndarray, decay: float, elapsed: float
-    ) -> HeardTorques:
-        """Return what they have told with one more sample.
+    ) -> TorqueHistory:
+        """Return the sums with one more sample.
 
         Args:
             tau: (n) measured torque [N m or N].
@@ -311,10 +311,10 @@ class HeardTorques(NamedTuple):
         T = filtered[0]
         row = np.stack([T + error, T, filtered[1], filtered[2]], axis=1)
         products = self.products + elapsed * row[:, :, None] * row[:, None, :]
-        return HeardTorques(self.time + elapsed, self.due, filtered, products)
+        return TorqueHistory(self.time + elapsed, self.due, filtered, products)
 
-    def judged(self, names: Sequence[str]) -> HeardTorques | tuple[()]:
-        """Return what is to be remembered from now on, nothing once all is told.
+    def judged(self, names: Sequence[str]) -> TorqueHistory | tuple[()]:
+        """Return what is kept for the next samples; nothing once the check is complete.
 
         Args:
             names: of the joints.

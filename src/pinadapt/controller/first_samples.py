@@ -41,7 +41,7 @@ _SURE = 0.95  # thresholds above it are never reached
 _ASIDE = 0.5  # of what looks like gravity, that may be something else
 _HEALTHY, _WINDOWS = 0.5, 3.0  # share, and windows below it after which all is well
 _MEASURED = 0.7  # of gravity, by which a measured torque differs from the one sent
-_WEIGHTLESS = 0.5  # [rad/s^2 or m/s^2], accelerations by gravity that tell nothing
+_WEIGHTLESS = 0.5  # [rad/s^2 or m/s^2], accelerations by gravity too small to judge
 _LIGHT, _HEAVY, _LOAD = 2.0 / 3.0, 1.5, 0.3  # what inertias and load may be, of those of the model
 _SWITCH = "limits=pa.Limits(guards={{'{}': False}}) switches this check off."
 
@@ -55,28 +55,28 @@ class _Seen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FirstSamples:
-    """What is known of a robot before it moves, to hold its first samples against.
+    """What is known of a robot before it moves, to compare its first samples with.
 
-    Limits: a joint may stand beyond its limit by 10 degrees (a slide by 2 cm) and 5 % of its range;
-    without limits within four turns (1 km).
+    Limits: a joint may stand beyond its limit by 10 degrees (a slide by 2 cm) and 5 % of its
+    range; without limits within four turns (1 km).
 
     Position: x may be as far from x_hat(q) as the box of the unknown translations allows, and a
     quarter of the reach; a measured orientation may be off by 30 degrees.
 
-    Gravity: with the arm's own gravity torque g_a(q) and the model's M, C and g without anything
-    learned, each window of 12 ms (twelve periods, or up to
+    Gravity: with the arm's own gravity torque g_a(q) and the model's M, C and g without
+    anything learned, each window of 12 ms (twelve periods, or up to
     50 ms if noise asks for it) gives the share
 
         p = <r, g_a> / <g_a, g_a>,    r = M dv/dt + C v + g - tau,    <a, b> = a^T M^-1 b,
 
-    of torques held for the joints. An arm that adds g_a although nobody said so has p = 1 at its
-    first motion, one that does not although somebody did p = -1: it falls freely, whatever its
-    inertias. A model whose inertias are half too large has p = 1/2; a load makes p negative, but
-    never falls faster than freely. Refused is |p| > max(0.8, (1 + p_0) / 2) + 5 sigma, with sigma
-    that of the noise and p_0 the largest |p| of that sign of robots that differ from the model by
-    inertias of 2/3 to 3/2, body by body, and a load of 30 %, under the same torques. Where p_0
-    exceeds 0.9, or r is not along g_a, nothing is refused; nor if |p| is below 0.8 in the window
-    after. A measured torque is compared with the
+    of torques held for the joints. An arm that adds g_a undeclared has p = 1 at its
+    first motion, one that does not although declared p = -1: it falls freely, whatever its
+    inertias. A model whose inertias are half too large has p = 1/2; a load makes p negative,
+    but never falls faster than freely. Refused is |p| > max(0.8, (1 + p_0) / 2) + 5 sigma, with
+    sigma that of the noise and p_0 the largest |p| of that sign of robots that differ from the
+    model by inertias of 2/3 to 3/2, body by body, and a load of 30 %, under the same torques.
+    Where p_0 exceeds 0.9, or r is not along g_a, nothing is refused; nor if |p| is below 0.8
+    in the window after. A measured torque is compared with the
     one sent, also at rest; where the arm adds nothing, one in other units is refused as well.
 
     Attributes:
@@ -86,10 +86,10 @@ class FirstSamples:
         noise: of a measured position [m].
         tolerance, longest, half: of the kernel ``first_samples``.
         gravity: g_a of q (nq), or None to leave gravity alone.
-        declared: whether the arm is said to add it.
+        declared: whether the arm is declared to add it.
         acceleration: (n) standard deviation of dv/dt over a window [rad/s^2 or m/s^2].
-        held: where in what is remembered the torque (n) stands that is held from the last sample
-            on [N m or N]; NaN while it is unknown.
+        held: where in what is remembered the torque (n) stands that is held from the last
+            sample on [N m or N]; NaN while it is unknown.
     """
 
     robot: Robot
@@ -216,7 +216,7 @@ class FirstSamples:
             _row(first, kernels.OFFSET, n)[:] += elapsed * (tau - first[self.held])
 
     def judge(self, found: int, first: np.ndarray, q: np.ndarray) -> np.ndarray | None:
-        """Return what to remember from now on, after what the kernel found; None when all is told.
+        """Return what is kept for the next samples; None once the checks are complete.
 
         Args:
             found: not 0.
@@ -224,7 +224,7 @@ class FirstSamples:
             q: (nq) configuration.
 
         Raises:
-            ImplausibleError: the arm adds its gravity torque although it was not said, or the
+            ImplausibleError: the arm adds its gravity torque undeclared, or the
                 reverse.
         """
         if found == kernels.TOLD or not first[kernels.HEALTHY] < _WINDOWS:
@@ -290,17 +290,17 @@ class FirstSamples:
             return ImplausibleError(
                 "v" if seen.startswith("the arm") else "tau",
                 f"{100.0 * share:.0f} %",
-                f"says that the arm does not add the torque of `compensated`: {seen} as if that "
-                "were missing, by this share of it",
-                hint="Leave `compensated` out if the arm is sent whole torques, or switch its "
+                f"shows that the arm does not add the torque of `compensated`: {seen} as if this "
+                "share of it were missing",
+                hint="Omit `compensated` if the arm expects full torques, or switch its "
                 f"compensation on. {_SWITCH.format('gravity')}",
             )
         return ImplausibleError(
             "v" if seen.startswith("the arm") else "tau",
             f"{100.0 * share:.0f} %",
-            f"says that the arm adds its own gravity torque: {seen} as if that were added to what "
-            "is sent, by this share of it",
-            hint='If it does, say so: compensated="nominal", in a scenario simulation.compensated. '
+            f"shows that the arm adds its own gravity torque: {seen} as if this share of it were "
+            "added to the command",
+            hint='If so, declare it: compensated="nominal", in a scenario simulation.compensated. '
             f"{_SWITCH.format('gravity')}",
         )
 
@@ -337,8 +337,10 @@ def _other_torques(ratio: float) -> ImplausibleError:
     return ImplausibleError(
         "tau",
         f"{ratio:.2f}",
-        "is about so many times the torque that is sent",
-        "the wrong sign?" if ratio < -0.5 else "in amperes? before the gear? not measured at all?",
+        "is about this multiple of the commanded torque",
+        "the wrong sign?"
+        if ratio < -0.5
+        else "in amperes? measured before the gear? not measured at all?",
         "Give the torques of the joints in N m or N, after the gears, or none. "
         f"{_SWITCH.format('gravity')}",
     )
@@ -355,7 +357,7 @@ def make_first_samples(
     compensation: Compensation | None,
     dt: float,
 ) -> FirstSamples:
-    """Return what the first samples of a robot are held against.
+    """Return what the first samples of a robot are compared with.
 
     Args:
         robot: the nominal robot.
@@ -364,7 +366,7 @@ def make_first_samples(
         tolerance: (n) of ways [rad or m], see ``Guards``.
         box: (2, p) of the kinematic estimates [m].
         sensors: of the robot.
-        compensation: what the arm is said to add to the torques sent, or None.
+        compensation: torque that the arm is declared to add to the command, or None.
         dt: sampling period [s].
     """
     model, n = robot.model, robot.model.nv

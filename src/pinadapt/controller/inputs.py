@@ -149,7 +149,7 @@ class InputCheck:
         """
         measurement = self.measurement(given)
         if measurement.x is None and self._measures_x:
-            raise MeasurementError("x", None, "is missing, and the first sample must have it")
+            raise MeasurementError("x", None, "is missing, and the first sample needs it")
         self.finite(measurement)
         return measurement
 

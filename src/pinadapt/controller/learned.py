@@ -69,15 +69,15 @@ class AlongExcited:
             physical = replace(physical, body_weights=_body_weights(Gamma, physical))
             found = nearest_with(rows, a, physical, tolerance)
             if found is None:
-                note = "No physical parameters predict these torques, so some are not physical. "
+                note = "No physical parameters reproduce these torques, so some are not physical. "
                 warnings.warn(note, stacklevel=4)
                 found = _nearest_in(L @ L.T, rows, a, start, tolerance)
         else:
             found = _nearest_in(Gamma, rows, a, start, tolerance)
         if found is None or not adaptation.contains(found):
             words = (
-                "All estimates are as learned: no parameters near those of the start predict the "
-                "same torques."
+                "All estimates are kept as learned: no parameters near the initial ones reproduce "
+                "the torques."
             )
             warnings.warn(words, stacklevel=4)
             return a, words
@@ -85,8 +85,9 @@ class AlongExcited:
         moved = percent(float(np.linalg.norm(rows @ (found - a))))
         kept = f"Not excited by the motion: {names_together(still)}. " if still else ""
         words = (
-            f"{note}{kept}What the torques of the motion leave open is as near to the start as "
-            f"they allow; they are those of the last estimate to {moved}."
+            f"{note}{kept}Combinations that the motion does not identify are as near to the "
+            f"initial values as possible; the torques differ from those of the last estimate by "
+            f"{moved}."
         )
         return found, words
 
@@ -159,7 +160,7 @@ class LearnedParameters:
         robot: name of the robot.
         kinematic: name -> value [m].
         dynamic: name -> value.
-        units: name -> unit of its value; empty for parameters of a basis of one's own.
+        units: name -> unit of its value; empty for parameters of a user's own basis.
         version: of the library that learned them.
         remark: which of them are as at the start, because the motion did not excite them.
         information: rows R of numbers, one a dynamic parameter: R^T R is the information of the

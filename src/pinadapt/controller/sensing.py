@@ -1,4 +1,4 @@
-"""What a controller makes of a sample: plausibility, filtered velocity, position of now.
+"""From a sample to what the law uses: plausibility, filtered velocity, present position.
 
 Every sample is compared with the one before: q with the integral of v, a frame with the motion of
 the model, a measured torque with what the motors can give. One that does not follow is bridged by
@@ -63,7 +63,7 @@ _HELD, _SLOWED = 5.0, 0.5  # times the speed at which a joint moves, and of its 
 # that has slowed down below both may be stopped at once by its friction
 _STILL = 3.0  # samples after which a signal is stuck
 _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q
-_BOTH, _ONLY_Q, _ONLY_V, _NEITHER = range(4)  # signals of a joint that are believed
+_BOTH, _ONLY_Q, _ONLY_V, _NEITHER = range(4)  # signals of a joint that are used
 _UNSEEN = 4.0  # less than these, where a joint has been unseen for long
 _OWN, _STILLS = kernels.TRAIL, (kernels.Q_STILL, kernels.V_STILL)  # of a joint by itself
 _SWITCH = "limits=pa.Limits(guards={{'{}': False}}) switches this check off."
@@ -93,7 +93,7 @@ class Guards:
             where one was dropped.
         near: errors below which an arm may be resting [m or rad].
         follows: whether samples are compared with the one before.
-        first: what the first samples are held against; None: nothing.
+        first: what the first samples are compared with; None: nothing.
     """
 
     bounds: np.ndarray
@@ -224,7 +224,7 @@ class Guards:
     ) -> tuple[Guards, np.ndarray, np.ndarray]:
         """Return guards and a trail by which a v that is not the rate of q is judged once more.
 
-        Coarse sensors do not lie. What a v may leave out: since it changed last, if that is less
+        Coarse sensors are no fault. A v may leave out: since it changed last, if that is less
         than 20 ms, all that q does; the step in which v comes, if all of v are multiples of one,
         times the duration of a sum; and if it goes on changing, a little more over half a second,
         for an offset.
@@ -324,7 +324,7 @@ class Guards:
             return ImplausibleError(
                 "q",
                 q,
-                f"is stuck: joint '{name}' has stood still, to the bit, since it moved at "
+                f"is stuck: joint '{name}' repeats its value to the bit since it moved at "
                 f"{rate:.3g} {unit}/s",
                 "has its encoder stopped, or its message? does the driver repeat a measurement?",
                 f"Start anew with `init` once q follows the arm. {_SWITCH.format('differences')}",
@@ -335,7 +335,7 @@ class Guards:
             return ImplausibleError(
                 "q",
                 q,
-                f"has jumped: joint '{name}' by {way:.3g} {unit}, and v says {rate * dt:.3g} "
+                f"has jumped: joint '{name}' by {way:.3g} {unit}, but v gives {rate * dt:.3g} "
                 f"{unit}",
                 _why_jumped(way, at, came, float(self.bounds[kernels.TOLERANCE, i])),
                 "Initialise the driver and start anew with `init`. "
@@ -446,7 +446,7 @@ def _named_factor(way: float, said: float, unit: str) -> tuple[str, str]:
         return "", "v stuck at zero, or of another joint?"
     if abs(way) <= 1e-3 * abs(said):
         return "", "q stuck, or v of another joint?"
-    return f", {said / way:.3g} times as far", "late, or at the motor, before a gear?"
+    return f", {said / way:.3g} times as far", "late, or measured at the motor, before a gear?"
 
 
 def _row(trail: np.ndarray, row: int) -> np.ndarray:
@@ -472,7 +472,7 @@ Given: TypeAlias = tuple[
 
 @dataclass(frozen=True, eq=False)
 class Senses:
-    """From a measurement to joint velocity and task position of now.
+    """From a measurement to joint velocity and present task position.
 
     Attributes:
         guards: what is refused as implausible, and when the arm rests.
@@ -525,7 +525,7 @@ class Senses:
 
         Raises:
             ImplausibleError: what the guards refuse, the last frame of the camera is too old, or
-                what the first samples tell is impossible.
+                what the first samples show is impossible.
             MeasurementError: a frame was taken later than the sample.
         """
         before, t_before, measurement, desired, kinematics, a_k, position_error, since = given
@@ -715,16 +715,16 @@ class Senses:
         *,
         known: bool,
     ) -> SensedState:
-        """Return what q and v may be believed to be at a sample, whatever is wrong with it.
+        """Return the plausible q and v at a sample, whatever is wrong with it.
 
         Joint by joint: both as measured while they follow from the sample before; q and its
         differences where v does not; the integral of v where q does not, or is stuck; and where
-        neither can be believed, or nothing was measured, the motion of an arm that is damped.
-        Once q and v have parted, the one that is not stuck is believed from then on. The way of
-        each joint since then is in the trail, and which joints were unseen for 15 ms.
+        neither is plausible, or nothing was measured, the motion of an arm that is damped.
+        Once q and v contradict each other, the one that is not stuck is used from then on. The way
+        of each joint since then is in the trail, and which joints were unseen for 15 ms.
 
         Args:
-            before: what was known, or believed, at the sample before.
+            before: what was known, or estimated, at the sample before.
             sample: the sample, which may be refused or not finite; None: there is none.
             dt: since then [s].
             decay: rate at which a damped arm loses its speed [1/s].
@@ -792,12 +792,12 @@ class Senses:
         dt: float,
         trail: np.ndarray,
     ) -> int:
-        """Return which signals of a joint i are believed, and add the sample to its trail.
+        """Return which signals of a joint i are plausible, and add the sample to its trail.
 
         Args:
             i: index of the joint.
             part: where it is in q.
-            q_before: (nq) believed at the sample before.
+            q_before: (nq) used at the sample before.
             q: (nq) as measured, finite.
             v: (n) as measured, finite [rad/s or m/s].
             dt: since then [s].
@@ -840,10 +840,10 @@ class Senses:
     def _first(
         self, first: np.ndarray, measurement: Measurement, elapsed: float
     ) -> np.ndarray | None:
-        """Return what the first samples have told with one more, None once that is all.
+        """Return the sums of the first samples with one more; None once their checks are complete.
 
         Args:
-            first: what they have told by then.
+            first: their sums until then.
             measurement: the sample.
             elapsed: time since the one before [s].
 
@@ -922,7 +922,7 @@ def make_guards(
         unloaded: the robot without the load announced at first.
         box: (2, p) in which the kinematic estimates stay [m], or None where there are none.
         sensors: of the robot.
-        compensation: what the arm is said to add to the torques sent, or None.
+        compensation: torque that the arm is declared to add to the command, or None.
         dt: sampling period [s].
 
     Raises:

@@ -56,7 +56,7 @@ class ControllerState(NamedTuple):
         kinematic: the same of the kinematic parameters [m].
         a_0: (p_d) the dynamic estimate at the start, moved by what was announced since.
         filters: state of the law's filters, see ``Law.filters``; of an ``Estimator``, what its
-            torques have told, see ``HeardTorques``.
+            torques have shown, see ``TorqueHistory``.
         adapting: whether the estimates move; see ``adapt``.
         load: what the robot carries in addition to its description, as last announced.
         sensed: what the sensors said at the last sample, see ``SensedState``.

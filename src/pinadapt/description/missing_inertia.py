@@ -108,10 +108,10 @@ def _check(mass: float, described: float, lacking: Sequence[int], name: str) -> 
     positive(mass, "mass", error=RobotError)
     if not lacking:
         raise RobotError(
-            f"every body of '{name}' has a mass in the description already, {described:.4g} kg in "
+            f"every body of '{name}' already has a mass in the description, {described:.4g} kg in "
             "total.",
             where="mass",
-            hint="Leave mass out. Robot.changed(inertial_scale=...) scales the described masses.",
+            hint="Omit mass. Robot.changed(inertial_scale=...) scales the described masses.",
         )
     if mass <= described:
         raise RobotError(
@@ -171,7 +171,7 @@ def _as_it_is(shape: coal.CollisionGeometry) -> pin.Inertia | None:
 
 
 def _hull(shape: coal.CollisionGeometry) -> pin.Inertia | None:
-    """Return the convex hull of a mesh, or another shape, as a solid of 1 kg/m^3, or None."""
+    """Return a shape, a mesh as its convex hull, as a solid of 1 kg/m^3; None without volume."""
     if not isinstance(shape, coal.BVHModelBase):
         return _filled(shape)
     if _is_flat(np.asarray(shape.vertices())):

@@ -136,7 +136,9 @@ def _without_ros(packages: Packages) -> Iterator[None]:
         if given is None and filename is not None and allowed(filename).is_file():
             given = minidom.parseString(Path(filename).read_bytes())
             if given.doctype is not None and len(given.doctype.entities):
-                raise RobotError(f"{filename} defines entities, which make few letters many.")
+                raise RobotError(
+                    f"{filename} defines XML entities, which could expand without limit."
+                )
         return parse(given, filename)
 
     def yaml_file(name: str) -> Any:

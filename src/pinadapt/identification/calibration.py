@@ -98,8 +98,8 @@ class Calibration:
         deviations: (p) standard deviations, with the description as prior [m or rad]; those of the
             tracker are of the first joint, in the axes of x.
         prior: (p) standard deviations of the description [m or rad].
-        combinations: what the motion tells, one sum of parameters each.
-        untold: name of a parameter that the motion does not tell -> names of those with which it
+        combinations: what the motion identifies, one sum of parameters each.
+        unidentified: name of a parameter that the motion does not identify -> those with which it
             can be confused, the strongest first; none: it has no effect.
         noise: residual of a coordinate [m], and of an orientation [rad] or None.
         frames: how many were used.
@@ -120,7 +120,7 @@ class Calibration:
     deviations: np.ndarray
     prior: np.ndarray
     combinations: tuple[str, ...]
-    untold: Mapping[str, tuple[str, ...]]
+    unidentified: Mapping[str, tuple[str, ...]]
     noise: tuple[float, float | None]
     frames: int
     outliers: int
@@ -181,22 +181,24 @@ class Calibration:
 
     @cached_property
     def sheet(self) -> Sheet:
-        """The report: what was measured, each placement, and what the motion does not tell."""
-        told = f"{len(self.combinations)} combinations of {len(self.names)} numbers"
+        """The report: what was measured, each placement, and what the motion does not identify."""
+        identified = f"{len(self.combinations)} combinations of {len(self.names)} numbers"
         noise, turn = self.noise
         residual = f"{1e3 * noise:.3g} mm a coordinate"
         if turn is not None:
             residual += f", {math.degrees(turn):.3g} deg"
         summary = [
             ("frames", f"{self.frames}, {self.outliers} others left out as impossible"),
-            ("told by this motion", told),
+            ("identified by this motion", identified),
             ("residual", residual),
             ("largest held-out error", f"{1e3 * self.after.largest:.3g} mm"),
         ]
         tables = [Table(summary), Table(list(self._rows()), _HEADER)]
-        if self.untold:
-            rows = [(name, _listed(others)) for name, others in self.untold.items()]
-            tables.append(Table(rows, ("not told by this motion", "told only together with")))
+        if self.unidentified:
+            rows = [(name, _listed(others)) for name, others in self.unidentified.items()]
+            tables.append(
+                Table(rows, ("not identified by this motion", "only in combination with"))
+            )
         return Sheet(f"{self.described.name}, calibrated from {self.source}", tables, self.verdict)
 
     def _rows(self) -> Iterator[tuple[str, ...]]:
@@ -246,7 +248,7 @@ class Calibration:
                 )
             ],
             "combinations": self.combinations,
-            "untold": self.untold,
+            "unidentified": self.unidentified,
             "version": __version__,
         }
 
@@ -288,12 +290,13 @@ def calibrate(
     Args:
         log: a file, folder or ``Log`` with q and x; torques are not needed; or several of these.
             x is a position (3) [m] or a pose with a quaternion xyzw (7). Ten to fifty
-            configurations all over the workspace tell more than a long motion in a corner of it.
+            configurations all over the workspace identify more than a long motion in a corner of
+            it.
         robot: as it is described, a ``Robot`` or what ``load`` takes.
         unknown: placements: "base" for that of the first joint, "joints" for those of all others,
             "tool", or names of joints; "offsets" for the encoders alone.
         tracker: whether x is in axes of its own, anywhere; the placement of the first joint is then
-            told only relative to these, and stays as described.
+            identified only relative to these, and stays as described.
         encoder: standard deviation of the noise of the joint positions, one number or (n)
             [rad or m].
         held_out: share of the frames, at most a half.
@@ -336,7 +339,7 @@ def calibrate(
     if frame:
         _fitted(before, seen.only(kept & ~held), name, fit.noise)
     last = seen.only(kept & held)
-    combinations, untold = _told(whole, fit.rows)
+    combinations, unidentified = _identified(whole, fit.rows)
     return Calibration(
         described=described,
         robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
@@ -346,7 +349,7 @@ def calibrate(
         deviations=whole.prior * np.sqrt(np.diag(fit.covariance)),
         prior=whole.prior,
         combinations=combinations,
-        untold=untold,
+        unidentified=unidentified,
         noise=(float(fit.noise[0]), float(fit.noise[1]) if len(fit.noise) > 1 else None),
         frames=int(np.count_nonzero(kept)),
         outliers=int(np.count_nonzero(~kept)),
@@ -695,7 +698,7 @@ class _Geometry:
 
 # The fit
 
-_LEAST = 1.5  # equations a combination that is told
+_LEAST = 1.5  # equations for each identified combination
 _ENOUGH = 3.0  # equations a combination that are advised
 _ROUNDS = 60
 _CONVERGED, _NEARLY = 1e-3, 3e-2  # of a standard deviation; the latter before frames are left out
@@ -758,17 +761,17 @@ def _fitted(
         if robust:
             weights = np.minimum(1.0, _HUBER / np.maximum(off, 1.0))
         step, covariance, last = _step(A, b, weights, geometry.value() / s)
-        told, count = len(s) - float(np.trace(covariance)), int(np.count_nonzero(kept)) * m
-        if count < _LEAST * told:
+        rank, count = len(s) - float(np.trace(covariance)), int(np.count_nonzero(kept)) * m
+        if count < _LEAST * rank:
             raise LogError(
-                f"{count // m} frames of {m} numbers are too few for {told:.0f} combinations of "
+                f"{count // m} frames of {m} numbers are too few for {rank:.0f} combinations of "
                 "the geometry.",
                 where=where,
-                hint=f"Record {math.ceil(_ENOUGH * told / m)} or more, or name fewer unknowns.",
+                hint=f"Record {math.ceil(_ENOUGH * rank / m)} or more, or name fewer unknowns.",
             )
         geometry.move(step * s)
         if known is None:
-            growth = _growth(b, groups, None if robust else kept, told / count)
+            growth = _growth(b, groups, None if robust else kept, rank / count)
             noise = np.maximum(noise * growth ** (1.0 / np.maximum(share, _LEAST_SHARE)), least)
             last = max(last, *np.where(noise > least, np.abs(growth - 1.0), 0.0))
         if last > (_NEARLY if robust else _CONVERGED):
@@ -809,7 +812,7 @@ def _step(
     """
     counted, p = np.sqrt(weights)[:, None, None], len(value)
     rows, right = (A * counted).reshape(-1, p), (b * counted).ravel()
-    # Not by normal equations: what is not told has 1 there, and the rest up to 1e16.
+    # Not by normal equations: unidentified directions have 1 there, the rest up to 1e16.
     Q, R = np.linalg.qr(np.vstack([rows, np.eye(p)]))
     inverse = np.linalg.inv(R)
     score = Q.T @ np.concatenate([right, -value])
@@ -844,7 +847,7 @@ def _inverse_roots(
 
 
 def _growth(
-    b: np.ndarray, groups: Sequence[slice], kept: np.ndarray | None, told: float
+    b: np.ndarray, groups: Sequence[slice], kept: np.ndarray | None, explained: float
 ) -> np.ndarray:
     """Return by what factor residuals b (M, m, 1) are larger than their unit, one for each group.
 
@@ -852,7 +855,7 @@ def _growth(
         b: the residuals, in units of their noise.
         groups: of coordinates.
         kept: (M) the frames that count; None: it is taken from the median.
-        told: share of the numbers that the parameters explain in any case.
+        explained: share of the numbers that the parameters explain in any case.
     """
     from scipy.special import chdtri  # here, because scipy is slow to import
 
@@ -863,7 +866,7 @@ def _growth(
         if kept is None:
             found[g] = float(np.median(squares)) / float(chdtri(size, 0.5))
         else:
-            found[g] = float(np.mean(squares[kept])) / size / (1.0 - told)
+            found[g] = float(np.mean(squares[kept])) / size / (1.0 - explained)
     return np.sqrt(found)
 
 
@@ -885,21 +888,21 @@ def _lateness(
     return float(own @ right) / size, 1.0 / math.sqrt(size)
 
 
-# What the motion tells
+# What the motion identifies
 
 _KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
 _SHOWN = 0.05  # of the effect of a parameter, from which another one that cancels it is named
 
 
-def _told(
+def _identified(
     geometry: _Geometry, rows: np.ndarray
 ) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
-    """Return the combinations of p parameters that rows tell, and the parameters they do not.
+    """Return the combinations of p parameters that rows identify, and the parameters they do not.
 
     A QR factorisation with column pivoting takes the parameters by turns: the one whose effect is
     farthest from those taken before is next. What is left when no effect is larger than the noise
-    is not told: to first order, a change of it and changes of the others cancel. Displacements
-    along and about the axis of a joint are taken last.
+    is not identified: to first order, a change of it and changes of the others cancel.
+    Displacements along and about the axis of a joint are taken last.
 
     Args:
         geometry: with the names of the parameters.
@@ -914,8 +917,8 @@ def _told(
     rows, last = rows * s, np.where(geometry.along, _KEPT_LAST, 1.0)
     R, order = qr(rows * last, mode="r", pivoting=True)
     order = order[: min(R.shape)]
-    told = np.abs(np.diag(R)) > last[order]
-    taken, others = np.sort(order[told]), np.setdiff1d(np.arange(len(names)), order[told])
+    kept = np.abs(np.diag(R)) > last[order]
+    taken, others = np.sort(order[kept]), np.setdiff1d(np.arange(len(names)), order[kept])
     Q, R = np.linalg.qr(rows[:, taken])
     parts = solve_triangular(R, Q.T @ rows[:, others])
     sizes = np.linalg.norm(rows, axis=0)
@@ -928,11 +931,11 @@ def _told(
             if effect > _SHOWN
         ]
         combinations.append(names[i] + "".join(terms))
-    untold = {
+    unidentified = {
         names[d]: tuple(names[taken[i]] for i in np.argsort(-sized) if sized[i] > _SHOWN)
         for d, sized in zip(others, effects.T, strict=True)
     }
-    return tuple(combinations), untold
+    return tuple(combinations), unidentified
 
 
 def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:

@@ -117,7 +117,8 @@ class Identification(IdentifiedModel):
         Args:
             compared: other models of the same chain by name, such as a published one, with their
                 friction; the page compares their errors.
-            motion: from ``excite`` for ``found.unknown``; the page says what it would tell besides.
+            motion: from ``excite`` for ``found.unknown``; the page says what it would identify in
+                addition.
             command: that finds such a motion, shown on the page.
 
         Raises:
@@ -178,7 +179,7 @@ def identify(
             bodies, friction and offsets in common.
         unknown: what is identified, an ``Unknown`` or words for it; by default the tool where the
             log has positions of the frame, all bodies, and effects of the joints as the log shows
-            them. Those effects are not chosen but taken as told with ``armature``, and with
+            them. Those effects are not chosen but taken as given with ``armature``, and with
             ``friction`` or ``effects``.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
         compensated: torque that the arm adds by itself and the log leaves out: "nominal" for the

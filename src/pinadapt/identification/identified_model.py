@@ -1,4 +1,4 @@
-"""What a log told: the identified model, its uncertainty, and the estimates sample by sample."""
+"""Results of a log: the identified model, its uncertainty, the estimates at each sample."""
 
 from __future__ import annotations
 

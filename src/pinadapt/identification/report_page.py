@@ -44,7 +44,8 @@ def page(
         found: the identification.
         compared: other models of the same chain by name, such as a published one, with their
             friction; their errors stand beside the others.
-        motion: one that excites the same parameters; the page says what it would tell besides.
+        motion: one that excites the same parameters; the page says what it would identify in
+            addition.
         command: that finds such a motion.
 
     Raises:
@@ -173,7 +174,7 @@ def _torques(found: IdentifiedModel, compared: Mapping[str, Robot]) -> list[str]
         "<h2>Torques: measured, described, identified</h2>",
         _image(report.pictures_of(found).torque.png(_DPI), "torques of each joint over time"),
         "<h2>Friction</h2>",
-        "<p>The measured torque less that of the identified bodies, over the velocity, and what "
+        "<p>The measured torque minus that of the identified bodies, over the velocity, and what "
         "the identified effects of the joints are there. What is left between both is not "
         "explained.</p>",
         _image(_friction(found), "torque of each joint's friction over its velocity"),
@@ -235,10 +236,10 @@ def _left_open(found: IdentifiedModel, motion: ExcitingMotion | None, command: s
         "",
     )
     parts = [
-        "<h2>What the motion could not tell</h2>",
+        "<h2>What the motion does not identify</h2>",
         "<p>The share of the initial uncertainty that is left, as the mean over the ten parameters "
         "of a body or the coefficients of a joint. Initially bodies are known to 30 % and "
-        "coefficients to their typical size. Parameters that no motion can tell apart keep a part "
+        "coefficients to their typical size. Parameters that no motion can separate keep a part "
         "of it.</p>",
         Table(rows, header).html(),
     ]
@@ -249,7 +250,7 @@ def _left_open(found: IdentifiedModel, motion: ExcitingMotion | None, command: s
         )
     if command:
         parts.append(
-            f"<p>A motion that tells more, within the limits: <code>{escape(command)}</code></p>"
+            f"<p>A more informative motion, within the limits: <code>{escape(command)}</code></p>"
         )
     return parts
 

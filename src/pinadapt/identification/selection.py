@@ -14,7 +14,7 @@ The weight of the description in the fit of the bodies, gamma of ``physical_fit`
 evidence, the probability of the torques when bodies are distributed around their description with
 the density exp(-gamma D) (D. J. C. MacKay, *Bayesian interpolation*, Neural Computation 4 (1992)
 415-447). Of the weights whose evidence differs by less than the factor e from the largest one, it
-is the smallest: what the torques cannot tell is decided in their favour. Cross-validation within a
+is the smallest: where the torques do not decide, they are preferred. Cross-validation within a
 log chooses by the errors of motions like that log's own, which leaves weights undecided that differ
 by a factor of a thousand and predict other motions unlike well.
 """
@@ -161,7 +161,7 @@ def choose_effects(
     """Return the effects of the joints that the learning part of a log shows.
 
     Args:
-        robot: as described; its friction tells the coefficients to start from.
+        robot: as described; its friction has the initial coefficients.
         motion: of the whole log.
         period: typical time between its samples [s].
         windows: of the learning part, of the bodies alone.

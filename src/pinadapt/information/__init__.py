@@ -1,4 +1,4 @@
-"""What a motion tells: which parameters, and how well; a load; whether its torques fit a robot."""
+"""Information in a motion: identifiable parameters, a load, whether torques fit a robot."""
 
 from .information import Excitation as Excitation
 from .information import Information as Information

@@ -1,4 +1,4 @@
-"""What a motion tells of parameters: which, and how well; how well estimates predict its torques.
+"""Which parameters a motion identifies, and how well; how well estimates predict its torques.
 
 Measured signals are linear in the unknown parameters a, y = W a + noise, with the covariance S of
 the noise. Then H = W^T S^-1 W is the information matrix, its inverse the covariance of the

@@ -44,7 +44,7 @@ from .information import Information, dynamic_information, known_to
 AS_DESCRIBED = "the arm as described"  # first words of the plain explanation
 SCALE = 0.5  # standard deviation of a common factor of all inertias
 OFF = (0.003, 0.01, 0.03, 0.1, 0.3)  # shares by which bodies may be off, each by its own
-_PLAIN = 0.9  # probability, before the data, that the arm is as described, as whoever asks says
+_PLAIN = 0.9  # prior probability that the arm is as described
 _SURE = 0.95  # probability from which on there is a load
 
 

@@ -114,7 +114,7 @@ class Cause(NamedTuple):
 
     Attributes:
         words: what it is.
-        option: of ``pinadapt identify``, or nothing where none mends it.
+        option: of ``pinadapt identify`` that corrects it, or nothing.
     """
 
     words: str
@@ -128,7 +128,7 @@ class Cause(NamedTuple):
     def __str__(self) -> str:
         """Return both in a sentence."""
         mark = "" if self.words.endswith("?") else ";"
-        return f"{self.words}{mark} {self.option} mends that" if self.option else self.words
+        return f"{self.words}{mark} {self.option} corrects that" if self.option else self.words
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -344,9 +344,9 @@ class _TorqueFit(NamedTuple):
 
 
 class _Explanation(NamedTuple):
-    """A mistake, or none, with the fit after it is mended and how many numbers were chosen.
+    """A mistake, or none, with the fit after its correction and how many numbers were chosen.
 
-    ``size`` tells whether all torques have one factor, as those of a robot of another size.
+    ``size``: whether all torques have one factor, as those of a robot of another size.
     """
 
     cause: Cause | None
@@ -630,7 +630,7 @@ class _Comparison:
 
     @cached_property
     def _load_as_it_is(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same of the motion and the gravity that nothing is mended of."""
+        """The same for motion and gravity without a correction."""
         return self._load_rows(self._motion, self._gravity)
 
     @cached_property
@@ -703,31 +703,31 @@ class _Comparison:
     def _explanations(self, plain: _TorqueFit) -> Iterator[_Explanation]:
         """Yield all mistakes that are considered, and none, each without and with a load."""
         motion, n = self._motion, self._n
-        yield from self._mended(None, 0)
+        yield from self._corrected(None, 0)
         yield from self._gains(plain)
         yield from self._gravities()
         yield from self._compensated()
         slides = np.array(list(self._robot.slides.values()))
         if not slides.all():
             degrees = motion.turned(np.where(slides, 1.0, _DEGREE))
-            yield from self._mended(Cause("the angles are degrees", "--degrees"), 0, degrees)
+            yield from self._corrected(Cause("the angles are degrees", "--degrees"), 0, degrees)
         yield from self._orders()
         for j, name in enumerate(self._names):
             here = np.arange(n) == j
             sign = np.where(here, -1.0, 1.0)
             turned = motion.turned(sign)
             words = f"the position of {name} has the wrong sign"
-            yield from self._mended(Cause(words, f"--flip q:{name}"), 1, turned)
+            yield from self._corrected(Cause(words, f"--flip q:{name}"), 1, turned)
             words, option = f"{name} turns the other way", f"--flip q:{name},tau:{name}"
-            yield from self._mended(Cause(words, option), 1, turned, motion.tau * sign)
+            yield from self._corrected(Cause(words, option), 1, turned, motion.tau * sign)
             for quarter in (1, -1, 2) if not slides[j] else ():
                 shift = 0.5 * math.pi * quarter
                 words = f"the zero of {name} is {-90 * quarter} degrees from the described one, if "
                 words += "this is not the log of another robot"
                 moved = motion.turned(np.ones(n), shift * here)
-                yield from self._mended(Cause(words, f"--offset {name}={shift:.6g}"), 1, moved)
+                yield from self._corrected(Cause(words, f"--offset {name}={shift:.6g}"), 1, moved)
 
-    def _mended(
+    def _corrected(
         self,
         cause: Cause | None,
         numbers: float,
@@ -735,7 +735,7 @@ class _Comparison:
         tau: np.ndarray | None = None,
         gravity: np.ndarray | None = None,
     ) -> Iterator[_Explanation]:
-        """Yield the fits, without and with a load, after a mistake is mended."""
+        """Yield the fits, without and with a load, after a mistake is corrected."""
         gravity = self._gravity if gravity is None else gravity
         if motion is None:
             motion, described = self._motion, self._found.torque(gravity)
@@ -782,7 +782,7 @@ class _Comparison:
         if turned.size:
             words = f"the torque of {'all joints' if every else names} has the wrong sign"
             cause = Cause(words, "--torque-gain=-1" if every else flip)
-            yield from self._mended(cause, 1 if every else turned.size, tau=tau * signs)
+            yield from self._corrected(cause, 1 if every else turned.size, tau=tau * signs)
         clear, sizes = plain.judged & (np.abs(plain.correlation) >= _CLEAR), np.abs(plain.factor)
         off = clear & ((sizes < _FACTORS[0]) | (sizes > _FACTORS[1]))
         if not off.any():
@@ -804,7 +804,7 @@ class _Comparison:
         option = f"{gain} {flip}" if turned.size and not (alike and every) else gain
         numbers = (1 if alike else int(off.sum())) + (0 if every else turned.size)
         cause = Cause(words, f"{option}, or rather the gains of the data sheet,")
-        for one in self._mended(cause, numbers, tau=tau * gains * signs):
+        for one in self._corrected(cause, numbers, tau=tau * gains * signs):
             yield one._replace(size=alike)
 
     def _gravities(self) -> Iterator[_Explanation]:
@@ -825,7 +825,7 @@ class _Comparison:
         vector = ",".join(f"{size * x + 0.0:.3g}" for x in direction)
         words = f"the base is mounted {place}: the torques show a gravity along ({arrow}) of it"
         cause = Cause(words, f"--gravity={vector}{mount.get(place, '')}")
-        yield from self._mended(cause, 1, gravity=size * direction)
+        yield from self._corrected(cause, 1, gravity=size * direction)
 
     def _orders(self) -> Iterator[_Explanation]:
         """Yield explanations by columns in another order."""
@@ -839,9 +839,9 @@ class _Comparison:
             how = "are swapped" if len(moved) == 2 else "are in another order"
             listed, tau = self._listed(order), motion.tau[:, order]
             cause = Cause(f"the columns of {who} {how}", f"--joints {listed}")
-            yield from self._mended(cause, 1, motion.moved(order), tau)
+            yield from self._corrected(cause, 1, motion.moved(order), tau)
             cause = Cause(f"the torques of {who} {how}", f"--joints tau:{listed}")
-            yield from self._mended(cause, 1, tau=tau)
+            yield from self._corrected(cause, 1, tau=tau)
 
     def _listed(self, order: Sequence[int]) -> str:
         """Return what ``--joints`` says of columns (n) in the robot's order."""
@@ -873,8 +873,8 @@ class _Comparison:
         for _, order in sorted(scores)[:_BEST_ORDERS]:
             words = "the columns of the joints are in another order"
             cause = Cause(words, f"--joints {self._listed(order)}")
-            mended = self._mended(cause, 1, motion.moved(order), motion.tau[:, order])
-            fits.append(min(mended, key=lambda one: one.score))
+            corrected = self._corrected(cause, 1, motion.moved(order), motion.tau[:, order])
+            fits.append(min(corrected, key=lambda one: one.score))
         first, second, *_ = sorted(fits, key=lambda one: one.score)
         good = first.fit.fits.all() and first.fit.close
         return first.cause if good and first.score < second.score - _LIKELIER else None

@@ -92,7 +92,7 @@ class FoundTracker:
             ("rms residual", f"{1e3 * self.noise:.3g} mm"),
         ]
         if self.unseen:
-            summary.append(("not shown by this motion", ", ".join(self.unseen)))
+            summary.append(("not identified by this motion", ", ".join(self.unseen)))
         return Sheet("tracker", [Table(summary), Table(rows, ("", "value", "deviation"))])
 
 

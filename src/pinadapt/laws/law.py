@@ -355,7 +355,7 @@ class Law(Doors, ABC):
         return self
 
     def of_joints(self, task: JointTask) -> Law | None:
-        """Return the same feedback with the joints as its task, None for a law that has none."""
+        """Return the same feedback with the joints as its task; None if there is no such form."""
         return None
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:

@@ -44,7 +44,7 @@ _FAR, _TURNED = 0.01, 0.06  # errors that are large: of the reach, and [rad]
 _MARGIN = 3.0  # lag over the time by which the torques may be late
 _PATIENCE = 8.0  # by which beta is divided at most where torques are late by much
 _DISAGREE = 6e-4  # of the reach: the error of the observation from which on it is
-_UNKNOWN = 1.0  # [s] after the start, during which a load that nobody announced may strike
+_UNKNOWN = 1.0  # [s] after the start, during which an unannounced load may act
 _PUSH = 2.0  # times the damping, more for a joint behind a shortened reference
 _OBSERVER = 1.0  # beta in bandwidths
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
@@ -312,11 +312,11 @@ class Separation(Law):
         within 3 T a ringing does not grow. Only where a joint counts as heavier than it is, the
         lag is the longer one from the first sample on: that joint rings before 3 T are over.
 
-        A memory of all torques tells by how much these may be late (``Estimate.lateness``). The lag
-        becomes three times that time, but for the bounds ``lag`` and ``late``: short where the run
-        itself shows that the torques are in time, long again as soon as anything rings.
+        A memory of all torques estimates by how much they may be late (``Estimate.lateness``). The
+        lag becomes three times that time, but for the bounds ``lag`` and ``late``: short where the
+        run itself shows that the torques are in time, long again as soon as anything rings.
 
-        A wrist whose load nobody announced may have a hundred times the inertia that the model
+        A wrist with an unannounced load may have a hundred times the inertia that the model
         gives it, and its own inertia / T brakes it within seconds only: the load spins it before it
         is learned. An error of the position beyond 1 % of the reach, or of an angle beyond 0.06
         rad, shows that. From twice as much on the shorter lag is back, wholly in the first second

@@ -197,7 +197,7 @@ def _named_columns(
     """Return the columns of a file without header by signal and index, and which these were.
 
     Raises:
-        LogError: they are not a multiple of the joints, or it cannot be told what they are.
+        LogError: they are not a multiple of the joints, or their meaning is ambiguous.
     """
     n, count = len(selection.joints), len(table)
     timed = bool((np.diff(table["1"]) > 0.0).all())
@@ -221,10 +221,10 @@ def _named_columns(
         order[a], order[b] = "q", "v"
     if order is None or (without and "tau" not in order):
         raise LogError(
-            f"has no header, and {count} columns for {n} joints: it cannot be told what they are.",
+            f"has no header, and {count} columns for {n} joints: their meaning is ambiguous.",
             where=source,
-            hint="Name their numbers: --columns t=1 q=2-8 tau=16-22, or begin with a line of names "
-            "such as t,q0,q1,v0,v1,tau0,tau1.",
+            hint="State the numbers of the columns: --columns t=1 q=2-8 tau=16-22, or begin the "
+            "file with a line of names such as t,q0,q1,v0,v1,tau0,tau1.",
         )
     chosen = {"t": ["1"]} if timed else {}
     chosen |= {signal: _shortened(at) for signal, at in zip(order, parts, strict=True)}

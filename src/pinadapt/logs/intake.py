@@ -194,7 +194,7 @@ class Intake:
         """Return a robot with the stated gravity; on a wall it is not known here.
 
         Raises:
-            LogError: the robot has no gravity, so that no mounting can be told.
+            LogError: the robot has no gravity, which a mounting would turn.
         """
         if self.gravity is None and self.mount in (None, "wall"):
             return robot

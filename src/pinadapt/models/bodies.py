@@ -99,11 +99,11 @@ class InertialModel:
 
 
 def _unfelt_ballast(model: pin.Model) -> np.ndarray:
-    """Return parameters (10 n) of one kilogram a body without effect on revolute joints.
+    """Return inertial parameters (10 n) that give each body mass without changing the torques.
 
-    A point mass on a joint's axis may belong to either of the two bodies that the joint connects.
-    Adding it to the body after the joint and subtracting it from the body before therefore has no
-    effect. Before the first joint is the base.
+    Revolute joints only. A point mass of one kilogram on a joint's axis may belong to either of
+    the two bodies that the joint connects. Adding it to the body after the joint and subtracting
+    it from the body before therefore has no effect. Before the first joint is the base.
     """
     n = model.nv
     ballast = np.zeros((n, PER_BODY))

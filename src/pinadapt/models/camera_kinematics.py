@@ -199,7 +199,7 @@ class CameraKinematics(LumpedKinematics):
         return replace(self.robot, task=replace(self.task, cameras=given))
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
-        """Write nothing: a picture does not tell a translation from the camera's scale."""
+        """Write nothing: a picture does not separate a translation from the camera's scale."""
 
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return the estimate a_k (p) itself."""

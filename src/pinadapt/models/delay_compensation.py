@@ -61,7 +61,7 @@ class SensedState(NamedTuple):
         X_k: (m_p, p) its regressor, dx/da_k at the configuration of that measurement.
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
-        first: what the first samples have told, see ``FirstSamples``; None once they have told all.
+        first: sums of the first samples, see ``FirstSamples``; None once their checks are complete.
         trail: of the samples, with which the next one is compared, see the kernel ``check_sample``;
             empty: it is not.
     """

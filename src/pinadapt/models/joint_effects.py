@@ -79,7 +79,7 @@ class JointEffects(Doors):
         f = armature a + viscous v + (coulomb + load |g|) sigma(v) + asymmetry |sigma(v)| + offset.
 
     The coefficients of the unknown kinds are parameters, one per joint. Those of the other kinds
-    have their nominal values. sigma is known, and g(q), the gravity torque of the believed robot:
+    have their nominal values. sigma is known, and g(q), the gravity torque of the model:
     see ``Friction``. n: joints, m: shafts, p: unknown coefficients.
 
     Attributes:
@@ -230,7 +230,7 @@ def _restored(state: dict[str, Any]) -> JointEffects:
 
 
 def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
-    """Return kind and shaft of each coefficient that is named, kinds together, in their order.
+    """Return (kind, shaft) of each named coefficient, ordered by kind, then by shaft.
 
     Raises:
         ParameterError: a joint or shaft that does not exist, or has no such coefficient.

@@ -322,7 +322,7 @@ def friction_figure(
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for j, name in enumerate(joint_names):
         ax = axes[j]
-        ax.plot(v[:, j], seen[:, j], ".", color="0.6", ms=4.0, label="measured less bodies")
+        ax.plot(v[:, j], seen[:, j], ".", color="0.6", ms=4.0, label="measured minus bodies")
         ax.plot(v[:, j], model[:, j], ".", color=colour(0), ms=3.0, label="identified")
         ax.axhline(0.0, color="black", lw=0.5)
         ax.axvline(0.0, color="black", lw=0.5)

@@ -458,7 +458,7 @@ def _serve(
     options: dict[str, object],
     place: tuple[int | None, int | None],
 ) -> None:
-    """Move a plant on its own clock until the loop ends, stops it, or says nothing any more."""
+    """Move a plant on its own clock until the loop ends, stops it, or goes silent."""
     import gc
     import pickle
     import signal

@@ -76,7 +76,7 @@ class FrankaArm(Arm):
             camera: returns x of a new frame and its time on the robot's clock [s], or None.
 
         Raises:
-            InputError: pylibfranka is missing, nobody answers, a description of another arm, or
+            InputError: pylibfranka is missing, no answer, a description of another arm, or
                 thresholds of another number.
         """
         try:

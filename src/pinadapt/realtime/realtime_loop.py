@@ -136,7 +136,7 @@ class Scheduling:
 def _lock_memory() -> str:
     """Keep the memory of this process from being paged out; return what prevents it."""
     if not sys.platform.startswith("linux"):
-        return f"not known on {sys.platform}"
+        return f"not available on {sys.platform}"
     with suppress(OSError, AttributeError):
         if ctypes.CDLL(None, use_errno=True).mlockall(3) == 0:  # current and future
             return ""
@@ -284,7 +284,7 @@ class RealtimeLoop:
             safety: numbers of the checklist; None for the defaults.
             recorder: log and desk; None for neither.
             start: initial estimates ``a_k``, ``a_d`` and ``information``, as of ``simulate``. Where
-                nobody knows the axes of x, and ``a_k`` is not given, the arm first holds its joints
+                the axes of x are unknown, and ``a_k`` is not given, the arm first holds its joints
                 and moves by millimetres, see ``SlowStart``.
             slowness: by which a slow motion is slower.
             scheduling: what is asked of the system; None for the defaults.
@@ -302,9 +302,9 @@ class RealtimeLoop:
         known = kinematics.calibrated or (start or {}).get("a_k") is not None
         if self.stage is Stage.SLOW and motion is not None and not known:
             raise InputError(
-                "without adaptation it stays unknown how the axes of x stand against the arm.",
+                "without adaptation the axes of x remain unknown.",
                 where="stage",
-                hint='Take "adapt", which first finds it by millimetres of motion; or give '
+                hint='Take "adapt", which first finds them by millimetres of motion; or give '
                 'start={"a_k": ...}, which information.find_tracker returns.',
             )
         self._motion = None if motion is None else as_trajectory(motion, kinematics.task)
@@ -397,7 +397,7 @@ class RealtimeLoop:
         m = arm.read()
         self._check_finite(m)
         if m.x is None:
-            m = m._replace(x=first.x)  # the arm rests, so a frame of before is one of now
+            m = m._replace(x=first.x)  # the arm rests, so an old frame is still valid
         self._begin = self._t = m.t
         self._state = controller.init(m, **self._start).adapt(self._adapting)
         # what holds the arm as the brakes have held it
@@ -617,12 +617,12 @@ class RealtimeLoop:
         unseen = self._state.unseen
         if unseen.any():
             names = np.array(self._facts.joints)[unseen]
-            words = f"nothing is measured of {', '.join(names)} any more, only brakes rest that"
+            words = f"neither q nor v of {', '.join(names)} is measured any more; it needs brakes"
             self._answer(SafetyFinding("unseen", words, Answer.STOP))
         return torque
 
     def _until_rest(self) -> None:
-        """Stop once the joints rest, as far as can be believed, or after a while."""
+        """Stop once the joints rest, by their plausible velocities, or after a while."""
         assert self._state is not None
         if self._phase is Phase.STOPPED:
             return
@@ -697,7 +697,7 @@ class RealtimeLoop:
         return SafetyFinding("driver", "q, v or the time is not finite", Answer.STOP)
 
     def _check_finite(self, m: Measurement) -> None:
-        """Refuse a first measurement that cannot be one.
+        """Refuse a first measurement of the wrong size, or that is not finite.
 
         Raises:
             ArmError: it has other sizes than the controller's robot, or is not finite.
@@ -782,7 +782,7 @@ class RealtimeLoop:
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
             self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), m.t - age
         elif self._phase is Phase.STARTING:
-            raise InputError("the loop has not begun.", where=name)
+            raise InputError("the loop has not started.", where=name)
         elif name == "load":
             self._announce(value)
         elif name == "reference" and isinstance(value, Trajectory):

@@ -392,7 +392,7 @@ class _Desk:
         return self._start + round(1e9 * (t - self._zero))
 
     def _guarded(self, write: Callable[[McapWriter], None]) -> None:
-        """Write; what fails is told to the loop, and the log ends at its last whole chunk."""
+        """Write; failures are reported to the loop, and the log ends at its last whole chunk."""
         if self._writer is None:
             return
         try:
@@ -451,7 +451,9 @@ class _Desk:
     def _reply(self, asked: Any) -> dict[str, Any]:
         name = asked.get("command") if isinstance(asked, dict) else None
         if name not in COMMANDS:
-            return {"error": f"no command is called {name!r}; there are {', '.join(COMMANDS)}."}
+            return {
+                "error": f"there is no command {name!r}; expected one of {', '.join(COMMANDS)}."
+            }
         row = self._row
         if name == "state":
             found: dict[str, Any] = {
@@ -475,7 +477,7 @@ class _Desk:
         value = asked.get("value")
         if name in self._translate:
             if not self._read:
-                return {"error": "the loop has not begun."}
+                return {"error": "the loop has not started."}
             value = self._translate[name](value, row.measurement())
         self._link.send(pickle.dumps((name, value)))
         self._head[_WAITING] = 1
@@ -502,13 +504,13 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
         port: of the loop, on this machine.
         command: "state" asks what it does; "hold" stops the path and "go" goes on; "stop" holds,
             damps and stops; "latch" damps and stops at once; "adapt" takes True or False; "load"
-            takes a table of mass, com and inertia of a load that is attached, or None for none
-    XX
+            takes a table of mass, com and inertia of a load that is attached, or None for none;
+            "reference" takes the table of a motion; "frame" one of x and its age [s]
         value: of the command.
         timeout: for the answer [s].
 
     Raises:
-        InputError: nobody answers there, or the command is refused.
+        InputError: no loop answers there, or the command is refused.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.settimeout(timeout)
@@ -519,7 +521,7 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
             reply: dict[str, Any] = json.loads(link.recv(1 << 20))
         except OSError as error:
             raise InputError(
-                f"nobody answers: {error}.",
+                f"no answer: {error}.",
                 where=f"127.0.0.1:{port}",
                 hint="Is the loop running? It prints its port when it starts.",
             ) from error
@@ -543,7 +545,7 @@ def watched(
         rate: samples a second.
 
     Raises:
-        InputError: nobody answers there.
+        InputError: no loop answers there.
     """
     from ..controller.state import Sample
     from ..records import Desired, Measurement
@@ -642,7 +644,7 @@ class CycleLog:
             )
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
-            raise LogError("does not say how the loop began.", where="log")
+            raise LogError("does not contain the start of the loop.", where="log")
         start: dict[str, Any] = {
             name: None if value is None else np.array(value)
             for name, value in begun["start"].items()

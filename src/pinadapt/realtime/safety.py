@@ -1,9 +1,9 @@
 """The safety checklist: what is looked at in every cycle, and what each finding leads to.
 
 Every way out ends in damped rest: the path is held, then the arm is damped by gravity compensation,
-with what the momentum tells of an unknown load, and -D v, then the arm's own stop takes over. A
-finding says at which of the three the loop enters. This is a checklist of a program that may itself
-fail. It does not replace the arm's emergency stop.
+with the torque of an unknown load by the momentum observer, and -D v, then the arm's own stop
+takes over. A finding says at which of the three the loop enters. This is a checklist of a program
+that may itself fail. It does not replace the arm's emergency stop.
 """
 
 from __future__ import annotations
@@ -269,7 +269,7 @@ class Checklist:
         Args:
             m: the measurement.
             dt: since the one before [s].
-            x: where the controller believes the task frame now.
+            x: estimated position of the task frame now.
             dx: (m) task error.
             frame_age: of the latest frame [s].
             torque: (n) that the motors are to give now [N m or N].

@@ -260,7 +260,7 @@ _NEAR_PEAK, _FEWEST_FREQUENCIES = 0.15, 8  # of its frequency; in a spectrum
 
 
 class Ringing(NamedTuple):
-    """A torque that oscillates faster than the motion: a motor is late, or a joint gives way.
+    """A torque that oscillates faster than the motion: a motor is late, or a joint is elastic.
 
     Attributes:
         joint: whose torque oscillates most.

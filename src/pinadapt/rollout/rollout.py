@@ -187,7 +187,7 @@ class Rollout(Recording):
         )
 
     def tracker(self) -> FoundTracker:
-        """Return where the tracker stands, told by the frames since the last mark.
+        """Return where the tracker stands, from the frames since the last mark.
 
         It has the rotation and position of the base in the tracker's axes and the unknown
         translations, with deviations, see ``information.find_tracker``.

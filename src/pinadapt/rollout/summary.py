@@ -220,7 +220,7 @@ def _picture_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
     """Return a row of the tool's error in space, where only its picture is followed."""
     far = numbers.get("max_tool_error_last")
     shown = DISPLAYS["m"]
-    words = "tool beside the desired picture, last 10 % (max)"
+    words = "tool error, from the picture, last 10 % (max)"
     return [] if far is None else [(words, number(far, shown.unit, scale=shown.scale))]
 
 

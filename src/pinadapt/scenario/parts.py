@@ -95,7 +95,8 @@ def _filmed(true: Robot, described: Robot, truth: TruthKeys) -> Robot:
         if depth <= 0.0 or not ((y >= 0.0) & (y <= size)).all():
             outside = f"at {_pixels(y)}, outside of its {_size_words(size)}"
             raise ScenarioError(
-                f"it looks away: at home the tool is {'behind it' if depth <= 0.0 else outside}.",
+                "it does not see the tool: at home the tool is "
+                f"{'behind it' if depth <= 0.0 else outside}.",
                 where=f"camera.{number}",
                 hint="Leave target out: it then looks at the frame at home.",
             )

@@ -259,7 +259,8 @@ def described_robot(tables: ScenarioTables, folder: Path) -> Robot:
     """Return the robot of [robot], as described; paths are relative to ``folder``.
 
     Raises:
-        InputError: it cannot be loaded, or the length of a pixel is missing, or has no use.
+        InputError: it cannot be loaded, or ``pixel`` is missing for the task "image", or given for
+        another.
     """
     robot = tables.robot
     filmed = robot.task == IMAGE

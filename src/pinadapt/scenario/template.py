@@ -130,7 +130,7 @@ class Template:
         law: name of the control law.
         tracker: whether x is measured in the axes of a tracker whose placement is unknown.
         planar: whether the task is a plane because no circle in space is within the limits.
-        filmed: whether the task is the picture of a camera that nobody calibrated.
+        filmed: whether the task is the picture of an uncalibrated camera.
     """
 
     source: str
@@ -261,7 +261,7 @@ class Template:
 
     @property
     def pixel(self) -> float:
-        """Length [m] that a pixel is said to cover, to one digit."""
+        """Stated length [m] that a pixel covers, to one digit."""
         return float(f"{self._covered:.1g}")
 
     @property

@@ -45,7 +45,7 @@ class Engine:
             the unclipped torque: there the controller's own limits are left out too. A controller
             without limits is given these, so that its adaptation rests while they clip.
         actuators: of the true robot: late motors, elastic joints; None: ideal ones. What the
-            controller is told of them is its own, ``Limits(actuators=...)``.
+            controller knows of them is its own, ``Limits(actuators=...)``.
 
     Raises:
         InputError: unknown name, invalid values, or values that exclude each other.

@@ -65,7 +65,7 @@ def check_memory(controller: Controller, samples: int, record_every: int) -> Non
 
 
 def _room() -> Iterator[int]:
-    """Return the bounds on this process's memory that the system tells [B], if any."""
+    """Return the bounds on this process's memory that the system states [B], if any."""
     with suppress(OSError, ValueError, AttributeError):  # not every system has these names
         yield os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     with suppress(OSError, ValueError, IndexError, StopIteration):

@@ -262,7 +262,7 @@ class Cases:
     Attributes:
         values: what is varied.
         listed: explicit cases, with which the others are combined; empty: none.
-        samples: number of samples of what is drawn.
+        samples: number of samples of the distributions.
         method: of the design: "random", "lhs" or "sobol".
         repeat: how often each case is repeated, with another seed.
         seed: of the sweep.
@@ -290,10 +290,10 @@ class Cases:
         drawn = [each.key for each in self.values if each.drawn]
         if drawn and self.samples is None:
             raise InputError(
-                f"{', '.join(drawn)} {'is' if len(drawn) == 1 else 'are'} drawn, but the number of "
-                "samples is not said.",
+                f"{', '.join(drawn)} {'is' if len(drawn) == 1 else 'are'} random, but the "
+                "number of samples is missing.",
                 where="samples",
-                hint="Say it: --samples 100, or samples=100.",
+                hint="State it: --samples 100, or samples=100.",
             )
         if not drawn and self.samples is not None:
             raise InputError(

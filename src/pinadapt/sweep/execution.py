@@ -519,7 +519,7 @@ class _Process:
         return future
 
     def rest(self) -> bool:
-        """Stop the clock and tell whether it has ended the case, and the process."""
+        """Stop the clock; return whether it has ended the case, and the process."""
         with self._lock:
             self._case = None
             if self._clock is not None:
@@ -733,7 +733,7 @@ def _row(case: Case, future: Future[Any]) -> dict[str, Any]:
     elif isinstance(error, Exception):
         words = "its process ended: killed, out of memory, or a crash of compiled code"
         known = isinstance(error, BrokenProcessPool)
-        reason = words if known else f"the engine lost it: {type(error).__name__}: {error}"
+        reason = words if known else f"lost by the engine: {type(error).__name__}: {error}"
         found = {"status": CRASHED, "reason": reason, "seconds": None}
     else:
         raise error
@@ -790,7 +790,7 @@ def sweep(
         cases: values by dotted key of the scenario, or by keyword of the function: lists, or texts
             such as "log(1, 100, 9)" and "uniform(0.5, 2)", see ``pinadapt.sweep.cases``; or a list
             of explicit cases.
-        samples: number of samples of what is drawn.
+        samples: number of samples of the distributions.
         method: of the samples: "random", "lhs" (Latin hypercube) or "sobol".
         repeat: runs of each case, each with its own seed.
         seed: of the sweep.
@@ -830,7 +830,7 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
     """Return a folder after writing the sweep into it, or after a check that it holds the same.
 
     Raises:
-        InputError: it holds another sweep, or this one and nobody asked to resume it.
+        InputError: it holds another sweep, or this one, without the option to resume it.
     """
     if not (folder / COPY).is_file() or anew:
         check_writable(folder)
@@ -871,7 +871,7 @@ def run_plan(
         work: what it runs.
         workers: the engine.
         folder: that holds the rows; None: memory.
-        progress: is told of every row.
+        progress: is given every row.
         retry: whether what crashed, failed or took too long runs again.
 
     Raises:

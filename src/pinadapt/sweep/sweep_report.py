@@ -688,7 +688,7 @@ def _interval(name: str, found: Percentile) -> str:
 
 
 def _short(names: Sequence[str]) -> list[str]:
-    """Return dotted names without their first part where the rest tells them apart."""
+    """Return dotted names without their first part where the rest is unique."""
     ends = [name.partition(".")[2] or name for name in names]
     return [end if ends.count(end) == 1 else name for end, name in zip(ends, names, strict=True)]
 

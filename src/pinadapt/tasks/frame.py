@@ -312,7 +312,7 @@ class ImageTask(PositionTask):
     Attributes:
         cameras: one or two matrices H (3, 4), as nested tuples: the projections from the axes of
             the base to homogeneous coordinates of the images; of the robot that a controller is
-            made for, what it believes at first.
+            made for, its initial estimate.
         pixel: length [m] that a pixel counts as, in which results are shown in pixels; None: they
             are shown in millimetres.
     """

@@ -146,7 +146,7 @@ _LAG, _GIVING_WAY, _ELASTIC = 2.0, 1.0, 0.5
 # of the bandwidth
 PREDICTION_RATE = 0.125
 
-# [s], of motors that nobody declared late, see ``Law.tolerant``; times the declared lateness
+# [s], of undeclared late motors, see ``Law.tolerant``; times the declared lateness
 LATE, _LATER = 0.01, 1.5
 
 
@@ -160,7 +160,7 @@ def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
 
     Twice the time after which a held torque is there: two periods for motors that apply it at once.
     Springs add 1 / ``elastic_mode``: a motor that K_D holds still lets its link swing on
-    the spring, one that gives way damps it.
+    the spring, a compliant one damps it.
 
     Args:
         robot: the model.

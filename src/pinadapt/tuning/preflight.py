@@ -480,7 +480,9 @@ def _on(M: np.ndarray, motion: TypicalMotion, feedback: Sequence[Feedback]) -> l
     J, inverse, W = (
         np.array(each) for each in (motion.jacobians, motion.right_inverses, motion.unit_masses)
     )
-    moved = np.linalg.solve(M, np.array(motion.mass_matrices))  # accelerations by those meant
+    moved = np.linalg.solve(
+        M, np.array(motion.mass_matrices)
+    )  # actual accelerations from the intended ones
     change = J @ moved @ inverse if len(feedback) == 1 else moved @ W.swapaxes(1, 2)
     back = W @ np.array(motion.mass_matrices)
     if len(feedback) == 1:

@@ -74,14 +74,14 @@ _FORGETTING = 0.125
 _DOUBT = 1.0  # at which a memory forgets when contradicted by as much as its noise
 _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
 _CONTRADICTION = 1e-3  # normalised innovation at which it begins anew
-_TIMELY = 3.0  # times the share, with which it teaches where torques are in time
-_LONE = 0.25  # share with which the tracking error teaches where a memory explains nothing
+_TIMELY = 3.0  # times the share of the tracking error where torques are in time
+_LONE = 0.25  # share of the tracking error where a memory explains nothing
 _UNEXPLAINED = 3e-3  # mean square of lasting innovations at which it is trusted by half
 _LEAST_TRUST = 0.1  # that they leave where friction is learned
 _INTERVAL = 0.2  # between evaluations, in 1 / rate
 _AGREEMENT = 0.01  # relative to the noise, below which a memory leaves the rest to the loop
 _IN_TIME = 0.5  # mode of the tracking error times the delay of motors that are late
-_HORIZON = 2000.0  # in 1 / bandwidth of the low pass: what encoders teach in it is as the prior
+_HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
 # prediction of position or velocity; rates in bandwidths
@@ -111,7 +111,7 @@ def default_adaptation(law: type[Law], robot: Robot, dynamics: Dynamics) -> str:
     It is "natural-memory" with a law that ``remembers`` where the ten parameters of every body and
     the friction of every joint are unknown, else "natural". A memory explains all past torques by
     the parameters: what these cannot explain, such as friction that is called known and is not, it
-    would take for inertia and keep. A tracking error that teaches faster than beside a memory
+    would take for inertia and keep. A tracking error that adapts faster than beside a memory
     compensates that better.
     """
     bodies = dynamics.per_body and len(dynamics.bodies) == robot.model.nv
@@ -125,7 +125,7 @@ def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> 
     It is "least-squares" with a law that learns from positions where the tool, the base or both are
     unknown, else "gradient". The prediction of a position is exact for the true translations,
     whatever the torque does and however late the frame is, and least squares averages the noise
-    of frames. Where lengths of links are unknown too, a motion hardly tells them apart, and a fast
+    of frames. Where lengths of links are unknown too, a motion hardly separates them, and a fast
     change of them disturbs the estimates of the inertias with which they are multiplied. Published
     laws keep what is published.
     """
@@ -185,7 +185,7 @@ def dynamic_adaptation(
         lmi: matrix inequality for a basis of the user's own.
         share: of the default rates.
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
-        first: share of the default rates with which the tracking error teaches beside a memory that
+        first: share of the default rates for the tracking error beside a memory that
             is empty.
         late: by which the motors are declared to be late [s].
 
@@ -348,15 +348,15 @@ def predicting(
     innovations of 0.005 to 0.1 all the time; half of the trust is left at 0.003. Where the friction
     of all joints is learned, a tenth is left at any: a load of 28 times the mass of the last body,
     further from it than the prior believes, causes 0.3 to 1.5 for seconds. Its covariance is
-    that of the default rates, of which the tracking error teaches with the given share, with the
+    that of the default rates, of which the tracking error has the given share, with the
     share ``first`` beside an empty memory, and with a quarter beside one that explains nothing.
-    Where gamma_d or gamma_joint is given, it teaches at that rate all the time.
+    Where gamma_d or gamma_joint is given, it adapts at that rate all the time.
 
     Noise of the joint velocity, behind its low pass, is noise of the acceleration in W, of the size
-    of the torque filter's bandwidth times it. What it seems to teach of the parameters adds up,
+    of the torque filter's bandwidth times it. Its spurious information on the parameters adds up,
     whatever the motion, and would move those that nothing excites. The memory's noise is so large
     that this reaches the initial uncertainty after 2000 time constants of that filter, about a
-    minute; the motion teaches hundreds of times as much meanwhile. And the start is remembered as
+    minute; the motion gives hundreds of times as much meanwhile. And the start is remembered as
     well as the noise, see ``prior_information``: least squares on a noisy W says that what no
     motion shows is zero.
 
@@ -369,10 +369,10 @@ def predicting(
         rates: given ``prediction_rate``, ``prediction_filter`` and ``forgetting``.
         mode: ``Law.prediction_mode``.
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
-        first: share of the default rates with which the tracking error teaches beside a memory that
+        first: share of the default rates for the tracking error beside a memory that
             is empty.
-        timely: times the share, with which it teaches where torques are in time; laws that need
-            M_hat^-1 or a fixed M_hat_0 bear no faster one.
+        timely: times that share where torques are in time; laws that need
+            M_hat^-1 or a fixed M_hat_0 tolerate no faster one.
         late: by which the motors are declared to be late [s].
 
     Raises:
@@ -447,7 +447,7 @@ def prior_information(
     """Return the information (p, p) that the start has as often as noise has its own, per second.
 
     It is the metric of the adaptation at typical parameters, with the trace of the noise: a motion
-    teaches hundreds of times as much of what it shows.
+    gives hundreds of times as much on what it excites.
 
     Args:
         adaptation: with Gamma.
@@ -477,7 +477,7 @@ def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> n
 
 
 def tracking_share(kind: str, law: Law, mode: float, bandwidth: float, late: float) -> float:
-    """Return the share of the law's default rates with which the tracking error teaches.
+    """Return the share of the law's default rates for the tracking error.
 
     Beside a memory its mode is ``Law.memory_mode`` bandwidths, and at most half of 1 / T where the
     feedback is for motors that are late by T, or they are declared to be: a faster one takes the

@@ -199,7 +199,7 @@ class Unknown:
         )
 
     def with_joints(self) -> Unknown:
-        """Return the same with friction and rotor inertias unknown, unless something is said."""
+        """Return the same with friction and rotor inertias unknown, unless stated otherwise."""
         return replace(
             self,
             friction=True if self.friction is None else self.friction,
@@ -231,7 +231,7 @@ class Unknown:
         return words
 
     def joint_kinds(self, default: str | Sequence[str]) -> tuple[str, ...]:
-        """Return the unknown joint coefficients, of those by default where nothing else is said."""
+        """Return the unknown joint coefficients, those by default unless stated otherwise."""
         usual, kinds = chosen_kinds(default), []
         for kind in USUAL:
             said = self.armature if kind == "armature" else self.friction

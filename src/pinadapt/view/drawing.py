@@ -1,7 +1,7 @@
 """What meshcat is given: messages for a window, materials, shapes and their places.
 
 A message is a meshcat command in its wire format, or a note to the page in JSON. Only a note begins
-with a brace, which tells the two apart.
+with a brace, which distinguishes the two.
 """
 
 from __future__ import annotations

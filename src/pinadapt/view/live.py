@@ -172,7 +172,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Send the page, or the messages as they arrive."""
         if self.headers.get("Host") not in self.server.hosts:
-            self.send_error(421, "this page is for visitors on the same machine")
+            self.send_error(421, "this page is served to the same machine only")
         elif self.path == "/":
             self._begin("text/html; charset=utf-8")
             self._give(iter([self.content]))
@@ -203,7 +203,7 @@ _ARRIVAL = 10.0  # [s] to wait for the browser that was opened
 _DESIRED_POINTS = 600
 _PATIENT = 30.0  # [s] to wait for a visitor from elsewhere
 _LATER = (
-    "To look at a run afterwards: `pinadapt run` writes a page, which `pinadapt view FOLDER` and "
+    "To see a run afterwards: `pinadapt run` writes a page, which `pinadapt view FOLDER` and "
     "any browser show; in Python `rollout.animate().save(...)`."
 )
 
@@ -309,7 +309,7 @@ class LiveView:
             f"visitor, at the latest in {_PATIENT:g} s."
         )
         if not self._window.wait_for_reader(_PATIENT):
-            _say(f"Nobody came; the run starts. {_LATER}")
+            _say(f"No browser has connected; the run starts. {_LATER}")
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""

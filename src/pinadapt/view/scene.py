@@ -157,7 +157,7 @@ class ShownEstimates:
     """Estimated translations as they are drawn: without differences that no motion can show.
 
     Several links may be wrong together without moving the tool anywhere, such as the two
-    translations along one joint axis. Then neither the controller nor anybody else can tell them
+    translations along one joint axis. Then no measurement of the motion can tell them
     from the truth, and a ghost that stands beside the robot would look like an error. Where the
     truth is known, such combinations are drawn as they truly are.
     """
@@ -341,7 +341,7 @@ class Scene:
         poses.move(self.root["desired point"], desired)
 
     def add_estimated_path(self, points: np.ndarray, radius: float) -> None:
-        """Draw the desired path (L, 3) [m] a second time, where the controller believes it is."""
+        """Draw the desired path (L, 3) [m] a second time, where the controller estimates it."""
         if len(points) > 1:
             material = ghost(0.7, ESTIMATED)
             self.root["estimated path"].set_object(tube(points, radius * self.size), material)
