@@ -304,7 +304,7 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(SWEPT))
     parser.add_argument("--again", nargs="*", metavar="KEY=VALUE", help="also what has a row")
-    parser.add_argument("--processes", type=int, metavar="N", help="number of processes (default: one per core)")
+    parser.add_argument("--processes", type=int, metavar="N", help="default: one per core")
     parser.add_argument("--check", action="store_true", help="write no page")
     options = parser.parse_args()
     try:

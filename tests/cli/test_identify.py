@@ -93,7 +93,7 @@ def test_options_override_the_file_beside_the_log(tmp_path, capsys):
     other = str(tmp_path / "other.csv")
     (tmp_path / "other.intake.toml").write_text("rate = 60.0\n")
     with pytest.raises(
-        pa.InputError, match=r"how all logs are read, and .*other\.intake\.toml how one"
+        pa.InputError, match=r"options apply to all logs, but .*other\.intake\.toml states how one"
     ):
         options_of(log, other, "--degrees")
     assert options_of(log, other) == Intake(rate=50.0, mount="wall")
