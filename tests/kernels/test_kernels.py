@@ -76,58 +76,6 @@ def test_kernels_hold_no_array(rng):
         assert adaptation.inside(right, low, high) and not adaptation.inside(high, low, right)
 
 
-def of_other_kinds(array):
-    """Yield what is no array of the kind, number of axes and layout of another one."""
-    yield from (array[None], array[..., 0], array.astype(np.int32), array.astype(np.float32))
-    yield from (array.astype(array.dtype.newbyteorder("S")), array.astype(complex))
-    yield from (array.tolist(), None, 1.0, "x", array.astype(object))
-
-
-def test_every_kernel_refuses_arrays_of_another_kind():
-    """Numba's own code would read them as what they are not, or beyond their axes."""
-    checked = 0
-    for kernel in _compiled.kernels.values():
-        (kinds,) = kernel.signatures
-        (machine,) = kernel.overloads.values()
-        arrays = [kind for kind in kinds if hasattr(kind, "ndim")]
-        given = [
-            np.ones((1,) * kind.ndim, str(kind.dtype)) if kind in arrays else 1 for kind in kinds
-        ]
-        for i, kind in enumerate(kinds):
-            for bad in of_other_kinds(given[i]) if kind in arrays else ():
-                with pytest.raises(ArrayError):
-                    machine.entry_point(*given[:i], bad, *given[i + 1 :])
-                checked += 1
-    assert checked > 3000
-
-
-def test_a_kernel_takes_what_fits_and_nothing_else():
-    W, a, y = np.ones((2, 3)), np.arange(3.0), np.ones(2)
-    for strided in (W, np.asfortranarray(W), np.ones((4, 6))[::2, ::-2]):
-        checks.prediction_error(strided, a, y, residual := np.zeros(2))
-        assert residual.tolist() == [2.0, 2.0]
-    for i, fitting in enumerate((W, a, y, residual)):
-        for bad in of_other_kinds(fitting):
-            given = [W, a, y, residual]
-            given[i] = bad
-            with pytest.raises(ArrayError):
-                checks.prediction_error(*given)
-    residual.flags.writeable = y.flags.writeable = False
-    with pytest.raises(ArrayError):
-        checks.prediction_error(W, a, y, residual)
-    checks.prediction_error(W, a, y, residual := np.zeros(2))  # it only reads y
-    for given in (a, np.ones((6, 3))[::2], np.zeros(3)), (a, np.eye(3), np.zeros(6)[::2]):
-        with pytest.raises(ArrayError):  # where the signature asks for rows without gaps
-            adaptation.descent(*given)
-
-
-def test_arrays_are_laid_out_in_memory_as_the_checks_read_them():
-    from numba.core import types
-
-    assert _compiled._checked_array() is not types.Array
-    assert not _compiled._laid_out_as_expected(np.ones((2, 2), ">f8"))
-
-
 def cones():
     panda = pa.load("panda")
     bodies = pa.make_controller(

@@ -47,8 +47,7 @@ class ControllerState(NamedTuple):
     """An immutable snapshot; keep an old one and you can go back to it.
 
     The sizes of the estimates are checked in every step. What filters, adaptations and sensors
-    remember is the controller's: where arrays in it were altered to another size or kind, the step
-    that uses them refuses the state.
+    remember is taken as it is, so leave it to the controller.
 
     Attributes:
         t: time of the last sample [s].
