@@ -94,7 +94,7 @@ def test_lyapunov_equality_with_friction_and_rotors():
     assert energy.largest_rise() <= 1e-12
 
 
-def test_what_a_log_told_holds_while_the_rest_is_learned():
+def test_information_from_a_log_is_kept_while_the_rest_is_learned():
     """Information of the truth: dV/dt is an equality and V falls, and its combinations stay."""
     robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot)
@@ -177,7 +177,7 @@ def test_errors_in_excited_directions_decay_without_further_excitation():
     assert np.allclose(untold @ after, untold @ before, atol=1e-9)
 
 
-def test_a_prior_holds_what_only_noise_shows():
+def test_a_prior_bounds_directions_that_only_noise_excites():
     """Noise in a direction without motion says zero, a prior as heavy as it half of the start."""
     P, R, noise, dt = np.eye(2), 10.0, 0.1, 0.05
     prior = np.diag([0.0, R * noise**2])
@@ -308,7 +308,7 @@ def test_announced_memory_begins_anew_without_what_its_low_pass_knew():
     assert A.any() and np.abs(estimate.value - changed).max() < 0.05
 
 
-def test_tracking_error_teaches_fast_beside_an_empty_memory_only():
+def test_tracking_error_adapts_fast_only_while_the_memory_is_empty():
     """The share falls from the first one as exp(-bandwidth t), as a step and as an ODE."""
     adaptation, estimate, truth = remembering(noise=1e3, share=0.1, first_share=0.8)
     for k, (W, y) in enumerate(filtered([truth] * 600)):
@@ -400,7 +400,7 @@ def late_by(time, init, value):
     return replace(init(value), lateness=time)
 
 
-def test_memory_is_not_trusted_where_innovations_last():
+def test_memory_has_less_weight_while_innovations_last():
     """A torque that no parameter explains; if it alternates, or by request, some trust stays."""
     gains = {"rate": 6.0, "share": 0.1, "lone_share": 0.5, "unexplained": 0.1}
     emphases = []
@@ -455,7 +455,7 @@ def delayed(late, after=0.0, seconds=20.0, dt=0.02):
     return adaptation, estimate, drive
 
 
-def test_memory_tells_by_how_much_torques_are_late():
+def test_memory_estimates_the_delay_of_the_torques():
     """By what it does not explain; nothing at the start, at rest, and while a motor saturates."""
     known = [delayed(late)[1].lateness for late in (0.0, 0.02, 0.05)]
     assert known[0] < 0.002
@@ -470,7 +470,7 @@ def test_memory_tells_by_how_much_torques_are_late():
     assert kept.lateness == estimate.lateness
 
 
-def test_tracking_error_teaches_faster_where_torques_are_in_time():
+def test_tracking_error_adapts_faster_where_torques_are_in_time():
     for timely, most in ((0.3, 3.0), (None, 1.0)):
         adaptation, estimate, _ = remembering(share=0.1, timely_share=timely)
         numbers = estimate.memory[6].copy()
@@ -503,7 +503,7 @@ def test_memory_leaves_small_differences_to_the_tracking_error():
     assert 0.1 < share(1e-3) < share(1e-2) < share(1.0)
 
 
-def test_memory_looks_at_intervals():
+def test_memory_is_evaluated_at_intervals():
     """Two thirds of the samples cost no solution; data count by the time they stand for."""
     adaptation, estimate, truth = remembering(interval=3e-3)
     always, same, _ = remembering()
@@ -521,7 +521,7 @@ def test_memory_looks_at_intervals():
     assert errors[1] < 0.5 * np.abs(first).max()
 
 
-def test_no_sample_pays_for_a_whole_look():
+def test_evaluation_of_the_memory_is_spread_over_samples():
     """Two samples prepare it: H da is exact, with the P of two samples ago, also far from now."""
     rng, p, values, differ = np.random.default_rng(4), 6, [], []
     inner = pa.adaptation.ExponentiatedGradient(2.0, np.ones(p))

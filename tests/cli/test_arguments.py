@@ -21,7 +21,7 @@ from pinadapt.zoo.experiment import ZooRow
         ),  # it does not adapt
     ],
 )
-def test_the_zoo_refuses(arguments, words, capsys):
+def test_the_zoo_refuses_invalid_arguments(arguments, words, capsys):
     with pytest.raises(SystemExit) as refused:
         main(["zoo", *arguments])
     assert refused.value.code == 2

@@ -226,7 +226,7 @@ def test_robots_lists_the_catalogue(capsys):
     )
 
 
-def test_only_in_a_process_of_its_own_the_command_searches_less_for_garbage(monkeypatch, capsys):
+def test_garbage_collection_is_tuned_only_in_a_process_of_the_command(monkeypatch, capsys):
     before = gc.get_threshold()
     try:
         gc.set_threshold(700, 10, 10)

@@ -69,7 +69,7 @@ def drive(folder, *arguments, kind="simulated"):
 
 
 @pytest.mark.slow
-def test_an_arm_of_ones_own_is_driven_replayed_and_learned(folder, capsys):
+def test_a_users_own_arm_is_driven_replayed_and_identified(folder, capsys):
     assert drive(folder, "--adapt", "--duration", "0.3", kind=f"{folder}/mine.py:Mine here") == 0
     out = capsys.readouterr().out
     assert "worst" in out and "learned parameters in" in out
@@ -83,7 +83,7 @@ def test_an_arm_of_ones_own_is_driven_replayed_and_learned(folder, capsys):
 
 
 @pytest.mark.slow
-def test_a_franka_carries_the_load_that_is_set_on_it(folder, capsys, monkeypatch):
+def test_a_franka_compensates_the_load_that_is_set_on_it(folder, capsys, monkeypatch):
     """A stand-in adds the gravity of what it carries; the scenario is changed to know it."""
     made = {}
 

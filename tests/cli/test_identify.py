@@ -142,7 +142,7 @@ def test_the_file_beside_a_log_is_written_and_read_again(copy, tmp_path, capsys)
     assert list(Intake.of(elsewhere).joints) == list(Intake.of(beside).joints)
 
 
-def test_a_doubtful_log_is_no_success(copy, tmp_path, capsys):
+def test_a_doubtful_log_gives_a_nonzero_exit_status(copy, tmp_path, capsys):
     path = copy(lambda t, q, v, tau: {"tau": 0.1 * tau})
     out = tmp_path / "out"
     arguments = ["identify", str(path), "--robot", "panda", "--out", str(out)]
@@ -168,7 +168,7 @@ def test_each_of_several_logs_is_checked(copy, tmp_path, capsys):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("blank_pictures")
-def test_doubts_that_are_accepted_stay_in_the_last_line_and_the_status(copy, tmp_path, capsys):
+def test_accepted_doubts_remain_in_the_last_line_and_the_exit_status(copy, tmp_path, capsys):
     path = copy(lambda t, q, v, tau: {"tau": 0.1 * tau})
     out = tmp_path / "out"
     arguments = [

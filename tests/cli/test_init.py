@@ -119,7 +119,7 @@ def test_an_arm_with_a_light_wrist_holds_an_unmodelled_load(arguments, tmp_path)
         assert rollout.distance[-200:].max() < 0.02 * tables["reference"]["radius"]
 
 
-def test_the_given_frame_and_task_are_taken(tmp_path):
+def test_the_given_frame_and_task_are_used(tmp_path):
     robot = read_toml(written(tmp_path, ARM4, "--frame", "link4", "--task", "xy"))["robot"]
     assert (robot["frame"], robot["task"], len(robot["q0"])) == ("link4", "xy", 4)
 
@@ -217,14 +217,14 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
         ("talos", "left_sole_link"),
     ],
 )
-def test_the_likeliest_end_comes_first(origin, first):
+def test_the_most_likely_end_frame_comes_first(origin, first):
     path = example_path(origin)
     urdf = Urdf.read(path)
     ends = end_links(urdf.model(), urdf.mimics())
     assert ends[0] == first
 
 
-def test_links_behind_mimic_joints_are_no_ends():
+def test_links_behind_mimic_joints_are_not_end_frames():
     path = example_path("tiago_pro")
     urdf = Urdf.read(path)
     assert "gripper_left_fingertip_left_link" in end_links(urdf.model())
@@ -284,7 +284,7 @@ LINK = """<link name="{}"><inertial><mass value="1"/><inertia ixx="0.01" ixy="0"
  iyz="0" izz="0.01"/></inertial></link>"""
 
 
-def test_a_chain_without_a_circle_in_space_gets_the_plane_it_can(tmp_path, capsys, monkeypatch):
+def test_a_chain_without_a_circle_in_space_gets_the_best_plane(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("pinadapt.robot.workspace._SIZES", 4)  # of circles, none of them in space
     links = "".join(LINK.format(name) for name in ("mast", "boom", "hand"))
     arm = tmp_path / "telescope.urdf"

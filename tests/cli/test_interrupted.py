@@ -132,7 +132,7 @@ def test_an_interrupted_comparison_keeps_the_laws_that_ran(tmp_path, monkeypatch
 
 
 @pytest.mark.usefixtures("blank_pictures")
-def test_a_comparison_that_fails_keeps_the_one_before(tmp_path, monkeypatch):
+def test_a_failed_comparison_keeps_the_previous_one(tmp_path, monkeypatch):
     arguments = ["compare", PLANAR, "--out", str(tmp_path), "--set", "simulation.duration=0.1"]
     assert main([*arguments, "--laws", "adaptive-jacobian"]) == 0
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
@@ -145,7 +145,7 @@ def test_a_comparison_that_fails_keeps_the_one_before(tmp_path, monkeypatch):
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
 
-def test_what_stopped_a_run_can_be_sent_to_another_process():
+def test_an_interrupt_can_be_sent_to_another_process():
     run = SimpleNamespace(interrupted=0.01)
     stop = pickle.loads(pickle.dumps(pa.Interrupted(run)))
     assert str(stop) == "interrupted at 0.010 s" and stop.rollout == run

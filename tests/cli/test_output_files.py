@@ -111,7 +111,7 @@ def test_a_process_killed_while_it_writes_leaves_whole_files_of_one_run(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
-def test_a_run_killed_while_it_runs_leaves_the_one_before(tmp_path, monkeypatch):
+def test_a_killed_run_leaves_the_files_of_the_previous_one(tmp_path, monkeypatch):
     def killed(stream, indices, *options):
         kill = lambda k: k < 50 or os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
         return record(stream, (k for k in indices if kill(k)), *options)
@@ -137,7 +137,7 @@ def test_an_animation_of_another_run_does_not_stay(tmp_path):
     assert shown(tmp_path) == {*PLOTS, *LUMPED, "rollout.npz", "summary.json", "notes.txt"}
 
 
-def test_a_file_that_fails_leaves_the_one_before(tmp_path):
+def test_a_failed_file_leaves_the_previous_one(tmp_path):
     write_text(tmp_path / "a", "old")
     with pytest.raises(OSError), whole_file(tmp_path / "a") as file:
         file.write(b"ne")
@@ -145,7 +145,7 @@ def test_a_file_that_fails_leaves_the_one_before(tmp_path):
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
 
 
-def test_what_killed_processes_left_is_tidied_up_later(tmp_path):
+def test_files_left_by_killed_processes_are_removed_later(tmp_path):
     for age in (0.0, 1e4):
         left = tmp_path / f"{UNFINISHED}{age:g}"
         left.mkdir()
@@ -221,7 +221,7 @@ def full_disk(monkeypatch, words):
         (["summary.json"], {"rollout.npz"}),
     ],
 )
-def test_a_disk_that_fills_up_keeps_what_was_whole(full, kept, tmp_path, capsys, monkeypatch):
+def test_a_full_disk_keeps_complete_files(full, kept, tmp_path, capsys, monkeypatch):
     full_disk(monkeypatch, full)
     assert main(command(tmp_path)) == 2
     out, err = capsys.readouterr()

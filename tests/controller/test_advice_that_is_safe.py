@@ -12,7 +12,7 @@ from benchmarks.lying_sensors import _apart
 DT = 2e-3
 
 
-def test_the_torque_of_before_moves_an_arm_far_that_the_safe_one_holds(moving):
+def test_the_safe_torque_holds_an_arm_that_the_last_torque_moves_far(moving):
     """What used to be the advice after a refused sample."""
     loop = copy.deepcopy(moving[0][False])
     _, torque = next(iter(loop.samples(DT)))
@@ -45,7 +45,7 @@ def test_the_safe_torque_needs_no_measurement_at_all(moving):
 @pytest.mark.parametrize(
     "fault", ["v not a number", "q of a joint not a number", "q not a number", "x not given"]
 )
-def test_whatever_is_left_of_q_and_v_rests_the_arm(moving, fault):
+def test_any_part_of_q_and_v_suffices_to_rest_the_arm(moving, fault):
     loop = moving[0][False].lying(fault)
     start, drift = loop.plant.measure().q, 0.0
     for truth in loop.rest(0.8):
@@ -58,7 +58,7 @@ def test_whatever_is_left_of_q_and_v_rests_the_arm(moving, fault):
     ("lost", "said"),
     [("nothing comes", [True] * 6), ("a joint", [True] + [False] * 5)],
 )
-def test_where_nothing_is_measured_brakes_are_asked_for_after_15_ms(moving, lost, said):
+def test_unmeasured_joints_need_brakes_after_15_ms(moving, lost, said):
     """And no more once it is measured again."""
     loop = moving[0][False]
     first, state, after = loop.sample, loop.state, []
@@ -74,7 +74,7 @@ def test_where_nothing_is_measured_brakes_are_asked_for_after_15_ms(moving, lost
     assert not loop.controller.safe(state, seen)[1].unseen.any()
 
 
-def test_without_guards_nothing_is_told():
+def test_without_guards_no_joint_is_reported_as_unseen():
     robot = pa.load("planar_2r")
     controller = pa.make_controller(robot, adaptation="natural", limits=pa.Limits(guards=False))
     state = controller.init(pa.plants.PinocchioPlant(robot).measure())
@@ -84,7 +84,7 @@ def test_without_guards_nothing_is_told():
 
 
 @pytest.mark.parametrize(("lost", "rests"), [("x", True), ("v", True), ("qv", False)])
-def test_a_run_rests_an_arm_or_leaves_it_to_its_own_stop(lost, rests):
+def test_a_run_brings_an_arm_to_rest_or_leaves_it_to_its_own_stop(lost, rests):
     robot = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
     truth, sent = pa.plants.PinocchioPlant(robot), []
 

@@ -105,7 +105,7 @@ def test_another_process_gives_the_same_torques(loop, pool):
 
 
 @COPIES
-def test_a_copied_state_goes_on_as_the_original(loop, copied):
+def test_a_copied_state_continues_like_the_original(loop, copied):
     controller, samples, _, state = loop
     assert unchanged(copied(state), snapshot(state))
     (torque, after), (again, after_again) = (
@@ -134,7 +134,7 @@ def fails(controller, samples, spoilt):
     ],
 )
 @pytest.mark.slow
-def test_errors_of_a_step_come_back_from_another_process(pool, spoilt, kind):
+def test_errors_of_a_step_can_be_pickled(pool, spoilt, kind):
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(robot, adaptation="gradient")
     samples = record(robot, controller, motion_at_home(robot), 1)
@@ -184,7 +184,7 @@ def test_a_second_thread_gets_an_error_never_a_wrong_torque(monkeypatch):
     assert np.array_equal(torque(0), alone) and len(refused) == 5
 
 
-def test_an_estimator_is_of_one_thread_as_the_controller_of_whose_parts_it_is():
+def test_an_estimator_belongs_to_one_thread_like_its_controller():
     robot = catalogue_robot("planar_2r")
     estimator = pa.make_estimator(robot)
     sample = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.zeros(2))
@@ -196,7 +196,7 @@ def test_an_estimator_is_of_one_thread_as_the_controller_of_whose_parts_it_is():
         use(later)
 
 
-def test_a_refused_sample_leaves_the_controller_free():
+def test_a_refused_sample_does_not_block_the_controller():
     ur5 = catalogue_robot("ur5")
     controller = pa.make_controller(ur5, adaptation="natural")
     sample = pa.plants.PinocchioPlant(ur5).measurement(ur5.q0, np.zeros(6))
@@ -214,6 +214,6 @@ def fail(kind):
 
 
 @pytest.mark.slow
-def test_every_error_comes_back_from_another_process(pool):
+def test_every_error_can_be_pickled(pool):
     for kind in kinds():
         assert same(pool.submit(fail, kind).exception(timeout=60), example(kind))

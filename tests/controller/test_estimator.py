@@ -42,7 +42,7 @@ def learned(estimator, measurements):
         ("kinova", "least-squares", 0.1),
     ],
 )
-def test_torque_and_position_come_to_be_predicted(name, adaptation, share):
+def test_predictions_of_torque_and_position_converge(name, adaptation, share):
     measurements = samples(name, duration=2.5)
     estimator = pa.make_estimator(catalogue_robot(name), adaptation=adaptation, dt=4e-3)
     states = learned(estimator, measurements)
@@ -69,7 +69,7 @@ def spoilt(measurements, change):
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_torques_that_are_not_the_robots_are_refused_in_the_first_seconds(name):
+def test_torques_of_another_kind_are_refused_in_the_first_seconds(name):
     robot, measurements = catalogue_robot(name), samples(name, duration=5.0)
     gravity, n = pa.robot.Gravity(robot), robot.model.nv
     sign = np.where(np.arange(n) == 1, -1.0, 1.0)
@@ -92,7 +92,7 @@ def test_torques_that_are_not_the_robots_are_refused_in_the_first_seconds(name):
     assert learned(off, spoilt(measurements[:400], lambda tau, q: -tau))[-1].filters == ()
 
 
-def test_loads_and_wrong_inertias_are_no_reason_to_refuse_torques():
+def test_torques_with_loads_and_wrong_inertias_are_accepted():
     robot, (t, q, v, a) = catalogue_robot("ur5"), motion("ur5", duration=9.0, dt=8e-3)
     for scale in (2.0 / 3.0, 1.0, 4.0 / 3.0):
         true = true_robot("ur5", inertial_scale=scale, payload=pa.Payload(5.0, (0.05, 0.0, 0.05)))
@@ -104,7 +104,7 @@ def test_loads_and_wrong_inertias_are_no_reason_to_refuse_torques():
         assert states[100].filters and states[-1].filters == ()
 
 
-def test_it_is_given_what_the_filtered_regressor_gives():
+def test_the_estimator_uses_the_filtered_regressor():
     measurements = samples("ur5", duration=1.0)
     estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
     states = learned(estimator, measurements)
@@ -144,7 +144,7 @@ def unbelievable(measurement):
     }
 
 
-def test_a_sample_that_cannot_be_believed_changes_nothing():
+def test_an_implausible_sample_changes_nothing():
     measurements = samples("ur5", duration=1.5)
     estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
     states = learned(estimator, measurements[:150])
@@ -157,7 +157,7 @@ def test_a_sample_that_cannot_be_believed_changes_nothing():
     assert np.isfinite(after.flat()).all() and not np.array_equal(after.a_d, states[-1].a_d)
 
 
-def test_after_a_pause_the_filters_start_anew_and_the_estimates_stay():
+def test_a_pause_resets_filters_and_keeps_estimates():
     measurements = samples("ur5", duration=1.5)
     estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
     before = learned(estimator, measurements[:150])[-1]
@@ -167,7 +167,7 @@ def test_after_a_pause_the_filters_start_anew_and_the_estimates_stay():
     assert not np.array_equal(estimator.step(after, measurements[251]).a_d, before.a_d)
 
 
-def test_an_arm_at_rest_teaches_nothing():
+def test_nothing_is_learned_from_an_arm_at_rest():
     robot = catalogue_robot("ur5")
     estimator = pa.make_estimator(robot, dt=4e-3)
     still, push = np.zeros(6), np.full(6, 5.0)
@@ -188,7 +188,7 @@ def test_the_frame_may_be_seen_late_or_never():
     assert np.allclose(seen[-1].a_d, unseen[-1].a_d) and not np.allclose(seen[-1].a_k, seen[0].a_k)
 
 
-def test_what_never_learns_is_refused():
+def test_parts_that_never_adapt_are_refused():
     robot = catalogue_robot("ur5")
     with pytest.raises(pa.GainError, match="learns from tracking errors alone"):
         pa.make_estimator(robot, adaptation="natural")

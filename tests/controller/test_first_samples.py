@@ -135,7 +135,7 @@ def test_a_slide_in_millimetres_is_recognised():
     check_first(robot, r"in millimetres\? q / 1000", "limits", first_sample(robot, q=q))
 
 
-def test_the_last_joint_first_is_recognised():
+def test_reversed_order_of_the_joints_is_recognised():
     robot = catalogue_robot("panda")
     check_first(
         robot, "from the last to the first would fit", "limits",
@@ -160,7 +160,7 @@ def test_an_arm_may_rest_a_little_outside_of_its_limits():
                     check_first(robot, robot.joint_names[joint], "limits", sample)
 
 
-def test_a_continuous_joint_needs_a_point_of_the_circle():
+def test_a_continuous_joint_needs_cosine_and_sine_of_an_angle():
     robot = catalogue_robot("kinova")
     first = next(j for j in robot.model.joints[1:] if j.nq == 2)
     q = robot.q0.copy()
@@ -169,7 +169,7 @@ def test_a_continuous_joint_needs_a_point_of_the_circle():
     check_first(robot, words, "limits", first_sample(robot, q=q))
 
 
-def test_a_joint_without_limits_stays_within_some_turns():
+def test_a_joint_without_limits_may_be_a_few_turns_off():
     robot = pa.load("planar_2r")  # of its own, to be changed
     robot.model.lowerPositionLimit = robot.model.upperPositionLimit = np.zeros(2)
     for turns in (3.9, -3.9):
@@ -192,7 +192,7 @@ def test_an_x_in_another_unit_is_recognised(task, factor, unit):
     check_first(robot, words, "position", sample._replace(x=x))
 
 
-def test_what_is_unknown_widens_where_x_may_be():
+def test_unknown_parameters_widen_the_plausible_range_of_x():
     robot = catalogue_robot("ur5")
     sample = first_sample(robot)
 
@@ -221,7 +221,7 @@ def test_another_frame_is_named_and_nan_is_as_before():
         controller.init(sample._replace(x=np.nan * sample.x))
 
 
-def test_x_may_tell_the_order_of_q():
+def test_x_may_reveal_the_order_of_q():
     """The joints of a UR5 by the alphabet, as ROS publishes them, are all within their limits."""
     robot = catalogue_robot("ur5")
     order = np.argsort(robot.joint_names)
@@ -344,7 +344,7 @@ def counted(resolution):
     ids=["repeated", "repeated q", "filtered", "noisy", "12 bits", "offset"],
 )
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_sensors_that_nobody_described_raise_no_alarm(name, make):
+def test_undeclared_coarse_sensors_raise_no_alarm(name, make):
     robot = catalogue_robot(name)
     true = robot.changed(inertial_scale=1.2, payload=pa.Payload(0.1 * robot.mass), viscous=0.2)
     assert len(list(Loop(robot, true=true).run(0.5, make()))) == 500
@@ -358,7 +358,7 @@ def test_sensors_that_nobody_described_raise_no_alarm(name, make):
     ],
     ids=["14 bits", "camera"],
 )
-def test_sensors_as_described_raise_no_alarm(sensors):
+def test_declared_sensors_raise_no_alarm(sensors):
     robot = catalogue_robot("ur5")
     true = robot.changed(inertial_scale=1.3, payload=pa.Payload(0.3 * robot.mass))
     loop = Loop(robot, true=true, sensors=sensors, adaptation="natural-memory")
@@ -377,7 +377,7 @@ def test_missed_samples_raise_no_alarm():
 
 
 @pytest.mark.slow
-def test_once_all_is_told_nothing_is_remembered():
+def test_completed_checks_keep_no_memory():
     """And the torque is the same to the bit, with the guards and without.
 
     Guards hold the estimates at the first samples, at rest. That is nothing to natural adaptation
@@ -392,7 +392,7 @@ def test_once_all_is_told_nothing_is_remembered():
     assert unchanged(guarded_alike(runs[0][-1]), snapshot(runs[1][-1]))
 
 
-def test_a_controller_in_continuous_time_compares_nothing():
+def test_a_controller_in_continuous_time_compares_no_samples():
     robot = catalogue_robot("planar_2r")
     rollout = pa.simulate(
         robot, pa.make_controller(robot), pa.reachable_circle(robot).starting_at(
@@ -414,7 +414,7 @@ def adding(robot, true=None):
 
 @pytest.mark.parametrize("sensors", [None, pa.Sensors(encoder=2.0 * np.pi / 2**17)])
 @pytest.mark.parametrize("name", ARMS)
-def test_an_arm_that_adds_gravity_unasked_is_refused_before_it_has_moved(name, sensors):
+def test_an_arm_that_adds_gravity_undeclared_is_refused_before_it_has_moved(name, sensors):
     robot = catalogue_robot(name)
     loop = Loop(robot, plant=adding(robot), sensors=sensors)
     error, moved = loop.refused(
@@ -433,7 +433,7 @@ def test_a_model_ten_percent_too_heavy_makes_no_difference():
 
 
 @pytest.mark.parametrize("name", ["kinova", "tiago_arm", "baxter_left", "talos_left_arm"])
-def test_an_arm_that_does_not_add_what_was_said_is_refused(name):
+def test_an_arm_without_the_declared_compensation_is_refused(name):
     robot = catalogue_robot(name)
     loop = Loop(robot, compensated="nominal")
     _, moved = loop.refused("does not add the torque of `compensated`.*Omit `compensated`", 0.1)
@@ -442,7 +442,7 @@ def test_an_arm_that_does_not_add_what_was_said_is_refused(name):
 
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("wrong", ["adds", "does not add"])
-def test_a_measured_torque_tells_at_once(name, wrong):
+def test_a_measured_torque_shows_the_fault_at_once(name, wrong):
     robot = catalogue_robot(name)
     adds = wrong == "adds"
     loop = Loop(
@@ -453,7 +453,7 @@ def test_a_measured_torque_tells_at_once(name, wrong):
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_a_measured_torque_in_another_unit_is_told(name):
+def test_a_measured_torque_in_another_unit_is_recognised(name):
     robot = catalogue_robot(name)
     for factor, guess in ((0.1, "in amperes"), (-1.0, "the wrong sign"), (0.0, "not measured")):
         words = f"multiple of the commanded torque.*{guess}"
@@ -480,7 +480,7 @@ def test_wrong_inertias_and_a_load_raise_no_alarm(name, scale, compensated):
             assert "10 times the limit" in str(error)
 
 
-def test_gravity_means_nothing_to_a_horizontal_arm():
+def test_gravity_is_not_judged_on_a_horizontal_arm():
     robot = catalogue_robot("planar_2r")
     first = pa.make_controller(robot).senses.guards.first
     assert first.gravity is None and len(list(Loop(robot, plant=adding(robot)).run(0.1))) == 100

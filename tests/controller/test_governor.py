@@ -69,7 +69,7 @@ def test_a_step_is_exact_for_any_period(governor):
             )
 
 
-def test_at_full_rate_nothing_moves(governor):
+def test_at_full_rate_the_path_time_is_time(governor):
     path = PathTime()
     for _ in range(1000):
         path = governor[0].step(path, 1.0, "", 1e-3)
@@ -142,7 +142,7 @@ def test_each_factor_has_a_name(governor):
     assert target(governor, age=0.5)[0] == 0.0
 
 
-def test_laws_that_keep_no_speeds_stop_before_a_singularity():
+def test_laws_without_speed_bounds_stop_before_a_singularity():
     """By the distance of J_hat from a singularity, of home's; joint and set-point laws never."""
     robot, near = catalogue_robot("ur5"), {}
     for law in ("separation", "adaptive-inverse-dynamics", "approximate-jacobian"):
@@ -203,7 +203,7 @@ def test_continuous_joints_have_no_stop():
         {"effort": "high"},
     ],
 )
-def test_settings_that_make_no_governor_are_refused(wrong):
+def test_invalid_settings_of_a_governor_are_refused(wrong):
     with pytest.raises(pa.GainError, match=f"governor.{next(iter(wrong))}"):
         pa.Governor(**wrong)
 
@@ -256,7 +256,7 @@ def test_the_state_can_be_copied_and_flattened():
     assert np.array_equal(controller.desired(plain, motion, 1.0).xd_d, motion.at(1.0).xd_d)
 
 
-def test_sampled_and_continuous_loops_slow_alike():
+def test_sampled_and_continuous_loops_slow_down_equally():
     """With a governor that takes the first errors for large ones.
 
     A memory looks at intervals, which have no limit as the period shrinks.

@@ -82,7 +82,7 @@ def test_plausible_samples_pass_to_the_bit():
     assert unchanged(guarded_alike(checked), snapshot(free))
 
 
-def test_an_arm_at_ten_times_its_limit_is_the_last_that_is_believed():
+def test_velocities_up_to_ten_times_the_limit_are_accepted():
     loop = Loop(without("differences"))
     limits = loop.robot.model.velocityLimit
     for joint in range(6):
@@ -113,7 +113,7 @@ def test_unknown_guards_are_refused(guards, words):
 
 
 @pytest.mark.parametrize("missed", [1, 2, 8])
-def test_a_step_over_dropped_samples_is_one_of_the_time_that_passed(missed):
+def test_a_step_after_dropped_samples_covers_the_elapsed_time(missed):
     loop = Loop()
     late = loop.sample(3 + missed)
     over, told = loop.step(late), Loop(without("time"))
@@ -176,7 +176,7 @@ SENSORS = {
 
 
 @pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS.keys())
-def test_estimates_rest_with_the_arm_and_start_with_its_reference(sensors):
+def test_estimates_pause_at_rest_and_resume_with_the_reference(sensors):
     states = list(resting(moving=0.05, **sensors))
     share = np.mean([np.array_equal(a.a_d, b.a_d) for a, b in pairwise(states[:100])])
     assert share > (0.99 if sensors == {} else 0.95)  # a deviation of four is rare
@@ -184,12 +184,12 @@ def test_estimates_rest_with_the_arm_and_start_with_its_reference(sensors):
     assert all(moved)
 
 
-def test_without_the_guard_they_drift():
+def test_without_the_guard_estimates_drift():
     states = list(resting(guards=without("rest")))
     assert not np.array_equal(states[-1].a_d, states[0].a_d)
 
 
-def test_an_arm_off_its_reference_goes_on_learning():
+def test_an_arm_off_its_reference_keeps_adapting():
     states = list(resting(x_off=2e-3))
     assert not np.array_equal(states[-1].a_d, states[0].a_d)
 
@@ -208,7 +208,7 @@ def test_in_a_closed_loop_estimates_stand_still_once_the_arm_does():
     assert rollout.distance[-1] < 2e-4
 
 
-def test_estimates_wait_until_they_are_told_to_adapt():
+def test_estimates_wait_until_adaptation_is_enabled():
     loop = Loop()
     state = loop.controller.init(loop.sample(0), adapting=False)
     for k in range(1, 5):
@@ -222,7 +222,7 @@ def test_estimates_wait_until_they_are_told_to_adapt():
 # --- loops that are lost ---
 
 
-def test_a_loop_that_is_lost_ends_with_what_the_guard_says():
+def test_a_diverging_loop_ends_with_the_message_of_the_guard():
     """Feedback far too stiff for the period, with motors that give all it asks for."""
     robot = catalogue_robot("ur5")
     options = {
@@ -271,7 +271,7 @@ def test_a_loop_that_is_lost_ends_with_what_the_guard_says():
     assert "no sensor is wrong" not in error.value.reason
 
 
-def test_a_broken_sensor_is_an_error_and_no_divergence():
+def test_a_broken_sensor_is_an_error_not_a_divergence():
     """A number that is none tells nothing of the loop."""
 
     class Broken(pa.plants.PinocchioPlant):

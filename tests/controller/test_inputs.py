@@ -83,7 +83,7 @@ LOSSLESS = {
 
 
 @pytest.mark.parametrize("field", OF_FRAME)
-def test_other_types_of_numbers_mean_the_same_numbers(frame, field):
+def test_all_numeric_types_give_the_same_result(frame, field):
     for kind, convert in LOSSLESS.items():
         given = convert(frame.given(field))
         plain = np.array(given, dtype=float)
@@ -94,13 +94,13 @@ def test_other_types_of_numbers_mean_the_same_numbers(frame, field):
 
 
 @pytest.mark.parametrize("t", [1, np.float32(0.5), np.int64(2), np.array(0.25)], ids=repr)
-def test_time_is_any_number(frame, t):
+def test_time_may_be_of_any_numeric_type(frame, t):
     before = frame.state._replace(t=float(t) - DT)
     _, after = frame.step(before, t=t)
     assert type(after.t) is float and after.t == t
 
 
-def test_what_a_law_does_not_need_may_be_missing():
+def test_signals_that_a_law_does_not_need_may_be_missing():
     joints = Loop("slotine-li")
     assert joints.step(x=None, xd=None, a=None, tau=None)[0].tobytes() == joints.step()[0].tobytes()
     seen = joints.step(x=np.zeros(3), x_time=0.0, xd=np.zeros(3))  # of the frame, by a tracker
@@ -130,7 +130,7 @@ UNUSABLE = {
 
 
 @pytest.mark.parametrize("field", FIELDS)
-def test_what_is_no_vector_of_the_right_size_is_refused_by_name(loop, field):
+def test_signals_of_the_wrong_shape_are_refused_by_name(loop, field):
     desired = field in pa.Desired._fields
     kind, words = (
         (pa.InputError, rf"desired\.{field}") if desired else (pa.MeasurementError, f"'{field}'")
@@ -141,7 +141,7 @@ def test_what_is_no_vector_of_the_right_size_is_refused_by_name(loop, field):
 
 @pytest.mark.parametrize("spoil", UNUSABLE.values(), ids=UNUSABLE.keys())
 @pytest.mark.parametrize("field", ["x", "xd"])
-def test_the_same_of_what_is_measured_of_the_frame(frame, field, spoil):
+def test_frame_measurements_of_the_wrong_shape_are_refused_by_name(frame, field, spoil):
     given = spoil(frame.given(field))
     if given is None:  # J_hat v stands for xd, the last frame for x
         assert np.isfinite(frame.step(**{field: None})[0]).all()
@@ -160,14 +160,14 @@ def test_numbers_that_are_not_finite_are_refused(loop, field):
 
 
 @pytest.mark.parametrize("a", [np.zeros(5), 1.0, "fast", np.zeros((6, 1)), [None] * 6], ids=repr)
-def test_an_acceleration_that_is_none_is_refused(loop, a):
+def test_an_invalid_acceleration_is_refused(loop, a):
     loop.check_refused(pa.MeasurementError, "'a'", a=a)
 
 
 @pytest.mark.parametrize(
     "t", [None, "now", "0.5", np.nan, np.inf, [0.0, 1.0], 1j, {}, np.zeros(2)], ids=repr
 )
-def test_a_time_that_is_no_number_is_refused(loop, t):
+def test_a_time_that_is_not_a_number_is_refused(loop, t):
     loop.check_refused(pa.MeasurementError, "'t'", t=t)
 
 
@@ -176,7 +176,7 @@ def test_a_time_that_is_no_number_is_refused(loop, t):
     [0.0, -DT, np.nan, np.inf, 10.01 * DT, None, "1e-3", "fast", [DT, DT], 1j, np.full(2, DT)],
     ids=repr,
 )
-def test_a_period_that_cannot_be_is_refused(loop, dt):
+def test_an_impossible_period_is_refused(loop, dt):
     loop.check_refused(pa.InputError, "dt: must be positive and at most 0.01 s", dt=dt)
 
 
@@ -212,7 +212,7 @@ def test_estimates_of_another_shape_are_refused(loop):
 
 
 @pytest.mark.parametrize("kind", ["tuple", "dict", "step", "measurement", "number", "string"])
-def test_what_is_no_state_is_refused(loop, kind):
+def test_objects_other_than_states_are_refused(loop, kind):
     wrong = {
         "tuple": tuple(loop.state),
         "dict": loop.state._asdict(),
@@ -224,7 +224,7 @@ def test_what_is_no_state_is_refused(loop, kind):
     loop.check_refused(pa.InputError, "state", state=wrong[kind])
 
 
-def test_filters_and_beginnings_of_another_controller_are_refused():
+def test_filters_and_first_samples_of_another_controller_are_refused():
     loop = Loop("adaptive-inverse-dynamics")
     low = loop.state.filters
     n, m = loop.measurement.v.size, loop.desired.xd_d.size
@@ -239,7 +239,7 @@ def test_filters_and_beginnings_of_another_controller_are_refused():
     loop.check_refused(pa.InputError, "state", state=beginning)
 
 
-def test_no_measurement_no_motion_and_no_estimate_are_refused(loop):
+def test_a_missing_measurement_motion_or_estimate_is_refused(loop):
     for wrong in (None, 3.0, tuple(loop.measurement)):
         with pytest.raises(pa.InputError, match="Measurement"):
             loop.controller.init(wrong)
@@ -253,7 +253,7 @@ def test_no_measurement_no_motion_and_no_estimate_are_refused(loop):
             loop.controller.init(loop.measurement, a_d=wrong)
 
 
-def test_a_nan_is_no_flag():
+def test_nan_is_refused_as_a_flag():
     robot = pa.load("planar_2r")
     controller = pa.make_controller(robot, adaptation="natural")
     sample = pa.plants.PinocchioPlant(robot).measure()

@@ -130,13 +130,13 @@ def test_prediction_error_of_a_late_frame_is_that_of_todays_estimate(stream):
     assert not np.array_equal(s.a_k, stream.controller.kinematics.initial)
 
 
-def test_with_the_true_parameters_frames_are_carried_to_the_true_position(stream):
+def test_delay_compensation_with_true_parameters_gives_the_true_position(stream):
     task = stream.robot.task
     for k, s in stream.signals(FRAMES, count=130, a_k=stream.a_k, adapting=False):
         assert np.abs(task.error(s.x, stream.x(k * DT))).max() <= 1e-12
 
 
-def test_the_carried_position_is_off_by_the_change_of_the_regressor_alone(stream):
+def test_the_compensated_position_is_off_by_the_change_of_the_regressor(stream):
     """x_carried - x = (X_k(q) - X_k(q_c)) da_k, which is not nothing."""
     kinematics, task, off = stream.controller.kinematics, stream.robot.task, 0.0
     for k, s in stream.signals(FRAMES, count=100):
@@ -148,7 +148,7 @@ def test_the_carried_position_is_off_by_the_change_of_the_regressor_alone(stream
     assert off > 1e-5
 
 
-def test_frames_of_every_sample_are_taken_as_they_are(stream):
+def test_frames_without_delay_are_used_unchanged(stream):
     """To the bit as by a controller that never carries."""
     fresh = {k: k * DT for k in range(20)}
     plain, held = copy.copy(stream), DelayCompensator(enabled=False)
@@ -189,7 +189,7 @@ def test_frames_from_the_future_are_refused(panda):
     assert unchanged(state, before)
 
 
-def test_an_arm_that_is_blind_too_long_is_refused_until_it_sees_again(panda):
+def test_samples_too_long_without_frames_are_refused_until_one_arrives(panda):
     blind = panda.controller.senses.compensator.longest_gap
     last = round(blind / DT)
     _, state = panda.torques({}, last + 1)  # the frame of sample 0 is not older than that
@@ -221,7 +221,7 @@ def test_only_the_first_sample_must_have_a_frame(panda):
 # --- controllers and states ---
 
 
-def test_controllers_that_were_not_told_of_a_camera_take_late_frames(panda):
+def test_controllers_without_a_declared_camera_accept_late_frames(panda):
     told = copy.copy(panda)
     told.controller = pa.make_controller(
         panda.robot, sensors=pa.Sensors(camera=CAMERA), **panda.options
@@ -242,7 +242,7 @@ def test_a_state_can_be_copied_between_two_frames(name, smoothing):
         assert rest.tobytes() == torques[35:].tobytes()
 
 
-def test_frames_that_are_not_carried_are_taken_for_now(panda):
+def test_without_compensation_frames_are_used_as_current(panda):
     held = STREAMS["panda"](sensors=pa.Sensors(compensate_delay=False))
     for k, s in held.signals({5: 0.0, 30: 25 * DT}, count=60):
         x = held.x(25 * DT if k >= 30 else 0.0)
@@ -273,7 +273,7 @@ def test_smoothing_lowers_the_variance_as_a_first_order_low_pass(panda, smoothin
     assert variances[1] / variances[0] == pytest.approx((1.0 - r) / (1.0 + r), rel=0.2)
 
 
-def test_smoothing_does_not_lag_behind_the_arm(panda):
+def test_smoothing_adds_no_lag(panda):
     """The low pass is on the prediction error: with the true parameters nothing passes it."""
     smooth = STREAMS["panda"](sensors=pa.Sensors(noise={"x": 1e-3}))
     assert smooth.controller.senses.compensator.smoothing < 60.0
@@ -315,7 +315,7 @@ def rollout(request):
     return closed_loop(request.param)
 
 
-def test_every_law_of_the_frame_lives_with_a_slow_and_late_camera(rollout):
+def test_every_task_space_law_tolerates_a_slow_and_late_camera(rollout):
     assert rollout.diverged is None
     end = 1e3 * rollout.window(first=False).max()
     assert end < ERRORS[rollout.law]
@@ -323,7 +323,7 @@ def test_every_law_of_the_frame_lives_with_a_slow_and_late_camera(rollout):
         assert end > 1.0  # it is as bad as is said above
 
 
-def test_storage_is_known_where_no_frame_arrived(rollout):
+def test_storage_is_defined_at_samples_without_frames(rollout):
     """And falls, for laws that adapt and whose velocity is not made up."""
     seen = [sample.measurement.x is not None for sample in rollout.evaluation.samples]
     assert 0 < sum(seen) < 0.1 * len(seen)
@@ -333,12 +333,12 @@ def test_storage_is_known_where_no_frame_arrived(rollout):
         assert V[-1] < 0.7 * V[0]
 
 
-def test_taken_for_now_the_same_frames_end_worse():
+def test_without_compensation_the_error_is_larger():
     rollout = closed_loop("separation", duration=1.5, compensate_delay=False)
     assert rollout.diverged is None and rollout.window(first=False).max() > 5e-3
 
 
-def test_a_loop_whose_camera_goes_blind_ends_with_the_reason():
+def test_a_loop_that_loses_its_camera_ends_with_the_reason():
     robot = catalogue_robot("ur5")
     path, camera = circle_at_home(robot), {"rate": 30.0, "dropout": 0.999}
     controller = pa.make_controller(robot, adaptation="natural", sensors=pa.Sensors(camera=camera))

@@ -43,7 +43,7 @@ def test_the_learned_robot_has_the_estimates_for_its_parameters(name):
     assert learned.drawn is not None
 
 
-def test_what_is_not_adapted_is_as_believed():
+def test_parameters_that_are_not_adapted_keep_their_initial_values():
     controller, rollout = run(
         "ur5", unknown=pa.Unknown(bodies="payload", friction=False, armature=False)
     )
@@ -93,7 +93,7 @@ def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
     assert np.linalg.norm(np.subtract(*tools), axis=1).max() < 1e-4
 
 
-def test_products_of_lengths_and_inertias_are_no_bodies():
+def test_lumped_parameters_give_no_bodies():
     controller, rollout = run(
         "ur5",
         0.05,
@@ -126,7 +126,7 @@ def predicted(rollout, a_d):
     ("name", "adaptation"),
     [("panda", "natural"), ("ur5", "natural-memory"), ("scara", "gradient"), ("ur5", "gradient")],
 )
-def test_what_the_motion_does_not_excite_stays_and_its_torques_too(name, adaptation):
+def test_unexcited_parameters_and_their_torques_stay_unchanged(name, adaptation):
     controller, rollout = run(name, 1.2, adaptation=adaptation)
     state, dynamics = rollout.evaluated().last_state, controller.dynamics
     kept = rollout.parameters().start(controller)["a_d"]
@@ -173,13 +173,13 @@ def test_lumped_parameters_stay_in_the_metric_of_their_adaptation():
     assert predicted(rollout, kept) == pytest.approx(predicted(rollout, last), rel=0.1)
 
 
-def test_the_urdf_says_what_is_as_at_the_start(tmp_path):
+def test_the_urdf_names_parameters_kept_at_their_initial_values(tmp_path):
     _, rollout = run("ur5", 1.0)
     assert "Not excited by the motion: bodies of shoulder_pan_joint" in rollout.learned().urdf()
     assert "Not excited" not in rollout.learned(all_estimates=True).urdf()
 
 
-def test_samples_of_hardware_say_what_they_excite():
+def test_samples_of_hardware_show_what_they_excite():
     controller, rollout = run("ur5", 1.0)
     evaluation = rollout.evaluated()
     along = pa.information.along_excited(controller, evaluation.samples)
@@ -204,7 +204,7 @@ def test_torques_of_no_physical_robot_leave_the_rest_at_the_start_all_the_same()
     assert np.linalg.norm(along.excited.rows @ (given - a_d)) < 1e-3
 
 
-def test_estimates_outside_their_domain_are_as_learned():
+def test_estimates_outside_their_domain_are_kept_as_learned():
     controller, rollout = run("ur5", 0.5)
     along = pa.information.along_excited(controller, rollout.evaluated().samples)
     state = rollout.evaluated().last_state
@@ -233,7 +233,7 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
     assert learned.units.get(slide, "N s/m") == "N s/m" and "" not in learned.units.values()
 
 
-def test_a_run_goes_on_where_another_one_ended(tmp_path):
+def test_a_run_continues_where_another_one_ended(tmp_path):
     _, first = run("ur5", 4.0, adaptation="natural-memory")
     first.parameters().save(tmp_path / "learned.json")
     other = pa.make_controller(catalogue_robot("ur5").changed(inertial_scale=0.7), dt=4e-3)
@@ -311,7 +311,7 @@ def test_numbers_in_a_file_are_checked(tmp_path):
 # --- on the command line ---
 
 
-def test_a_run_leaves_what_it_learned_and_another_starts_there(tmp_path):
+def test_a_run_saves_its_estimates_and_another_starts_from_them(tmp_path):
     scenario = tmp_path / "one.toml"
     scenario.write_text(
         '[robot]\nsource = "scara"\n[truth]\npayload = {mass = 0.5}\n'

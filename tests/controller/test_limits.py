@@ -94,7 +94,7 @@ def test_the_rate_of_the_solution_is_its_derivative(shape, smallest):
 
 @pytest.mark.parametrize("smallest", [0.5, 0.03])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_a_solution_keeps_speeds_smoothly(shape, smallest):
+def test_a_solution_keeps_speed_limits_smoothly(shape, smallest):
     """Null motion and sum are shortened, with exact rates; slow ones are the same to the bit."""
     rng, s_0, (m, n) = np.random.default_rng(4), 0.2, shape
     J, Jdot = jacobian(rng, shape, smallest), rng.standard_normal(shape)
@@ -278,7 +278,7 @@ def moving(law):
 
 
 @pytest.mark.parametrize("law", pa.laws.LAWS)
-def test_a_saturated_sample_teaches_nothing_of_the_dynamics(law):
+def test_a_saturated_sample_does_not_adapt_the_dynamics(law):
     controller, measurement, desired = moving(law)
     state = controller.init(measurement)
     signals = controller.observe(state, measurement, desired).replaced(a=np.full(6, 0.3))
@@ -303,7 +303,7 @@ def test_a_saturated_sample_teaches_nothing_of_the_dynamics(law):
         if law.adapts and law.learns_kinematics and not law.joint_space
     ],
 )
-def test_a_saturated_sample_teaches_by_prediction_alone(law):
+def test_a_saturated_sample_adapts_by_prediction_errors_alone(law):
     controller, measurement, desired = moving(law)
     a_k = controller.kinematics.initial + 0.02
     state = controller.init(measurement, a_k=a_k, adapting=False)
@@ -352,7 +352,7 @@ def test_limits_that_are_not_reached_change_nothing():
     assert runs[1].summary()["saturated"] == 0.0
 
 
-def test_a_controller_without_limits_is_given_the_motors():
+def test_limits_of_the_motors_hold_for_a_controller_without_limits():
     """Kp so high that the motors of the description saturate; the estimates rest where they do."""
     robot = load("ur5")
     stiff = {"law": "adaptive-inverse-dynamics", "Kp": 4e4, "Kv": 400.0}
@@ -369,7 +369,7 @@ def test_a_controller_without_limits_is_given_the_motors():
     assert np.abs(np.diff(rollout.a_d, axis=0)[held]).max() < 1e-12
 
 
-def test_continuous_mode_knows_limits_too():
+def test_torque_limits_hold_in_continuous_mode_too():
     limits, rollout = saturating(
         "adaptive-jacobian", engine=pa.Engine(continuous=True), duration=0.5
     )
@@ -516,7 +516,7 @@ def published(law="adaptive-inverse-dynamics", **options):
     ).run()
 
 
-def test_a_mass_matrix_that_is_none_ends_the_run_with_a_message():
+def test_an_indefinite_mass_matrix_ends_the_run_with_a_message():
     rollout = published()
     assert 0.02 < rollout.diverged < 0.05
     assert "no longer positive definite" in rollout.reason and "adaptive-jacobian" in rollout.reason
@@ -524,16 +524,16 @@ def test_a_mass_matrix_that_is_none_ends_the_run_with_a_message():
     assert np.isfinite(rollout.tau).all()
 
 
-def test_without_the_watch_the_run_steps_over_the_singularity():
+def test_without_stop_on_divergence_the_run_crosses_the_singularity():
     stepped = published(more=["controller.watch=false", "controller.acceleration=ideal"])
     assert stepped.min_eig_M_hat.min() < -0.01 and stepped.t[-1] > 0.06
 
 
-def test_the_passivity_based_law_does_not_mind():
+def test_the_passivity_based_law_is_not_affected():
     assert published("adaptive-jacobian").diverged is None
 
 
-def test_estimates_that_run_away_end_the_run_with_a_message():
+def test_diverging_estimates_end_the_run_with_a_message():
     robot = load("ur5")
     for watch in (True, False):
         controller = pa.make_controller(
@@ -568,7 +568,7 @@ def test_impossible_dampings_are_refused():
 
 
 @pytest.mark.usefixtures("blank_pictures")
-def test_scenarios_say_it_all(tmp_path):
+def test_scenarios_have_keys_for_all_limits(tmp_path):
     keys = [
         "simulation.duration=0.01",
         "simulation.torque_limits=true",

@@ -37,12 +37,12 @@ def error_at_the_end(rollout):
     return np.degrees(np.abs(rollout.error[-1]))
 
 
-def test_the_guides_arm_ends_at_its_set_point(guide):
+def test_the_law_of_the_guide_reaches_its_set_point(guide):
     assert guide["rollout"].diverged is None
     assert error_at_the_end(guide["rollout"]).max() < 0.1
 
 
-def test_without_adaptation_a_wrist_stays_off_as_the_guide_says(guide):
+def test_without_adaptation_a_wrist_is_off_as_the_guide_states(guide):
     controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="none")
     path = pa.trajectories.Hold(guide["robot"].home_angles + 0.2)
     error = error_at_the_end(pa.simulate(guide["true"], controller, path, duration=5.0))
@@ -58,7 +58,7 @@ def test_storage_of_the_guides_law_falls_with_an_adaptation_that_has_one(guide):
     assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]
 
 
-def test_the_guides_proof_is_held_by_its_closed_loop(guide):
+def test_the_closed_loop_of_the_guide_obeys_its_proof(guide):
     controller = pa.make_controller(guide["robot"], law=guide["law"], gamma_d=1.0)
     path = pa.trajectories.Hold(guide["robot"].home_angles + 0.2)
     energy = energy_along(guide["true"], controller, path, seconds=0.012)
@@ -111,12 +111,12 @@ def test_an_adaptation_as_an_object_is_the_one_by_name(kind):
     ],
     ids=str,
 )
-def test_what_is_no_object_of_its_kind_is_refused(options, words):
+def test_objects_of_the_wrong_kind_are_refused(options, words):
     with pytest.raises(pa.InputError, match=words):
         pa.make_controller(catalogue_robot("ur5"), **options)
 
 
-def test_a_law_as_an_object_takes_no_gains_beside():
+def test_a_law_as_an_object_takes_no_further_gains():
     robot = catalogue_robot("ur5")
     law = pa.laws.AdaptiveJacobian(
         robot.task, pa.laws.Posture(robot), K_v=90.0, K_P=800.0, alpha=5.0
@@ -142,7 +142,7 @@ def inner_of(kind, dynamics, guide):
 
 
 @pytest.mark.parametrize("kind", INNER)
-def test_a_box_holds_any_adaptation(kind, guide):
+def test_a_box_bounds_any_adaptation(kind, guide):
     dynamics = pa.models.BodyDynamics(catalogue_robot("ur5"))
     inner, a = inner_of(kind, dynamics, guide), dynamics.initial
     low, high = a - 0.01 * np.abs(a) - 1e-3, a + 0.01 * np.abs(a) + 1e-3
@@ -188,7 +188,7 @@ def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
 # --- memory, rest, signals ---
 
 
-def test_what_an_adaptation_remembers_goes_through_continuous_mode(guide):
+def test_the_memory_of_an_adaptation_is_integrated_in_continuous_mode(guide):
     """The rate of the memory is integrated with the rest: fine samples tend to the same."""
     robot, true = guide["robot"], guide["true"]
     path, ends = pa.trajectories.Hold(robot.home_angles + 0.2), {}
@@ -225,7 +225,7 @@ def test_a_state_with_memory_is_one_flat_array_and_back(guide):
 
 
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", JACOBIAN])
-def test_estimates_rest_until_they_are_told_to_move(law):
+def test_estimates_rest_until_adaptation_is_enabled(law):
     robot = catalogue_robot("ur5")
     controller = pa.make_controller(wrong(robot), law=law)
     samples = record(with_tool_and_load(robot), controller, motion_at_home(robot))
@@ -243,7 +243,7 @@ def test_estimates_rest_until_they_are_told_to_move(law):
 
 
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
-def test_a_run_whose_estimates_rest_is_the_one_of_no_adaptation(mode):
+def test_a_run_with_adaptation_disabled_equals_one_without_adaptation(mode):
     robot = catalogue_robot("planar_2r")
     path, torques = motion_at_home(robot), []
     for adaptation in ("natural", "none"):
@@ -280,7 +280,7 @@ OBSERVED = {
 
 
 @pytest.mark.parametrize(("name", "task", "options"), OBSERVED.values(), ids=OBSERVED.keys())
-def test_signals_of_one_instant_stay_when_another_is_observed(name, task, options):
+def test_signals_do_not_change_when_another_instant_is_observed(name, task, options):
     robot = catalogue_robot(name, **task)
     controller = pa.make_controller(wrong(robot), **options)
     samples = record(robot, controller, motion_at_home(robot))

@@ -47,7 +47,7 @@ def test_one_bad_sample_is_bridged_and_counted(moving, fault):
 
 
 @pytest.mark.parametrize("fault", LASTING)
-def test_a_lasting_one_is_refused_with_its_likely_cause_and_the_arm_comes_to_rest(moving, fault):
+def test_a_lasting_fault_is_refused_with_its_likely_cause_and_the_arm_comes_to_rest(moving, fault):
     """Within 20 ms, or two degrees of another way; then three seconds on the safe torque."""
     loops, honest = moving
     measures = fault.startswith("torque")
@@ -123,7 +123,7 @@ def stopped(q):
     [(kind, 0.1, -0.01) for kind in HONEST]
     + [(kind, 0.8, 0.045) for kind in HONEST if "late" not in kind],
 )
-def test_what_sensors_of_real_arms_do_is_no_fault(moving, kind, rate, slow):
+def test_imperfections_of_real_sensors_are_not_refused(moving, kind, rate, slow):
     """Nothing of it is declared. Joints turn back at rates [rad/s], and one is slow throughout."""
     n, t = 6, PERIOD * np.arange(500.0)
     rates, frequency = rate * np.ones(n), np.linspace(3.0, 9.0, n)
@@ -144,7 +144,7 @@ def read(controller, t, q, v):
         )
 
 
-def test_a_continuous_joint_is_a_point_of_the_circle_at_every_sample():
+def test_cosine_and_sine_of_a_continuous_joint_are_checked_at_every_sample():
     loop = Loop("kinova", "separation", dt=DT)
     for _ in loop.samples(0.02):
         pass
@@ -155,7 +155,7 @@ def test_a_continuous_joint_is_a_point_of_the_circle_at_every_sample():
     assert loop.liar.count == 9 and loop.state.bridged.joints == 8
 
 
-def test_a_repeated_time_is_no_period(moving):
+def test_a_repeated_time_is_not_a_period(moving):
     """Nothing is learned, and no filter moves on, in a sample that has the time of the last."""
     loop = copy.deepcopy(moving[0][False])
     _, sample = loop.measured()

@@ -129,14 +129,14 @@ ATTACKS = [
 
 
 @pytest.mark.parametrize("text", ATTACKS)
-def test_what_is_not_data_or_too_large_is_refused_at_once(text):
+def test_values_that_are_not_data_or_too_large_are_refused_at_once(text):
     begun = time.process_time()
     with pytest.raises((pa.RobotError, SyntaxError)):
         evaluate(text, VALUES.__getitem__, {})
     assert time.process_time() - begun < 1.0
 
 
-def test_lists_that_hold_the_same_list_again_and_again_are_bounded():
+def test_nested_repetitions_of_lists_are_bounded():
     values = {"l": [0] * 10}
     with pytest.raises(pa.RobotError, match=f"{LONGEST} characters or elements"):
         for _ in range(30):
@@ -183,7 +183,7 @@ def test_a_file_that_grows_without_end_is_refused_within_seconds(what, tmp_path)
     assert time.process_time() - begun < 10.0
 
 
-def test_an_expansion_has_a_limit_of_time(tmp_path, monkeypatch):
+def test_an_expansion_has_a_time_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(xacro, "_SECONDS", 0.02)
     slow = '<a b="${len(sorted(list(range(90000))))}"/>'
     with pytest.raises(pa.RobotError, match=r"takes more than 0\.02 s"):
@@ -201,7 +201,7 @@ CODE = {
 
 
 @pytest.mark.parametrize("where", CODE)
-def test_no_place_of_a_file_runs_code(where, tmp_path):
+def test_no_part_of_a_file_runs_code(where, tmp_path):
     path = written(tmp_path, CODE[where])
     with pytest.raises(
         pa.RobotError, match=r"cannot be called|not defined|not available|cannot ex"
@@ -238,7 +238,7 @@ def test_only_files_of_the_descriptions_packages_are_read(content, tmp_path):
         pa.load(path)
 
 
-def test_few_letters_do_not_become_many_before_they_are_counted(tmp_path):
+def test_the_size_of_an_expansion_is_checked_before_it_is_made(tmp_path):
     path = written(tmp_path, "<a b=\"${load_yaml('y.yaml')}\"/>")
     (tmp_path / "y.yaml").write_text("- 1\n" * 300_000)
     with pytest.raises(pa.RobotError, match="more than 1000000 bytes"):
@@ -252,7 +252,7 @@ def test_few_letters_do_not_become_many_before_they_are_counted(tmp_path):
 @pytest.mark.parametrize(
     "content", ['<xacro:include filename="pipe"/>', "<a b=\"${load_yaml('pipe')}\"/>"]
 )
-def test_nothing_is_waited_for_that_is_no_file(content, tmp_path):
+def test_pipes_and_devices_are_refused_without_waiting(content, tmp_path):
     path = written(tmp_path, content)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(pa.RobotError, match="is no file"):
@@ -260,7 +260,7 @@ def test_nothing_is_waited_for_that_is_no_file(content, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["..", ".", "../secret"])
-def test_a_path_names_no_package(name, tmp_path):
+def test_a_path_is_not_accepted_as_a_package_name(name, tmp_path):
     (tmp_path / "secret").mkdir()
     (tmp_path / "secret.xacro").write_text(f"<robot {XMLNS}/>")
     path = written(tmp_path / "arm", f'<xacro:include filename="$(find {name})/secret.xacro"/>')

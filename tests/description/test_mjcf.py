@@ -90,7 +90,7 @@ def test_loops_are_opened_with_a_warning(tmp_path):
         ('type="box"', 'type="brick"', "Pinocchio cannot read this MJCF"),
     ],
 )
-def test_what_pinocchio_would_ignore_is_refused(tmp_path, old, new, words):
+def test_elements_that_pinocchio_would_ignore_are_refused(tmp_path, old, new, words):
     assert old in MJCF
     path = mjcf(tmp_path, MJCF.replace(old, new))
     with pytest.raises(pa.RobotError) as error:

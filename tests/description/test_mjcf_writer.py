@@ -82,7 +82,7 @@ def test_effects_of_joints_survive_a_urdf(name, tmp_path):
 
 
 @pytest.mark.parametrize("parent", ["base_link", "wrist_3_link"])
-def test_links_with_an_impossible_inertia_are_mended(parent, tmp_path):
+def test_links_with_an_impossible_inertia_are_corrected(parent, tmp_path):
     """Of a moving body the total stays: the link that the joint moves takes the difference."""
     robot = catalogue_robot("ur5")
     text = robot.urdf(shapes=False)

@@ -104,7 +104,7 @@ def test_the_node_of_ros_drives_an_arm(ros):
     assert len((ROOT / "docs/arms/ros2.py").read_text().splitlines()) <= 40
 
 
-def test_a_silent_topic_of_ros_is_told(ros):
+def test_a_silent_ros_topic_is_reported(ros):
     plant, _ = ros
     plant.mute = True
     ending = hold(joints(), loaded("ros2", "RosArm")("/effort", robot()))

@@ -293,7 +293,7 @@ DOORS = {
 
 
 @pytest.mark.parametrize("name", DOORS)
-def test_a_door_names_the_method_and_the_argument(name, loop):
+def test_an_error_names_the_method_and_the_argument(name, loop):
     controller, state = loop
     ad, kin, robot = controller.adaptation_d, controller.kinematics, controller.motion.robot
     true, x, J = state.a_d, robot.position(robot.q0), np.zeros((3, 6))
@@ -421,7 +421,7 @@ LOOPS = {
 
 
 @pytest.mark.parametrize("options", LOOPS.values(), ids=LOOPS)
-def test_what_goes_out_and_comes_in_is_the_callers(options):
+def test_arrays_of_the_caller_are_neither_kept_nor_shared(options):
     robot = pa.load("planar_2r")
     controller, plant = pa.make_controller(robot, **options), pa.plants.PinocchioPlant(robot)
     first = plant.measure()

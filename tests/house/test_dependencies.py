@@ -55,12 +55,12 @@ def imported():
     return {name for name in found - {"pinadapt", "tomllib"} if name not in sys.stdlib_module_names}
 
 
-def test_what_is_imported_is_declared():
+def test_imported_packages_are_declared():
     declared = modules(PROJECT["dependencies"] + [line for e in OPTIONAL for line in EXTRAS[e]])
     assert imported() <= declared
 
 
-def test_what_is_declared_is_imported():
+def test_declared_packages_are_imported():
     for name in modules(PROJECT["dependencies"]) - {"llvmlite", "IPython"}:
         assert name in imported()
 

@@ -202,7 +202,7 @@ def hold(robot):
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_what_is_no_number_of_this_world_gets_a_typed_error(name, robot, controller):
+def test_absurd_numbers_get_a_typed_error(name, robot, controller):
     for bad in (np.nan, np.inf, HUGE, 1e308, "0.02", b"1", 1j, {"a": 1}):
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
@@ -211,7 +211,7 @@ def test_what_is_no_number_of_this_world_gets_a_typed_error(name, robot, control
 
 
 @pytest.mark.parametrize("name", [name for name in CALLS if name != "watch"])
-def test_true_is_no_number_and_no_object(name, robot, controller):
+def test_true_is_refused_as_a_number_and_as_an_object(name, robot, controller):
     with pytest.raises(pa.InputError):
         CALLS[name](robot, controller, True)
 
@@ -222,7 +222,7 @@ def test_a_home_folder_in_a_path_is_found(tmp_path, monkeypatch):
     assert pa.load("~/arm.urdf", task="xy").name == "planar_2r"
 
 
-def test_a_joint_may_not_be_called_as_the_world_is(tmp_path):
+def test_a_joint_may_not_have_the_name_of_the_world(tmp_path):
     file = tmp_path / "arm.urdf"
     file.write_text(URDF.replace('"joint1"', '"universe"'))
     with pytest.raises(pa.RobotError, match="'universe', which is the name of the fixed world"):
@@ -231,7 +231,7 @@ def test_a_joint_may_not_be_called_as_the_world_is(tmp_path):
     assert pa.load(file, frame="tip", task="xy").joint_names == ["joint1", "joint2"]
 
 
-def test_limits_that_are_crossed_are_refused(tmp_path):
+def test_crossed_limits_are_refused(tmp_path):
     file = tmp_path / "arm.urdf"
     file.write_text(re.sub(r'lower="[^"]*" upper="[^"]*"', 'lower="1.5" upper="-1.5"', URDF))
     with pytest.raises(pa.RobotError, match=r"lower limit of joint 'joint1', 1\.5, is above .*-1"):
@@ -251,12 +251,12 @@ def test_limits_that_are_crossed_are_refused(tmp_path):
         ({"unknown": pa.Unknown(tool=False), "gamma_k": 1.0}, "nothing uses gamma_k"),
     ],
 )
-def test_a_gain_that_nothing_uses_is_told(options, words, robot):
+def test_an_unused_gain_is_warned_of(options, words, robot):
     with pytest.warns(pa.UnusedGainWarning, match=words):
         pa.make_controller(robot, **options)
 
 
-def test_gains_that_are_used_are_not_told(robot):
+def test_used_gains_cause_no_warning(robot):
     with warnings.catch_warnings():
         warnings.simplefilter("error", pa.UnusedGainWarning)
         pa.make_controller(
@@ -358,7 +358,7 @@ def resources(robot, words):
         return set(artist.loadMeshFromFile(shape).img_resources.values())
 
 
-def test_pictures_are_drawn_under_a_backend_that_is_none():
+def test_pictures_are_drawn_with_an_invalid_matplotlib_backend():
     code = "from pinadapt.plots import draw_all; import matplotlib.pyplot"
     environment = {**os.environ, "MPLBACKEND": "nonsense"}
     subprocess.run(

@@ -47,7 +47,7 @@ def test_public_names_resolve():
     assert error.value.obj is pinadapt and error.value.name == "Controler"  # as Python suggests by
 
 
-def test_a_name_is_its_thing_also_after_a_module_of_that_name_was_imported():
+def test_a_public_name_is_not_hidden_by_a_module_of_that_name():
     code = "import pinadapt.citation; assert callable(pinadapt.citation), pinadapt.citation"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=100)
 
@@ -60,7 +60,7 @@ def test_a_name_is_its_thing_also_after_a_module_of_that_name_was_imported():
         if inspect.isclass(thing) or inspect.isfunction(thing)
     ],
 )
-def test_public_things_are_documented_and_annotated(name):
+def test_public_names_are_documented_and_annotated(name):
     thing = public()[name]
     assert len(inspect.getdoc(thing) or "") > 20
     for label, method in (

@@ -166,7 +166,7 @@ def test_importing_the_package_loads_no_law_and_not_numpy():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=100)
 
 
-def test_a_name_further_down_is_found_there_and_named_on_top():
+def test_a_name_of_a_sub_package_is_named_in_the_error_of_the_package():
     for name, place in PLACES.items():
         room, _, inside = place.partition(".")
         assert hasattr(getattr(pa, room), inside)
@@ -180,7 +180,7 @@ def test_a_renamed_name_is_found_by_its_former_one(name):
         getattr(pa, name)
 
 
-def test_what_never_was_is_an_ordinary_error():
+def test_an_unknown_name_is_an_ordinary_error():
     with pytest.raises(AttributeError, match=r"no attribute 'Nothing'$"):
         _ = pa.Nothing
 

@@ -135,7 +135,7 @@ def test_offsets_of_encoders_alone(name):
     assert np.abs(values - offsets)[seen].max() < 1e-8
 
 
-def test_noise_of_encoders_is_told_from_that_of_the_tracker():
+def test_noise_of_encoders_is_separated_from_that_of_the_tracker():
     robot, rng = catalogue_robot("ur5"), np.random.default_rng(4)
     angles = random_angles(robot, rng, 100)
     log = measured(robot, angles, rng, noise=NOISE)
@@ -195,7 +195,7 @@ def test_logs_that_show_no_geometry_are_refused(change, words):
         calibrate(change(recorded("ur5")), catalogue_robot("ur5"))
 
 
-def test_an_arm_that_is_as_described_is_said_to_be():
+def test_a_correct_arm_is_reported_as_such():
     robot, rng = catalogue_robot("scara"), np.random.default_rng(6)
     found = calibrate(measured(robot, random_angles(robot, rng, 60), rng, noise=NOISE), robot)
     assert found.trusted and "the description is as good" in found.verdict

@@ -333,7 +333,7 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     pa.load(out / "learned.urdf")
 
 
-def test_a_file_that_cannot_be_written_is_told_by_last_line_and_status(
+def test_a_file_that_cannot_be_written_is_reported_in_last_line_and_status(
     tmp_path, capsys, monkeypatch
 ):
     robot, out = catalogue_robot("ur5"), tmp_path / "out"

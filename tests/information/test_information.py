@@ -129,7 +129,7 @@ def test_heavier_links_are_no_certain_load(name, dynamic):
         assert "not certain" in str(estimate) and "1.30 times" in str(estimate)
 
 
-def test_a_load_on_heavier_links_is_told_from_these():
+def test_a_load_on_heavier_links_is_separated_from_them():
     described = catalogue_robot("panda")
     true = described.changed(payload=pa.Payload(1.5, COM))
     controller = pa.make_controller(

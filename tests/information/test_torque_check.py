@@ -73,7 +73,7 @@ def test_turning_joints_in_another_order_are_found():
     assert "in another order" in causes(turned(log, [1, 2, 0, 4, 5, 3]), robot)
 
 
-def test_a_hand_that_is_not_mounted_is_found_and_does_no_harm():
+def test_a_described_hand_that_is_not_mounted_is_found_and_does_no_harm():
     log, robot = panda()
     (note,) = check_torques(log, robot).notes
     assert "panda_hand, panda_leftfinger, panda_rightfinger (0.76 kg)" in note
@@ -129,11 +129,11 @@ def gravity_torques(log, robot):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("what", "make", "words"), list(mistakes()), ids=lambda x: str(x)[:20])
-def test_usual_mistakes_are_named_with_what_mends_them(what, make, words):
+def test_usual_mistakes_are_named_with_their_correction(what, make, words):
     assert words in causes(*make(*panda()))
 
 
-def test_an_arm_on_a_wall_or_ceiling_is_told_and_put_there():
+def test_an_arm_on_a_wall_or_ceiling_is_recognised_and_mounted_there():
     robot = catalogue_robot("ur5")
     for gravity, place in (((9.81, 0.0, 0.0), "wall"), ((0.0, 0.0, 9.81), "ceiling")):
         hung = with_gravity(robot, gravity)
@@ -178,7 +178,7 @@ def unlike(name, seed, loaded):
 @pytest.mark.slow
 @pytest.mark.parametrize("loaded", [False, True])
 @pytest.mark.parametrize("name", RATED)
-def test_wrong_inertias_friction_noise_and_loads_are_no_mistakes(name, loaded):
+def test_wrong_inertias_friction_noise_and_loads_are_accepted(name, loaded):
     check = check_torques(*unlike(name, int(loaded), loaded))
     assert check.fits, check
     assert all("a load of" in note for note in check.notes), check.notes

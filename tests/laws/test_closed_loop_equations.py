@@ -52,7 +52,7 @@ def test_the_error_obeys_17(law, name):
 
 
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
-def test_filters_of_the_velocity_tell_where_the_tool_is(law):
+def test_velocity_filters_identify_the_tool(law):
     """(3)-(4) sampled with their inputs held left the estimate of the tool 2 mm off, for good."""
     robot = catalogue_robot("panda")
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12])

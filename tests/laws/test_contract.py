@@ -219,7 +219,7 @@ def test_the_order_in_which_parameters_are_named_does_not_matter(law, name):
 
 
 @pytest.mark.parametrize("law", pa.laws.LAWS)
-def test_a_law_says_whether_it_uses_the_acceleration(law):
+def test_a_law_states_whether_it_uses_the_acceleration(law):
     controller, robot, path = prepared(law, "ur5")
     n = robot.model.nv
     at = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.full(n, 0.1))

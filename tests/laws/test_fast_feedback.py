@@ -169,7 +169,7 @@ def test_noisy_and_counted_motors():
         (["fast"] * 6, "w.*6 numbers"),
     ],
 )
-def test_motors_that_are_not_measured_are_refused(w, words):
+def test_fast_feedback_needs_measured_motor_velocities(w, words):
     robot = catalogue_robot("ur5")
     controller, at = made(robot, FastFeedback("separation", 30.0)), start(robot)
     state, desired = controller.init(at), circle_at_home(robot).at(0.0)
@@ -179,7 +179,7 @@ def test_motors_that_are_not_measured_are_refused(w, words):
     assert np.isfinite(torque).all()
 
 
-def test_what_is_no_fast_feedback_is_refused():
+def test_invalid_fast_feedback_is_refused():
     robot = catalogue_robot("ur5")
     for gain in (-1.0, 0.0, np.nan, np.inf, "high", [[1.0]]):
         with pytest.raises(pa.GainError, match="gain"):

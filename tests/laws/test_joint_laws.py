@@ -153,7 +153,7 @@ def test_an_unknown_load_is_tracked(law):
     assert adapted < 0.2 * unadapted and adapted < np.radians(0.5)
 
 
-def test_a_straight_arm_is_no_singularity():
+def test_a_straight_arm_is_not_singular():
     robot = pa.load("ur5", task="joint", q0=np.zeros(6))
     rollout = pa.simulate(
         robot,

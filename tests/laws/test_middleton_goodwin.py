@@ -41,7 +41,7 @@ def zeta(controller, s):
 
 
 @pytest.mark.parametrize(("name", "adaptation"), LOOPS)
-def test_the_parameters_alone_fall_as_the_prediction_error_says(name, adaptation):
+def test_the_parameters_part_of_v_falls_with_the_prediction_error(name, adaptation):
     true, controller, path = loop(name, adaptation)
     dt = 2e-4 if name == "planar_2r" else 4e-4  # its R rises faster
     energy = energy_along(true, controller, path, seconds=0.012, dt=dt)

@@ -123,7 +123,7 @@ REST = [0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.9]
     ],
     ids=str,
 )
-def test_a_user_says_where_and_how_fast(given, rest, frequency):
+def test_a_user_may_give_rest_pose_and_rate(given, rest, frequency):
     robot = catalogue_robot("panda")
     default = pa.make_controller(robot).law.posture
     posture = pa.make_controller(robot, posture=given).law.posture
@@ -160,6 +160,6 @@ def test_the_arm_goes_to_the_rest_that_it_was_given():
     ],
     ids=str,
 )
-def test_a_posture_that_is_none_is_refused_by_name(given, kind, words):
+def test_an_invalid_posture_is_refused_by_name(given, kind, words):
     with pytest.raises(kind, match=words):
         pa.make_controller(catalogue_robot("panda"), posture=given)

@@ -256,7 +256,7 @@ def levers_times_force(law):
         ("mixed", "joint", "natural"),
     ],
 )
-def test_no_state_and_no_estimate_asks_for_more(name, task, adaptation):
+def test_no_state_and_no_estimate_exceeds_the_bound(name, task, adaptation):
     robot, rng = robot_of(name, task), np.random.default_rng(1)
     controller = pa.make_controller(
         robot, law=BOUNDED, adaptation=adaptation, limits=pa.Limits(guards=False, torque=None)
@@ -340,7 +340,7 @@ class Drift(pa.trajectories.Trajectory):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_motion_that_goes_on_is_refused_before_anything_moves(law):
+def test_a_motion_that_never_rests_is_refused_before_anything_moves(law):
     robot = catalogue_robot("ur5")
     controller, plant = pa.make_controller(robot, law=law), pa.plants.PinocchioPlant(robot)
     for path in (circle_at_home(robot), Drift()):
@@ -370,7 +370,7 @@ def test_gains_that_break_a_hypothesis_are_refused():
         pa.laws.Saturation(catalogue_robot("ur5", task="pose").task, [0.1] * 5 + [0.2])
 
 
-def test_bounds_that_cannot_be_are_refused():
+def test_impossible_bounds_are_refused():
     robot = catalogue_robot("panda")
     with pytest.raises(pa.GainError, match=r"does not hold the robot at home: panda_joint4"):
         pa.make_controller(robot, law=BOUNDED, bound=10.0)

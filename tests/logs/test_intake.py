@@ -151,7 +151,7 @@ def test_files_that_do_not_go_together_are_refused(tmp_path, robot, log):
 
 
 @pytest.mark.parametrize("form", ["left_{}", "{}_state", "UR5/{}"])
-def test_joints_of_other_names_are_matched_and_told(tmp_path, robot, log, form):
+def test_joints_of_other_names_are_matched_with_a_warning(tmp_path, robot, log, form):
     names = [form.format(name) for name in robot.joint_names]
     order = [3, 0, 5, 1, 2, 4]
     shuffled = {part: getattr(log, part)[:, order] for part in ("q", "v", "tau")}
@@ -210,7 +210,7 @@ def test_stated_joints_are_names_of_columns_that_have_none(tmp_path, robot, log)
 # Units, gears, signs
 
 
-def test_motors_are_seen_through_their_gears(robot, log):
+def test_motor_signals_are_converted_by_their_gears(robot, log):
     """Power is the same on both sides, so that tau = G^T tau_m for q_m = G q."""
     gains, zero = (
         np.array([0.1, 0.2, 0.1, 0.05, 0.3, 0.1]),
@@ -286,7 +286,7 @@ def test_a_joint_that_was_not_recorded_is_named(tmp_path, robot, log):
         pa.read_log(tmp_path / "b.csv", robot)
 
 
-def test_positions_and_velocities_of_motors_are_told(robot, log):
+def test_positions_and_velocities_of_motors_are_recognised(robot, log):
     with pytest.raises(pa.LogError, match=r"motor before a gear\? --degrees or --gear N"):
         pa.read_log(replace(log, q=100.0 * log.q, v=None), robot)
     with pytest.raises(pa.LogError, match="that of the motor, before a gear of 101"):

@@ -366,7 +366,7 @@ def test_a_file_of_ros2_is_read_without_its_folder(tmp_path, robot, log):
     assert same(read, log, ("q", "v", "tau", "x"))
 
 
-def test_a_bag_that_cannot_be_used_says_why(tmp_path, robot, log):
+def test_an_unusable_bag_is_refused_with_the_reason(tmp_path, robot, log):
     write_bag(tmp_path / "a", "mcap", log, robot.joint_names)
     write_bag(tmp_path / "weak", "mcap", log, robot.joint_names, effort=False)
     write_bag(tmp_path / "other", "mcap", log, [f"other{j}" for j in range(6)])

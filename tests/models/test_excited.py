@@ -63,7 +63,7 @@ def test_combinations_are_scaled_and_change_the_torques_independently():
 
 
 @pytest.mark.parametrize("moving", [[0], [0, 1, 2], range(6)])
-def test_what_is_not_excited_is_named(moving):
+def test_unexcited_parameters_are_named(moving):
     """Random poses of the moving joints; a joint at rest shows neither friction nor rotor."""
     dynamics, moving = dynamics_of(), list(moving)
     true, joints = dynamics.initial, catalogue_robot("ur5").joint_names

@@ -115,7 +115,7 @@ def test_a_turned_arm_is_followed_and_its_geometry_learned():
     assert rollout.parameters().units["elbow_joint.turn_x"] == "rad"
 
 
-def test_what_does_not_go_with_it_is_refused():
+def test_unsupported_combinations_are_refused():
     robot = catalogue_robot("ur5")
     for options, words in (
         ({"unknown": pa.Unknown(geometry=True, tracker=True)}, "contains base, joints and tool"),

@@ -193,7 +193,7 @@ def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
 
 
 @pytest.mark.slow
-def test_a_wiggle_makes_no_angle_special():
+def test_with_a_wiggle_the_angle_of_the_tracker_has_no_influence():
     """Frame, tool, load and every inertia unknown; in the first second 3 % of the radius."""
     robot = catalogue_robot("panda")
     turn = np.pi * TURN / np.linalg.norm(TURN)
@@ -401,7 +401,7 @@ def test_a_tool_that_no_motion_shows_is_named(frames):
     assert find_tracker(kinematics, alone).unseen
 
 
-def test_what_cannot_be_done_is_said():
+def test_unsupported_cases_are_refused_with_the_reason():
     robot = catalogue_robot("panda")
     with pytest.raises(pa.ParameterError, match="where 'tracker' is"):
         pa.make_controller(robot, law="adaptive-jacobian", unknown=UNKNOWN)

@@ -179,7 +179,7 @@ def test_a_scenario_states_late_motors():
             Scenario.read(path, wrong)
 
 
-def test_a_memory_with_a_lag_bears_motors_that_are_ten_milliseconds_late():
+def test_a_memory_with_a_lag_tolerates_motors_that_are_ten_milliseconds_late():
     """Nobody declares it; without adaptation the error is more than ten times as large."""
     robot = catalogue_robot("ur5")
     path, last = pa.reachable_circle(robot), {}

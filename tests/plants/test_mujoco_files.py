@@ -162,7 +162,7 @@ def test_the_robot_of_a_file_cannot_change(path):
         ({"base": "stnd"}, "Did you mean 'stand'"),
     ],
 )
-def test_what_does_not_match_is_named(path, options, words):
+def test_mismatches_are_named(path, options, words):
     with pytest.raises(pa.InputError, match=words):
         pa.plants.MujocoPlant(
             load("panda"), mjcf=pa.plants.MujocoFile(path, **{**MATCH, **options})

@@ -187,7 +187,7 @@ def test_a_load_that_is_set_on_the_robot_is_carried_by_it(franka):
     assert moved["set"] < 2e-3 < 5e-3 < moved["unset"], moved
 
 
-def test_a_server_in_real_time_that_is_killed_in_mid_motion_is_told():
+def test_a_real_time_server_killed_during_motion_is_reported():
     """A machine that stalls for ten periods is told as well; then once more."""
     for attempt in range(4):  # each at an address that no connection of before keeps busy
         server = Franka(f"127.0.0.{3 + attempt}", realtime=True)
@@ -204,7 +204,7 @@ def test_a_server_in_real_time_that_is_killed_in_mid_motion_is_told():
     assert "Is the cable in" in ending.reason
 
 
-def test_nobody_at_an_address_and_another_robot_are_refused(franka):
+def test_a_silent_address_and_another_robot_are_refused(franka):
     with pytest.raises(pa.InputError, match=r"127\.0\.0\.77: cannot be reached: .*FCI"):
         FrankaArm("127.0.0.77", robot())
     with pytest.raises(pa.InputError, match="a Franka has 7 joints"):
@@ -214,7 +214,7 @@ def test_nobody_at_an_address_and_another_robot_are_refused(franka):
         drive(franka, "hold", 0.1, of=plain)
 
 
-def test_one_command_lets_it_learn_what_it_carries(franka, tmp_path, capsys):
+def test_one_command_identifies_the_load(franka, tmp_path, capsys):
     """Without a scenario its joints move; the load hangs on it, and is no contact."""
     log = ["--log", str(tmp_path / "run.mcap"), "--safety", "late=1000000"]
     assert main(["drive", "franka", franka.address, "--adapt", "--duration", "0.25", *log]) == 0

@@ -166,7 +166,7 @@ def test_a_motion_is_followed_and_ends_in_brakes(request, motors):
     assert np.abs(motors.plant.measure().q - robot().q0).max() > 5e-3
 
 
-def test_a_motor_that_is_silent_or_at_fault_stops_the_others(request, motors):
+def test_a_silent_or_faulty_motor_stops_the_others(request, motors):
     def fault(count):
         if count == 100:
             motors.fault = 33
@@ -176,7 +176,7 @@ def test_a_motor_that_is_silent_or_at_fault_stops_the_others(request, motors):
     assert ending.failed and "the motor of joint1 has fault 33" in ending.reason
 
 
-def test_a_cable_that_is_pulled_is_told(request, motors):
+def test_a_pulled_cable_is_reported(request, motors):
     arm = arm_of(motors, channel=channel_of(request))
     arm._timeout = 0.02
 

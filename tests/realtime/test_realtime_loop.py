@@ -53,7 +53,7 @@ def test_log_only_computes_torques_and_sends_none():
     assert loop.phases == ["running", "stopped"] and moved(loop) == 0.0
 
 
-def test_in_axes_that_nobody_knows_the_joints_are_held():
+def test_in_unknown_axes_the_joints_are_held():
     """Turned by 180 degrees against the description, the feedback of x would drive the arm away."""
     true = heavy().changed(tool_translation=[0.03, 0.02, 0.0]).seen_from([0.0, 0.0, np.pi])
     unknown = controller(unknown=pa.Unknown(tracker=True))
@@ -66,7 +66,7 @@ def test_in_axes_that_nobody_knows_the_joints_are_held():
         assert waits is held
 
 
-def test_without_adaptation_a_motion_in_axes_that_nobody_knows_is_refused():
+def test_without_adaptation_a_motion_in_unknown_axes_is_refused():
     unknown = controller(unknown=pa.Unknown(tracker=True))
     with pytest.raises(pa.InputError, match="without adaptation"):
         Loop(stage="slow", of=unknown)
@@ -141,7 +141,7 @@ def late(periods, cycles=1):
     return fault
 
 
-def test_a_late_cycle_is_taken_for_what_it_is():
+def test_a_late_cycle_is_computed_with_its_duration():
     loop = Loop(faulty(late(4)))
     ending = loop.ended()
     assert ending.late == 1 and not ending.failed
@@ -218,7 +218,7 @@ def test_a_step_is_rehearsed_while_the_loop_waits_and_changes_nothing(waits, mon
         assert np.array_equal(step(state, m, desired, PERIOD)[0], torque)
 
 
-def test_what_the_system_does_not_allow_is_said(monkeypatch):
+def test_denied_system_settings_are_reported(monkeypatch):
     def refused(*arguments):
         raise PermissionError(1, "Operation not permitted")
 
@@ -228,14 +228,14 @@ def test_what_the_system_does_not_allow_is_said(monkeypatch):
         assert len(notes) == 2 and "rtprio" in notes[0] and "core 0" in notes[1]
 
 
-def test_the_scheduling_is_taken_back():
+def test_the_scheduling_is_restored():
     before = os.sched_getaffinity(0), os.sched_getscheduler(0)
     with Scheduling(1, min(before[0]), False).applied():
         assert os.sched_getaffinity(0) == {min(before[0])}
     assert (os.sched_getaffinity(0), os.sched_getscheduler(0)) == before
 
 
-def test_the_loop_keeps_the_garbage_collector_out_and_gives_it_back():
+def test_the_loop_disables_and_restores_the_garbage_collector():
     seen, frozen = [], gc.get_freeze_count()
     Loop(faulty(lambda arm, m: seen.append(gc.isenabled()) or m)).ended()
     assert not any(seen) and gc.isenabled()
@@ -310,7 +310,7 @@ def frozen(arm, m):
     return arm.last
 
 
-def test_a_camera_that_says_nonsense_is_told():
+def test_nonsense_from_a_camera_is_reported():
     nonsense = faulty(lambda arm, m: m._replace(x=m.x * np.nan))
     loop = Loop(nonsense, seconds=9.0)
     ending = loop.ended()
@@ -362,7 +362,7 @@ def stuck(later):
         (False, 125, 0.9, r"damping: joint2 still at \S+ rad/s or m/s after 0\.5 s"),
     ],
 )
-def test_an_arm_that_no_torque_rests_is_left_to_its_brakes(later, at, soon, said):
+def test_an_arm_with_unmeasured_joints_is_left_to_its_brakes(later, at, soon, said):
     """In the second case the encoder seems to be that of a joint that stands."""
     loop = Loop(faulty(stuck(later), at=at), "adapt", seconds=9.0)
     ending = loop.ended()
@@ -383,7 +383,7 @@ def test_an_arm_in_error_refuses_before_anything_moves():
     assert loop.loop.ending.failed and moved(loop) == 0.0
 
 
-def test_brakes_that_are_on_are_noticed():
+def test_engaged_brakes_are_detected():
     class Braked(PlantArm):
         def send(self, torque):
             super().send(torque)
@@ -406,7 +406,7 @@ def test_brakes_that_are_on_are_noticed():
         ({"compensation": lambda q: 0.0 * q}, 'adds its gravity .*compensated="nominal"'),
     ],
 )
-def test_an_arm_that_is_not_the_controllers_is_refused(facts, words):
+def test_an_arm_that_does_not_match_the_controller_is_refused(facts, words):
     other = arm()
     other.facts = ArmFacts.of(robot(), **{"period": PERIOD, **facts})
     with pytest.raises(pa.InputError, match=words):
@@ -428,7 +428,7 @@ def test_an_arm_that_compensates_gravity_is_sent_the_difference():
     assert np.abs(sent[:20]).max() < 1e-6 and moved(loop) < 1e-6
 
 
-def test_a_camera_that_never_comes_is_said():
+def test_a_missing_camera_is_reported():
     class Blind(PlantArm):
         def read(self):
             return super().read()._replace(x=None, xd=None)
@@ -437,7 +437,7 @@ def test_a_camera_that_never_comes_is_said():
         Loop(arm(kind=Blind)).ended()
 
 
-def test_torques_keep_their_rate():
+def test_torques_change_at_most_at_their_rate():
     loop = Loop(faulty(None), safety=Safety(torque_rate=50.0))
     loop.ended()
     changes = [np.abs(b - a).max() for a, b in itertools.pairwise(loop.arm.sent)]

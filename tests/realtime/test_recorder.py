@@ -87,7 +87,7 @@ def test_a_replay_gives_the_same_torques_bit_for_bit(run):
     assert found.same and found.asked.sum() > 200 and not found.difference.any()
 
 
-def test_a_replay_by_another_controller_shows_what_it_would_have_asked_for(run):
+def test_a_replay_by_another_controller_shows_its_torques(run):
     path, of, *_ = run
     log = CycleLog.read(path)
     for other in (
@@ -186,7 +186,7 @@ def test_a_file_without_its_end_is_read_up_to_there(run, tmp_path):
         CycleLog.read(cut)
 
 
-def test_a_full_disk_leaves_whole_chunks(tmp_path):
+def test_a_full_disk_leaves_complete_chunks(tmp_path):
     class Full:
         """A file of which the disk is full after some bytes."""
 
@@ -213,7 +213,7 @@ def test_a_full_disk_leaves_whole_chunks(tmp_path):
     assert path.stat().st_size == writer.size and len(read_mcap(path).messages["/e"]) > 10
 
 
-def test_a_disk_that_is_full_in_mid_motion_ends_it_and_leaves_what_was_written(tmp_path):
+def test_a_disk_full_during_motion_ends_it_and_keeps_the_log(tmp_path):
     """From some size on the writing process may write no larger file; to it the disk is full."""
     path = tmp_path / "full.mcap"
     with Recorder(path, controller()) as recorder:
@@ -255,7 +255,7 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
     assert log.replay(controller()).same
 
 
-def test_a_ring_that_is_full_drops_and_says_so_and_the_last_events_are_written(tmp_path):
+def test_a_full_ring_reports_dropped_cycles_and_writes_the_last_events(tmp_path):
     """The process of the log gets no time until all is over."""
     path = tmp_path / "stalled.mcap"
     recorder = Recorder(path, controller(), rows=4)
@@ -274,7 +274,7 @@ def test_a_ring_that_is_full_drops_and_says_so_and_the_last_events_are_written(t
     assert len(log) == 4
 
 
-def test_no_shared_memory_is_said(monkeypatch):
+def test_missing_shared_memory_is_reported(monkeypatch):
     def full(*arguments):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -309,7 +309,7 @@ def test_commands_come_by_the_loopback(run):
         assert words in said, words
 
 
-def test_nobody_at_a_port_and_a_port_in_use_are_said():
+def test_a_silent_port_and_a_port_in_use_are_reported():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
@@ -424,7 +424,7 @@ def test_a_plant_in_a_process_of_its_own_that_dies_is_noticed(tmp_path):
     assert "the connection broke" in ending.reason or "has ended its connection" in ending.reason
 
 
-def test_an_arm_that_hears_nothing_stops_by_itself():
+def test_an_arm_without_torques_stops_by_itself():
     on = arm()
     on.read()
     on.send(np.zeros(2))
@@ -434,6 +434,6 @@ def test_an_arm_that_hears_nothing_stops_by_itself():
     assert np.abs(on.plant.measure().v).max() < 1e-2
 
 
-def test_a_plant_that_cannot_be_made_is_said():
+def test_a_plant_that_cannot_be_made_is_reported():
     with pytest.raises(pa.InputError, match="expected a Robot, got None"):
         ProcessArm(partial(pa.plants.PinocchioPlant, None), PERIOD)

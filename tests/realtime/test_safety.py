@@ -23,7 +23,7 @@ def test_a_good_run_finds_nothing():
     assert not loop.loop.ending.failed and len(loop.said) == 4
 
 
-def test_a_joint_that_is_too_fast_is_damped():
+def test_a_joint_that_is_too_fast_starts_damping():
     loop = Loop(safety=Safety(velocity=1e-3))
     reason, phases = ended(loop)
     assert reason.startswith("velocity: ") and phases == ["running", "damping", "stopped"]
@@ -68,13 +68,13 @@ def test_a_position_that_jumps_is_damped_before_it_is_an_error():
     assert phases[1] == "damping" and "'x' has jumped" in reason
 
 
-def test_a_motor_that_stays_at_its_limit_is_held():
+def test_a_motor_that_stays_at_its_limit_holds_the_path():
     of = controller(limits=pa.Limits(torque=[35.0, 10.0]))
     reason, _ = ended(Loop(of=of, safety=Safety(saturated=0.05, error=1.0), seconds=3.0))
     assert reason.startswith(("torque: ", "contact: ", "error: "))
 
 
-def test_a_camera_that_stops_is_held():
+def test_a_missing_camera_holds_the_path():
     blind = lambda arm, m: m._replace(x=None, xd=None)  # noqa: E731
     on = faulty(blind)
     reason, phases = ended(Loop(on, safety=Safety(camera=0.1), seconds=3.0))
@@ -82,7 +82,7 @@ def test_a_camera_that_stops_is_held():
     assert reason.startswith("camera: no frame for 0.1")
 
 
-def test_a_load_that_is_not_learned_does_not_sink_while_the_arm_is_damped():
+def test_an_unknown_load_does_not_sink_while_the_arm_is_damped():
     on = faulty(None)
     q = []
     on.fault, on.at = (lambda arm, m: q.append(m.q) or m), 0
@@ -105,7 +105,7 @@ class Wall(PlantArm):
         super().send(torque - push)
 
 
-def test_an_obstacle_is_told_from_a_load_and_the_adaptation_rests_first():
+def test_an_obstacle_is_distinguished_from_a_load_and_freezes_the_adaptation_first():
     away = pa.trajectories.Waypoints(
         [robot().position(robot().q0), robot().position(robot().q0 + np.array([0.5, 0.0]))], 0.8
     )

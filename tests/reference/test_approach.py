@@ -63,7 +63,7 @@ def test_an_approach_goes_straight_and_the_short_way(task, motion, start):
         assert np.isclose(ways[0][0], -0.4 - (6.8 - 2 * np.pi))
 
 
-def test_what_follows_an_approach_is_later():
+def test_the_motion_after_an_approach_is_delayed():
     rest = pa.trajectories.Waypoints([[0.0, 0.0], [0.1, 0.0]], 0.8)
     later = Approach(rest, [0.1, 0.1], 0.5, pa.tasks.TASKS["xy"])
     assert later.settles == later.at_rest_from() == 1.3

@@ -71,7 +71,7 @@ def test_an_approach_keeps_the_limits(name, by):
 
 
 @pytest.mark.parametrize(("scale", "by"), [(1e3, 0.0), (1.0, 0.9)], ids=["millimetres", "away"])
-def test_a_first_point_out_of_reach_is_said(scale, by):
+def test_a_first_point_out_of_reach_is_warned_of(scale, by):
     robot = catalogue_robot("ur5")
     point = scale * robot.position(robot.q0) + np.array([by, 0.0, 0.0])
     with pytest.warns(UserWarning, match="does not reach the first point.* in metres"):
@@ -104,7 +104,7 @@ def test_the_motion_of_the_joints_is_that_of_the_task(task):
         assert np.allclose(a, slope, atol=0.05 * np.abs(joints.a).max())
 
 
-def test_the_path_through_an_unreachable_point_is_known_to_be():
+def test_a_path_through_an_unreachable_point_is_recognised():
     robot = catalogue_robot("panda")
     away = robot.position(robot.q0) + np.array([1.0, 0.0, 0.0])
     joints = joint_motion(

@@ -153,7 +153,7 @@ def test_beyond_the_horizon_a_motion_of_unknown_period_goes_on_at_the_slowest_ra
     assert slowed.law.at(30.0)[1:] == pytest.approx((least, 0.0), rel=1e-6)
 
 
-def test_what_time_scaling_cannot_mend_is_said():
+def test_violations_that_time_scaling_cannot_remove_are_warned_of():
     robot = catalogue_robot("panda")
     home = robot.position(robot.q0)
     with pytest.warns(UserWarning, match=r"leaves the workspace from [12]\.\d+ s on, at \["):
@@ -183,7 +183,7 @@ def test_what_time_scaling_cannot_mend_is_said():
         ({"efforts": -1.0}, "torque_limits: must be positive"),
     ],
 )
-def test_settings_that_mean_nothing_are_refused(options, words):
+def test_meaningless_settings_are_refused(options, words):
     robot = catalogue_robot("panda")
     with pytest.raises(pa.InputError, match=words):
         pa.within_limits(fast_circle(robot, 3.0), robot, **options)

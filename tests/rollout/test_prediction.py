@@ -65,7 +65,7 @@ def test_only_the_motion_since_the_last_change_is_predicted():
     assert run("planar_2r", control=fixed).prediction.share_first > 0.05
 
 
-def test_without_estimates_or_samples_nothing_is_said(rollout):
+def test_without_estimates_or_samples_there_is_no_prediction(rollout):
     known = pa.Unknown(bodies="none", friction=False, armature=False)
     perfect = run("ur5", control={"unknown": known}, duration=0.05)
     assert perfect.prediction is None and "predicted torque" not in str(perfect)

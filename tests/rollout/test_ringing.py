@@ -45,7 +45,7 @@ def test_an_oscillation_is_found_with_its_joint_frequency_and_size(frequency):
     ],
     ids=["motion", "noise", "little", "over", "friction", "nothing"],
 )
-def test_nothing_else_rings(torques):
+def test_other_torques_do_not_ring(torques):
     assert ringing(T, torques, NAMES) is None
 
 

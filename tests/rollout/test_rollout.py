@@ -83,7 +83,7 @@ def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path, unpainted):
     )
 
 
-def test_a_law_that_learns_from_torques_alone_says_which_adaptation_runs():
+def test_a_law_that_adapts_from_torques_alone_names_its_adaptation():
     robot = load("planar_2r", task="joint")
     controller = pa.make_controller(robot, law="middleton-goodwin", adaptation="natural")
     assert "natural-composite" in str(controller)

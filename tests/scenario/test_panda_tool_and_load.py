@@ -32,7 +32,7 @@ def test_panda_unadapted_is_ten_times_worse(adapted):
     assert adapted.summary()["max_error_last"] <= 0.1 * unadapted.summary()["max_error_last"]
 
 
-def test_panda_learns_its_tool_and_loses_v(adapted):
+def test_panda_learns_its_tool_and_v_decreases(adapted):
     assert np.linalg.norm(adapted.a_k[-1] - adapted.a_k_true) < 0.1 * np.linalg.norm(
         adapted.a_k[0] - adapted.a_k_true
     )

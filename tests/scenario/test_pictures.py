@@ -112,7 +112,7 @@ def test_a_loaded_run_knows_its_pixels(rollout, tmp_path):
         ({"robot.task": "xy"}, "pixel: has a use only with"),
     ],
 )
-def test_what_no_camera_sees_is_refused(settings, words, tmp_path):
+def test_pictures_outside_of_a_camera_are_refused(settings, words, tmp_path):
     raw = {name: dict(table) for name, table in RAW.items()}
     raw["truth"]["camera"] = [dict(RAW["truth"]["camera"][0])]
     tables = tables_with(raw, settings, "test")

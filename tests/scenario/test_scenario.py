@@ -340,7 +340,7 @@ def test_another_chain_says_what_else_to_set(setting, tmp_path):
     assert "robot.q0" in words and "pinadapt init panda --frame" in words
 
 
-def test_a_misspelt_frame_is_no_other_chain():
+def test_a_misspelt_frame_is_not_taken_for_another_chain():
     with pytest.raises(pa.exceptions.RobotError) as caught:
         Scenario.read(robots_folder() / "panda/tool_and_load.toml", ["robot.frame=panda_hnd"])
     assert "Did you mean 'panda_hand'?" in str(caught.value)

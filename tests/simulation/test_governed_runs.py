@@ -19,7 +19,7 @@ def ur5():
     return true, model, begun(pa.reachable_circle(model), true)
 
 
-def test_an_obstacle_is_waited_out(ur5):
+def test_the_path_waits_at_an_obstacle(ur5):
     """The error while held stops growing, and nothing winds up however long it lasts."""
     natural = {"dt": DT, "adaptation": "natural"}
     without = run(*ur5, 3.5, governed=False, plant=Held, **natural)
@@ -36,7 +36,7 @@ def test_an_obstacle_is_waited_out(ur5):
     assert long["late"] - short["late"] == pytest.approx(3.0, abs=0.05)
 
 
-def test_an_obstacle_is_waited_out_with_a_memory_too(ur5):
+def test_the_path_waits_at_an_obstacle_with_a_memory_too(ur5):
     """While a motor saturates it learns nothing: it does not take the obstacle for inertia."""
     short = run(*ur5, 4.2, governed=True, plant=Held, dt=DT)
     long = run(*ur5, 7.2, governed=True, plant=HeldLonger, dt=DT)
@@ -48,7 +48,7 @@ def test_an_obstacle_is_waited_out_with_a_memory_too(ur5):
     assert slowed["from"] == pytest.approx(2.0, abs=0.15) and slowed["least_rate"] < 1e-3
 
 
-def test_a_blind_camera_is_waited_for(ur5):
+def test_the_path_waits_for_a_blind_camera(ur5):
     without = run(*ur5, 3.0, governed=False, blind=True, dt=DT)
     assert without["lost"] == pytest.approx(2.93, abs=0.05)  # a second after the last frame
     with_one = run(*ur5, 6.6, governed=True, blind=True, dt=DT)
@@ -114,7 +114,7 @@ def test_a_slow_lift_slows_its_path():
 @pytest.mark.parametrize(
     ("name", "adaptation"), [("panda", None), ("ur5", None), ("xarm7", None), ("ur10", "natural")]
 )
-def test_on_runs_that_go_well_it_never_acts(name, adaptation):
+def test_the_governor_never_acts_on_good_runs(name, adaptation):
     """Others are in the benchmark's file; the memory's start costs a ur10 a millisecond."""
     assert name in [row["robot"] for row in table_rows("governor") if row["event"] == "healthy"]
     true, model = unknown(catalogue_robot(name))
@@ -123,7 +123,7 @@ def test_on_runs_that_go_well_it_never_acts(name, adaptation):
     assert found["lost"] is None and found["slowed"] == [] and found["late"] == 0.0
 
 
-def test_a_rollout_says_what_slowed_it(ur5, tmp_path, blank_pictures):
+def test_a_rollout_states_what_slowed_its_path(ur5, tmp_path, blank_pictures):
     true, model, circle = ur5
     controller = pa.make_controller(model, limits=pa.Limits(governor=True), dt=DT)
     rollout = pa.simulate(true, controller, circle, duration=3.5, engine=Held, record_every=5)

@@ -96,7 +96,7 @@ class Bench(Plant):
         """Do nothing."""
 
 
-def test_a_plant_that_cannot_change_says_so():
+def test_a_plant_that_cannot_change_raises_an_error():
     with pytest.raises(pa.InputError, match="changes: Bench cannot become"):
         Bench().become(arm())
 
@@ -135,7 +135,7 @@ def test_times_are_positive_and_finite(changes):
         ({}, "nothing"),
     ],
 )
-def test_a_change_is_told_in_words(change, words):
+def test_a_change_is_described_in_words(change, words):
     assert difference(arm(), arm(**change)) == words
 
 
@@ -333,7 +333,7 @@ def test_a_basis_moves_by_the_difference_to_the_load_announced_last():
     assert np.allclose(told(controller, after, payload=None).a_d, state.a_d)
 
 
-def test_a_tool_is_told_by_its_translation_and_the_lengths_keep_theirs():
+def test_a_tool_is_announced_by_its_translation_and_the_lengths_keep_theirs():
     controller = lumped(("tool", *LENGTHS))
     state = started(controller, arm())
     moved = state.a_k + 0.01
@@ -376,7 +376,7 @@ def hand_made():
         (hand_made, {"payload": HEAVY}, "put together without a description"),
     ],
 )
-def test_what_the_parameters_cannot_express_is_refused(make, news, message):
+def test_announcements_that_the_parameters_cannot_express_are_refused(make, news, message):
     controller = make(arm()) if make is pa.make_controller else make()
     state = started(controller, arm())
     with pytest.raises(pa.InputError, match=re.escape(message)):
@@ -391,7 +391,7 @@ def test_what_the_parameters_cannot_express_is_refused(make, news, message):
         )
 
 
-def test_a_tool_of_unknown_length_is_told_along_its_direction_only():
+def test_a_tool_of_unknown_length_is_announced_along_its_direction_only():
     panda = arm("panda")
     controller = pa.make_controller(
         panda, unknown=pa.Unknown(tool=False, translations="tool:length")
@@ -403,7 +403,7 @@ def test_a_tool_of_unknown_length_is_told_along_its_direction_only():
         told(controller, state, tool_translation=[0.01, 0.0, 0.05])
 
 
-def test_nothing_said_and_no_load_where_none_is_known_change_nothing():
+def test_an_empty_announcement_changes_nothing():
     controller = pa.make_controller(arm(), unknown=pa.Unknown(bodies=["joint2"]))
     state = started(controller, arm())
     assert controller.announce(state) is state
@@ -415,7 +415,7 @@ def test_an_unknown_announcement_is_refused_with_the_nearest():
         loop(events=pa.Events(announcements={1.0: {"paylod": None}}))
 
 
-def test_a_copy_is_told_the_same():
+def test_a_copy_takes_the_same_announcement():
     controller = pa.make_controller(arm(), law="separation")
     state, other = started(controller, arm()), copy.deepcopy(controller)
     for news in ({"payload": HEAVY}, {"tool_translation": TOOL}):
@@ -450,7 +450,7 @@ def ran(*settings):
     return panda(*settings).run()
 
 
-def test_untold_the_panda_is_back_within_a_fifth_of_a_second():
+def test_without_announcement_the_panda_is_back_within_a_fifth_of_a_second():
     drop, lift = ran(NATURAL).transients
     assert (drop.at, drop.what, lift.at, lift.what) == (1.2, "-1.5 kg", 2.2, "+3 kg")
     assert 0.5e-3 < drop.worst < 2e-3 and drop.back < 0.2
@@ -458,7 +458,7 @@ def test_untold_the_panda_is_back_within_a_fifth_of_a_second():
     assert ran(NATURAL).distance[-500:].max() < 0.3e-3
 
 
-def test_told_it_stays_within_a_fifth_of_a_millimetre():
+def test_with_announcement_it_stays_within_a_fifth_of_a_millimetre():
     told, untold = ran(TOLD, NATURAL).transients, ran(NATURAL).transients
     for transient, other in zip(told, untold, strict=True):
         assert transient.what == f"{other.what}, announced"
@@ -591,7 +591,7 @@ def test_the_table_and_the_summary_tell_of_each_change(tmp_path):
     assert loop().summary()["changes"] == []
 
 
-def test_a_run_that_does_not_come_back_says_so():
+def test_a_run_that_does_not_recover_is_reported():
     rollout = loop({0.03: arm(payload=HEAVY, tool_translation=[0.0, 0.0, 0.1])})
     (transient,) = rollout.transients
     assert transient.back is None and transient.worst > 0.05

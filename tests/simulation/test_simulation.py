@@ -54,7 +54,7 @@ def test_torque_limits_clip():
     assert (clipped.tau == limits).any() and (clipped.tau == -limits).any()
 
 
-def test_limits_of_zero_do_not_take_the_torque_away():
+def test_limits_of_zero_mean_no_limit():
     model = load("ur5").model.copy()
     model.effortLimit = np.zeros(6)
     robot = pa.load(model, frame="tool0", q0=load("ur5").home_angles)
@@ -139,7 +139,7 @@ MEASURED += [(name, "xd") for name, law in FRAME_LAWS.items() if law.needs_task_
 
 @pytest.mark.parametrize("adaptation", ["natural", "gradient"])
 @pytest.mark.parametrize(("law", "field"), MEASURED)
-def test_a_bad_measurement_raises_and_leaves_the_state_alone(law, adaptation, field):
+def test_a_bad_measurement_raises_and_leaves_the_state_unchanged(law, adaptation, field):
     controller, state, measurement, desired = controlled("scara", law, adaptation)
     tau, after = controller.step(state, measurement, desired, 1e-3)
     before, expected = snapshot(state), snapshot(after)
@@ -177,7 +177,7 @@ def test_a_bad_first_measurement_is_refused():
 
 
 @pytest.mark.parametrize("name", FRAME_LAWS)
-def test_a_task_velocity_that_no_sensor_gives_is_the_believed_one(name):
+def test_an_unmeasured_task_velocity_is_the_estimated_one(name):
     robot = load("ur5")
     controller = pa.make_controller(robot.changed(tool_translation=[0.02, 0.0, 0.05]), law=name)
     measurement = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.linspace(0.1, 0.3, 6))
@@ -273,7 +273,7 @@ def test_divergence_is_a_result_and_no_error(name, law, gamma_d, Kv, options):
 @pytest.mark.parametrize(
     "law", ["adaptive-inverse-dynamics", "adaptive-inverse-dynamics-improved", "adaptive-jacobian"]
 )
-def test_a_wild_rate_does_not_blow_up_between_two_samples(law):
+def test_a_large_rate_does_not_diverge_between_two_samples(law):
     described = load("ur5")
     true = described.changed(payload=pa.Payload(1.0, [0.0, 0.0, 0.05]))
     controller = pa.make_controller(described.changed(inertial_scale=0.5), law=law, gamma_d=1e3)

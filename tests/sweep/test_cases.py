@@ -61,7 +61,7 @@ def test_lists_and_ranges(given, axis):
         ("1 +", "cannot be read"),
     ],
 )
-def test_what_is_no_range_is_refused(given, words):
+def test_invalid_ranges_are_refused(given, words):
     with pytest.raises(pa.InputError, match=words):
         Cases.of({"k": given}, samples=2 if "uniform" in str(given) else None)
 
@@ -86,7 +86,7 @@ def test_a_case_follows_from_its_number_alone():
 
 
 @pytest.mark.parametrize("method", ["random", "lhs", "sobol"])
-def test_distributions_are_what_they_are_called(method):
+def test_distributions_have_the_stated_moments(method):
     given = {
         "u": "uniform([0, 10], [1, 20])",
         "l": "loguniform(1, 10000)",
@@ -190,7 +190,7 @@ def test_keys_and_values_that_a_scenario_refuses_are_refused_before_anything_run
         plan(scenario, vary)
 
 
-def test_a_sweep_file_says_all_of_it_and_its_copy_the_same(scenario, tmp_path):
+def test_a_sweep_file_and_its_copy_define_the_same_sweep(scenario, tmp_path):
     file = tmp_path / "sweep_file.toml"
     file.write_text(
         'title = "T"\nscenario = "scenario.toml"\nsamples = 3\nmethod = "lhs"\nseed = 4\n'

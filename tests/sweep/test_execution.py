@@ -113,7 +113,7 @@ def test_failures_are_rows_with_reasons_and_cost_one_case(two):
     assert table["square"].tolist()[4:] == [16.0, 25.0] and table.lost.tolist().count(True) == 3
 
 
-def test_other_engines_leave_a_case_that_hangs_behind():
+def test_other_engines_leave_hanging_cases_behind():
     table = pa.sweep(troubled, {"a": [0, 3, 4]}, executor=0, timeout=0.2)
     assert table["status"].tolist() == ["done", "timeout", "done"]
 
@@ -126,7 +126,7 @@ def test_a_function_has_the_seed_of_the_case_unless_it_is_varied(two):
     assert given["random"].tolist() == [5.0, 1.0]
 
 
-def test_what_workers_cannot_import_is_refused(two):
+def test_functions_that_workers_cannot_import_are_refused(two):
     with pytest.raises(pa.InputError, match=r"cannot be sent .* executor=0"):
         pa.sweep(lambda a: a, {"a": [1]}, executor=two)
     assert pa.sweep(lambda a: a, {"a": [1]}, executor=0)["result"].tolist() == [1.0]
@@ -142,7 +142,7 @@ def test_workers_of_another_version_are_refused_with_both(monkeypatch):
     assert issubclass(EngineError, pa.InputError)  # the command's exit status is that of a refusal
 
 
-def test_a_worker_that_was_ended_while_idle_costs_nothing(two):
+def test_a_worker_ended_while_idle_costs_nothing(two):
     os.kill(two.submit(os.getpid).result(), signal.SIGKILL)
     time.sleep(0.3)
     assert pa.sweep(doubled, {"a": [1.0, 2.0]}, executor=two)["twice"].tolist() == [2.0, 4.0]
@@ -186,7 +186,7 @@ def test_a_folder_is_completed_and_nothing_runs_twice(tmp_path):
     assert runs == {"0": "x", "1": "x", "2": "xx", "3": "x", "4": "xx", "5": "x"}
 
 
-def test_what_crashed_runs_again_when_it_is_asked_for(tmp_path):
+def test_crashed_cases_run_again_on_request(tmp_path):
     given = {"a": [0, 1, 4]}
     whole = pa.sweep(troubled, given, executor=0, folder=tmp_path)
     with Store(tmp_path) as store:
@@ -310,7 +310,7 @@ def test_the_command_writes_table_page_and_figures_and_runs_a_case_alone(
         (["--vary", "reference.radius=uniform(0.1, 0.2)"], "number of samples is missing"),
     ],
 )
-def test_the_command_refuses(arguments, words, scenario, tmp_path, capsys):
+def test_the_command_refuses_invalid_arguments(arguments, words, scenario, tmp_path, capsys):
     assert swept(tmp_path / "out", scenario, *arguments) == 2
     error = capsys.readouterr().err
     assert words in error and "Traceback" not in error and not (tmp_path / "out").exists()
@@ -322,7 +322,7 @@ def test_the_command_asks_before_a_billion_cases(scenario, tmp_path, capsys):
     assert "1,600,000,000 cases are more than 1,000,000" in capsys.readouterr().err
 
 
-def test_a_scheduler_that_does_not_answer_is_refused(scenario, tmp_path, capsys, monkeypatch):
+def test_a_silent_scheduler_is_refused(scenario, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(execution, "_ANSWER", 0.5)
     arguments = ["--vary", "reference.radius=[0.1]", "--scheduler", "tcp://127.0.0.1:9"]

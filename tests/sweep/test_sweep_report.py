@@ -22,7 +22,7 @@ def test_the_rate_has_wilsons_interval():
 
 
 @pytest.mark.parametrize("p", [0.05, 0.5, 0.95])
-def test_the_interval_of_a_percentile_covers_it_as_often_as_it_says(p):
+def test_the_interval_of_a_percentile_has_the_stated_coverage(p):
     rng, hits = np.random.default_rng(0), 0
     for _ in range(400):
         found = percentile(rng.exponential(size=100), p)
@@ -59,7 +59,7 @@ def report(count=200, lost=True, **options):
     return Report(CaseTable.of(rows), Plan(cases, function=dict, success="ok"), **options)
 
 
-def test_influences_are_rank_correlations_and_know_what_does_not_matter():
+def test_influences_are_rank_correlations_with_significance():
     found = {each.name: each for each in report().influences()}
     values = np.where(report().table.lost, np.inf, report().table["value"])
     ranks, y = stats.rankdata(values), report().table["w"] == "y"
@@ -99,7 +99,7 @@ def test_the_share_of_lost_cases_is_drawn_where_there_are_some():
     assert len(kept.bands("a").axes) == 1
 
 
-def test_names_of_columns_are_short_where_that_tells_them_apart():
+def test_names_of_columns_are_short_where_they_stay_unique():
     assert _short(["truth.payload.mass", "belief.payload.mass", "controller.alpha", "a"]) == [
         "truth.payload.mass",
         "belief.payload.mass",

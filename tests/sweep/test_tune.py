@@ -43,7 +43,7 @@ def test_gains_are_better_only_where_chance_does_not_explain_it():
     assert "on other seeds" in words
 
 
-def test_lost_cases_decide():
+def test_lost_cases_count_first():
     errors = np.ones(20)
     worse, better = errors.copy(), errors.copy()
     worse[:4], better[:4] = np.inf, 0.1
@@ -63,7 +63,7 @@ def test_lost_cases_decide():
         (["gain"], "expected key=value"),
     ],
 )
-def test_what_cannot_be_searched_is_refused(gain, words, tmp_path):
+def test_invalid_searches_are_refused(gain, words, tmp_path):
     (tmp_path / "cases.toml").write_text(CASES)
     with pytest.raises(pa.InputError, match=words):
         searched(gain, Plan.read(tmp_path / "cases.toml"))
@@ -77,7 +77,7 @@ def test_a_gain_of_a_scenario_is_checked_before_anything_runs(tmp_path):
         searched(["controller.alhpa=loguniform(1, 10)"], plan)
 
 
-def test_a_search_finds_the_minimum_and_says_so(tmp_path, capsys):
+def test_a_search_finds_the_minimum_and_reports_it(tmp_path, capsys):
     """The result is the distance of a gain from the place, plus a tenth; the default gain is 1."""
     pytest.importorskip("optuna")
     (tmp_path / "cases.toml").write_text(CASES)
@@ -98,7 +98,7 @@ def test_a_search_finds_the_minimum_and_says_so(tmp_path, capsys):
     assert not found["better"] and "The defaults are as good" in capsys.readouterr().out
 
 
-def test_without_optuna_it_is_said_how_to_get_it(tmp_path, capsys, monkeypatch):
+def test_without_optuna_the_error_names_the_extra(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "optuna", None)
     (tmp_path / "cases.toml").write_text(CASES)
     arguments = ["tune", str(tmp_path / "cases.toml"), "--gain", "gain=uniform(0, 4)"]

@@ -128,7 +128,7 @@ def test_a_ramp_given_later_replaces_the_first():
         CIRCLE.from_rest(0.0)
 
 
-def test_functions_are_not_looked_at_beyond_the_run():
+def test_functions_are_not_called_beyond_the_run():
     def until(t):
         assert t <= 0.504, "asked beyond the end"
         return [math.sin(t)]
@@ -146,7 +146,7 @@ def test_a_motion_as_given_is_the_same_motion():
     assert np.allclose(moved.at(0.0).x_d, 0.0)
 
 
-def test_what_comes_to_rest_comes_to_rest_later():
+def test_the_slowed_motion_rests_later():
     free = pa.trajectories.Spline(TIMES, np.sin(TIMES), ends="free")
     for begun in (free.from_rest(0.6), pa.trajectories.Retimed(free, slow(free))):
         end = begun.settles
@@ -175,7 +175,7 @@ def test_a_slowed_time_is_smooth_exact_and_never_fast(values, turn):
         assert np.allclose(before, after, atol=1e-6)
 
 
-def test_what_repeats_is_known():
+def test_periodic_motions_are_recognised():
     repeats = {
         "sinusoid": pa.trajectories.Sinusoid([0.0, 0.0], 0.1, [2.0, 3.0]),
         "lissajous": pa.trajectories.Lissajous([0.0] * 2, [0.1, 0.2], [2.0, 4.0], 3.0),

@@ -141,7 +141,7 @@ def test_declared_motors_get_the_feedforward_earlier_and_their_torque_is_believe
     assert errors[0] < 0.5 * errors[1], errors
 
 
-def test_gains_that_are_too_fast_for_late_motors_are_told_with_what_helps():
+def test_gains_too_fast_for_late_motors_are_named_with_a_remedy():
     robot, late = catalogue_robot("ur5"), Actuators(delay=10e-3)
     controller = made(robot)
     finding = preflight(controller, DT, late)[0]
@@ -170,7 +170,7 @@ def test_simulations_check_the_loop_with_the_true_actuators():
     ("name", "actuators"),
     [("ur5", Actuators(delay=10e-3)), ("panda", Actuators(stiffness=5e3))],
 )
-def test_what_is_lost_undeclared_follows_when_declared(name, actuators):
+def test_loops_lost_without_a_declaration_follow_with_it(name, actuators):
     robot = catalogue_robot(name)
     if actuators.elastic:
         own = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
@@ -220,7 +220,7 @@ def test_joints_softer_than_the_feedback_are_warned_of():
         made(robot, Actuators(stiffness=5e3))
 
 
-def test_what_is_no_declaration_is_refused():
+def test_invalid_declarations_are_refused():
     robot = catalogue_robot("ur5")
     with pytest.raises(pa.InputError, match="expected an Actuators"):
         pa.Limits(actuators=0.01)

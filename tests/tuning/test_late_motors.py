@@ -24,7 +24,7 @@ def rates(law, robot, age=np.inf, **state):
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "z1", "so101"])
-def test_beside_a_memory_the_damping_is_for_late_motors_but_at_the_start(name):
+def test_with_a_memory_the_damping_is_for_late_motors_except_at_the_start(name):
     robot = catalogue_robot(name)
     fast, slow = (pa.make_controller(robot, adaptation=a).law for a in ("natural", MEMORY))
     assert rates(fast, robot)[-1] > 1.4 / LATE
@@ -35,7 +35,7 @@ def test_beside_a_memory_the_damping_is_for_late_motors_but_at_the_start(name):
     assert (np.diff(ages) < 0.0).all() and ages[-1] == rates(slow, robot)[-1]
 
 
-def test_torques_that_are_in_time_take_the_damping_back():
+def test_torques_in_time_increase_the_damping_again():
     """K_D follows three times the time by which torques may be late, between its bounds."""
     robot = catalogue_robot("panda")
     slow = pa.make_controller(robot).law
@@ -51,7 +51,7 @@ def test_torques_that_are_in_time_take_the_damping_back():
 
 
 @pytest.mark.slow
-def test_a_run_tells_whether_motors_are_late():
+def test_a_run_shows_whether_motors_are_late():
     """After 6 s with all of the dynamics unknown, by the states that a run records."""
     case, known = zoo_case("scara"), []
     for late in (0.0, 6e-3):
@@ -64,7 +64,7 @@ def test_a_run_tells_whether_motors_are_late():
     assert known[0] < 1.5e-3 and known[1] > LATE / 3.0, known
 
 
-def test_a_joint_that_is_too_light_for_the_short_lag_has_none_at_the_start():
+def test_a_joint_too_light_for_the_short_lag_starts_with_the_long_one():
     """TIAGo's wrist of 4e-6 kg m^2 would be lost within half a second with motors 10 ms late."""
     case = zoo_case("tiago_arm")
     with warnings.catch_warnings():
@@ -95,7 +95,7 @@ def test_links_that_swing_slower_than_the_feedback_are_followed():
     assert errors[0] < 0.02 and errors[1] > 0.1, errors
 
 
-def test_a_large_error_takes_the_damping_back_while_loads_may_be_unknown():
+def test_a_large_error_raises_the_damping_while_loads_may_be_unknown():
     """From 2 % of the reach on, wholly in the first second, until two; for three times the load."""
     robot = catalogue_robot("panda")
     fast, slow = (pa.make_controller(robot, adaptation=a).law for a in ("natural", MEMORY))
@@ -119,7 +119,7 @@ def test_a_large_error_takes_the_damping_back_while_loads_may_be_unknown():
     assert (np.diff(sizes) > 0.0).all() and (np.diff(later) > 0.0).all()
 
 
-def test_a_heavy_load_that_nobody_announced_does_not_spin_a_light_wrist():
+def test_a_heavy_unannounced_load_does_not_spin_a_light_wrist():
     """1 kg 0.1 m off the axis of a flange of 80 g, in the first half second."""
     robot = light_wrist()
     true = robot.changed(payload=pa.Payload(1.0, (0.1, 0.0, 0.0)))
@@ -142,7 +142,7 @@ def test_a_longer_lag_and_gains_of_the_user_stay(given):
     assert np.array_equal(law.K_D(robot.q0), plain.K_D(robot.q0))
 
 
-def test_declared_actuators_have_the_last_word():
+def test_declared_actuators_take_precedence():
     """Springs have a lag of their own; motors are tolerated half as late again as declared."""
     robot, own = catalogue_robot("ur5"), pa.robot.Actuators
     found = [
@@ -153,7 +153,7 @@ def test_declared_actuators_have_the_last_word():
     assert not found[0].late and found[1].late == pytest.approx(0.03)
 
 
-def test_a_joint_that_the_assumed_load_dwarfs_keeps_more_damping():
+def test_a_joint_light_beside_the_assumed_load_keeps_more_damping():
     """2.5 times that of its own inertia; no joint of an ordinary arm does."""
     robot = light_wrist()
     law = pa.make_controller(robot, adaptation=MEMORY).law
@@ -165,7 +165,7 @@ def test_a_joint_that_the_assumed_load_dwarfs_keeps_more_damping():
 
 
 @pytest.mark.parametrize("name", ["panda", "so101"])
-def test_the_tracking_error_teaches_no_faster_than_late_motors_can_follow(name):
+def test_the_tracking_error_adapts_no_faster_than_late_motors_can_follow(name):
     """The mode of the small so101 would be 75 /s."""
     made = pa.make_controller(catalogue_robot(name), adaptation=MEMORY)
     share, w = made.adaptation_d.share, made.motion.bandwidth

@@ -28,7 +28,7 @@ def light(robot, **options):
 
 
 @pytest.mark.parametrize("law", ACCELERATIONS)
-def test_a_light_wrist_is_named_with_the_load_that_it_bears(law):
+def test_a_light_wrist_is_named_with_the_load_that_it_tolerates(law):
     with pytest.warns(
         UserWarning,
         match="wrist_3_joint moves only .* above 0.076 kg, 88 mm off its axis",
@@ -52,7 +52,7 @@ def test_a_light_wrist_is_named_in_joint_space_too(law):
     ],
     ids=str,
 )
-def test_it_is_told_whatever_else_is_unknown(options):
+def test_a_light_wrist_is_named_whatever_else_is_unknown(options):
     with pytest.warns(UserWarning, match="wrist_3_joint"):
         pa.make_controller(catalogue_robot("ur10"), law=INVERSE, **options)
 
@@ -71,7 +71,7 @@ def test_it_is_told_whatever_else_is_unknown(options):
     ],
     ids=str,
 )
-def test_nothing_is_told_where_nothing_can_spin(name, options):
+def test_no_joint_is_named_where_none_can_spin(name, options):
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message=".*believed to move only")
         pa.make_controller(catalogue_robot(name), **{"law": INVERSE, **options})
@@ -124,7 +124,7 @@ def arm():
     return robot, found, run
 
 
-def test_the_load_that_is_told_is_held_and_a_far_heavier_one_is_not(arm):
+def test_the_named_load_is_held_and_a_far_heavier_one_is_not(arm):
     _, _, run = arm
     held = run(1.0)
     assert held.diverged is None and held.distance[-500:].max() < 2e-4
@@ -137,7 +137,7 @@ def test_gains_that_are_forces_hold_the_heavier_load(arm):
     assert held.diverged is None and np.abs(held.v).max() < 6.0
 
 
-def test_believing_in_a_load_holds_the_heavier_one_and_the_lighter_one(arm):
+def test_an_assumed_load_holds_the_heavier_one_and_the_lighter_one(arm):
     robot, found, run = arm
     mass = 0.1 * sum(body.mass for body in robot.model.inertias[1:])
     moment = mass * found.arm**2

@@ -12,7 +12,7 @@ from tests.support.chains import catalogue_robot
 MEMORY, NATURAL = "natural-memory", "natural"
 
 
-def test_the_tracking_error_teaches_slowly_beside_a_memory():
+def test_the_tracking_error_adapts_slowly_with_a_memory():
     """Gamma is kappa times that of the default rates, which is the memory's covariance."""
     robot = catalogue_robot("ur5")
     plain, made = (
@@ -31,7 +31,7 @@ def noise_for(encoder):
     return made.adaptation_d.noise
 
 
-def test_memory_takes_what_encoders_do_to_the_regressor_for_noise():
+def test_the_noise_of_a_memory_includes_that_of_encoders_in_the_regressor():
     noises = [noise_for(c) for c in (0.0, 2.0 * np.pi / 2**17, 2.0 * np.pi / 2**14)]
     assert (noises[1] > 3.0 * noises[0]).all() and (noises[2] > 3.0 * noises[1]).all()
     assert np.allclose(noise_for(1e-9), noises[0], rtol=0.01)
@@ -66,7 +66,7 @@ def test_a_memory_is_the_default_where_the_parameters_explain_the_torque(options
     assert made.adaptation_d.name == kind
 
 
-def test_the_default_is_what_its_name_makes():
+def test_the_default_equals_the_adaptation_of_its_name():
     robot = catalogue_robot("ur5")
     default, named = pa.make_controller(robot), pa.make_controller(robot, adaptation=MEMORY)
     start = default.dynamics.initial
@@ -75,7 +75,7 @@ def test_the_default_is_what_its_name_makes():
 
 
 @pytest.mark.parametrize("name", ["adaptive-inverse-dynamics-improved", "spong-ortega"])
-def test_a_memory_with_a_held_mass_matrix_is_warned_of(name):
+def test_a_memory_with_a_fixed_mass_matrix_is_warned_of(name):
     """Unless the load is announced, which the mass matrix then includes."""
     robot = pa.load("ur5", task="joint" if pa.laws.LAWS[name].joint_space else None)
     make = partial(pa.make_controller, robot, law=name, unknown="bodies")

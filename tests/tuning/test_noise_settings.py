@@ -28,7 +28,7 @@ def made(**options):
 # --- how much of it ---
 
 
-def test_perfect_sensors_ask_for_nothing():
+def test_perfect_sensors_need_no_filters():
     assert noise_settings(SensorQuality(), W, REACH) == NoiseSettings()
     none = {"q": 0.0, "v": 0.0, "x": 0.0}
     for options in (
@@ -50,7 +50,7 @@ def test_perfect_sensors_ask_for_nothing():
     assert state.filters.s_f.size == 0
 
 
-def test_each_channel_asks_for_its_own():
+def test_each_noisy_channel_needs_its_own_filter():
     """Noise of the joint velocity is a leak of natural adaptation, and noise of a memory."""
     camera = pa.Sensors(noise={"x": 1e-3}, camera=pa.Camera(rate=30.0))
     frames = made(sensors=camera)
@@ -68,7 +68,7 @@ def test_each_channel_asks_for_its_own():
     assert joints.senses.low_pass.bandwidth > joints.law.lambda_s > joints.motion.bandwidth
 
 
-def test_more_noise_asks_for_more():
+def test_more_noise_needs_stronger_filters():
     sizes = np.geomspace(1e-6, 1.0, 25)
     of_v = [noise_settings(SensorQuality(v=size), W, REACH) for size in sizes]
     for name in ("velocity", "decorrelation", "mode"):
@@ -204,7 +204,7 @@ def test_leaks_and_their_states_can_be_copied():
     assert np.array_equal(state.with_flat(state.flat()).dynamic.memory[0], state.dynamic.memory[0])
 
 
-def test_what_was_announced_is_what_estimates_leak_back_to():
+def test_estimates_leak_towards_what_was_announced():
     """A load that the controller was told of is not forgotten again."""
     load = pa.Payload(2.0, [0.0, 0.02, 0.05])
     controller = made(sensors=pa.Sensors(noise={"v": 0.02}))
@@ -219,7 +219,7 @@ def test_what_was_announced_is_what_estimates_leak_back_to():
 
 
 @pytest.mark.parametrize("bandwidth", [0.0, -1.0, np.nan])
-def test_a_leak_that_is_none_is_refused(bandwidth):
+def test_an_invalid_leak_is_refused(bandwidth):
     with pytest.raises(pa.GainError, match="leak"):
         leaking(bandwidth=bandwidth)
 
@@ -309,7 +309,7 @@ def test_a_wider_band_leaves_less_of_the_difference():
     assert 0.0 < wide < 0.35 * narrow
 
 
-def test_a_decorrelation_that_is_none_is_refused():
+def test_an_invalid_decorrelation_is_refused():
     for lambda_s in (0.0, -1.0, np.nan):
         with pytest.raises(pa.GainError, match="lambda_s"):
             made().law.decorrelated(lambda_s)

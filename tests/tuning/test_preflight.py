@@ -142,7 +142,7 @@ def test_a_controller_put_together_by_hand_is_not_checked():
 
 @pytest.mark.parametrize("dt", [0.02, 0.03, 0.1, 0.5])
 @pytest.mark.parametrize("law", FRAME_LAWS)
-def test_every_factor_that_is_told_helps(law, dt):
+def test_every_recommended_factor_helps(law, dt):
     """Where damping alone is too fast no factor is told that changes nothing."""
     robot = catalogue_robot("panda")
     controller = pa.make_controller(robot, law=law)
@@ -173,7 +173,7 @@ def test_every_factor_that_is_told_helps(law, dt):
     assert "task feedback" in {finding.part for finding in findings} or dt < 0.025
 
 
-def test_damping_that_no_gain_changes_is_told_without_factors():
+def test_damping_that_no_gain_changes_is_reported_without_factors():
     """The null space's damping brakes a wrist of little inertia, whatever the task's gains are."""
     robot, dt = catalogue_robot("panda"), 0.02
     for share in (1.0, 1e-3):
@@ -205,7 +205,7 @@ def test_numbers_are_rounded_to_the_safe_side():
     )
 
 
-def test_default_rates_are_lowered_to_what_the_period_bears():
+def test_default_rates_are_lowered_to_fit_the_period():
     """ANYmal C's leg, damped weakly in its heavy direction, has slower modes than usual."""
     believed = zoo_case("anymal_c_lf_leg").estimated
     controller = pa.make_controller(
@@ -286,7 +286,7 @@ def test_a_period_that_leaves_no_stiffness_against_gravity_is_found(name):
 
 
 @pytest.mark.parametrize("name, words", [("panda", "cannot hold"), ("planar_2r", "hardly move")])
-def test_motors_that_can_do_nothing_are_found_with_and_without_gravity(name, words):
+def test_motors_that_are_too_weak_are_found_with_and_without_gravity(name, words):
     robot = catalogue_robot(name)
     limits = pa.Limits(torque=np.full(robot.model.nv, 1e-7))
     controller = pa.make_controller(robot, adaptation="natural", limits=limits)

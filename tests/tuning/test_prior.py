@@ -125,7 +125,7 @@ def test_a_basis_without_plausible_values_is_shaped_by_its_excitation():
     )
 
 
-def test_units_far_apart_are_no_reason_to_refuse_a_gain():
+def test_a_gain_with_units_far_apart_is_accepted():
     tiny = np.diag([1e9, 1e-9])
     assert np.array_equal(pa.adaptation.Gradient(tiny, 2).Gamma, tiny)
     correlated = np.array([[1e9, 0.999], [0.999, 1e-9]])

@@ -86,7 +86,7 @@ def test_a_page_shows_the_torques_and_what_the_motion_identifies():
     assert "error of predicted torque" in animation.html
 
 
-def test_before_a_change_of_the_robot_its_torques_are_those_of_another():
+def test_torques_before_a_change_are_those_of_the_robot_before():
     heavier = pa.Events(changes={0.05: catalogue_robot("planar_2r").changed(inertial_scale=1.5)})
     _, notes = messages(run(events=heavier).animate())
     readings = [note["reading"] for note in notes if "reading" in note]
@@ -216,7 +216,7 @@ def test_no_panel_covers_robot_or_path(tmp_path):
     assert pixels["left"] > pixels["panels"] and pixels["right"] < 1280
 
 
-def test_differences_that_no_motion_can_show_are_not_drawn():
+def test_differences_without_effect_on_any_motion_are_not_drawn():
     """The translation along a joint's axis may belong to the joint or to the link behind it."""
     robot = catalogue_robot("ur5")
     unknown = pa.Unknown(tool=True, translations=["elbow_joint", "wrist_1_joint"])

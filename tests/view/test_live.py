@@ -269,7 +269,7 @@ def test_an_interrupted_live_run_is_130_and_frees_its_port(monkeypatch):
 @pytest.mark.parametrize(
     "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "localhost:1"]
 )
-def test_a_page_of_another_site_gets_nothing(host):
+def test_requests_of_other_sites_are_refused(host):
     """DNS rebinding: a foreign name that points to this machine."""
     server = Server("the page", Broadcast())
     port = int(server.url.rsplit(":", 1)[1].strip("/"))
@@ -282,7 +282,7 @@ def test_a_page_of_another_site_gets_nothing(host):
     server.close()
 
 
-def test_visitors_at_a_time_are_few():
+def test_the_number_of_simultaneous_visitors_is_limited():
     """Of sixty connections that never end, 32 are answered and the others are closed."""
     messages = Broadcast()
     messages.keep("a", b"message")
