@@ -41,7 +41,9 @@ class Case:
         self.true, self.model = map(in_joint_space, robots) if self.joints else robots
         self.path: pa.trajectories.Trajectory = scenario.trajectory
         if self.joints:
-            self.path = pa.trajectories.Sinusoid(self.true.home_angles + SWING, SWING, PERIOD)
+            swing = pa.trajectories.Sinusoid(self.true.home_angles + SWING, SWING, PERIOD)
+            point = pa.trajectories.Hold(self.true.home_angles + SWING)
+            self.path = point if pa.laws.LAWS[law].set_point else swing
         elif pa.laws.LAWS[law].set_point:
             assert isinstance(self.path, pa.trajectories.Circle)
             self.path = pa.trajectories.Hold(self.path.at(0.5 * self.path.period).x_d)

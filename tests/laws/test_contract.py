@@ -1,9 +1,8 @@
-"""What every law of the registry keeps to, on arms and on a chain with a slide and a wheel.
+"""Properties of every registered law, on arms and on a chain with a slide and a wheel.
 
-Whatever is registered is asked, in the same words: whether dV/dt is what its proof says, whether
-its error obeys the nominal dynamics where the model is exact, whether the true parameters stay,
-whether the order in which parameters are named matters, and whether any finite measurement gives
-finite numbers or a refusal.
+The same tests for all: dV/dt is that of the proof; the error obeys the nominal dynamics where the
+model is exact; the true parameters are an equilibrium; the order in which parameters are named does
+not matter; any finite measurement gives finite numbers or a refusal.
 """
 
 from itertools import islice
@@ -43,7 +42,7 @@ def joint_space(robot):
 
 
 def real(robot):
-    """Return the robot as it is: with a load, and a tool where that tells."""
+    """Return the true robot: with a load, and a tool where the task shows it."""
     if robot.task.size == 3:
         return with_tool_and_load(robot)
     return robot.changed(payload=pa.Payload(1.0, [0.01, 0.0, 0.05]), inertial_scale=1.1)
@@ -158,7 +157,9 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
         error = v
         if not controller.law.set_point:
             error = controller.respond(sample.state, s.replaced(a=a))[1].dynamic.e
-        feedback = next(f for kind, f in NOMINAL.items() if isinstance(controller.law, kind))
+        kinds = (f for kind, f in NOMINAL.items() if isinstance(controller.law, kind))
+        feedback = next(kinds, None)
+        assert feedback is not None, f"NOMINAL lacks the feedback of {type(controller.law)}"
         errors.append(error)
         torques.append(coriolis(true, q, v, error) + feedback(controller.law, s, error))
         sizes.append(plant.mass_matrix(q))
