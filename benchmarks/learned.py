@@ -1,4 +1,4 @@
-"""What runs teach about bodies, loads and joints: tables of the pages on learning and on laws.
+"""What runs identify of bodies, loads and joints: tables of the pages on learning and on laws.
 
 ``make learned.table`` runs the sweep ``learned.toml`` and writes ``learned.csv``. In all of it the
 inertias of a model are too small, and tool, load and friction are unknown; the errors of a learned
@@ -73,7 +73,7 @@ def tool_error(robot: pa.Robot, true: pa.Robot) -> float:
 
 
 def kept(robot: str, adaptation: str, encoder: float = 0.0) -> dict[str, Any]:
-    """Return what a circle taught, as estimated and where the motion excited it."""
+    """Return the estimates after a circle: all of them, and only the excited ones."""
     described = pa.load(robot)
     true = described.changed(payload=LOAD, tool_translation=TOOL)
     model = described.changed(inertial_scale=LIGHTER)
@@ -106,7 +106,7 @@ def path_of(motion: str, true: pa.Robot) -> tuple[pa.trajectories.Trajectory, fl
 
 
 def motions(motion: str, adaptation: str, joints: bool) -> dict[str, Any]:
-    """Return how well the URDF that a motion taught predicts torques, and places the tool."""
+    """Return how well the URDF learned from a motion predicts torques and places the tool."""
     described = pa.load("panda")
     true = described.changed(payload=LOAD, tool_translation=TOOL)
     model = described.changed(inertial_scale=LIGHTER)
@@ -149,7 +149,7 @@ def load(motion: str) -> dict[str, Any]:
 
 
 def explained(truth: str) -> dict[str, Any]:
-    """Return what is said of a load, and of other explanations."""
+    """Return the estimate of a load, and the other explanations."""
     panda = pa.load("panda")
     true, model, unknown = panda, panda, pa.Unknown()
     if truth.startswith("1.5 kg"):
@@ -312,7 +312,7 @@ def less(before: float, after: float) -> str:
 
 
 def motions_table(rows: Sequence[Row]) -> str:
-    """Return what different motions teach."""
+    """Return the results of different motions."""
     cells = [
         [
             row["motion"],
@@ -350,7 +350,7 @@ def load_table(rows: Sequence[Row]) -> str:
 
 
 def explained_table(rows: Sequence[Row]) -> str:
-    """Return what is said of loads, and the most probable explanation."""
+    """Return estimates of loads, and the most probable explanations."""
     cells = []
     for row in rows:
         mass, known = row["mass"], row["mass_known_to"]
@@ -374,7 +374,7 @@ def explained_table(rows: Sequence[Row]) -> str:
 
 
 def friction_table(rows: Sequence[Row]) -> str:
-    """Return what an exciting motion and a circle teach, with and without friction."""
+    """Return the results of an exciting motion and a circle, with and without friction."""
     cells = [
         [
             f"`{row['adaptation']}`",
@@ -409,7 +409,7 @@ def identifiable_table(rows: Sequence[Row]) -> str:
 
 
 def exciting_table(rows: Sequence[Row]) -> str:
-    """Return how soon an exciting motion teaches the torques."""
+    """Return how soon torques are predicted in an exciting motion."""
     cells = []
     for row in rows:
         times = [row[f"below {share:.0%}"] for share in SHARES]

@@ -50,7 +50,7 @@ class FilmedPlant(pa.plants.MujocoPlant):
     """
 
     def __init__(self, robot: pa.Robot, target: np.ndarray, *, drawn: bool = True) -> None:
-        """Put the camera's target (3) [m]."""
+        """Place the camera's target (3) [m]."""
         super().__init__(robot, drawn=drawn)
         mj = mujoco_module()
         self.model.vis.global_.fovy = FIELD

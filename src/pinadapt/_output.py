@@ -22,7 +22,7 @@ else:
 
 UNFINISHED = ".unfinished-"  # prefix of files and folders that are being written
 _ABANDONED = 3600.0  # [s]; an older one was left by a process that was killed
-_PROBE = bytes(4096)  # written as a test
+_PROBE = bytes(4096)  # written to test whether a folder is writable
 
 
 def read_toml(path: Path) -> dict[str, Any]:

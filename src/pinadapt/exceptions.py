@@ -60,7 +60,7 @@ class ArrayError(InputError):
     def __init__(
         self, what: str | None = None, *, where: str | None = None, hint: str | None = None
     ) -> None:
-        """Describe, unless told, the arguments of the outermost method that was given arrays."""
+        """Describe the arguments of the outermost method that was given arrays, unless given."""
         if what is None:
             where, found, hint = _given_arrays()
             what = f"sizes or kinds that do not fit: {found}."
@@ -165,7 +165,7 @@ class MeasurementError(PinadaptError):
 
 
 class ImplausibleError(MeasurementError):
-    """A measurement that could be one, but not of this robot here and now; see ``Guards``."""
+    """A finite measurement that is implausible for this robot at this time; see ``Guards``."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -202,7 +202,7 @@ class ArmError(PinadaptError):
 
 
 class DivergedError(PinadaptError):
-    """The closed loop left every finite bound.
+    """The closed loop diverged.
 
     Attributes:
         reason: which quantity, and what is known about why.

@@ -1,4 +1,4 @@
-"""Filters of measurements: a law's memory besides its estimates."""
+"""Filters of measurements: a law's memory in addition to its estimates."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ class MotionFilters(Filters):
 
 
 class ObserverState(NamedTuple):
-    """What the observer remembers.
+    """State of the observer.
 
     Attributes:
         memory: (m_p + 2) observed position x_o [m], less what the velocity at the end of the last
@@ -324,7 +324,7 @@ class PositionObserver(Filters):
 
 
 class PoseObserverState(NamedTuple):
-    """What the observer of a pose remembers.
+    """State of the observer of a pose.
 
     Attributes:
         position: of the observer of the position.
@@ -393,7 +393,7 @@ class PoseObserver(Filters):
 
 
 class TorqueFilterState(NamedTuple):
-    """What the filters remember; the last column belongs to the known part of the torque.
+    """State of the filters; the last column belongs to the known part of the torque.
 
     Attributes:
         Z: (n, p + 1) low-passed lambda Y_M - Y_0, as it was before the last step.

@@ -19,7 +19,7 @@ _RESTING = 1.0  # mean against deviation of the velocity of an arm at rest
 
 
 class Measurement(NamedTuple):
-    """What the sensors say at one sample.
+    """The measured signals of one sample.
 
     q, v, a and tau belong to the instant t; x, and xd with it, to ``x_time``, which is earlier
     where a camera is late.

@@ -74,7 +74,7 @@ class JointMotion:
 def joint_motion(
     motion: Trajectory, robot: Robot, s: np.ndarray, q: np.ndarray | None = None
 ) -> JointMotion:
-    """Return what a motion asks of a robot.
+    """Return the joint motion and torques that a motion requires of a robot.
 
     For a task of the frame by inverse kinematics: damped least squares from one instant to the
     next, with the return of the null space to the home pose that the control laws have by default,

@@ -58,7 +58,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def ordinary(monkeypatch):
-    """Run loops as any program, without waiting awake for the next cycle."""
+    """Run loops without real-time priority and without active waiting."""
     monkeypatch.setattr("pinadapt.cli.drive.Scheduling", lambda **_: ORDINARY)
 
 

@@ -285,7 +285,9 @@ LINK = """<link name="{}"><inertial><mass value="1"/><inertia ixx="0.01" ixy="0"
 
 
 def test_a_chain_without_a_circle_in_space_gets_the_best_plane(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("pinadapt.robot.workspace._SIZES", 4)  # of circles, none of them in space
+    monkeypatch.setattr(
+        "pinadapt.robot.workspace._SIZES", 4
+    )  # of circles: at these sizes none is possible in space
     links = "".join(LINK.format(name) for name in ("mast", "boom", "hand"))
     arm = tmp_path / "telescope.urdf"
     arm.write_text(TELESCOPE.format(links=links))

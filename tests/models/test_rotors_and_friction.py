@@ -194,7 +194,7 @@ def test_lyapunov_equality_with_friction(law, name):
     energy = energy_along(true, controller, path, seconds=0.016)
     assert (
         energy.mismatch(after=25) <= 1e-4
-    )  # tanh of the first millimetres a second is stiff for finite differences
+    )  # at low speeds tanh is too steep for finite differences
     assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
 
 

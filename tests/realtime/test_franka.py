@@ -59,7 +59,7 @@ def drive(server, stage, seconds, *, of=None, recorder=None, each=None, arm=None
     """
     said, q, sent = [], [], []
     circle = pa.trajectories.Circle(robot().position(robot().q0), 0.04, 3.0)
-    server.camera()  # frames of an earlier connection, whose time was another
+    server.camera()  # frames of an earlier connection, on another clock
     given = {"robot": robot(), "camera": server.camera, **(arm or {})}
     with FrankaArm(server.address, **given) as arm:
         read, send = arm.read, arm.send

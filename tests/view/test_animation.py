@@ -233,7 +233,7 @@ def test_differences_without_effect_on_any_motion_are_not_drawn():
         q = np.repeat(rng.uniform(-3.0, 3.0, (1, 6)), 4, axis=0)
         tips = [motion_of(robot, q, kinematics, part).tip for part in (a_k, drawn)]
         assert np.allclose(*tips, atol=1e-9)
-    hidden = truth + (a_k - drawn)  # differs from the truth, and nobody can tell
+    hidden = truth + (a_k - drawn)  # differs from the truth, with no effect on any motion
     assert np.allclose(shown.at(t, hidden), truth, atol=1e-9)
     only = pa.make_controller(robot, adaptation="natural", unknown=pa.Unknown(tool=True)).kinematics
     alone = ShownEstimates(Succession.of(true, None), only)

@@ -247,7 +247,7 @@ class Adaptation(Doors, ABC):
         return estimate
 
     def recorded(self, estimate: Estimate) -> Estimate:
-        """Return what a record keeps of an estimate: what ``storage`` and ``project`` need."""
+        """Return the estimate for a record, with the memory for ``storage`` and ``project``."""
         return estimate
 
     recorded_unchecked = recorded
@@ -527,7 +527,7 @@ class Stacked(Adaptation):
         )
 
     def recorded(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with what the records of its blocks keep; itself without a memory."""
+        """Return the estimate with the memory that the records of its blocks keep."""
         if not any(estimate.memory):
             return estimate
         return self._joined(part.recorded_unchecked(own) for part, _, own in self._split(estimate))

@@ -106,7 +106,7 @@ class _Warnings:
 
     @contextmanager
     def of(self, law: str) -> Iterator[None]:
-        """Collect what is warned of inside, for a law."""
+        """Collect the warnings of the block, for a law."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
             warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
@@ -117,7 +117,7 @@ class _Warnings:
                     self._new.setdefault(text, []).append(law)
 
     def show(self) -> None:
-        """Warn of what has not been shown."""
+        """Show the collected warnings that were not shown yet."""
         for text, laws in self._new.items():
             if text not in self._shown:
                 warnings.warn(f"{', '.join(laws)}: {text}", stacklevel=2)

@@ -45,7 +45,7 @@ _ZERO = 1e-9
 
 
 class Estimator:
-    """What a controller learns from its sensors alone: torque and position predicted, no command.
+    """Estimates parameters from sensors alone, by predicting torque and position; commands nothing.
 
     With r = W a_d - y the prediction error of the torque through a low pass (``FilteredRegressor``)
     and epsilon = X_k da_k that of the position,

@@ -305,7 +305,7 @@ class FirstSamples:
         )
 
     def _mistaken(self, q: np.ndarray, own: np.ndarray) -> Iterator[Robot]:
-        """Yield robots that the true one may well be: inertias a third off, a load of 30 %.
+        """Yield plausible true robots: inertias off by a third, a load of 30 %.
 
         Args:
             q: (nq) at which the load is at its worst.

@@ -25,7 +25,7 @@ _IDEAL = Actuators()
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What a controller made by ``make_controller`` does not exceed.
+    """Bounds of torques, estimates and measurements of a controller made by ``make_controller``.
 
     Attributes:
         torque: (n) bounds [N m or N] at which the torque is clipped and the adaptation of the

@@ -44,7 +44,7 @@ class Bridged(NamedTuple):
 
 
 class ControllerState(NamedTuple):
-    """An immutable snapshot; keep an old one and you can go back to it.
+    """The state of a controller after a sample: estimates, filters, sensors; immutable.
 
     The sizes of the estimates are checked in every step. What filters, adaptations and sensors
     remember is taken as it is, so leave it to the controller.
@@ -197,7 +197,7 @@ def _filler(part: Any, start: int) -> tuple[Callable[[np.ndarray], Any], int]:
 
 
 class Sample(NamedTuple):
-    """What there was at one sample of a run; views, logs and rollouts all read these.
+    """One sample of a run: signals, state and torque; views, logs and rollouts read these.
 
     Attributes:
         t: time [s].

@@ -133,8 +133,7 @@ class Identification(IdentifiedModel):
             folder: into which to write ``torque.png`` and ``parameters.png``.
 
         Returns:
-            The paths of the files; without a folder the two pictures, which show themselves in
-            Jupyter.
+            The paths of the files; without a folder the two figures, which Jupyter displays.
         """
         return report.pictures_of(self) if folder is None else report.draw(self, Path(folder))
 

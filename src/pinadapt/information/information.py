@@ -36,7 +36,7 @@ _LOOKED_AT = 30  # additions between two looks at what a growing motion excites
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What N rows of data say about p parameters, linearised at an estimate of them.
+    """Information of N rows of data on p parameters, linearised at an estimate of them.
 
     Attributes:
         names: of the parameters (p).
@@ -136,7 +136,7 @@ class Information:
 def torque_information(
     controller: Controller, samples: Sequence[Sample], state: ControllerState
 ) -> Information:
-    """Return what measured motion and torque say about the dynamic parameters at a state."""
+    """Return the information of measured motion and torque on the dynamic parameters at a state."""
     return dynamic_information(
         controller.dynamics, controller.kinematics.robot.model, samples, state.a_d
     )
@@ -149,7 +149,7 @@ def dynamic_information(
     a_d: np.ndarray,
     least_noise: float = _LEAST_NOISE,
 ) -> Information:
-    """Return what measured motion and torque of a chain say about dynamic parameters.
+    """Return the information of measured motion and torque of a chain on dynamic parameters.
 
     With noisy sensors, torques of a joint whose dry friction is unknown are left out while its
     velocity may change sign within the noise: the sign of the friction is then random, which would
@@ -184,7 +184,7 @@ def dynamic_information(
 def position_information(
     controller: Controller, samples: Sequence[Sample], state: ControllerState
 ) -> Information:
-    """Return what measured positions of the frame say about the kinematic parameters at a state.
+    """Return the information of measured frame positions on the kinematic parameters at a state.
 
     A late frame is compared with the configuration at the time when it was taken.
     """
@@ -263,7 +263,7 @@ def _weighted(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Excitation:
-    """What the data of a run say about all parameters; ``print`` shows a table.
+    """Information of a run on all parameters; ``print`` shows a table.
 
     Attributes:
         dynamic: of motion and torque about the dynamic parameters.
@@ -400,7 +400,7 @@ class GrowingTorques:
 
 @dataclass(frozen=True)
 class TorquePrediction:
-    """What estimates of dynamic parameters are worth along a motion, in numbers.
+    """Errors of the torques that estimates of dynamic parameters predict along a motion.
 
     Attributes:
         rms: of the torques, all joints together [N m or N].

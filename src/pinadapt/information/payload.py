@@ -539,7 +539,7 @@ def whole_arm_information(
     state: ControllerState,
     **options: float,
 ) -> Information:
-    """Return what a run says about all bodies, those that were not adapted being as described.
+    """Return the information of a run on all bodies; those not adapted are as described.
 
     Args:
         controller: that ran.

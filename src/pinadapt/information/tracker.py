@@ -54,7 +54,7 @@ class FoundTracker:
         names: (6 + k) of these.
         noise: rms residual of a coordinate [m].
         frames: how many there were.
-        unseen: names of what the motion does not show.
+        unseen: names of the parameters that the motion does not identify.
     """
 
     tracker: Tracker
@@ -97,7 +97,7 @@ class FoundTracker:
 
 
 def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> FoundTracker:
-    """Return where the tracker stands that saw the frames of a motion.
+    """Return the pose of the tracker that measured the frames of a motion.
 
     Args:
         kinematics: of a controller with ``unknown=pa.Unknown(tracker=True)``.
@@ -152,7 +152,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
 
 
 def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> Information:
-    """Return what the frames of a motion say about cameras, at the estimate that explains them.
+    """Return the information of frames on uncalibrated cameras, at the estimate that fits them.
 
     Args:
         kinematics: of a controller with the task "image", see ``Robot.filmed_by``.

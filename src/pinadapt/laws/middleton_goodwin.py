@@ -58,7 +58,7 @@ class MiddletonGoodwin(AccelerationLaw):
     rate of ``predicting``.
 
     Attributes:
-        K_v, K_P, alpha: as ``AccelerationLaw``; alpha is of no use here.
+        K_v, K_P, alpha: as ``AccelerationLaw``; alpha is not used here.
     """
 
     posture: Any = None

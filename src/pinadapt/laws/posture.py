@@ -24,11 +24,11 @@ _LEAST_MARGIN = 1e-3  # [rad or m]
 
 
 class Posture(Doors):
-    """Critically damped return to a rest configuration, seen only in the null space of the task.
+    """Critically damped return to a rest configuration, in the null space of the task.
 
     The offset from rest grows by 2 d^2 / b where a joint is d inside the margin b before one of its
-    limits: a tenth of its range, but at most half of the way from rest. The task comes first: what
-    it asks of the joints it gets, beyond their limits too.
+    limits: a tenth of its range, but at most half of the way from rest. The task has
+    priority: its joint motion is not limited by the posture, even beyond joint limits.
 
     Attributes:
         frequency: w [rad/s].

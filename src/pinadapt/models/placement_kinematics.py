@@ -1,4 +1,4 @@
-"""Kinematics of the task frame with every placement of the chain a little off.
+"""Kinematics of the task frame with small errors of every placement of the chain.
 
 Each placement, of a joint or of the task frame, is the described one times a small displacement
 exp(d), six numbers (shift s, turn w) in the axes of what it places. To first order the position is

@@ -36,7 +36,7 @@ _FARTHEST = 1e3  # [m] of the frame at home from the tracker
 
 
 class Tracker(NamedTuple):
-    """Where a tracker is, and the translations that it shows.
+    """The pose of a tracker, and the translations that it identifies.
 
     Attributes:
         placement: of the robot's base in the axes of the tracker (R_c, t_c).

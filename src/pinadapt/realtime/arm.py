@@ -44,7 +44,7 @@ MAIN = "In a script, what starts processes stands below `if __name__ == '__main_
 
 @dataclass(frozen=True, eq=False)
 class ArmFacts:
-    """What an arm declares of itself.
+    """Properties of an arm: joints, period, limits, gravity compensation.
 
     Attributes:
         name: for messages.

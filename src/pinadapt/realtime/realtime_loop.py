@@ -71,14 +71,14 @@ class Stage(Enum):
 
 
 class Phase(IntEnum):
-    """Where the loop is; it never goes back but from a commanded hold."""
+    """Phases of the loop, in their order; only a commanded hold returns to running."""
 
     STARTING, RUNNING, HOLDING, DAMPING, STOPPED = range(5)
 
 
 @dataclass(frozen=True)
 class Scheduling:
-    """What the loop asks of the operating system; what it does not get is noted.
+    """Real-time settings requested of the operating system; those denied are noted.
 
     Attributes:
         priority: real-time priority (SCHED_FIFO), 1 to 99; None: that of any program.
@@ -188,7 +188,7 @@ class Histogram:
 
 @dataclass
 class Ending:
-    """How a run of the loop ended; printed it is a table.
+    """How a run of the loop ended; ``print`` shows a table.
 
     Attributes:
         reason: why it ended.

@@ -125,7 +125,7 @@ Translator = Callable[[Any, "Measurement"], Any]
 
 
 class Recorder:
-    """The loop's end of log and desk.
+    """Writes the log of a loop and takes its commands, by processes of their own.
 
     Attributes:
         row: to be filled before ``commit``.

@@ -31,7 +31,7 @@ _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation
 
 
 class Answer(IntEnum):
-    """What a finding leads to, the gentlest first."""
+    """Responses to a finding, the mildest first."""
 
     NONE = 0
     REST = 1  # the adaptation rests, the arm goes on
@@ -188,7 +188,7 @@ class MomentumResidual:
 
 
 class Checklist:
-    """The checks of one run, with what they remember.
+    """The checks of one run, with their state.
 
     Attributes:
         safety: the numbers.

@@ -106,7 +106,7 @@ class Engine:
         return controller.period if isfinite(controller.period) else _PERIOD
 
     def motors(self, true: Robot) -> np.ndarray | None:
-        """Return the torques (n) [N m or N] at which the true robot's motors clip, or None."""
+        """Return the torque limits (n) of the true robot's motors [N m or N], or None."""
         if self.ideal_acceleration:
             return None
         return limits_of(true, self.torque_limits is not False)

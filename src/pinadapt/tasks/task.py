@@ -58,7 +58,7 @@ class RowGroup(NamedTuple):
 
 @dataclass(frozen=True)
 class Task(Doors, ABC):
-    """A choice of m coordinates x, with errors, velocities and accelerations of m rows each.
+    """The m coordinates x that are controlled, with errors, velocities and accelerations of m rows.
 
     Attributes:
         name: as written in scenarios.

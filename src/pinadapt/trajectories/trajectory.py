@@ -385,7 +385,7 @@ def half_diagonal(path: np.ndarray) -> float:
     return float(0.5 * np.linalg.norm(np.ptp(path, axis=0)))
 
 
-_NEWTON, _EXACT = 20, 1e-15  # most iterations, and the step at which they end [cells]
+_NEWTON, _EXACT = 20, 1e-15  # largest number of iterations; step at which they end [cells]
 
 
 class TimeLaw(Doors, ABC):

@@ -349,7 +349,7 @@ def _law_type(law: str | Law, robot: Robot) -> type[Law]:
         raise InputError(f"expected a name or a Law, got {law!r}.", where="law")
     if chosen.joint_space and not isinstance(robot.task, JointTask):
         raise InputError(
-            f"the law '{chosen.name}' is one of joint space; the task is '{robot.task.name}'.",
+            f"the law '{chosen.name}' is for joint tasks; the task is '{robot.task.name}'.",
             where="law",
             hint='Load the robot with task = "joint".',
         )

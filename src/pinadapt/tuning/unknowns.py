@@ -56,7 +56,7 @@ Words = str | Sequence[str | Translation]
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """What a controller does not know of its robot and adapts; by default the tool and all bodies.
+    """The unknown parameters of a robot, which are adapted; by default the tool and all bodies.
 
     ``make_controller``, ``make_estimator``, ``identify`` and ``excite`` also take plain words in
     its place, such as ``unknown="payload"`` or ``unknown=["tool", "friction"]``: what they do not
