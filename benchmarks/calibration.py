@@ -103,7 +103,7 @@ def measured(
 
 
 def measure(robot: str, frames: str, number: int) -> dict[str, Any]:
-    """Return errors of one arm in mm, before and after, and what its motion tells."""
+    """Return errors of one arm in mm, before and after, and what its motion identifies."""
     described = pa.load(robot)
     rng = np.random.default_rng([zlib.crc32(robot.encode()), number])
     real, slides = wrong_arm(described, rng), np.array(list(described.slides.values()))
@@ -189,7 +189,7 @@ def _rms(distances: np.ndarray) -> float:
 
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a table in Markdown: median / largest error of the arms of each robot, in mm."""
-    head = "| frames | arm | arms | combinations told, of numbers | held out: described | "
+    head = "| frames | arm | arms | identified combinations, of numbers | held out: described | "
     head += "calibrated | noise of the tracker | true error | of first order alone |"
     lines = [head, "|" + "---|" * 9]
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
