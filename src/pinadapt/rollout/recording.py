@@ -257,6 +257,8 @@ _WINDOW, _FEWEST = 1.0, 64  # [s] and samples, of which a spectrum is made
 _SLOWEST = 3.0  # [Hz] of ringing, where no bandwidth is known
 _RINGS, _PURE = 0.05, 0.85  # share of the joint's torque, and of what is fast in it
 _NEAR_PEAK, _FEWEST_FREQUENCIES = 0.15, 8  # of its frequency; in a spectrum
+_CALM = 1.5  # [Hz] of ringing, at least
+_HARMONICS, _MOST = 4.0, 0.9  # of a motion that its torques have; of the power of its acceleration
 
 
 class Ringing(NamedTuple):
@@ -322,6 +324,26 @@ def ringing(
         if found is None or share > found.share:
             found = Ringing(name, float(f[peak]), share)
     return found
+
+
+def beyond_motion(t: np.ndarray, x_d: np.ndarray) -> float:
+    """Return above which frequency [Hz] torques are faster than a desired motion asks for.
+
+    Four times the one up to which the second half of the motion has 90 % of the power of its
+    acceleration, and at least 1.5 Hz; infinite for a record that is too short to tell.
+
+    Args:
+        t: (N) time [s], in equal steps.
+        x_d: (N, .) desired task coordinates.
+    """
+    half = len(t) // 2
+    if len(t) - half < _FEWEST:
+        return np.inf
+    a = np.diff(x_d[half:], 2, axis=0)
+    power = np.sum(np.abs(np.fft.rfft(a * np.hanning(len(a))[:, None], axis=0)) ** 2, axis=1)
+    most = int(np.argmax(np.cumsum(power) >= _MOST * power.sum()))  # the window widens it by one
+    fastest = max(most - 1, 0) / (len(a) * float(np.median(np.diff(t))))
+    return float(max(_CALM, _HARMONICS * fastest))
 
 
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event

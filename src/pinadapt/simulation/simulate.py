@@ -32,7 +32,14 @@ from ..records import Sensors
 from ..reference import Wiggle, starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
-from ..rollout.recording import Evaluation, Ringing, path_times, ringing, slowdowns
+from ..rollout.recording import (
+    Evaluation,
+    Ringing,
+    beyond_motion,
+    path_times,
+    ringing,
+    slowdowns,
+)
 from ..rollout.rollout import Rollout
 from ..tasks.task import JointTask
 from ..trajectories.given import TrajectoryLike, as_trajectory
@@ -440,18 +447,21 @@ def rollout_of(
         path_extent=extent,
         path_time=path_times(samples),
         slowed=slowdowns(samples),
-        ringing=_ringing(samples, tau, controller, robot),
+        ringing=_ringing(np.array([sample.t for sample in samples]), x_d, tau, controller, robot),
     )
 
 
 def _ringing(
-    samples: Sequence[Sample], tau: np.ndarray, controller: Controller, robot: Robot
+    t: np.ndarray, x_d: np.ndarray, tau: np.ndarray, controller: Controller, robot: Robot
 ) -> Ringing | None:
-    """Return the ringing of a run's torques (N, nv), of what its feedback is too slow for."""
-    t, motion = np.array([sample.t for sample in samples]), controller.motion
-    if motion is None:
+    """Return the ringing of a run's torques (N, nv).
+
+    That is what the motion does not ask for, or what the feedback is too slow for.
+    """
+    if controller.motion is None:
         return ringing(t, tau, robot.joint_names)
-    return ringing(t, tau, robot.joint_names, motion.bandwidth / (2.0 * np.pi))
+    slow = controller.motion.bandwidth / (2.0 * np.pi)
+    return ringing(t, tau, robot.joint_names, min(slow, beyond_motion(t, x_d)))
 
 
 def _adaptation(controller: Controller) -> str:
