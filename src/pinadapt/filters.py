@@ -171,7 +171,7 @@ class MotionFilters(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        if state.__class__ is np.ndarray:
+        if state.__class__ is np.ndarray and state.ndim == 1:
             X_k, p_hat = kinematics.X_k, kinematics.p_hat
             x = p_hat if sensed.x is None else sensed.x
             W_k, y, a = empty(X_k.shape), empty(p_hat.size), empty(kinematics.nv)
@@ -512,14 +512,15 @@ class FilteredRegressor(Doors):
         """
         momentum = self.dynamics.momentum_unchecked(q, v)
         n, p = momentum.Y_M.shape
-        if state.__class__ is not TorqueFilterState or state.Z.shape != (n, p + 1):
+        shape = n, p + 1
+        if state.__class__ is not TorqueFilterState or not state.Z.shape == state.u.shape == shape:
             raise InputError(
                 "the filters are those of other dynamics.",
                 where="state",
                 hint="Of a recorded run only the last state has them.",
             )
         Z_before, y, before, held, (share_u, share_tau), underway = state
-        u, Z, W = empty(before.shape), empty(before.shape), empty(before.shape)
+        u, Z, W = empty(shape), empty(shape), empty(shape)
         bandwidth = self.low_pass.bandwidth
         regressors.filtered_regressor(
             *momentum, bandwidth, Z_before, before, share_tau, share_u, u, Z, W

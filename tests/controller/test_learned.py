@@ -169,7 +169,7 @@ def test_lumped_parameters_stay_in_the_metric_of_their_adaptation():
     )
     learned = rollout.parameters()
     kept, last = learned.start(controller)["a_d"], rollout.a_d[-1]
-    assert "as near to the start" in learned.remark and not np.array_equal(kept, last)
+    assert "as near to the initial values" in learned.remark and not np.array_equal(kept, last)
     assert predicted(rollout, kept) == pytest.approx(predicted(rollout, last), rel=0.1)
 
 

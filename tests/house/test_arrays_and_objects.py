@@ -9,6 +9,7 @@ checks, ``tests/kernels/test_kernels.py``.
 import copy
 import mmap
 import tempfile
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -262,6 +263,46 @@ def test_hostile_calls_get_a_typed_error_or_the_right_result(loop):
                 wrong += [] if same(found, right) else [call]
     assert (wrong, untyped) == ([], [])
     assert made > 1500
+
+
+def arrays_of(part, put):
+    """Yield each array in nested records, and a function that makes the whole with another one."""
+    if isinstance(part, np.ndarray):
+        yield part, put
+    elif isinstance(part, Estimate):
+        yield from arrays_of(part.memory, lambda new: put(Estimate(part.value, new)))
+    elif isinstance(part, tuple):
+        for i, inner in enumerate(part):
+
+            def within(new, i=i):
+                items = [*part[:i], new, *part[i + 1 :]]
+                return put(part._make(items) if hasattr(part, "_make") else tuple(items))
+
+            yield from arrays_of(inner, within)
+
+
+def test_arrays_of_other_shapes_in_a_state_are_refused_or_not_used():
+    robot = catalogue_robot("ur5")
+    controller = pa.make_controller(robot)
+    plant, v, still = pa.plants.PinocchioPlant(robot), np.full(6, 0.1), np.zeros(3)
+    first, *samples = (plant.measurement(robot.q0 + v * k * 1e-3, v, k * 1e-3) for k in range(4))
+    state, desired = controller.init(first), pa.Desired(first.x, still, still)
+    for sample in samples[:2]:
+        state = controller.step(state, sample, desired, 1e-3)[1]
+    right, refused, arrays = controller.step(state, samples[2], desired, 1e-3)[0], 0, 0
+    for array, put in arrays_of(state, lambda new: new):
+        arrays += 1
+        for word, bad, good in hostile(array):
+            if good is not None or word in ("text", "objects", "complex"):  # numbers, of a kind
+                continue
+            try:
+                torque = controller.step(put(bad), samples[2], desired, 1e-3)[0]
+                assert same([torque], [right]), word
+            except pa.PinadaptError:
+                refused += 1
+        with suppress(pa.PinadaptError):
+            controller.safe(put(array[None]), samples[2])
+    assert arrays > 20 and refused > 100
 
 
 def same(found, right):

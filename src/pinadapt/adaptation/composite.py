@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from .._checks import numbers, positive
 from .._compiled import compile_all
 from .._kernels import estimates as kernels
-from ..exceptions import GainError
+from ..exceptions import ArrayError, GainError
 from .adaptation import Adaptation, Drive, Estimate, Wrapper, are_arrays
 from .least_squares import DecayWeight, checked_weight, weight_of
 
@@ -659,6 +659,8 @@ class CompositeMemory(Wrapper):
         """Return the next part of what a look needs; the last sample before it factorises."""
         if last:
             return _factorised(made) if made.value.size else made
+        if A.shape != 2 * value.shape:
+            raise ArrayError
         moved = self.inner.gain_times_unchecked(value, A)  # kappa P A
         moved.flat[:: value.size + 1] += self.share
         return _Factors(moved.T, _UNMADE.pivots, value)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .._checks import MOST_PARAMETERS, definite_matrix, flag, numbers, positive, whole
 from .._compiled import compile_all
 from .._kernels import estimates as kernels
-from ..exceptions import GainError
+from ..exceptions import ArrayError, GainError
 from .adaptation import Adaptation, Drive, Estimate, are_arrays
 
 _SMALL = 40  # parameters, up to which loops are faster than LAPACK
@@ -153,6 +153,7 @@ class LeastSquares(Adaptation):
         )
         self._whiten = np.linalg.inv(np.linalg.cholesky(self.P_0))
         self._prior, self._size = self._whiten.T @ self._whiten, len(self.P_0)  # P(0)^-1
+        self._shape = self.P_0.shape
         self.torque_bandwidth = (
             None if bandwidth is None else positive(bandwidth, "prediction_filter")
         )
@@ -245,7 +246,7 @@ class LeastSquares(Adaptation):
         if W is None or residual is None:
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
         if self.directional and len(P) <= _SMALL:
-            (R_0, g), after, gain = self._started(drive), empty(len(P)), empty(P.shape)
+            (R_0, g), after, gain = self._started(drive), empty(len(P)), empty(self._shape)
             kernels.fit(
                 estimate.value, P, W, residual, R_0, g, self._rate, self._floor,
                 dt, self._prior, math.exp(-self.forgetting * dt), after, gain,
@@ -289,7 +290,12 @@ class LeastSquares(Adaptation):
 
     def _gain(self, estimate: Estimate) -> np.ndarray:
         """Return P (p, p)."""
-        return estimate.memory[0] if estimate.memory else self.P_0
+        if not estimate.memory:
+            return self.P_0
+        P: np.ndarray = estimate.memory[0]
+        if P.shape != self._shape:
+            raise ArrayError
+        return P
 
     def _recovery(self, P: np.ndarray) -> np.ndarray:
         """Return P F P (p, p), the part of dP/dt by which forgetting restores the gain P (p, p)."""

@@ -45,7 +45,15 @@ from .state import ControllerState
 
 _FLOAT, _HELD = np.dtype(float), Frozen()
 # what numpy and Python raise where a computation gets what it cannot use
-_BROKEN = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
+_BROKEN = (
+    TypeError,
+    ValueError,
+    LookupError,
+    AttributeError,
+    ArithmeticError,
+    AssertionError,
+    RecursionError,
+)
 _SHORT = 1e-3  # [s] period of a controller that has none
 _LONGEST = 10.0  # periods between two samples
 _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take

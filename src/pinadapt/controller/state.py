@@ -46,8 +46,8 @@ class Bridged(NamedTuple):
 class ControllerState(NamedTuple):
     """The state of a controller after a sample: estimates, filters, sensors; immutable.
 
-    The sizes of the estimates are checked in every step. What filters, adaptations and sensors
-    remember is taken as it is, so leave it to the controller.
+    The sizes of the estimates are checked in every step. Of what filters, adaptations and sensors
+    remember the shapes are checked, not the numbers, so leave it to the controller.
 
     Attributes:
         t: time of the last sample [s].
