@@ -22,6 +22,10 @@ _RENAMED = {
     "Mjcf": "MujocoFile",
     "Sensed": "SensedState",
 }
+_GONE = {
+    "Orientation": "a motion of a quaternion, see pinadapt.trajectories.PoseTrajectory",
+    "Reference": "a BibTeX entry as text, see pinadapt.citation",
+}
 
 
 def __getattr__(name: str) -> object:
@@ -32,7 +36,7 @@ def __getattr__(name: str) -> object:
     """
     if name in __all__:
         return _first_use(name)
-    place = "" if name.startswith("_") else _place(_RENAMED.get(name, name))
+    place = "" if name.startswith("_") else _GONE.get(name) or _place(_RENAMED.get(name, name))
     raise AttributeError(
         f"module {__name__!r} has no attribute {name!r}{place and f': it is now {place}'}",
         name=name,
