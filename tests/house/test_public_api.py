@@ -182,7 +182,7 @@ def test_a_renamed_name_is_found_by_its_former_one(name):
 
 @pytest.mark.parametrize("name", ["Orientation", "Reference"])
 def test_a_former_name_without_a_class_says_what_has_replaced_it(name):
-    with pytest.raises(AttributeError, match="is now a .*, see pinadapt"):
+    with pytest.raises(AttributeError, match=r"is now a .*, see pinadapt"):
         getattr(pa, name)
 
 
