@@ -90,6 +90,14 @@ def _degrees(liar: Liar, s: pa.Measurement) -> pa.Measurement:
     return s._replace(q=np.degrees(s.q))
 
 
+def _off_the_circle(liar: Liar, s: pa.Measurement) -> pa.Measurement:
+    q = s.q.copy()
+    for joint in liar.model.joints[1:]:
+        if joint.nq == 2:
+            q[joint.idx_q : joint.idx_q + 2] *= 1.2
+    return s._replace(q=q)
+
+
 def _once(spoil: Spoil) -> Spoil:
     return lambda liar, s: spoil(liar, s) if liar.count == 0 else s
 
@@ -115,7 +123,7 @@ FAULTS: dict[str, Spoil] = {
     "q in degrees": _degrees,
     "q off by 0.5, once": _once(lambda a, s: s._replace(q=a.angles(s, lambda q: q + 0.5))),
     "q off by 0.1 for good": lambda a, s: s._replace(q=a.angles(s, lambda q: q + 0.1)),
-    "(cos, sin) times 1.2": lambda a, s: s._replace(q=1.2 * s.q),
+    "(cos, sin) times 1.2": _off_the_circle,
     "x off by 1 m, once": _once(lambda a, s: _off(a, s, 1.0)),
     "x off by 0.3 m for good": lambda a, s: _off(a, s, 0.3),
     "x frozen": lambda a, s: s._replace(x=a.first.x),
@@ -131,7 +139,7 @@ FAULTS: dict[str, Spoil] = {
     "x not given": lambda a, s: s._replace(x=None),
     "q and v not a number": lambda a, s: s._replace(q=math.nan * s.q, v=math.nan * s.v),
 }
-CONTINUOUS = ("(cos, sin) times 1.2",)
+CONTINUOUS = ("(cos, sin) times 1.2",)  # of robots that have such joints
 WRAPS = ("q wraps by 2 pi",)  # which a continuous joint does not do
 MEASURES = ("torque 1e4 N m, once", "torque times 100")
 
@@ -273,9 +281,10 @@ def measure(robot: str, law: str, fault: str) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         loop, honest = before(robot, law, fault in MEASURES)
-        continuous = loop.true.model.joints[JOINT + 1].nq == 2
-        if fault in (WRAPS if continuous else CONTINUOUS):
-            raise pa.InputError("this joint cannot have it.", where=fault)
+        model = loop.true.model
+        wraps = model.joints[JOINT + 1].nq == 1
+        if (fault in WRAPS and not wraps) or (fault in CONTINUOUS and model.nq == model.nv):
+            raise pa.InputError("this robot cannot have it.", where=fault)
         return effect(loop.lying(fault), honest)
 
 

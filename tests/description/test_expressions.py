@@ -244,7 +244,7 @@ def test_the_size_of_an_expansion_is_checked_before_it_is_made(tmp_path):
     with pytest.raises(pa.RobotError, match="more than 1000000 bytes"):
         pa.load(path)
     path.write_text('<!DOCTYPE robot [<!ENTITY a "aaaa">]>' + path.read_text())
-    with pytest.raises(pa.RobotError, match="defines entities"):
+    with pytest.raises(pa.RobotError, match="defines XML entities"):
         pa.load(path)
 
 
