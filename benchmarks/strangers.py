@@ -67,8 +67,9 @@ def measure(robot: str, run: str, duration: float | None = None) -> dict[str, An
         duration: of the motion [s]; None: four turns of the circle.
 
     Returns:
-        frame, joints (number), radius [m] and period [s] of the circle, error [m]; for what is
-        refused or diverges status and reason.
+        frame, joints (number), radius [m] and period [s] of the circle, error [m] of the last
+        tenth, the largest one of the whole run [m]; for what is refused or diverges status and
+        reason.
 
     Raises:
         FileNotFoundError: there is no such file; it names the package to install.
@@ -164,7 +165,8 @@ def _followed(
     if rollout.diverged is not None:
         reason = f"at {rollout.diverged:.3g} s: {rollout.reason}"
         return found | {"status": DIVERGED, "reason": reason}
-    return found | {"error": float(rollout.distance[rollout.t > 0.9 * duration].max())}
+    last = rollout.distance[rollout.t > 0.9 * duration]
+    return found | {"error": float(last.max()), "largest": float(rollout.distance.max())}
 
 
 # --- tables ---

@@ -99,8 +99,8 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
         "largest": float(rollout.distance.max() / radius),
         "last": float(rollout.distance[late].max() / radius),
     }
-    if rollout.slowed:
-        found["waited"] = rollout.slowed[0].end
+    if rollout.path_time is not None:
+        found["waited"] = float(t[np.argmax(rollout.path_time > 0.0)])
     if rollout.angle is not None:
         found["turned"] = float(np.degrees(rollout.angle.max()))
         found["last_turned"] = float(np.degrees(rollout.angle[late].max()))

@@ -180,6 +180,7 @@ class Controller(Doors):
         a_k: np.ndarray | None = None,
         a_d: np.ndarray | None = None,
         information: np.ndarray | None = None,
+        information_k: np.ndarray | None = None,
         adapting: bool = True,
     ) -> ControllerState:
         """Return the state to start from: filters at rest, estimates as given or nominal.
@@ -191,6 +192,8 @@ class Controller(Doors):
                 cone, with a warning.
             information: (r, p_d) rows R of what other data say of it, R^T R its inverse covariance;
                 an adaptation with a memory begins with it. None: nothing.
+            information_k: (r, p_k) the same of ``a_k``, for least squares. The position that they
+                predict is then believed at the start, more than that of the first frame.
             adapting: whether the estimates move from the start; see ``ControllerState.adapt``.
 
         Raises:
@@ -204,7 +207,7 @@ class Controller(Doors):
         flag(adapting, "adapting")
         with self.reserved():
             measurement = self._inputs.first(measurement)
-            state = self._first_state(measurement, a_k, a_d, information, adapting)
+            state = self._first_state(measurement, a_k, a_d, information, information_k, adapting)
             if self._own:
                 self._try(state, measurement)
             return state
@@ -247,6 +250,7 @@ class Controller(Doors):
         a_k: np.ndarray | None,
         a_d: np.ndarray | None,
         information: np.ndarray | None,
+        information_k: np.ndarray | None,
         adapting: bool,
     ) -> ControllerState:
         """Return the state to start from, as ``init``, for a measurement that was checked."""
@@ -265,6 +269,10 @@ class Controller(Doors):
             dynamic = self.adaptation_d.informed(dynamic, rows.T @ rows)
         kinematic = self.adaptation_k.init(a_k)
         sensed = self.senses.init(measurement, kinematics, kinematic.value)
+        if information_k is not None:
+            rows = rows_of(information_k, kinematics.size, "information_k")
+            kinematic = self.adaptation_k.informed(kinematic, rows.T @ rows)
+            sensed = believed(sensed, kinematics, kinematic.value)
         torque_filter = self._torque_filter
         return ControllerState(
             t=measurement.t,
@@ -736,6 +744,19 @@ class Controller(Doors):
         if kinematic is None or dynamic is None:
             return None
         return self.adaptation_d.emphasis_unchecked(state.dynamic) * kinematic + dynamic
+
+
+def believed(sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray) -> SensedState:
+    """Return what was sensed at rest, the frame being where an estimate a_k (p) predicts it.
+
+    Orientations and coordinates of joints are as measured.
+    """
+    if sensed.x is None or not kinematics.positions:
+        return sensed
+    kinematics.update_unchecked(a_k, sensed.q, np.zeros(kinematics.nv))
+    x = sensed.x.copy()
+    x[: kinematics.positions] = kinematics.p_hat
+    return sensed._replace(x=x, frame=None, history=())
 
 
 def _of_a_user(part: Any) -> bool:

@@ -297,13 +297,14 @@ def _number(value: Any, name: str) -> float:
     return number
 
 
-def rows_of(given: np.ndarray, size: int) -> np.ndarray:
+def rows_of(given: np.ndarray, size: int, where: str = "information") -> np.ndarray:
     """Return the rows (r, p) of an information of ``size`` p parameters, or refuse them."""
-    rows = numbers(given, "information", error=ParameterError)
+    rows = numbers(given, where, error=ParameterError)
     if rows.ndim != 2 or rows.shape[1] != size:
+        kind = "kinematic" if where.endswith("_k") else "dynamic"
         raise ParameterError(
-            f"expected rows of {size} numbers, one a dynamic parameter, got shape {rows.shape}.",
-            where="information",
+            f"expected rows of {size} numbers, one a {kind} parameter, got shape {rows.shape}.",
+            where=where,
         )
     return rows
 

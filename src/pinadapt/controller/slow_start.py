@@ -26,17 +26,19 @@ from ..models.delay_compensation import SensedState
 from ..models.task_kinematics import JointKinematics
 from ..models.tracker_kinematics import TrackerKinematics
 from ..records import Desired, Measurement
-from .controller import Controller
+from ..signals import Signals
+from .controller import Controller, believed
 from .governor import PathTime
 from .sensing import Guards, Senses
 from .state import ControllerState
 
 AXES = "unknown axes"  # the cause for which the path waits
 _BALL = 2.2e-3  # of the reach: farthest that the frame moves
-_KNOWN = 0.04  # standard deviation of a predicted velocity, relative to that of the frame
+_KNOWN = 0.03  # standard deviation of a predicted velocity, relative to that of the frame
 _SETTLING, _TURN, _RAMP, _REST = 0.5, 1.0, 0.3, 0.3  # [s]
 _FRAMES = 2.0  # that a rest is long enough for
 _LEAST_NOISE = 1e-5  # of the reach
+_RISE = 5.0  # [s] in which the path takes up its full rate if the velocity is just known
 _ROUNDS = 3  # of the noise that the residual shows
 _SINGULAR = 0.1  # of the largest singular value of the Jacobian: below, a direction is left out
 _SCALE, _MIRRORED = 0.7, -0.5  # logarithm of a size, and determinant, that no rotation has
@@ -55,6 +57,7 @@ class Start(NamedTuple):
         information: (p, p) sum of X_k^T X_k over the frames.
         score: (p) sum of X_k^T epsilon, epsilon at the estimate that is held until the end [m].
         squares: sum of epsilon^T epsilon.
+        positions: m_p.
     """
 
     q: np.ndarray
@@ -66,6 +69,7 @@ class Start(NamedTuple):
     information: np.ndarray
     score: np.ndarray
     squares: float
+    positions: int
 
     def with_frame(self, X_k: np.ndarray, epsilon: np.ndarray, taken: float) -> Start:
         """Return this with one more frame.
@@ -83,6 +87,19 @@ class Start(NamedTuple):
             squares=self.squares + float(epsilon.dot(epsilon)),
         )
 
+    def variance(self, step: np.ndarray, least: float, parameters: int | None = None) -> float:
+        """Return the variance of a coordinate of the noise that the residual shows [m^2].
+
+        Args:
+            step: (p) from the estimate that is held to the one that has the residual.
+            least: standard deviation, at least [m].
+            parameters: how many were fitted; None: p.
+        """
+        left = self.squares + step.dot(2.0 * self.score + self.information.dot(step))
+        fitted = len(step) if parameters is None else parameters
+        rows = self.frames * self.positions
+        return max(float(left) / max(1, rows - fitted), least**2)
+
 
 class SlowStart(Controller):
     """A controller that moves nothing but joints by millimetres until the axes of x are known.
@@ -90,9 +107,13 @@ class SlowStart(Controller):
     That is where the state begins without a kinematic estimate; with one the path begins at once.
     The frame is to stay within 0.22 % of the reach of its place. A cycle of its motion takes 3.5 s;
     after each one the path begins if the standard deviation of a coordinate of the predicted
-    velocity is at most 4 % of the velocity of the frame, in all directions in which the arm can
-    move, by the noise that the residual shows. Until then the time of the path stands still
-    (``PathTime``, cause "unknown axes"). Nothing but the joints is held while the estimates rest.
+    velocity is at most 3 % of the velocity of the frame, in all directions in which the arm can
+    move, by the noise that the residual shows. Of a tracker the estimate is then that of the
+    rotation, position and translations that explain the frames best, unless these explain them
+    badly. The kinematic least squares begins with what the frames have told. Until then the time of
+    the path stands still (``PathTime``, cause "unknown axes"). Its rate rises to one in 5 s, or in
+    less by as much as the velocity is known better: a slow motion teaches more frames on its way.
+    Nothing but the joints is held while the estimates rest.
 
     As one differential equation (``run_continuous``), and under a law that has no feedback of the
     joints (``Law.of_joints``), the path begins at once.
@@ -143,6 +164,7 @@ class SlowStart(Controller):
             information=np.zeros((p, p)),
             score=np.zeros(p),
             squares=0.0,
+            positions=self.kinematics.positions,
         )
         return state._replace(start=start, path=PathTime(rate=0.0, cause=AXES))
 
@@ -224,8 +246,13 @@ class SlowStart(Controller):
         frames = 0.0 if camera.rate is None else _FRAMES / camera.rate
         return _Cycle(camera.delay + max(_REST, frames))
 
-    def _known(self, start: Start, a_k: np.ndarray, x: Any) -> np.ndarray | None:
-        """Return the kinematic estimate (p) by the frames, None while they do not tell enough.
+    def _known(
+        self, start: Start, a_k: np.ndarray, x: Any
+    ) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """Return the kinematic estimate (p) by the frames, and what they say of it (p, p).
+
+        And the standard deviation of the predicted velocity, relative to that of the frame. None
+        while they do not tell enough.
 
         Args:
             start: with the frames.
@@ -237,29 +264,51 @@ class SlowStart(Controller):
         """
         kinematics, H, score = self.kinematics, start.information, start.score
         prior, least = np.diag(1.0 / kinematics.sizes**2), _LEAST_NOISE * kinematics.robot.reach
-        spare = max(1, start.frames * kinematics.positions - kinematics.size)
         variance = least**2
         for _ in range(_ROUNDS):
-            P = np.linalg.inv(H / variance + prior)
-            off = P.dot(score) / variance
-            left = start.squares - off.dot(2.0 * score - H.dot(off))
-            variance = max(left / spare, least**2)
-        found, moved = a_k - off, []
-        uncertain = 0.0
-        for way in start.ways.T:
-            kinematics.update_unchecked(found, start.q, way)
-            Y_p = kinematics.Y_p
-            uncertain = max(uncertain, float(np.vdot(Y_p.dot(P), Y_p)) / len(Y_p))
-            moved.append(kinematics.xd_hat[: kinematics.positions])
+            told = H / variance + prior
+            found = a_k - np.linalg.solve(told, score) / variance
+            variance = start.variance(found - a_k, least)
+        uncertain, moved = self._uncertain(start, found, np.linalg.inv(told))
         axes = int(np.linalg.matrix_rank(start.ways))
         size = float(np.linalg.norm(moved)) / math.sqrt(min(kinematics.positions, axes))
-        if uncertain > (_KNOWN * max(1.0, size)) ** 2:
+        if isinstance(kinematics, TrackerKinematics):
+            rigid, of_rigid = kinematics.explaining_tracker(
+                H / variance, (H.dot(a_k) - score) / variance, kinematics.tracker(found)
+            )
+            nearest = kinematics.parameters(rigid)
+            of_rigid /= max(1.0, start.variance(nearest - a_k, least, len(of_rigid)) / variance)
+            P = kinematics.covariance(rigid, of_rigid)
+            other = self._uncertain(start, nearest, P)[0]
+            if other < uncertain:
+                uncertain, found = other, nearest
+                told = kinematics.information(rigid, of_rigid)
+        uncertain /= max(1.0, size)
+        if uncertain > _KNOWN:
             return None
         if isinstance(kinematics, TrackerKinematics):
             mirrored = len(moved[0]) == axes == 3 and np.linalg.det(moved) < _MIRRORED
             _check(x, size, mirrored)
         box = self.adaptation_k
-        return np.clip(found, box.low, box.high) if isinstance(box, BoxProjection) else found
+        if isinstance(box, BoxProjection):
+            found = np.clip(found, box.low, box.high)
+        return found, told, uncertain
+
+    def _uncertain(
+        self, start: Start, a_k: np.ndarray, P: np.ndarray
+    ) -> tuple[float, list[np.ndarray]]:
+        """Return how well an estimate a_k (p) with covariance P (p, p) predicts velocities.
+
+        That is the largest standard deviation of a coordinate, and the predicted velocities, for
+        each of the ways.
+        """
+        kinematics, largest, moved = self.kinematics, 0.0, []
+        for way in start.ways.T:
+            kinematics.update_unchecked(a_k, start.q, way)
+            Y_p = kinematics.Y_p
+            largest = max(largest, float(np.vdot(Y_p.dot(P), Y_p)) / len(Y_p))
+            moved.append(kinematics.xd_hat[: kinematics.positions])
+        return math.sqrt(largest), moved
 
     def _begun(
         self, state: ControllerState, start: Start, measurement: Measurement
@@ -268,22 +317,38 @@ class SlowStart(Controller):
 
         The arm rests; where it is all frames tell, and the last one how it is turned.
         """
-        kinematics, before = self.kinematics, state.sensed
-        a_k = self._known(start, state.a_k, measurement.x)
-        if a_k is None:
+        known = self._known(start, state.a_k, measurement.x)
+        if known is None:
             return None
-        kinematics.update_unchecked(a_k, before.q, before.v)
-        x = np.array(measurement.x, dtype=float)
-        x[: kinematics.positions] = kinematics.p_hat
-        sensed = before._replace(x=x, frame=None, history=())
+        a_k, told, uncertain = known
+        before = state.sensed._replace(x=np.array(measurement.x, dtype=float))
+        sensed = believed(before, self.kinematics, a_k)
         assert state.path is not None
         return state._replace(
-            kinematic=self.adaptation_k.init(a_k),
-            filters=self._filters.init(sensed, kinematics),
+            kinematic=self.adaptation_k.informed(self.adaptation_k.init(a_k), told),
+            filters=self._filters.init(sensed, self.kinematics),
             sensed=sensed,
-            path=PathTime(state.path.lag),
+            path=PathTime(state.path.lag, 0.0, _KNOWN / (_RISE * uncertain), AXES),
             start=None,
         )
+
+    def _governed(
+        self,
+        path: PathTime,
+        s: Signals,
+        sensed: SensedState,
+        torque: np.ndarray,
+        elapsed: float | None,
+    ) -> PathTime:
+        """Return the time of the path after the elapsed time [s], while its rate rises, too."""
+        after = super()._governed(path, s, sensed, torque, elapsed)
+        if path.cause != AXES or not elapsed:
+            return after
+        rate = path.rate + path.acceleration * elapsed
+        if self.limits.governor is not None and after.rate < rate:
+            return after
+        lag = path.lag + elapsed * (1.0 - min(1.0, 0.5 * (path.rate + rate)))
+        return PathTime(lag) if rate >= 1.0 else path._replace(lag=lag, rate=rate)
 
 
 def _check(x: Any, size: float, mirrored: bool) -> None:

@@ -39,6 +39,8 @@ _LARGEST = 10.0  # motion of a picture over that of the arm
 _MIRRORED = -0.5  # determinant; near zero where the motion does not show all axes
 _EXPLAINED = 0.5  # share of the residual's size that a mistake must take away
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
+_LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
+_CERTAIN = 5.0  # deviations
 _UNSEEN = 0.9  # of the prior deviation
 
 
@@ -49,6 +51,8 @@ class FoundTracker:
     Attributes:
         tracker: placement of the base in the tracker's axes, and the translations.
         a_k: (p) the same as parameters of ``TrackerKinematics``, to start a controller from.
+        information: (p, p) rows of what the frames say of these, as ``information_k`` of
+            ``Controller.init``.
         deviations: (6 + k) standard deviations: of the rotation [rad] and position [m] of the base
             in the tracker's axes, and of the translations [m].
         names: (6 + k) of these.
@@ -59,6 +63,7 @@ class FoundTracker:
 
     tracker: Tracker
     a_k: np.ndarray
+    information: np.ndarray
     deviations: np.ndarray
     names: tuple[str, ...]
     noise: float
@@ -71,6 +76,11 @@ class FoundTracker:
 
     def _repr_html_(self) -> str:
         return self.sheet.html()
+
+    @property
+    def start(self) -> dict[str, np.ndarray]:
+        """``a_k`` and ``information_k`` for ``simulate(..., start=...)`` or ``Controller.init``."""
+        return {"a_k": self.a_k, "information_k": self.information}
 
     @cached_property
     def sheet(self) -> Sheet:
@@ -140,9 +150,11 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     deviations = information.deviations
     prior = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
     unseen = [name for name, off in zip(names, deviations / prior, strict=True) if off > _UNSEEN]
+    told = kinematics.information(tracker, information.H)
     return FoundTracker(
         tracker,
         kinematics.parameters(tracker),
+        np.linalg.cholesky(told).T,
         deviations,
         names,
         sigma,
@@ -180,26 +192,60 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             f"the picture moves {size:.3g} times as far as the arm. In pixels?",
             hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
         )
-    a_0, known = kinematics.standing_at(x[0]), 1.0 / kinematics.sizes**2
-    a = a_0.copy()
-    for _ in range(_ROUNDS):
-        kept = []
-        for q, v, y in found:
-            kinematics.update(a, q, v)
-            kept.append((kinematics.X_k, y - kinematics.p_hat))
-        W, residual = (np.array(column) for column in zip(*kept, strict=True))
-        sigma = _noise(residual, len(a), reach)
-        told = _told(kinematics.names, a, W / sigma, residual / sigma, known, a_0 - a)
-        a = a + told.correction
-        if np.abs(told.correction).max() < _CONVERGED:
-            break
+    a_0 = kinematics.standing_at(x[0])
+    told, residual = _filmed(kinematics, found, a_0, a_0)
+    sigma = _noise(residual, len(a_0), reach)
+    timed = _filmed(kinematics, found, a_0, np.append(told.estimate, 0.0))[0]
+    late, uncertain = timed.estimate[-1], timed.deviations[-1]
+    cause = ""
+    if abs(late) > max(_LATE, _CERTAIN * uncertain):
+        cause = f"frames taken about {1e3 * late:.2g} ms before their time stamps would explain it"
     if sigma * _correlated(residual) > _WORST * motion:
         raise LogError(
             f"no camera explains these frames: they are off by {sigma:.3g} (rms) in a motion of "
-            f"{motion:.3g}.",
+            f"{motion:.3g}{cause and '; ' + cause}.",
             hint="Is the picture that of this frame, of this robot, and timed on the clock of q?",
         )
+    if cause:
+        raise LogError(
+            f"the frames have another clock than q: {cause}.",
+            hint="x_time is when a picture was taken, on the clock of q.",
+        )
     return told
+
+
+def _filmed(
+    kinematics: CameraKinematics,
+    found: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    a_0: np.ndarray,
+    start: np.ndarray,
+) -> tuple[Information, np.ndarray]:
+    """Return what frames say of a camera at the best fit, and the residual (N, m_p).
+
+    Args:
+        kinematics: of the camera, p parameters.
+        found: q (nq), v (nv) and x (m_p) of each of N frames.
+        a_0: (p) known before.
+        start: (p) to begin with, or (p + 1) with how late the frames are [s].
+    """
+    timed, names = len(start) > len(a_0), kinematics.names
+    names, a = (*names, "late") if timed else names, start.copy()
+    known = np.append(1.0 / kinematics.sizes**2, np.zeros(int(timed)))
+    before = np.append(a_0, np.zeros(int(timed)))
+    for _ in range(_ROUNDS):
+        kept = []
+        for q, v, y in found:
+            then = pin.integrate(kinematics.robot.model, q, -a[-1] * v) if timed else q
+            kinematics.update(a[: len(a_0)], then, v)
+            rate = -kinematics.xd_hat[: len(y), None] if timed else np.zeros((len(y), 0))
+            kept.append((np.append(kinematics.X_k, rate, axis=1), y - kinematics.p_hat))
+        W, residual = (np.array(column) for column in zip(*kept, strict=True))
+        sigma = _noise(residual, len(a), kinematics.robot.reach)
+        told = _told(names, a, W / sigma, residual / sigma, known, before - a)
+        a = a + told.correction
+        if np.abs(told.correction).max() < _CONVERGED:
+            break
+    return told, residual
 
 
 def _seen(

@@ -10,7 +10,9 @@ The estimated kinematics predict the motion since then:
     x(t) = x_hat(q(t); a_k) - epsilon.
 
 The error of this x is (X(q(t)) - X(q_c)) da_k and vanishes with the parameter error da_k. Noise of
-the frames is reduced by a low pass on epsilon, which adds no lag to the motion of the arm.
+the frames is reduced by a low pass on epsilon, which adds no lag to the motion of the arm. It runs
+over X(q_c) and b, so that epsilon of all frames is that of the present estimate: what an estimate
+has learned since corrects x at once.
 """
 
 from __future__ import annotations
@@ -35,13 +37,14 @@ class Frame(NamedTuple):
         t: the time at which it was taken [s].
         X_k: (m_p, p) dx/da_k at the configuration of that time.
         b: (m_p) the frame's prediction error is X_k a_k + b [m].
-        b_smooth: (m_p) the same with the noise of the frames low-passed [m].
+        X_smooth, b_smooth: the same with the noise of the frames low-passed.
         turn: rotation from the estimated to the measured orientation; None without orientation.
     """
 
     t: float
     X_k: np.ndarray
     b: np.ndarray
+    X_smooth: np.ndarray
     b_smooth: np.ndarray
     turn: Any = None
 
@@ -140,7 +143,8 @@ class DelayCompensator:
         elif t - frame.t > self.longest_gap:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
         X_a = frame.X_k.dot(kinematics.a_k)
-        x = kinematics.task.carried_unchecked(kinematics.x_hat, X_a + frame.b_smooth, frame.turn)
+        smooth = X_a if frame.X_smooth is frame.X_k else frame.X_smooth.dot(kinematics.a_k)
+        x = kinematics.task.carried_unchecked(kinematics.x_hat, smooth + frame.b_smooth, frame.turn)
         return SensedState(q, v, x, X_a + frame.b, frame.X_k, frame, history)
 
     def _frame(
@@ -155,13 +159,13 @@ class DelayCompensator:
         task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at_unchecked(q, x)
         X_a = X_k.dot(a_k)
         b = task.position_unchecked(x_hat) - task.position_unchecked(x) - X_a
-        b_smooth, turn = b, task.turn_unchecked(x_hat, x)
+        X_smooth, b_smooth, turn = X_k, b, task.turn_unchecked(x_hat, x)
         if before is not None and math.isfinite(self.smoothing):
             rest = math.exp(-self.smoothing * (t - before.t))
-            epsilon = before.X_k.dot(a_k) + before.b_smooth
-            b_smooth = rest * (epsilon - X_a) + (1.0 - rest) * b
+            X_smooth = rest * before.X_smooth + (1.0 - rest) * X_k
+            b_smooth = rest * before.b_smooth + (1.0 - rest) * b
             turn = task.turn_between_unchecked(turn, before.turn, rest)
-        return Frame(t, X_k, b, b_smooth, turn)
+        return Frame(t, X_k, b, X_smooth, b_smooth, turn)
 
 
 def _since(

@@ -33,6 +33,9 @@ _WIDE = 0.5  # of the reach
 _TURNED = 1.5  # bound of an entry of the rotation
 _ROUNDS = 20  # of the turns that find rotation and translations
 _FARTHEST = 1e3  # [m] of the frame at home from the tracker
+_CONVERGED = 1e-10  # [rad] or [m]
+_INEXACT = 0.01  # of the sizes, by which a described arm differs from a real one
+_PRIOR = 0.1  # of the reach: standard deviation of a described translation
 
 
 class Tracker(NamedTuple):
@@ -146,6 +149,8 @@ class TrackerKinematics(LumpedKinematics):
     uncalibrated visual servoing.
     """
 
+    shapes = LumpedKinematics.shapes + ", H: size size, score: size, told: c c"
+
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
@@ -164,6 +169,7 @@ class TrackerKinematics(LumpedKinematics):
         off = np.repeat([1.0, _OFF * robot.reach], [3, 3 * k + 1])
         wide = np.repeat([_TURNED, _TURNED * _WIDE * robot.reach, _FARTHEST], [3, 3 * k, 1])
         self.sizes = np.tile(off, self.positions)
+        self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
         self.bounds = np.tile(wide, self.positions) * np.array([[-1.0], [1.0]])
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -199,6 +205,75 @@ class TrackerKinematics(LumpedKinematics):
         t = np.zeros(3)
         t[self._rows] = Theta[:, -1] - home
         return Tracker(pin.SE3(self._completed(R), t), a + self.nominal, misfit)
+
+    def slopes(self, tracker: Tracker) -> np.ndarray:
+        """Return the derivatives (p, 6 + k) of the parameters of a tracker.
+
+        With respect to small turns of the base about the axes of the tracker, its position, and the
+        translations.
+        """
+        R, a = tracker.placement.rotation, tracker.a - self.nominal
+        none = np.zeros((3, 3))
+        turned = [pin.skew(axis) @ R for axis in np.eye(3)]
+        blocks = [np.concatenate([dR, *(each * dR for each in a)], axis=1) for dR in turned]
+        blocks += [np.tile(none, 1 + len(a))] * 3
+        for i in range(len(a)):
+            of = [R if i == j else none for j in range(len(a))]
+            blocks.append(np.concatenate([none, *of], axis=1))
+        found = []
+        for i, block in enumerate(blocks):
+            home = block.dot(self._home)
+            if 3 <= i < 6:
+                home[i - 3] = 1.0
+            found.append(np.concatenate([block, home[:, None]], axis=1)[self._rows].ravel())
+        return np.array(found).T
+
+    def explaining_tracker(
+        self, H: np.ndarray, score: np.ndarray, start: Tracker
+    ) -> tuple[Tracker, np.ndarray]:
+        """Return the tracker that explains frames best, and the information of it (6 + k, 6 + k).
+
+        It minimises theta^T H theta / 2 - score^T theta over its parameters theta, the translations
+        known before to a tenth of the reach, by Gauss-Newton. The information, an inverse
+        covariance, is of what ``slopes`` are taken with respect to.
+
+        Args:
+            H: (p, p) sum of X_k^T X_k of the frames over the variance of their noise.
+            score: (p) sum of X_k^T x, x relative to X_k theta, over the same.
+            start: tracker to begin with.
+        """
+        k, tracker = len(self.nominal), start
+        known = np.repeat([0.0, 1.0 / (_PRIOR * self.robot.reach) ** 2], [6, k])
+        for _ in range(_ROUNDS):
+            G, off = self.slopes(tracker), np.append(np.zeros(6), tracker.a - self.nominal)
+            told = G.T @ H @ G + np.diag(known)
+            slope = G.T @ (score - H @ self.parameters(tracker)) - known * off
+            step = np.linalg.solve(told + self._vague, slope)
+            R, t = tracker.placement.rotation, tracker.placement.translation
+            placement = pin.SE3(pin.exp3(step[:3]) @ R, t + step[3:6])
+            tracker = Tracker(placement, tracker.a + step[6:])
+            if np.abs(step).max() < _CONVERGED:
+                break
+        return tracker, told
+
+    def covariance(self, tracker: Tracker, told: np.ndarray) -> np.ndarray:
+        """Return the covariance (p, p) of the parameters, of a tracker with (6 + k, 6 + k) told.
+
+        What is not told is known to a radian and to the reach.
+        """
+        G = self.slopes(tracker)
+        return np.asarray(G @ np.linalg.inv(told + self._vague) @ G.T)
+
+    def information(self, tracker: Tracker, told: np.ndarray) -> np.ndarray:
+        """Return what a tracker with the information (6 + k, 6 + k) says of the parameters (p, p).
+
+        All but the position at home are known no better than to a hundredth of their sizes: so much
+        an arm may differ from its description.
+        """
+        inexact = (_INEXACT * self.sizes.reshape(self._shape)) ** 2
+        inexact[:, -1] = 0.0
+        found = np.linalg.inv(self.covariance(tracker, told) + np.diag(inexact.ravel()))
+        return np.asarray(0.5 * (found + found.T))
 
     def _completed(self, R: np.ndarray) -> np.ndarray:
         """Return the rotation (3, 3) with rows R (m_p, 3) of the task's coordinates."""

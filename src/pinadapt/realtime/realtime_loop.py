@@ -283,9 +283,9 @@ class RealtimeLoop:
             stage: what to do.
             safety: numbers of the checklist; None for the defaults.
             recorder: log and desk; None for neither.
-            start: initial estimates ``a_k``, ``a_d`` and ``information``, as of ``simulate``. Where
-                the axes of x are unknown, and ``a_k`` is not given, the arm first holds its joints
-                and moves by millimetres, see ``SlowStart``.
+            start: initial estimates ``a_k`` and ``a_d``, ``information`` and ``information_k``, as
+                of ``simulate``. Where the axes of x are unknown, and ``a_k`` is not given, the arm
+                first holds its joints and moves by millimetres, see ``SlowStart``.
             slowness: by which a slow motion is slower.
             scheduling: what is asked of the system; None for the defaults.
             say: gets each message; None prints it to standard error.
@@ -305,7 +305,7 @@ class RealtimeLoop:
                 "without adaptation the axes of x remain unknown.",
                 where="stage",
                 hint='Take "adapt", which first finds them by millimetres of motion; or give '
-                'start={"a_k": ...}, which information.find_tracker returns.',
+                "start=found.start of what information.find_tracker returns.",
             )
         self._motion = None if motion is None else as_trajectory(motion, kinematics.task)
         self.safety = Safety() if safety is None else safety

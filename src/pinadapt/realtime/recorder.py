@@ -655,6 +655,7 @@ class CycleLog:
                 ("a_k", controller.kinematics.size),
                 ("a_d", controller.dynamics.size),
                 ("information", controller.dynamics.size),
+                ("information_k", controller.kinematics.size),
             )
             if (value := start.get(name)) is not None
         ):

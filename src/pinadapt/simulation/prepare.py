@@ -27,7 +27,7 @@ from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import jacobian_finding, preflight, sensor_findings
 
 _STARTS = {"a_k": "belief.kinematic", "a_d": "belief.dynamic"}
-_INFORMATION = "information"
+_INFORMATION = ("information", "information_k")
 
 _SINGULAR = 1e-6
 
@@ -60,12 +60,12 @@ def prepare(
     if isinstance(start, LearnedParameters):
         start = start.start(controller)
     given = dict(mapping(start, "start"))
-    rows = given.pop(_INFORMATION, None)
+    rows = {name: given.pop(name) for name in _INFORMATION if name in given}
     estimates: dict[str, Any] = {
-        word(name, (*_STARTS, _INFORMATION), "start"): _array(value, _STARTS[name])
+        word(name, (*_STARTS, *_INFORMATION), "start"): _array(value, _STARTS[name])
         for name, value in given.items()
     }
-    return controller.init(plant.measure(), information=rows, **estimates)
+    return controller.init(plant.measure(), **rows, **estimates)
 
 
 def findings(

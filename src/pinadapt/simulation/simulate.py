@@ -175,10 +175,11 @@ def simulate(
             "pinocchio", "mujoco", a ``MujocoFile``, or a class of plants; or the ``Actuators`` of
             Pinocchio's.
         start: initial estimates, ``a_k`` (p_k) [m] and ``a_d`` (p_d) by name, with ``information``
-            as of ``Controller.init``; or what was learned before. By default those of the
-            controller's model; an unknown tracker is found by a ``Wiggle`` of the joints before the
-            run begins, from the same home. ``start={}`` omits that; the controller then finds it by
-            millimetres of motion before the path begins, see ``controller.SlowStart``.
+            and ``information_k`` as of ``Controller.init``; or what was learned before. By default
+            those of the controller's model; an unknown tracker is found by a ``Wiggle`` of the
+            joints before the run begins, from the same home. ``start={}`` omits that; the
+            controller then finds it by millimetres of motion before the path begins, see
+            ``controller.SlowStart``.
         seed: of the noise and of lost frames.
         record_every: keep one sample of so many; the loop itself runs at every one.
         title: of the rollout.
@@ -270,8 +271,8 @@ def wiggled(
     """Return the estimates to start from that a ``Wiggle`` of all joints of a plant shows.
 
     A controller of the joints moves it, with the default unknowns and limits. ``a_k`` (p_k) is what
-    explains the frames. ``a_d`` (p_d) is what the mover has learned of load and arm meanwhile, if
-    the controller adapts the same parameters.
+    explains the frames, ``information_k`` (p_k, p_k) how well they tell it. ``a_d`` (p_d) is what
+    the mover has learned of load and arm meanwhile, if the controller adapts the same parameters.
 
     Args:
         plant: at its home, to which it returns.
@@ -301,9 +302,10 @@ def wiggled(
     plant.reset()
     measurements = [sample.measurement for sample in samples]
     if isinstance(controller.kinematics, CameraKinematics):
-        found = {"a_k": find_camera(controller.kinematics, measurements).estimate}
+        told = find_camera(controller.kinematics, measurements)
+        found = {"a_k": told.estimate, "information_k": told.equations[0]}
     else:
-        found = {"a_k": find_tracker(controller.kinematics, measurements).a_k}
+        found = find_tracker(controller.kinematics, measurements).start
     if own.dynamics.names == controller.dynamics.names:
         found["a_d"] = samples[-1].state.a_d
     return found

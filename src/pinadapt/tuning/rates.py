@@ -577,7 +577,10 @@ def kinematic_least_squares(
     if forgetting is None:
         forgetting = _KINEMATIC_FORGETTING * min(bandwidth, settings.smoothing)
     kinematics, size = motion.kinematics, motion.kinematics.size
-    options: dict[str, Any] = {"weight": None, "forgetting": forgetting, "directional": True}
+    unit = (_PRIOR * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
+    options: dict[str, Any] = {
+        "weight": None, "forgetting": forgetting, "directional": True, "unit": unit
+    }  # fmt: skip
     if rates.get("R_k") is not None and rate is None:
         return LeastSquares(P_0, size, **options)
     rate = _KINEMATIC_RATE * bandwidth if rate is None else positive(rate, "kinematic_rate")
@@ -586,11 +589,7 @@ def kinematic_least_squares(
     typical = float(np.mean(squares)) if squares else 0.0
     # noise of the measured signal over its size by the prior, white over a second
     spread = quality.x if law.uses_position_error else quality.x * _velocity_filter(law, bandwidth)
-    off = (
-        _PRIOR
-        * motion.robot.reach
-        * math.sqrt(typical / np.mean(np.diag(P_0) / kinematics.sizes**2))
-    )
+    off = math.sqrt(unit * typical)
     noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
     floor = typical * max(noise, _FINEST**2)
     return LeastSquares(P_0, size, rate=rate, floor=floor or 1.0, **options)
