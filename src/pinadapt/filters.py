@@ -301,6 +301,8 @@ class PositionObserver(Filters):
 
     def rate_at(self, s: Signals) -> float:
         """Return the present beta [1/s]."""
+        if s.lateness <= self.late:
+            return self.beta
         return kernels.observing(
             self.beta, s.filtered.dx_o, self.near, s.lateness, self.late, self.patience
         )

@@ -306,9 +306,8 @@ class Controller(Doors):
             )
         if state.path is not None:
             return state.path.desired(motion, t)
-        if t.__class__ is float and isinstance(motion, Trajectory):
-            return motion.at_unchecked(t)
-        return motion.at(t)
+        at = getattr(motion, "at_unchecked", motion.at) if t.__class__ is float else motion.at
+        return at(t)
 
     def announce(
         self,

@@ -56,7 +56,7 @@ class FittedMidpoint:
         self._constants = self._friction.shape, inertia, rotors
         self._fitted = self._armature, self._drive, self._theta
         self._loaded = _LoadedFriction(robot)
-        self._none = np.zeros(self._model.nv)
+        self._none, self._middle, self._way = np.zeros((3, self._model.nv))
         compile_all()
 
     def __call__(
@@ -65,7 +65,7 @@ class FittedMidpoint:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv)."""
         model, half, integrate = self._model, 0.5 * h, pin.integrate
         solve = self._damped if self._present else self._free
-        after, middle, way = empty(v.size), empty(v.size), empty(v.size)
+        after, middle, way = empty(v.size), self._middle, self._way
         _moved(v, solve(q, v, v, tau, half), self._none, half, middle, way)
         a = solve(integrate(model, q, way), middle, v, tau, h)
         _moved(v, a, self._theta, h, after, way)

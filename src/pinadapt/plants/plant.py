@@ -169,12 +169,13 @@ class SimulatedPlant(Plant):
             InputError: a torque of another size, or dt not from 0 to 100 s.
             DivergedError: the torque is not finite.
         """
-        tau, _ = self.motors_unchecked(torque), self.steps_in_unchecked(dt)
-        if not isfinite(tau.sum()) and not np.isfinite(tau).all():
+        tau = self.motors_unchecked(torque)
+        if not isfinite(tau.dot(tau)) and not np.isfinite(tau).all():
             raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
             self.hold_unchecked(tau, dt)
             return
+        self.steps_in_unchecked(dt)  # refuses what is too long before anything is underway
         pieces, self._underway = self._late.after(self._underway, tau, dt, LONGEST_STEP)
         for applied, part in pieces:
             self.hold_unchecked(applied, part)
