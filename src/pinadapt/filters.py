@@ -158,7 +158,7 @@ class MotionFilters(Filters):
         m, p = kinematics.positions, kinematics.size
         X_k, d = np.zeros((m, p)), np.zeros(m)
         if m and sensed.x is not None:
-            kinematics.update_unchecked(kinematics.initial, sensed.q, sensed.v)
+            kinematics.update(kinematics.initial, sensed.q, sensed.v)
             X_k = kinematics.X_k
             d = sensed.x[:m] - kinematics.p_hat + X_k.dot(kinematics.a_k)
         return np.concatenate([X_k.ravel(), d, sensed.v])
@@ -277,7 +277,7 @@ class PositionObserver(Filters):
         if kinematics.positions and sensed.x is not None:
             memory[:-2] = sensed.x[: kinematics.positions]
             if self.lead:
-                kinematics.update_unchecked(kinematics.initial, sensed.q, sensed.v)
+                kinematics.update(kinematics.initial, sensed.q, sensed.v)
                 memory[:-2] -= self.lead * kinematics.xd_hat[: kinematics.positions]
         return ObserverState(memory, s_f)
 

@@ -238,7 +238,7 @@ def worst(rollout, T):
 
 def test_joint_laws_need_joint_tasks():
     for law in [*ADAPTIVE, "computed-torque"]:
-        with pytest.raises(pa.InputError, match=r'joint space.*task = "joint"'):
+        with pytest.raises(pa.InputError, match=r'joint tasks.*task = "joint"'):
             pa.make_controller(catalogue_robot("ur5"), law=law)
 
 

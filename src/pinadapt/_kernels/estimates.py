@@ -129,11 +129,12 @@ def fit(
         for k in range(n):
             pivot = 1.0 / A[k, k]
             for i in range(n):
-                for j in range(n):
-                    if i != k and j != k:
-                        A[i, j] -= A[i, k] * A[k, j] * pivot
+                x = A[i, k] * pivot
+                for j in range(n if i != k else 0):
+                    A[i, j] -= x * A[k, j]
+                A[i, k] = x
             for i in range(n):
-                A[i, k] = A[k, i] = A[i, k] * pivot
+                A[k, i] = A[i, k]
             A[k, k] = -pivot
         for i in range(n):
             for j in range(n):
@@ -146,7 +147,8 @@ def fit(
         raise ArrayError
     if len(after) != p or gain.shape != (p, p):
         raise ArrayError
-    R, information, gradient = np.empty((m, m)), np.empty((p, p)), np.empty(p)
+    work = np.empty((2, max(m, p) + 1, max(m, p)))
+    R, information, gradient = work[0, :m, :m], work[1, :p, :p], work[0, m, :p]
     for k in range(p):
         gradient[k] = g[k]
         for t in range(p):

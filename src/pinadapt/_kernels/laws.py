@@ -479,7 +479,8 @@ def subtract_limited_damping(
         raise ArrayError
     if len(v) != n or len(v_r) != n or len(torque) != n:
         raise ArrayError
-    L, y, z = np.empty((n, n)), np.empty(n), np.empty(n)
+    work = np.empty((n + 2, n))
+    L, y, z = work[:n], work[n], work[n + 1]  # 1 / L_ii on the diagonal of L
     for i in range(n):
         error[i] = v[i] - v_r[i]
     for i in range(n):
@@ -494,17 +495,19 @@ def subtract_limited_damping(
                 x += d[i]
             for t in range(j):
                 x -= L[i, t] * L[j, t]
-            L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
+            L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
     for i in range(n):
         x = y[i]
         for t in range(i):
             x -= L[i, t] * z[t]
-        z[i] = x / L[i, i]
+        z[i] = x * L[i, i]
     for i in range(n - 1, -1, -1):
         x = z[i]
         for t in range(i + 1, n):
             x -= L[t, i] * z[t]
-        z[i] = x / L[i, i]
+        z[i] = x * L[i, i]
     for i in range(n):
+        x = 0.0
         for t in range(n):
-            torque[i] += D[i, t] * z[t]
+            x += D[i, t] * z[t]
+        torque[i] += x

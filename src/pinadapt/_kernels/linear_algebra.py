@@ -72,8 +72,9 @@ def gradient_through_inverse(
 ) -> bool:
     """Write M^-1 J^T e (n) and Phi^T e = Y^T M^-1 J^T e (p), Phi = J M^-1 Y.
 
-    By Cholesky, M = L L^T; only the lower triangles of M and L (n, n) are read and written. Return
-    False, without the gradient, if M is not positive definite.
+    By Cholesky, M = L L^T; of M and L (n, n) only the lower triangles are read and written, and on
+    the diagonal of L stand the inverses of its entries. Return False, without the gradient, if M is
+    not positive definite.
     """
     m, n = J.shape
     if M.shape != (n, n) or len(e) != m or Y.shape != (n, len(gradient)):
@@ -87,24 +88,25 @@ def gradient_through_inverse(
                 x -= L[i, t] * L[j, t]
             if i == j and not x > 0.0:
                 return False
-            L[i, j] = math.sqrt(x) if i == j else x / L[j, j]
+            L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
     for i in range(n):  # L y = J^T e
         y = 0.0
         for t in range(m):
             y += J[t, i] * e[t]
         for t in range(i):
             y -= L[i, t] * solution[t]
-        solution[i] = y / L[i, i]
+        solution[i] = y * L[i, i]
     for i in range(n - 1, -1, -1):  # L^T x = y
         x = solution[i]
         for t in range(i + 1, n):
             x -= L[t, i] * solution[t]
-        solution[i] = x / L[i, i]
+        solution[i] = x * L[i, i]
     for j in range(len(gradient)):
         gradient[j] = 0.0
     for i in range(n):
+        x = solution[i]
         for j in range(len(gradient)):
-            gradient[j] += Y[i, j] * solution[i]
+            gradient[j] += Y[i, j] * x
     return True
 
 

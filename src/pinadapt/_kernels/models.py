@@ -192,8 +192,9 @@ def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -
     for i in range(len(tau)):
         x = 0.0
         for j in range(len(pi)):
-            Y[i, j] -= Y_0[i, j]
-            x += Y[i, j] * pi[j]
+            y = Y[i, j] - Y_0[i, j]
+            Y[i, j] = y
+            x += y * pi[j]
         tau[i] = x
 
 

@@ -23,7 +23,7 @@ from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError, InputError, PinadaptError
 from ..filters import FilteredRegressor, FilteredTorque
-from ..laws.law import Command, EstimatedModel, Law
+from ..laws.law import CheckedModel, Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
 from ..models.dynamics import Dynamics
 from ..models.right_inverse import RightInverse
@@ -128,10 +128,7 @@ class Controller(Doors):
                 motors = LateTorque(joints)
                 self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
             self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
-        nothing = Estimate(np.zeros(0))
-        self._estimated = EstimatedModel(
-            kinematics, dynamics, adaptation_k, adaptation_d, nothing, nothing
-        )
+        self._estimated = self._scratch()
         self._own = any(map(_of_a_user, (law, adaptation_k, adaptation_d)))
         self._alone = Lock()  # for a thread that uses the scratch
         self._data = kinematics.robot.model.createData()
@@ -139,15 +136,21 @@ class Controller(Doors):
 
     def __getstate__(self) -> dict[str, Any]:
         """Copy all but lock and scratch."""
-        own = ("_alone", "_data")
+        own = ("_alone", "_data", "_estimated")
         return {name: value for name, value in vars(self).items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Have the kernels compiled where a copy arrives in a new process."""
         self.__dict__.update(state)
-        self._alone = Lock()
+        self._alone, self._estimated = Lock(), self._scratch()
         self._data = self.kinematics.robot.model.createData()
         compile_all()
+
+    def _scratch(self) -> EstimatedModel:
+        """Return the model that a law gets, checked for a law of a user's own."""
+        kind = CheckedModel if _of_a_user(self.law) else EstimatedModel
+        parts = self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d
+        return kind(*parts, Estimate(np.zeros(0)), Estimate(np.zeros(0)))
 
     def __repr__(self) -> str:
         """Return a table: robot, task, gains, what is adapted, limits."""
@@ -760,7 +763,8 @@ def believed(sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray) -
 
 def _of_a_user(part: Any) -> bool:
     """Tell whether a law or an adaptation, or one inside of it, is not of this package."""
-    inner = [getattr(part, "inner", None), *(each for each, _ in getattr(part, "parts", ()))]
+    inner = [getattr(part, "inner", None), getattr(part, "law", None)]
+    inner += [each for each, _ in getattr(part, "parts", ())]
     own = not type(part).__module__.startswith("pinadapt.")
     return own or any(_of_a_user(each) for each in inner if each is not None)
 

@@ -120,7 +120,7 @@ def limits_for(
     Raises:
         GainError: torque limits that are not positive.
     """
-    kinematics.update_unchecked(kinematics.initial, robot.q0, np.zeros(robot.model.nv))
+    kinematics.update(kinematics.initial, robot.q0, np.zeros(robot.model.nv))
     s_home = RightInverse(kinematics.J, 1.0).conditioning  # damped, so that no home is refused
     size = (
         float(np.linalg.norm(dynamics.initial))

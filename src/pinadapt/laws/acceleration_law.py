@@ -149,7 +149,7 @@ class EstimatedVelocityLaw(AccelerationLaw):
         """Return e (m)."""
         return s.dxd_hat + self.alpha * s.dx
 
-    def errors(self, s: Signals) -> tuple[np.ndarray, Drive]:
+    def _errors(self, s: Signals) -> tuple[np.ndarray, Drive]:
         """Return e (m) and the drive of (19).
 
         g_k = -Y_k^T ((K_P + alpha K_v) dx + alpha dxd_hat) + W_k^T R_k (W_k a_k - y).
@@ -163,9 +163,7 @@ class EstimatedVelocityLaw(AccelerationLaw):
         )  # fmt: skip
         return e, Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
 
-    errors_unchecked = errors
-
-    def commanded_acceleration(self, s: Signals, a_k_rate: np.ndarray) -> np.ndarray:
+    def _commanded_acceleration(self, s: Signals, a_k_rate: np.ndarray) -> np.ndarray:
         """Return v = J^+ (xdd_d - K_v dxd_hat - K_P dx - dJ_hat/dt qd) + (I - J^+ J) psi (n).
 
         dJ_hat/dt qd = dJ/dt(a_k) qd + Y_k da_k/dt: the estimate moves as well. psi is that of the
@@ -182,8 +180,6 @@ class EstimatedVelocityLaw(AccelerationLaw):
             inverse.J, inverse.gram_inverse, s.v, q, rows, w, missed, v,
         )  # fmt: skip
         return v
-
-    commanded_acceleration_unchecked = commanded_acceleration
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return e^T e / 2 + dx^T (K_P + alpha K_v - alpha^2 I) dx / 2."""
@@ -220,10 +216,8 @@ class ResolvedAcceleration(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return M v + C qd + g, (8); nothing drives the estimates."""
-        v = self.commanded_acceleration_unchecked(s, np.zeros(s.a_k.size))
-        return Command(
-            model.dynamics.torque_unchecked(s.q, s.v, v), Drives.none(s.a_d.size, s.a_k.size)
-        )  # (8)
+        v = self._commanded_acceleration(s, np.zeros(s.a_k.size))
+        return Command(model.torque(s.q, s.v, v), Drives.none(s.a_d.size, s.a_k.size))  # (8)
 
 
 @dataclass(frozen=True, eq=False)

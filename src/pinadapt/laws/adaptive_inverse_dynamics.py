@@ -41,17 +41,17 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
-        e, kinematic = self.errors_unchecked(s)
+        e, kinematic = self._errors(s)
         a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
-        v = self.commanded_acceleration_unchecked(s, a_k_rate)
+        v = self._commanded_acceleration(s, a_k_rate)
         # tau = M_hat v + C_hat qd + g_hat (11)
-        torque = model.dynamics.torque_unchecked(s.q, s.v, v)
+        torque = model.torque(s.q, s.v, v)
         # g_d = Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18)
         M_hat, Y = (
-            model.dynamics.mass_matrix_unchecked(s.q),
-            model.dynamics.regressor_unchecked(s.q, s.v, s.a),
+            model.mass_matrix(s.q),
+            model.regressor(s.q, s.v, s.a),
         )
-        dynamic = model.acceleration_drive_unchecked(M_hat, s.J, e, Y)
+        dynamic = model.acceleration_drive(M_hat, s.J, e, Y)
         return Command(torque, Drives(dynamic, kinematic))
 
 
@@ -123,22 +123,20 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (25), with the drives of both estimates, (29) and (30)."""
-        xi, dynamics, m_p = self._xi(s), model.dynamics, self.task.positions
+        xi, m_p = self._xi(s), self.task.positions
         dx, dxd = xi[: s.dx.size], xi[s.dx.size :]
         u = s.xdd_d - self.K_v.dot(dxd) - self.K_P.dot(dx) - s.Jdot_v
         if s.delta is not None:
             u -= self._turning.dot(s.delta)
         psi = None if s.inverse.unique else self.posture.acceleration_unchecked(s.q, s.v)
         # tau = M_hat J_hat^+ u + C_hat qd + g_hat (25)
-        torque = dynamics.torque_unchecked(s.q, s.v, s.inverse.solve(u, psi))
+        torque = model.torque(s.q, s.v, s.inverse.solve(u, psi))
         # g_d = Phi^T B^T P xi, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (29)
-        z, M_hat = self._B_T_P.dot(xi), dynamics.mass_matrix_unchecked(s.q)
-        dynamic = model.acceleration_drive_unchecked(
-            M_hat, s.J, z, dynamics.regressor_unchecked(s.q, s.v, s.a)
-        )
+        z, M_hat = self._B_T_P.dot(xi), model.mass_matrix(s.q)
+        dynamic = model.acceleration_drive(M_hat, s.J, z, model.regressor(s.q, s.v, s.a))
         # g_k = -Ybar_k^T B^T P xi + Y_k^T R_k (Y_k a_k - xd) (30), Ybar_k of (27)
         Y_bar, residual = (
-            model.kinematics.acceleration_regressor_unchecked(s.a),
+            model.acceleration_regressor(s.a),
             (s.xd_hat - s.xd)[:m_p],
         )
         kinematic = Drive(Y_bar, -z, s.Y_k[:m_p], residual, self.R_k)
@@ -206,19 +204,17 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
-        (e, kinematic), dynamics = self.errors_unchecked(s), model.dynamics
+        e, kinematic = self._errors(s)
         a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
-        v = self.commanded_acceleration_unchecked(s, a_k_rate)
-        dynamics.load_unchecked(s.a_0)
-        M_0 = dynamics.mass_matrix_unchecked(s.q)
-        dynamics.load_unchecked(s.a_d)
+        v = self._commanded_acceleration(s, a_k_rate)
+        model.load(s.a_0)
+        M_0 = model.mass_matrix(s.q)
+        model.load(s.a_d)
         # tau = M_0 v + C_hat qd + g_hat (32) + (M_hat - M_0) qdd (34)
-        torque = M_0.dot(v) + dynamics.torque_unchecked(s.q, s.v, np.zeros(s.v.size))
-        feedthrough = dynamics.mass_matrix_unchecked(s.q) - M_0
+        torque = M_0.dot(v) + model.torque(s.q, s.v, np.zeros(s.v.size))
+        feedthrough = model.mass_matrix(s.q) - M_0
         # g_d = Phi_1^T e, Phi_1 = J_hat M_0^-1 Y(q, qd, qdd) (36)
-        dynamic = model.acceleration_drive_unchecked(
-            M_0, s.J, e, dynamics.regressor_unchecked(s.q, s.v, s.a)
-        )
+        dynamic = model.acceleration_drive(M_0, s.J, e, model.regressor(s.q, s.v, s.a))
         return Command(torque, Drives(dynamic, kinematic), feedthrough)
 
 

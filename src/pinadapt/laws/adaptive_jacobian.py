@@ -157,10 +157,10 @@ class AdaptiveJacobian(Law):
         """Return the torque and the drives of both estimates."""
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
-        Jdot = model.kinematics.jacobian_rate_unchecked(a_k_rate)
+        Jdot = model.jacobian_rate(a_k_rate)
         qd_r, qdd_r = self._reference(s, Jdot)
         # tau = Y_r a_d - J_hat^T (K_v dxd_hat + K_P dx) - N D N s, s = qd - qd_r
-        Y_r, feedforward = model.dynamics.slotine_li_unchecked(s.q, s.v, qd_r, qdd_r)
+        Y_r, feedforward = model.slotine_li(s.q, s.v, qd_r, qdd_r)
         error, torque = empty(qd_r.size), empty(qd_r.size)
         kernels.subtract_task_force(
             s.J, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, feedforward, s.v, qd_r, error, torque

@@ -75,8 +75,6 @@ class Saturation(Doors):
             s[self._turning] = _gain(float(np.linalg.norm(phi)), w) * phi
         return s
 
-    of_unchecked = of
-
     def rate(self, dx: np.ndarray, dxd: np.ndarray) -> np.ndarray:
         """Return ds/dt (m) of an error dx (m) that moves at dxd (m)."""
         sd = np.asarray(dxd / np.cosh(np.minimum(np.abs(dx / self.width), 300.0)) ** 2)
@@ -89,8 +87,6 @@ class Saturation(Doors):
             sd[self._turning] = gain * phid + (slope - gain) * along * phi
         return sd
 
-    rate_unchecked = rate
-
     def potential(self, dx: np.ndarray) -> np.ndarray:
         """Return S_i (m) with S = sum K_P,i S_i [m^2 or rad^2]; a rotation's in its first row."""
         x = np.abs(dx)
@@ -99,8 +95,6 @@ class Saturation(Doors):
             x[self._turning.start] = np.linalg.norm(dx[self._turning])
         u = x / self.width
         return np.asarray(self.width**2 * (u + np.log1p(np.exp(-2.0 * u)) - np.log(2.0)))
-
-    potential_unchecked = potential
 
 
 def _gain(size: float, w: float) -> float:
@@ -236,38 +230,36 @@ class ApproximateJacobian(Law):
             raise DivergedError("the error of the task, or the desired motion, is not finite.")
         rest, pull = np.zeros(s.v.size), self._pull(s)
         # tau = Z a_d + g_0 - J_hat^T K_P s(dx) - K_v qd
-        torque = model.dynamics.torque_unchecked(s.q, rest, rest) - pull - self.brake_unchecked(s.v)
+        torque = model.torque(s.q, rest, rest) - pull - self.brake(s.v)
         # Z^T y, y = qd + weight K_v^-1 J_hat^T K_P s(dx)
         y = s.v + self.weight * self._compliance.dot(pull)
-        dynamic = Drive(model.dynamics.regressor_unchecked(s.q, rest, rest), y)
+        dynamic = Drive(model.regressor(s.q, rest, rest), y)
         return Command(torque, Drives(dynamic, Drive.none(s.a_k.size)))
 
     def brake(self, v: np.ndarray) -> np.ndarray:
         """Return the damping torque K_v qd (n) [N m or N] at joint velocity v (n)."""
         return np.asarray(self.K_v.dot(v))
 
-    brake_unchecked = brake
-
     def _pull(self, s: Signals) -> np.ndarray:
         """Return F = J_hat^T K_P s(dx) (n) [N m or N]."""
-        return np.asarray(self.K_P.dot(self.saturation.of_unchecked(s.dx)).dot(s.J))
+        return np.asarray(self.K_P.dot(self.saturation.of(s.dx)).dot(s.J))
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return qd^T M (qd / 2 + z) + S(dx), M the true mass matrix."""
         z = self.weight * self._compliance @ self._pull(s)
-        potential = np.diag(self.K_P) @ self.saturation.potential_unchecked(s.dx)
+        potential = np.diag(self.K_P) @ self.saturation.potential(s.dx)
         return float(s.v @ (truth.M @ (0.5 * s.v + z)) + potential)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt, with the true task velocity where ``Signals.xd`` is measured."""
         dxd = s.xd - s.xd_d if s.delta is None else s.xd - s.xd_d + s.delta
-        force, pull = self.K_P @ self.saturation.of_unchecked(s.dx), self._pull(s)
-        self.kinematics.update_unchecked(s.a_k, s.q, s.v)
-        turning = self.kinematics.jacobian_rate_unchecked(np.zeros(s.a_k.size)).T @ force
-        stretching = s.J.T @ (self.K_P @ self.saturation.rate_unchecked(s.dx, dxd))
+        force, pull = self.K_P @ self.saturation.of(s.dx), self._pull(s)
+        self.kinematics.update(s.a_k, s.q, s.v)
+        turning = self.kinematics.jacobian_rate(np.zeros(s.a_k.size)).T @ force
+        stretching = s.J.T @ (self.K_P @ self.saturation.rate(s.dx, dxd))
         z = self.weight * self._compliance @ pull
         zd = self.weight * self._compliance @ (turning + stretching)
-        lost = (s.v + z) @ (pull + self.brake_unchecked(s.v) + truth.friction.torque(s.v))
+        lost = (s.v + z) @ (pull + self.brake(s.v) + truth.friction.torque(s.v))
         return float(force @ dxd - lost + s.v @ (truth.C @ z + truth.M @ zd))
 
     def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float]:
@@ -291,7 +283,7 @@ class ApproximateJacobian(Law):
         """Return Phi = M_hat^-1/2 Z (n, p_d) at each state."""
         rest = np.zeros(motion.robot.model.nv)
         return [
-            W @ motion.dynamics.regressor_unchecked(q, rest, rest)
+            W @ motion.dynamics.regressor(q, rest, rest)
             for q, W in zip(motion.states.q, motion.unit_masses, strict=True)
         ]
 

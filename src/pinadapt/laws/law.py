@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy import empty
@@ -53,9 +53,15 @@ class Command(Doors):
     at_unchecked = at
 
 
+Function: TypeAlias = Callable[[np.ndarray], np.ndarray]
+FunctionOfMotion: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
 @dataclass(slots=True, eq=False)
-class EstimatedModel(Doors):
+class EstimatedModel:
     """The model at the current estimates, for a law to evaluate while it computes its command.
+
+    Its functions are those of kinematics and dynamics, without checks; see ``CheckedModel``.
 
     Attributes:
         kinematics: evaluated at the signals' q, v and a_k.
@@ -66,12 +72,15 @@ class EstimatedModel(Doors):
         dt: time for which the torque will be held [s]; None where the loop is integrated as one
             differential equation.
         stop_on_divergence: whether an M_hat that is not positive definite ends the run.
+        torque: of q, v, a: M_hat a + C_hat v + g_hat (n) [N m or N].
+        mass_matrix: of q: M_hat (n, n).
+        regressor: of q, v, a: Y (n, p_d).
+        slotine_li: of q, v, v_r, a_r: Y_r (n, p_d) and M_hat a_r + C_hat v_r + g_hat (n).
+        load: makes a_d (p_d) the estimate of these.
+        jacobian_rate: of da_k/dt: dJ_hat/dt (m, n).
+        acceleration_regressor: of a: Ybar_k (m, p_k).
     """
 
-    shapes = (
-        "M: n n, J: m n, e: m, Y: n dynamics.size, drive.gradient: dynamics.size, "
-        "drive.Y: k dynamics.size"
-    )
     kinematics: TaskKinematics
     dynamics: Dynamics
     adaptation_k: Adaptation
@@ -80,6 +89,24 @@ class EstimatedModel(Doors):
     dynamic: Estimate
     dt: float | None = None
     stop_on_divergence: bool = True
+    torque: FunctionOfMotion = field(init=False)
+    mass_matrix: Function = field(init=False)
+    regressor: FunctionOfMotion = field(init=False)
+    slotine_li: Callable[
+        [np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]
+    ] = field(init=False)
+    load: Callable[[np.ndarray], None] = field(init=False)
+    jacobian_rate: Function = field(init=False)
+    acceleration_regressor: Function = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Take the functions of the parts."""
+        dynamics, kinematics = self.dynamics, self.kinematics
+        self.torque, self.regressor = dynamics.torque_unchecked, dynamics.regressor_unchecked
+        self.mass_matrix, self.load = dynamics.mass_matrix_unchecked, dynamics.load_unchecked
+        self.slotine_li = dynamics.slotine_li_unchecked
+        self.jacobian_rate = kinematics.jacobian_rate_unchecked
+        self.acceleration_regressor = kinematics.acceleration_regressor_unchecked
 
     def dynamic_rate(self, drive: Drive) -> np.ndarray:
         """Return da_d/dt (p_d) under a drive, its mean over dt if that is not zero."""
@@ -87,8 +114,6 @@ class EstimatedModel(Doors):
             return self.adaptation_d.rate_unchecked(self.dynamic, drive).value
         after = self.adaptation_d.step_unchecked(self.dynamic, drive, self.dt)
         return np.asarray((after.value - self.dynamic.value) / self.dt)
-
-    dynamic_rate_unchecked = dynamic_rate
 
     def acceleration_drive(
         self, M: np.ndarray, J: np.ndarray, e: np.ndarray, Y: np.ndarray
@@ -125,7 +150,26 @@ class EstimatedModel(Doors):
             )
         return Drive(Y, solution, gradient=gradient)
 
-    acceleration_drive_unchecked = acceleration_drive
+
+class CheckedModel(Doors, EstimatedModel):
+    """The model for a law of a user's own: all its functions check what they are given."""
+
+    __slots__ = ()
+    shapes = (
+        "M: n n, J: m n, e: m, Y: n dynamics.size, drive.gradient: dynamics.size, "
+        "drive.Y: k dynamics.size"
+    )
+    dynamic_rate = EstimatedModel.dynamic_rate
+    acceleration_drive = EstimatedModel.acceleration_drive
+
+    def __post_init__(self) -> None:
+        """Take the functions of the parts."""
+        dynamics, kinematics = self.dynamics, self.kinematics
+        self.torque, self.regressor = dynamics.torque, dynamics.regressor
+        self.mass_matrix, self.load = dynamics.mass_matrix, dynamics.load
+        self.slotine_li = dynamics.slotine_li
+        self.jacobian_rate = kinematics.jacobian_rate
+        self.acceleration_regressor = kinematics.acceleration_regressor
 
 
 class Truth(NamedTuple):

@@ -80,14 +80,14 @@ class MiddletonGoodwin(AccelerationLaw):
         """Return the modified computed torque; the controller adds the prediction error."""
         drives = Drives.none(s.a_d.size, s.a_k.size)
         u = s.xdd_d - self.K_v.dot(s.dxd_hat) - self.K_P.dot(s.dx)
-        torque = model.dynamics.torque_unchecked(s.q, s.v, u)  # M_hat u + C_hat qd + g_hat
+        torque = model.torque(s.q, s.v, u)  # M_hat u + C_hat qd + g_hat
         if s.filtered_torque is None:
             return Command(torque, drives)
         W, lambda_ = s.filtered_torque.W, s.filtered_torque.bandwidth
         epsilon = s.filtered_torque.error(s.a_d)  # W a_d - y
-        a_rate = model.dynamic_rate_unchecked(drives.dynamic.with_prediction_error(W, epsilon))
-        M_hat = model.dynamics.mass_matrix_unchecked(s.q)
-        zeta = model.acceleration_drive_unchecked(M_hat, s.J, epsilon, W).e / lambda_
+        a_rate = model.dynamic_rate(drives.dynamic.with_prediction_error(W, epsilon))
+        M_hat = model.mass_matrix(s.q)
+        zeta = model.acceleration_drive(M_hat, s.J, epsilon, W).e / lambda_
         # + W (da_d/dt) / lambda - (dM_hat/dt) zeta
         torque = torque + W.dot(a_rate) / lambda_ - self._mass_rate_times(s, model, a_rate, zeta)
         return Command(torque, drives)
@@ -99,17 +99,15 @@ class MiddletonGoodwin(AccelerationLaw):
 
         M_hat(q; a) z is Y(q, 0, z) a - Y(q, 0, 0) a plus a part that does not depend on a.
         """
-        dynamics, rest, chain = model.dynamics, np.zeros(s.v.size), model.kinematics.robot.model
+        rest, chain = np.zeros(s.v.size), model.kinematics.robot.model
         speed = float(np.abs(s.v).max())
-        Y = dynamics.regressor_unchecked(s.q, rest, z) - dynamics.regressor_unchecked(
-            s.q, rest, rest
-        )
+        Y = model.regressor(s.q, rest, z) - model.regressor(s.q, rest, rest)
         of_estimate = Y.dot(a_rate)
         if not speed > 0.0:
             return np.asarray(of_estimate)
         h = _STEP / speed
-        ahead = dynamics.mass_matrix_unchecked(pin.integrate(chain, s.q, h * s.v)).dot(z)
-        behind = dynamics.mass_matrix_unchecked(pin.integrate(chain, s.q, -h * s.v)).dot(z)
+        ahead = model.mass_matrix(pin.integrate(chain, s.q, h * s.v)).dot(z)
+        behind = model.mass_matrix(pin.integrate(chain, s.q, -h * s.v)).dot(z)
         return np.asarray((ahead - behind) / (2.0 * h) + of_estimate)
 
     def storage(self, s: Signals, truth: Truth) -> float:

@@ -414,7 +414,7 @@ class Separation(Law):
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
         # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
-        Jdot = model.kinematics.jacobian_rate_unchecked(a_k_rate)
+        Jdot = model.jacobian_rate(a_k_rate)
         psi, psid = self.posture.null_motion_unchecked(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         free = qd_r
@@ -425,7 +425,7 @@ class Separation(Law):
             noise = v - qd_r - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s
-        Y, feedforward = model.dynamics.slotine_li_unchecked(s.q, v, qd_r, qdd_r)
+        Y, feedforward = model.slotine_li(s.q, v, qd_r, qdd_r)
         if M_0 is None or limit is None:
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:

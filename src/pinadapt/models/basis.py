@@ -259,7 +259,7 @@ def base_parameters(
         if isinstance(model, Dynamics):
             rows.append(model.regressor(q, v, a))
         else:
-            model.update_unchecked(model.initial, q, v)
+            model.update(model.initial, q, v)
             rows.append(model.Y_p)
     chosen, regrouping = independent_columns(np.vstack(rows))
     dead = tuple(

@@ -170,7 +170,7 @@ class CameraKinematics(LumpedKinematics):
         """
         found = self.initial.copy()
         if x is not None:
-            self.update_unchecked(self.initial, q, self._still)
+            self.update(self.initial, q, self._still)
             found[: self._split].reshape(self._shape)[:, -1] += (x - self.p_hat) * self._z
         return found
 
@@ -185,7 +185,7 @@ class CameraKinematics(LumpedKinematics):
         a = PlacedTranslations(model, self.robot.frame_id, self.translations).read()
         a_k = self.parameters(robot.task, a)
         q = pin.integrate(model, self.robot.q0, np.linspace(0.1, 0.3, self.nv))
-        self.update_unchecked(a_k, q, self._still)
+        self.update(a_k, q, self._still)
         return a_k if np.abs(self.p_hat - robot.position(q)).max() < _SAME else None
 
     def seen(self, a_k: np.ndarray) -> Robot:

@@ -129,7 +129,7 @@ class FrameKinematics(TaskKinematics):
         q = pin.integrate(
             self._model, pin.neutral(self._model), np.linspace(0.3, 1.1, self._model.nv)
         )
-        self.update_unchecked(a_k, q, self._zero)
+        self.update(a_k, q, self._zero)
         return a_k if np.abs(self.task.error(self.x_hat, robot.position(q))).max() < 1e-9 else None
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:

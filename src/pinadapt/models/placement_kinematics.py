@@ -106,7 +106,7 @@ class PlacementKinematics(TaskKinematics):
         self.bounds = _WIDE * deviations * np.array([[-1.0], [1.0]])
         self.initial = np.zeros(self.size)
         self._model, self._data, self._past = model, model.createData(), model.createData()
-        self.update_unchecked(self.initial, robot.q0, np.zeros(self.nv))
+        self.update(self.initial, robot.q0, np.zeros(self.nv))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the argument: Pinocchio's data is scratch."""
@@ -232,7 +232,7 @@ class PlacementKinematics(TaskKinematics):
         rows, off = [], []
         for _ in range(_SAMPLES):
             q = pin.integrate(self._model, self.robot.q0, rng.uniform(-2.0, 2.0, self.nv))
-            self.update_unchecked(self.initial, q, still)
+            self.update(self.initial, q, still)
             rows.append(self.X_k * self.sizes)
             off.append(robot.placement(q).translation[self._rows] - self.p_hat)
         W, y = np.concatenate(rows), np.concatenate(off)

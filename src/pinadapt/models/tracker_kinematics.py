@@ -75,7 +75,7 @@ class LumpedKinematics(TaskKinematics):
         self.robot, self.task, self.frame = robot.undrawn(), task, robot.frame
         self.joint_names, self.nq, self.nv = robot.joint_names, inside.nq, inside.nv
         self.positions, self.nominal = task.positions, inside.initial
-        inside.update_unchecked(self.nominal, robot.q0, np.zeros(self.nv))
+        inside.update(self.nominal, robot.q0, np.zeros(self.nv))
         self._home = _stacked(inside.p_hat, inside.X_k)
         self.translation_names = inside.names
         of = [f"{name}_{axis}" for name in ("base", *inside.names) for axis in "xyz"]
@@ -113,7 +113,7 @@ class LumpedKinematics(TaskKinematics):
 
     def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
-        self._inside.update_unchecked(self.nominal, q, v)
+        self._inside.update(self.nominal, q, v)
         return self._inside.p_hat, self._inside.X_k, self._inside.xd_hat[:3]
 
     def _turning_of(self, J: np.ndarray, rate: bool = False) -> Iterator[np.ndarray]:
@@ -354,7 +354,7 @@ class TrackerKinematics(LumpedKinematics):
         """
         found = self.initial.copy()
         if x is not None:
-            self.update_unchecked(self.initial, q, self._still)
+            self.update(self.initial, q, self._still)
             found.reshape(self._shape)[:, -1] += x[: self.positions] - self.p_hat
         return found
 
@@ -367,7 +367,7 @@ class TrackerKinematics(LumpedKinematics):
         a = PlacedTranslations(model, self.robot.frame_id, self.translations).read()
         a_k = self.parameters(Tracker(model.jointPlacements[1] * base.inverse(), a))
         q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 1.1, self.nv))
-        self.update_unchecked(a_k, q, self._still)
+        self.update(a_k, q, self._still)
         place = robot.placement(q).translation[self._rows]
         return a_k if np.abs(self.p_hat - place).max() < 1e-9 else None
 

@@ -71,7 +71,7 @@ class TypicalMotion:
         found, rest = [], np.zeros(model.nv)
         for _ in range(_SAMPLES):
             q = pin.integrate(model, self.robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
-            kinematics.update_unchecked(kinematics.initial, q, rest)
+            kinematics.update(kinematics.initial, q, rest)
             found.append((q, kinematics.J, scale * rng.standard_normal((2, m))))
         q, J, rates = (np.array(column) for column in zip(*found, strict=True))
         inverse = np.linalg.pinv(J, rcond=_SINGULAR)
@@ -96,15 +96,13 @@ class TypicalMotion:
     @cached_property
     def regressors(self) -> list[np.ndarray]:
         """Y (n, p_d) at each state."""
-        return [
-            self.dynamics.regressor_unchecked(*state) for state in zip(*self.states, strict=True)
-        ]
+        return [self.dynamics.regressor(*state) for state in zip(*self.states, strict=True)]
 
     @cached_property
     def mass_matrices(self) -> list[np.ndarray]:
         """M_hat (n, n) at each state."""
-        self.dynamics.load_unchecked(self.dynamics.initial)
-        return [np.array(self.dynamics.mass_matrix_unchecked(q)) for q in self.states.q]
+        self.dynamics.load(self.dynamics.initial)
+        return [np.array(self.dynamics.mass_matrix(q)) for q in self.states.q]
 
     @cached_property
     def unit_masses(self) -> np.ndarray:
@@ -133,7 +131,7 @@ class TypicalMotion:
         """J (m, n) and Y_p (m_p, p_k) at each state."""
         found = []
         for q, v, _ in zip(*self.states, strict=True):
-            self.kinematics.update_unchecked(self.kinematics.initial, q, v)
+            self.kinematics.update(self.kinematics.initial, q, v)
             found.append((self.kinematics.J, self.kinematics.Y_p))
         return found
 
