@@ -132,7 +132,7 @@ def picture(path: Path) -> None:
     figure, axes = plt.subplots(1, len(MOMENTS), figsize=(11, 2.7), sharex=True, sharey=True)
     for ax, moment in zip(axes, MOMENTS, strict=True):
         k = int(np.searchsorted(rollout.t, moment))
-        for a_k, label in ((truth, "desired path"), (rollout.a_k[k], "where it is believed")):
+        for a_k, label in ((truth, "desired path"), (rollout.a_k[k], "estimated path")):
             from_home = points - a_k.reshape(3, -1)[:, -1]
             seen = 1e3 * from_home @ kinematics.tracker(a_k).placement.rotation
             ax.plot(seen[:, 0], seen[:, 2], label=label)

@@ -217,12 +217,12 @@ def test_gaps_and_samples_that_are_not_finite_are_left_out():
         assert one.factor == pytest.approx(other.factor, rel=0.2)
 
 
-SAID = {  # with what mends them
+SAID = {  # and what corrects them
     "amperes": "--torque-gain=11.7",
     "amperes of unlike motors": "multiples of the described ones",
     "torques before the gear": "before the gear",
-    "sign of the torque, panda_joint2": "--flip panda_joint2 mends",
-    "all signs of the torque": "--torque-gain=-1 mends",
+    "sign of the torque, panda_joint2": "--flip panda_joint2 corrects that",
+    "all signs of the torque": "--torque-gain=-1 corrects that",
     "sign of the position, panda_joint2": "--flip q:panda_joint2",
     "panda_joint2 and panda_joint3 swapped": "--joints panda_joint1,panda_joint3,panda_joint2",
     "torques of panda_joint2 and panda_joint3 swapped": "--joints tau:panda_joint1,panda_joint3",

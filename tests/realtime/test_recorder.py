@@ -1,4 +1,4 @@
-"""The log of every cycle, its replay, and the desk: commands and state for other processes."""
+"""The log of every cycle, its replay, and commands and state for other processes."""
 
 import errno
 import json
@@ -324,7 +324,7 @@ def test_a_silent_port_and_a_port_in_use_are_reported():
 
 @pytest.mark.slow
 def test_a_viewer_sees_the_loop_and_its_death_changes_nothing():
-    """A live view draws what the desk answers; another viewer is killed while it asks."""
+    """A live view draws what the process of the log answers; another viewer is killed meanwhile."""
     from pinadapt.view.live import LiveView
 
     of, shown, seen = controller(), [], []

@@ -428,7 +428,7 @@ def pictures_of(found: IdentifiedModel) -> Pictures:
     with matplotlib.rc_context(RC):
         torque = prediction_figure(
             title,
-            found.described.joint_names,
+            found.described.slides,
             windows.t,
             windows.tau,
             {"described": windows.tau - before, "identified": windows.tau - after},

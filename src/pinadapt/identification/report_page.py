@@ -197,7 +197,7 @@ def _friction(found: IdentifiedModel) -> bytes:
     motion = found.motion
     v = np.column_stack([np.interp(windows.t, motion.t, part) for part in motion.v.T])
     with matplotlib.rc_context(RC):
-        return friction_figure(found.described.joint_names, v, seen, model).png(_DPI)
+        return friction_figure(found.described.slides, v, seen, model).png(_DPI)
 
 
 def _parameters(found: IdentifiedModel) -> list[str]:

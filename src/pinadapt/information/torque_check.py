@@ -187,8 +187,8 @@ class TorqueCheck:
     def legend(self) -> str:
         """What the columns of the table are."""
         return (
-            "torque and described: rms. of gravity, of all: factor of the torque to what gravity, "
-            "and the whole description, predict. corr.: correlation with it."
+            "torque, described: rms of both. of gravity, of all: slope of the torque over the "
+            "described torque of gravity, and over all of it. corr.: correlation with all of it."
         )
 
     def summary(self) -> dict[str, Any]:

@@ -265,7 +265,7 @@ def _eigenvalue(ax: Any, run: Drawable) -> None:
 
 def prediction_figure(
     title: str,
-    joint_names: Sequence[str],
+    slides: Mapping[str, bool],
     t: np.ndarray,
     tau: np.ndarray,
     predicted: Mapping[str, np.ndarray],
@@ -275,25 +275,25 @@ def prediction_figure(
 
     Args:
         title: of the figure.
-        joint_names: (n) names.
+        slides: name of a joint -> whether it is prismatic, in order.
         t: (N) times [s].
         tau: (N, n) measured [N m or N].
         predicted: label -> (N, n) [N m or N].
         split: time from which on the samples were held out [s].
     """
-    n = len(joint_names)
+    n = len(slides)
     columns = 1 if n <= _ONE_COLUMN else 2
     rows = -(-n // columns)
     figure = Picture(figsize=(5.5 * columns + 1.5, 1.7 * rows + 0.8), layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True)).ravel()
-    for j, name in enumerate(joint_names):
+    for j, (name, slide) in enumerate(slides.items()):
         ax = axes[j]
         ax.plot(t, tau[:, j], color="0.7", lw=3.0, label="measured")
         for k, (words, values) in enumerate(predicted.items()):
             curve(ax, t, values[:, j], len(predicted) - 1 - k, k, words)
         shade(ax, t, t >= split, RED, "held out")
         ax.set_title(literal(name), fontsize=8)
-        ax.set_ylabel("N m or N")
+        ax.set_ylabel("N" if slide else "N m")
     for ax in axes[max(n - columns, 0) : n]:
         ax.set_xlabel("time [s]")
         ax.tick_params(labelbottom=True)
@@ -305,32 +305,31 @@ def prediction_figure(
 
 
 def friction_figure(
-    joint_names: Sequence[str], v: np.ndarray, seen: np.ndarray, model: np.ndarray
+    slides: Mapping[str, bool], v: np.ndarray, seen: np.ndarray, model: np.ndarray
 ) -> Picture:
     """Return a figure with a panel per joint: torques of friction over the velocity.
 
     Args:
-        joint_names: (n) names.
+        slides: name of a joint -> whether it is prismatic, in order.
         v: (N, n) velocities [rad/s or m/s].
         seen: (N, n) measured torque less that of the bodies [N m or N].
         model: (N, n) torque of the identified effects [N m or N].
     """
-    n = len(joint_names)
+    n = len(slides)
     columns = min(n, 3)
     rows = -(-n // columns)
     figure = Picture(figsize=(4.0 * columns, 2.4 * rows + 0.5), layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    for j, name in enumerate(joint_names):
+    for j, (name, slide) in enumerate(slides.items()):
         ax = axes[j]
         ax.plot(v[:, j], seen[:, j], ".", color="0.6", ms=4.0, label="measured minus bodies")
         ax.plot(v[:, j], model[:, j], ".", color=colour(0), ms=3.0, label="identified")
         ax.axhline(0.0, color="black", lw=0.5)
         ax.axvline(0.0, color="black", lw=0.5)
         ax.set_title(literal(name), fontsize=8)
-        if j % columns == 0:
-            ax.set_ylabel("N m or N")
-        if j >= n - columns:
-            ax.set_xlabel("rad/s or m/s")
+        ax.set_ylabel("N" if slide else "N m")
+        if slide or j >= n - columns:
+            ax.set_xlabel("m/s" if slide else "rad/s")
     for ax in axes[n:]:
         ax.set_visible(False)
     legend(axes[columns - 1])

@@ -243,7 +243,7 @@ def at_task_frame(load: Payload, robot: Robot) -> Payload:
 
     Raises:
         InputError: the description has no flange, a frame whose name ends in "link8".
-        RobotError: the load is none.
+        RobotError: impossible mass or inertia.
     """
     model = robot.model
     flange = next((frame for frame in model.frames if frame.name.endswith("link8")), None)

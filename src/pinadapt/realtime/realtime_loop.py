@@ -282,7 +282,7 @@ class RealtimeLoop:
             motion: of the task, from where the arm is or after an approach; None: it holds.
             stage: what to do.
             safety: numbers of the checklist; None for the defaults.
-            recorder: log and desk; None for neither.
+            recorder: writes the log and answers other programs; None for neither.
             start: initial estimates ``a_k`` and ``a_d``, ``information`` and ``information_k``, as
                 of ``simulate``. Where the axes of x are unknown, and ``a_k`` is not given, the arm
                 first holds its joints and moves by millimetres, see ``SlowStart``.
@@ -634,7 +634,8 @@ class RealtimeLoop:
         if self._quiet >= _QUIET or damped > _DAMP:
             self._enter(Phase.STOPPED, self.ending.reason)
         elif damped > _HOLD and fastest > _SWINGS:
-            words = f"{self._facts.joints[int(v.argmax())]} still at {fastest:.2g} rad/s or m/s"
+            name, slide = list(self._controller.kinematics.robot.slides.items())[int(v.argmax())]
+            words = f"{name} still at {fastest:.2g} {'m/s' if slide else 'rad/s'}"
             self._answer(SafetyFinding("damping", f"{words} after {_HOLD:g} s", Answer.STOP))
 
     # --- findings, commands, signals ------------------------------------------------------------
@@ -645,7 +646,7 @@ class RealtimeLoop:
         return self._phase >= Phase.DAMPING or (self._phase is Phase.HOLDING and not self._halted)
 
     def _answer(self, finding: SafetyFinding) -> None:
-        """Do what a finding asks for, unless more has been done already."""
+        """Enter the phase of a finding's answer, unless a later one has been entered already."""
         phases = {
             Answer.HOLD: Phase.HOLDING,
             Answer.DAMP: Phase.DAMPING,

@@ -1,4 +1,4 @@
-"""The log of every cycle, and the desk: a process beside the loop that writes, answers and listens.
+"""The log of every cycle, and the process beside the loop that writes it and answers requests.
 
 The loop copies one row of numbers a cycle into a ring in shared memory, and does nothing else. The
 process beside it writes the rows as MCAP, twenty times a second, answers on the loopback, and hands
@@ -197,7 +197,7 @@ class Recorder:
             (self._raw, self._head_raw, self._now_raw), fields, sizes, place, told, there, server,
             dict(translate or {}),
         )  # fmt: skip
-        self._process = context.Process(target=_desk, args=arguments, daemon=True)
+        self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
         there.close()
         if server is not None:
@@ -266,7 +266,7 @@ class Recorder:
 
     @property
     def trouble(self) -> str:
-        """What is wrong with log or desk, or an empty text."""
+        """What is wrong with the log or its process, or an empty text."""
         head = self._head
         if head[_FAILED]:
             return f"the log cannot be written: {os.strerror(int(head[_FAILED]))}"
@@ -310,7 +310,7 @@ def _server(port: int) -> socket.socket:
     return server
 
 
-class _Desk:
+class _LogProcess:
     """What the process beside the loop does."""
 
     def __init__(
@@ -484,17 +484,17 @@ class _Desk:
         return {"done": name}
 
 
-def _desk(*arguments: Any) -> None:
-    """Run the desk in its process."""
+def _serve(*arguments: Any) -> None:
+    """Serve in the process beside the loop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
     link = arguments[5]
     try:
-        desk = _Desk(*arguments)
+        process = _LogProcess(*arguments)
     except Exception as error:
         link.send(f"{error}".encode()[:1000])
         return
     link.send(b"ready")
-    desk.run()
+    process.run()
 
 
 def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) -> dict[str, Any]:
@@ -535,7 +535,7 @@ def watched(
 ) -> Iterator[Sample]:
     """Yield samples of a running loop as a live view takes them, until it ends.
 
-    The desk answers for the loop, which does not notice. The torque is not in the samples: between
+    The process of the log answers, not the loop. The torque is not in the samples: between
     two of them there are many cycles.
 
     Args:

@@ -124,7 +124,7 @@ class MomentumResidual:
     is the low-passed torque of everything that is not in the model: contact, and errors of the
     estimates. It is the momentum observer of A. De Luca, R. Mattone, *Actuator failure detection
     and isolation using generalized momenta*, ICRA 2003. An obstacle comes suddenly; a wrong model,
-    or a load that is being learned, changes with the motion. So the slow part of r is taken off.
+    or a load that is being learned, changes with the motion. So the slow part of r is subtracted.
     The noise of the velocity is white in r, as lambda p has it; a second low pass at 2 lambda
     leaves a sixth of it at 1 kHz.
 
@@ -206,7 +206,7 @@ class Checklist:
         self.safety, self._facts, kinematics = safety, facts, controller.kinematics
         robot, self._task = kinematics.robot, kinematics.task
         model, n = robot.model, robot.model.nv
-        self._names = robot.joint_names
+        self._names, self._slides = robot.joint_names, list(robot.slides.values())
         self.limit = np.minimum(facts.torque, effort_limits(model))
         if controller.limits.torque is not None:
             self.limit = np.minimum(self.limit, controller.limits.torque)
@@ -342,7 +342,8 @@ class Checklist:
         j = kernels.first_beyond(m.v, self._fast)
         if j < 0:
             return None
-        words = f"{self._names[j]} at {m.v[j]:.3g}, limit {self._fast[j]:.3g} rad/s or m/s"
+        unit = "m/s" if self._slides[j] else "rad/s"
+        words = f"{self._names[j]} at {m.v[j]:.3g} {unit}, limit {self._fast[j]:.3g} {unit}"
         return SafetyFinding("velocity", words, Answer.DAMP)
 
     def _stops(self, m: Measurement, dt: float) -> SafetyFinding | None:
@@ -352,9 +353,10 @@ class Checklist:
         j = kernels.first_near_stop(m.q, m.v, *self._near, self._brake, self.safety.damping)
         if j < 0:
             return None
+        unit = "m" if self._slides[j] else "rad"
         words = (
-            f"{self._names[j]} at {m.q[j]:.3g} with {m.v[j]:.3g} rad/s or m/s cannot brake before "
-            f"its limits, {self._lower[j]:.3g} and {self._upper[j]:.3g}"
+            f"{self._names[j]} at {m.q[j]:.3g} {unit} with {m.v[j]:.3g} {unit}/s cannot brake "
+            f"before its limits, {self._lower[j]:.3g} and {self._upper[j]:.3g} {unit}"
         )
         return SafetyFinding("joint stop", words, Answer.DAMP)
 
@@ -371,9 +373,8 @@ class Checklist:
         j = int(share.argmax())
         if share[j] < 0.5:
             return None
-        words = (
-            f"{self.residual[j]:.3g} N m or N at {self._names[j]} that the model does not explain"
-        )
+        unit = "N" if self._slides[j] else "N m"
+        words = f"{self.residual[j]:.3g} {unit} at {self._names[j]} that the model does not explain"
         return SafetyFinding("contact", words, Answer.DAMP if share[j] >= 1.0 else Answer.REST)
 
     def _where(self, x: np.ndarray | None) -> SafetyFinding | None:
