@@ -1,5 +1,6 @@
 """A description runs no code: its expressions know numbers, texts, lists and mathematics."""
 
+import contextlib
 import math
 import os
 import time
@@ -56,6 +57,14 @@ def test_an_ordinary_expression_has_pythons_value(text):
     )
     found = evaluate(text, names.__getitem__, {})
     assert found == python and type(found) is type(python)
+
+
+@pytest.mark.parametrize("text", [r"'\d'", "1if 1 else 2", "0x1for 1 in [1]"])
+def test_pythons_warnings_about_an_expression_are_not_shown(text, recwarn):
+    """To show one, Python would open a file that is named like the source of the expression."""
+    with contextlib.suppress(pa.RobotError, SyntaxError):
+        evaluate(text, VALUES.__getitem__, {})
+    assert not recwarn
 
 
 def test_items_of_yaml_may_be_written_with_dots():

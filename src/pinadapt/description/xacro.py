@@ -622,7 +622,9 @@ def evaluate(
     if len(text) > _TEXT:
         raise RobotError(f"an expression has more than {_TEXT} characters.")
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Python would look for the text in a file to show it
+            tree = ast.parse(text.strip(), mode="eval").body
     except (MemoryError, RecursionError) as error:
         raise RobotError("an expression is nested too deeply.") from error
     try:
