@@ -43,7 +43,7 @@ from .limits import ControllerLimits
 from .sensing import Guards, Senses
 from .state import ControllerState
 
-_FLOAT, _HELD = np.dtype(float), Frozen()
+_HELD = Frozen()
 # what numpy and Python raise where a computation gets what it cannot use
 _BROKEN = (
     TypeError,
@@ -150,7 +150,8 @@ class Controller(Doors):
         """Return the model that a law gets, checked for a law of a user's own."""
         kind = CheckedModel if _of_a_user(self.law) else EstimatedModel
         parts = self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d
-        return kind(*parts, Estimate(np.zeros(0)), Estimate(np.zeros(0)))
+        nothing, stop = Estimate(np.zeros(0)), self.limits.stop_on_divergence
+        return kind(*parts, nothing, nothing, stop_on_divergence=stop)
 
     def __repr__(self) -> str:
         """Return a table: robot, task, gains, what is adapted, limits."""
@@ -401,8 +402,7 @@ class Controller(Doors):
             )
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter, path, first = state.torque_filter, state.path, sensed.first
-            if path is not None or first is not None or self._torque_filter is not None:
-                given = torque if self.compensation is None else torque + self.compensation(s.q)
+            given = torque if self.compensation is None else torque + self.compensation(s.q)
             if first is not None:
                 first[self._held] = given
             if path is not None:
@@ -583,12 +583,11 @@ class Controller(Doors):
         torque, drives = command.torque, command.drives
         if command.feedthrough is not None:
             torque = command.at_unchecked(s.a)
-        g_d, g_k = drives.dynamic.gradient, drives.kinematic.gradient
-        p_d, p_k = s.a_d.size, s.a_k.size
-        if g_d.size != p_d or g_k.size != p_k or torque.shape != s.v.shape:
-            self._inputs.command(torque, g_d, g_k)
-        if torque.dtype is not _FLOAT:
-            torque = torque.astype(float)
+        if self._own:
+            g_d, g_k = drives.dynamic.gradient, drives.kinematic.gradient
+            if g_d.size != s.a_d.size or g_k.size != s.a_k.size or torque.shape != s.v.shape:
+                self._inputs.command(torque, g_d, g_k)
+            torque = np.asarray(torque, dtype=float)
         if s.filtered_torque is not None:
             (W, y, _, _), drive, residual = s.filtered_torque, drives.dynamic, empty(torque.size)
             kernels.prediction_error(W, s.a_d, y, residual)
@@ -624,7 +623,6 @@ class Controller(Doors):
         model = self._estimated
         model.adaptation_k, model.adaptation_d = adaptation_k, adaptation_d
         model.kinematic, model.dynamic, model.dt = state.kinematic, dynamic, dt
-        model.stop_on_divergence = self.limits.stop_on_divergence
         return model
 
     def _observe(
