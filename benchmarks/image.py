@@ -1,4 +1,4 @@
-"""Pictures in cameras that nobody calibrated: the error while they are learned, and in the end.
+"""Pictures in uncalibrated cameras: the error while they are learned, and in the end.
 
 ``make image.table`` runs the sweep ``image.toml``. One fixed camera sees a point of the tool, or
 two do. They stand two reaches away from it, look at it from somewhere above, and the reach covers

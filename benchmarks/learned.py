@@ -206,7 +206,7 @@ def friction(adaptation: str, friction: str) -> dict[str, Any]:
 
 
 def identifiable(adaptation: str) -> dict[str, Any]:
-    """Return what the table of a run says about what its motion identifies."""
+    """Return what the motion of a run identifies, by its summary."""
     panda = pa.load("panda")
     true = panda.changed(payload=LOAD, tool_translation=TOOL)
     controller = pa.make_controller(panda.changed(inertial_scale=LIGHTER), adaptation=adaptation)

@@ -1,17 +1,17 @@
-"""A tracker that nobody calibrated: the error while its axes are learned, and in the end.
+"""An uncalibrated tracker: the error while its axes are learned, and in the end.
 
 ``make tracker.table`` runs the sweep ``tracker.toml``. The tracker is turned against the base by
 some angle about a random axis and stands up to a metre away in each coordinate. Unknown are that, a
 tool of 5 % of the reach, a load of 5 % of the mass, every inertia (30 % too small in the model) and
 friction and rotors, of which the arm has none. The arm follows a circle within its workspace for
 8 s, begun at rest, with default gains at 500 Hz. It first wiggles its joints for two seconds; or
-that is forbidden, and it begins as soon as millimetres of motion have told the axes. Sensors are
+that is forbidden, and it begins as soon as motions of millimetres have shown the axes. Sensors are
 perfect, or the tracker has 30 frames a second that are 60 ms late with noise of 1 mm. For poses the
 marker is turned on the tool as well, by 79 degrees, and the tool tilts by 17 degrees and back
 during each 2 s.
 
 ``python -m benchmarks.tracker [PICTURE]`` draws how axes that are turned by 120 degrees are learned
-by a UR5 that is told to begin at once, with the axes of its base.
+by a UR5 that begins at once, with the axes of its base as estimate.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ class JointTracking(pa.laws.Law):
         return Integrals(self._reference_velocity(s), self.k_x * s.dx, np.where(full, 0.0, z_rate))
 
     def command(self, s: pa.laws.Signals, model: pa.laws.EstimatedModel) -> pa.laws.Command:
-        """Return the torque; the estimates have no drives."""
+        """Return the torque; nothing drives the estimates."""
         q_r, _, z = s.filtered
         feedback = self.K_P * (s.q - q_r) + self.K_D * (s.v - self._reference_velocity(s))
         torque = self.nominal.gravity(s.q) - feedback - z

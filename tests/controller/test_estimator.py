@@ -1,4 +1,4 @@
-"""An estimator learns beside any controller what a controller would, and never from nonsense."""
+"""An estimator beside any controller learns what a controller would, never from nonsense."""
 
 import warnings
 

@@ -99,7 +99,7 @@ STREAMS = {
     "pose": lambda **options: Stream("panda", "pose", **options),
 }
 FRAMES = {5: 3.0, 6: 3.4, 30: 27.75, 40: 40.0, 41: 41.0, 90: 45.5, 91: 91.0, 120: 91.0 + 1 / 3}
-FRAMES = {k: taken * DT for k, taken in FRAMES.items()}  # one sample late to 45, and between them
+FRAMES = {k: taken * DT for k, taken in FRAMES.items()}  # [s] ages from 1 sample to 45.5 samples
 
 
 @pytest.fixture(params=STREAMS, scope="module")

@@ -96,7 +96,7 @@ def test_velocities_are_not_needed(name="ur5"):
     assert np.linalg.norm(found.online_held_out) < np.linalg.norm(
         found.torque_errors.described_held_out
     )
-    moved = found.online.a_k[-1] - found.kinematic.estimate  # the frames are late as the joints are
+    moved = found.online.a_k[-1] - found.kinematic.estimate  # frames as late as joint data
     assert np.linalg.norm(moved) < 2e-3
     assert "causal" in found.report()
 

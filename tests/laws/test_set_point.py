@@ -31,7 +31,7 @@ def robot_of(name, task):
 
 
 def unlike(robot, tool=(0.02, -0.01, 0.04)):
-    """Return the robot with half a kilogram, and a tool that nobody believes."""
+    """Return the robot with half a kilogram, and a tool that the model lacks."""
     load = pa.Payload(0.5, [0.01, 0.0, 0.05], [0.01, 0.0, 0.01, 0.0, 0.0, 0.01])
     if isinstance(robot.task, pa.tasks.JointTask):
         return robot.changed(payload=load)

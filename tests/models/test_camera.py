@@ -1,4 +1,4 @@
-"""The picture of the frame in cameras that nobody calibrated."""
+"""The picture of the frame in uncalibrated cameras."""
 
 import numpy as np
 import pinocchio as pin

@@ -189,7 +189,7 @@ def test_several_changes_come_in_order_of_their_time_and_a_new_tool_moves_the_ti
 
 
 def test_the_true_parameters_are_those_of_each_time():
-    anywhere = {"position": False}  # a tool that nobody announces is refused
+    anywhere = {"position": False}  # by default a frame jumping with an unannounced tool is refused
     rollout = loop({0.03: arm(payload=HEAVY, tool_translation=TOOL)}, guards=anywhere)
     plain = loop()
     value = pa.models.BodyDynamics(arm()).value

@@ -1,4 +1,4 @@
-"""A motion that tells parameters apart, and when an estimate of them has become good."""
+"""A motion that distinguishes parameters, and when an estimate of them has become good."""
 
 import numpy as np
 

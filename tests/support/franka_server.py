@@ -5,7 +5,7 @@ time, or, while it gets torques, a millisecond of the robot with each of them, h
 time and position of the tool as MuJoCo has them, are sent to the port of this machine, thirty a
 second. From there it may be told of a force on the tool and of the user stop. ``franky-sim``
 acknowledges collision behaviour and recovery and does not simulate them; here a force above the
-thresholds is a reflex, told by the protocol as a robot does.
+thresholds is a reflex, reported over the protocol as by a robot.
 """
 
 import json

@@ -114,7 +114,7 @@ def energy_along(
         seconds: how long, N samples.
         dt: integration step and time between samples [s].
         begin: returns the state to start from, of that by ``Controller.init``.
-        start: initial estimates a_k, a_d instead of the believed ones.
+        start: initial estimates a_k, a_d instead of those of the model.
     """
     plant, controller = pa.plants.PinocchioPlant(true), controller.limited(None)
     state = begin(controller.init(plant.measure(), **start))

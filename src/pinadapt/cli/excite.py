@@ -106,7 +106,7 @@ def _of_scenario(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingM
     path = Path(options.source)
     scenario = Scenario.read(path)
     controller, drawn = scenario.controller, scenario.estimated.drawn
-    if controller.nominal is not None:  # with the shapes, which a controller does not need
+    if controller.nominal is not None:  # collisions are checked with the shapes
         unloaded = replace(controller.nominal.unloaded, drawn=drawn)
         controller.nominal = replace(controller.nominal, unloaded=unloaded)
     return read_toml(path), find(controller, **_found(options))

@@ -611,7 +611,7 @@ class RealtimeLoop:
         return self._checks.of_motion(m, dt, x, dx, self._age, motor, given, state.a_d)
 
     def _safe(self, m: Measurement, damping: float, hold: bool = True) -> np.ndarray:
-        """Return the torque (n) of gravity and damping [1/s], whatever the sensors say."""
+        """Return the torque (n) that compensates gravity and damps [1/s], even if sensors fail."""
         assert self._state is not None
         torque, self._state = self._controller.safe(self._state, m, damping=damping, hold=hold)
         unseen = self._state.unseen
