@@ -127,7 +127,7 @@ class Film(SimulatedSensors):
         return seen if found is None else seen._replace(x=PIXEL * found, x_time=taken)
 
     def covers(self, t: float) -> bool:
-        """Tell whether something stands before the camera at a time [s]."""
+        """Return whether something stands before the camera at a time [s]."""
         return bool(COVERED[0] <= t <= COVERED[1])
 
 

@@ -306,7 +306,7 @@ def test_arrays_of_other_shapes_in_a_state_are_refused_or_not_used():
 
 
 def same(found, right):
-    """Tell whether two results are the same."""
+    """Return whether two results are the same."""
     return len(found) == len(right) and all(
         a.shape == b.shape
         and (not a.size or a.dtype.kind == b.dtype.kind)

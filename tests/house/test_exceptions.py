@@ -31,7 +31,7 @@ def example(kind):
 
 
 def same(a, b):
-    """Tell whether two errors have the same class, message and attributes."""
+    """Return whether two errors have the same class, message and attributes."""
     return type(a) is type(b) and str(a) == str(b) and repr(vars(a)) == repr(vars(b))
 
 

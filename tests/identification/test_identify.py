@@ -271,7 +271,7 @@ class Arm:
         ]
 
     def enabled(self):
-        """Tell whether there is another sample."""
+        """Return whether there is another sample."""
         return bool(self.rows)
 
     def read(self):

@@ -47,7 +47,7 @@ def columns_of(log, labels, form="{signal}{label}"):
 
 
 def same(read, log, parts=("t", "q", "v", "tau")):
-    """Tell whether two logs have the same numbers."""
+    """Return whether two logs have the same numbers."""
     return all(np.allclose(getattr(read, part), getattr(log, part), atol=1e-12) for part in parts)
 
 

@@ -158,5 +158,5 @@ def energy_along(
 
 
 def same(one, other):
-    """Tell whether two rollouts are equal to the last bit."""
+    """Return whether two rollouts are equal to the last bit."""
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS)

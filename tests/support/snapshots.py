@@ -27,7 +27,7 @@ def guarded_alike(state: pa.ControllerState) -> pa.ControllerState:
 
 
 def unchanged(record: tuple, before: list[Any]) -> bool:
-    """Tell whether a record is still what its snapshot says, to the bit."""
+    """Return whether a record is still what its snapshot says, to the bit."""
     return all(
         old is new if old is None else np.asarray(new).tobytes() == old.tobytes()
         for new, old in zip(leaves(record), before, strict=True)

@@ -36,7 +36,7 @@ motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys()
 
 
 def close(motion, t, velocity=1e-8, acceleration=1e-6):
-    """Tell whether velocity and acceleration at t are the derivatives of x_d."""
+    """Return whether velocity and acceleration at t are the derivatives of x_d."""
     now, pose = motion.at(t), pa.tasks.TASKS["pose"]
     error = pose.error if now.x_d.size == 7 else np.subtract
 

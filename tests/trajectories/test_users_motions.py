@@ -38,7 +38,7 @@ def position(desired):
 
 
 def close(one, other, velocity, acceleration):
-    """Tell whether two motions are the same within 1e-12 and two tolerances."""
+    """Return whether two motions are the same within 1e-12 and two tolerances."""
     return all(
         np.allclose(a, b, rtol=0.0, atol=atol)
         for a, b, atol in zip(one, other, (1e-12, velocity, acceleration), strict=True)

@@ -191,7 +191,7 @@ class Adaptation(Doors, ABC):
         return None
 
     def _remembers(self, memory: tuple) -> bool:
-        """Tell whether a memory can be one of this adaptation; here all can."""
+        """Return whether a memory can be one of this adaptation; here all can."""
         return True
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -207,7 +207,7 @@ class Adaptation(Doors, ABC):
         return value
 
     def contains(self, value: np.ndarray) -> bool:
-        """Tell whether a value (p) is in the domain, which no estimate ever leaves."""
+        """Return whether a value (p) is in the domain, which no estimate ever leaves."""
         return True
 
     @property
@@ -359,7 +359,7 @@ class Wrapper(Adaptation):
         self._size = inner._size
 
     def _remembers(self, memory: tuple) -> bool:
-        """Tell whether a memory can be one of the inner adaptation."""
+        """Return whether a memory can be one of the inner adaptation."""
         return self.inner._remembers(memory)
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -371,7 +371,7 @@ class Wrapper(Adaptation):
         return self.inner.validate(value)
 
     def contains(self, value: np.ndarray) -> bool:
-        """Tell whether a value (p) is in the inner adaptation's domain."""
+        """Return whether a value (p) is in the inner adaptation's domain."""
         return self.inner.contains(value)
 
     @property
@@ -437,7 +437,7 @@ class Wrapper(Adaptation):
 
 
 def are_arrays(memory: tuple, *shapes: tuple[int, ...]) -> bool:
-    """Tell whether a memory consists of arrays of floats of these shapes."""
+    """Return whether a memory consists of arrays of floats of these shapes."""
     return len(memory) == len(shapes) and all(
         isinstance(part, np.ndarray) and part.dtype == float and part.shape == shape
         for part, shape in zip(memory, shapes, strict=True)
@@ -485,7 +485,7 @@ class Stacked(Adaptation):
         self.updates_gain = any(part.updates_gain for part, _ in self.parts)
 
     def _remembers(self, memory: tuple) -> bool:
-        """Tell whether a memory holds one memory a block, or nothing."""
+        """Return whether a memory holds one memory a block, or nothing."""
         return not memory or (
             len(memory) == len(self.parts)
             and all(
@@ -508,7 +508,7 @@ class Stacked(Adaptation):
         return np.concatenate([part.validate(value[block]) for part, block in self.parts])
 
     def contains(self, value: np.ndarray) -> bool:
-        """Tell whether each block of a value (p) is in the domain of its adaptation."""
+        """Return whether each block of a value (p) is in the domain of its adaptation."""
         return all(part.contains(value[block]) for part, block in self.parts)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:

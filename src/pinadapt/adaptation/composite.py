@@ -418,7 +418,7 @@ class CompositeMemory(Wrapper):
         return Estimate(inner.value, (*own, *inner.memory), estimate.lateness)
 
     def _remembers(self, memory: tuple) -> bool:
-        """Tell whether a memory begins with the parts of this one, or with those of a record.
+        """Return whether a memory begins with the parts of this one, or with those of a record.
 
         A record keeps the numbers and nothing else.
         """

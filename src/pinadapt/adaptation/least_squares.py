@@ -172,7 +172,7 @@ class LeastSquares(Adaptation):
             )
 
     def _remembers(self, memory: tuple) -> bool:
-        """Tell whether a memory is a gain (p, p), or empty for P(0)."""
+        """Return whether a memory is a gain (p, p), or empty for P(0)."""
         return not memory or are_arrays(memory, self.P_0.shape)
 
     def init(self, value: np.ndarray) -> Estimate:

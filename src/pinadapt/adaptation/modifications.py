@@ -51,7 +51,7 @@ class Leak(Wrapper):
         self.bandwidth = positive(bandwidth, "leak")
 
     def _remembers(self, memory: tuple) -> bool:
-        """Tell whether a memory begins with a_0 (p)."""
+        """Return whether a memory begins with a_0 (p)."""
         start = memory[0] if memory else None
         if not isinstance(start, np.ndarray) or self._size not in (None, start.size):
             return False

@@ -155,7 +155,7 @@ class MatrixInequality(Doors):
     metric_inverse_times_unchecked = metric_inverse_times
 
     def contains(self, a: np.ndarray) -> bool:
-        """Tell whether every block is positive definite at a (k p)."""
+        """Return whether every block is positive definite at a (k p)."""
         P = self.matrices_unchecked(a)
         return bool(np.isfinite(P).all() and (np.linalg.eigvalsh(P) > 0.0).all())
 
@@ -310,7 +310,7 @@ class Natural(Adaptation):
         return self.cone.validate(value)
 
     def contains(self, value: np.ndarray) -> bool:
-        """Tell whether a value (p) is inside the cone."""
+        """Return whether a value (p) is inside the cone."""
         return self.cone.contains(value)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
@@ -423,7 +423,7 @@ class ExponentiatedGradient(Adaptation):
         return value
 
     def contains(self, value: np.ndarray) -> bool:
-        """Tell whether all entries of a value (p) are positive."""
+        """Return whether all entries of a value (p) are positive."""
         return bool((value > 0.0).all())
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:

@@ -105,7 +105,7 @@ class BoxProjection(Wrapper):
         return value
 
     def contains(self, value: np.ndarray) -> bool:
-        """Tell whether a value (p) is in the box and in the inner adaptation's domain."""
+        """Return whether a value (p) is in the box and in the inner adaptation's domain."""
         inside = (self.low <= value).all() and (value <= self.high).all()
         return bool(inside) and self.inner.contains(value)
 

@@ -196,7 +196,7 @@ def status_of(*rollouts: Rollout) -> int:
 
 
 def interrupted(rollouts: Sequence[Rollout]) -> bool:
-    """Tell whether the last rollout was interrupted, so that no other should start."""
+    """Return whether the last rollout was interrupted, so that no other should start."""
     return bool(rollouts) and rollouts[-1].interrupted is not None
 
 

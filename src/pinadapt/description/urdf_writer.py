@@ -233,7 +233,7 @@ class _Edited:
 
 
 def _differ(one: pin.SE3, other: pin.SE3) -> bool:
-    """Tell whether two placements differ by more than rounding."""
+    """Return whether two placements differ by more than rounding."""
     moved = np.abs(one.translation - other.translation).max()
     return bool(moved > _MOVED or np.abs(one.rotation - other.rotation).max() > _TURNED)
 

@@ -318,7 +318,7 @@ class Packages:
         return [near[min(near[0].name in ("urdf", "xacro", "robots"), len(near) - 1)]]
 
     def is_package(self, folder: Path) -> bool:
-        """Tell whether xacro files may be read from a folder that was found.
+        """Return whether xacro files may be read from a folder that was found.
 
         It was named, has a package.xml, or is near the description.
         """

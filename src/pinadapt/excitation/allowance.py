@@ -293,7 +293,7 @@ class Allowance:
         return np.maximum(np.hstack(list(self._used(angles, q, v, a))) - 1.0, 0.0)
 
     def kept(self, angles: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> bool:
-        """Tell whether N states are within all allowances; it stops at the first broken one."""
+        """Return whether N states are within all allowances; it stops at the first broken one."""
         return all((used <= 1.0).all() for used in self._used(angles, q, v, a))
 
     def _used(

@@ -528,7 +528,7 @@ def _held_torques(motion: MeasuredMotion, middles: np.ndarray, length: float) ->
 
 
 def _without_gap(t: np.ndarray, middles: np.ndarray, length: float) -> np.ndarray:
-    """Tell of each window whether no two successive samples in it are too far apart."""
+    """Return for each window whether no two successive samples in it are too far apart."""
     gaps = np.flatnonzero(np.diff(t) > length / _GAP)
     starts, ends = t[gaps], t[gaps + 1]
     hit = (starts < middles[:, None] + 0.5 * length) & (ends > middles[:, None] - 0.5 * length)

@@ -104,7 +104,7 @@ def of_another_robot(found: IdentifiedModel) -> str | None:
 
 
 def leaves_gravity_out(found: IdentifiedModel) -> bool:
-    """Tell whether the description predicts the torques much better with gravity added."""
+    """Return whether the description predicts the torques much better with gravity added."""
     windows, robot = found.windows, found.described
     gravity, q = Gravity(robot), found.log.configurations(robot)
     near = np.searchsorted(found.log.t, windows.t).clip(0, len(found.log.t) - 1)

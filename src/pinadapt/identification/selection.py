@@ -86,7 +86,7 @@ class Gain(NamedTuple):
     deviation: float
 
     def enough(self, sure: float, least: float) -> bool:
-        """Tell whether it gains some standard errors and some share of the error."""
+        """Return whether it gains some standard errors and some share of the error."""
         return self.share > max(sure * self.deviation, least)
 
 

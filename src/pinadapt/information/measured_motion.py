@@ -185,7 +185,7 @@ def _differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
 
 
 def _agree(rates: np.ndarray, v: np.ndarray, tolerance: float) -> bool:
-    """Tell whether measured velocities (N, n) are the rates of the positions."""
+    """Return whether measured velocities (N, n) are the rates of the positions."""
     return bool(np.linalg.norm(rates - v) <= tolerance * np.linalg.norm(v))
 
 

@@ -188,7 +188,7 @@ def widened(
 
 
 def sure(given: tuple[Explanation, ...]) -> bool:
-    """Tell whether some load is part of what explains the change; True without explanations."""
+    """Return whether some load is part of what explains the change; True without explanations."""
     return not given or sum(one.probability for one in given if one.loaded) >= _SURE
 
 

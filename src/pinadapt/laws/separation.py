@@ -323,7 +323,7 @@ class Separation(Law):
         and less and less until two: later, with the load learned, a large error is rather that of
         an obstacle or of motors at their limits, and the shorter lag would only ring. With it K_v
         becomes that for a load of 30 % of the robot's mass, K_far: the load falls more slowly, and
-        the tracking error, which teaches what it is, exaggerates less. The lag still bounds K_D.
+        the tracking error, which shows the load, exaggerates less. The lag still bounds K_D.
 
         V does not contain K_D, so that dV/dt is an equality for any K_D(t) > 0, however it moves.
         """

@@ -253,7 +253,7 @@ def _numbered(table: Mapping[str, np.ndarray], numbers: Iterable[int]) -> np.nda
 
 
 def _is_rate(q: np.ndarray, v: np.ndarray, t: np.ndarray) -> bool:
-    """Tell whether v (N, n) is the rate of q (N, n) at times t (N), in any unit of time."""
+    """Return whether v (N, n) is the rate of q (N, n) at times t (N), in any unit of time."""
     moved, mean = np.diff(q, axis=0), 0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None]
     moved, mean = (np.nan_to_num(part) for part in (moved, mean))
     sizes = np.linalg.norm(moved) * np.linalg.norm(mean)

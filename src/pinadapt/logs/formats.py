@@ -41,7 +41,7 @@ class Format(ABC):
 
     @abstractmethod
     def accepts(self, path: Path) -> bool:
-        """Tell whether a path looks like such a file or folder, without reading all of it."""
+        """Return whether a path looks like such a file or folder, without reading all of it."""
 
     @abstractmethod
     def read(self, path: Path, selection: Selection) -> Log:
@@ -60,7 +60,7 @@ class RolloutFile(Format):
     _ARRAYS = frozenset({"t", "q", "v", "tau", "x", "x_d", "saturated"})
 
     def accepts(self, path: Path) -> bool:
-        """Tell whether a path is the folder of a run, or its arrays."""
+        """Return whether a path is the folder of a run, or its arrays."""
         if path.is_dir():
             return (path / self._FILE).is_file()
         try:
@@ -113,7 +113,7 @@ class Npz(Format):
     suffixes = (".npz",)
 
     def accepts(self, path: Path) -> bool:
-        """Tell whether a path is a file of that name."""
+        """Return whether a path is a file of that name."""
         return path.is_file() and path.suffix.lower() in self.suffixes
 
     def read(self, path: Path, selection: Selection) -> Log:
@@ -150,7 +150,7 @@ class Csv(Format):
     suffixes = (".csv", ".txt", ".dat", ".tsv")
 
     def accepts(self, path: Path) -> bool:
-        """Tell whether a path is a file of such a name."""
+        """Return whether a path is a file of such a name."""
         return path.is_file() and path.suffix.lower() in self.suffixes
 
     def read(self, path: Path, selection: Selection) -> Log:
@@ -207,7 +207,7 @@ def _cells(line: str, mark: str) -> list[str]:
 
 
 def _is_row(cells: Sequence[str]) -> bool:
-    """Tell whether cells are numbers, of which some may be missing."""
+    """Return whether cells are numbers, of which some may be missing."""
     try:
         return bool(cells) and any(np.isfinite([_number(cell) for cell in cells]))
     except ValueError:
@@ -275,7 +275,7 @@ class Bag(Format):
     suffixes = (".bag", ".mcap", ".db3")
 
     def accepts(self, path: Path) -> bool:
-        """Tell whether a path looks like a bag: a file, or a folder of ROS 2."""
+        """Return whether a path looks like a bag: a file, or a folder of ROS 2."""
         if path.is_dir():
             return (path / "metadata.yaml").is_file()
         return path.suffix.lower() in self.suffixes

@@ -366,7 +366,7 @@ def place_beside(log: Path | str) -> Path:
 
 
 def _same(value: object, default: object) -> bool:
-    """Tell whether a value is the default."""
+    """Return whether a value is the default."""
     if isinstance(value, np.ndarray) or value is None or default is None:
         return value is default
     if isinstance(default, tuple) and isinstance(value, Sequence):

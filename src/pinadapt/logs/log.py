@@ -272,7 +272,7 @@ def _common(names: Sequence[str]) -> int:
 
 
 def repeated(log: Log) -> np.ndarray:
-    """Tell of each sample (N) whether it repeats an earlier one: its time, or all of its numbers.
+    """Return for each sample (N) whether it repeats an earlier one: the time, or all numbers.
 
     A sample at rest that equals the one before counts only if one of the next two differs, as that
     of a driver that is asked more often than it measures.

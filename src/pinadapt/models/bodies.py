@@ -145,7 +145,7 @@ class InertialDynamics(Dynamics):
         self._model.load(self._pi)
 
     def differs_only_in_bodies(self, robot: Robot) -> bool:
-        """Tell whether a robot has the nominal rotors and gravity, and no friction."""
+        """Return whether a robot has the nominal rotors and gravity, and no friction."""
         rotors = np.allclose(robot.model.armature, self._armature)
         return (
             not robot.friction.present

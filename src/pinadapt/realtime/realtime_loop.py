@@ -250,7 +250,7 @@ class _Halted(TimeLaw):
 
 
 class RealtimeLoop:
-    """A controller on an arm, cycle by cycle, until the time is over or somebody stops it.
+    """A controller on an arm, cycle by cycle, until the time is over or it is stopped.
 
     Use it inside of the ``with`` statements of the arm and of the recorder, if there is one.
 

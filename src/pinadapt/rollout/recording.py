@@ -394,7 +394,7 @@ class Recording:
             process, with all of them computed.
         marks: time [s] and a few words for each change of the true robot and each announcement to
             the controller.
-        interrupted: time [s] at which somebody stopped the run, or None; the arrays end there.
+        interrupted: time [s] at which the user stopped the run, or None; the arrays end there.
         path_extent: radius of the desired circle, half the diagonal of another path [m or rad],
             zero for a point; None where the motion does not say.
         unadapted: largest error in the last 10 % of the same loop without adaptation [m or rad],

@@ -586,6 +586,6 @@ def _at_limit(rollout: Recording) -> str:
 
 
 def _falling(distance: np.ndarray) -> bool:
-    """Tell whether the largest error of the last third is clearly below that of the second."""
+    """Return whether the largest error of the last third is clearly below that of the second."""
     before, last = (part.max(initial=0.0) for part in np.array_split(distance, 3)[1:])
     return bool(last < _FALLING * before)

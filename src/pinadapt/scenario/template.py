@@ -78,7 +78,7 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
 
 
 def _diagonal(gain: np.ndarray) -> bool:
-    """Tell whether a gain (n, n) is diagonal."""
+    """Return whether a gain (n, n) is diagonal."""
     return bool((np.diag(np.diag(gain)) == gain).all())
 
 

@@ -117,7 +117,7 @@ def watched(indices: range, progress: Progress | bool | str | None, title: str) 
 
 
 def _on_terminal() -> bool:
-    """Tell whether standard error is a terminal; a windowed program has none at all."""
+    """Return whether standard error is a terminal; a windowed program has none at all."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
@@ -338,7 +338,7 @@ class Record:
         step_time: seconds that the controller spent in all of them.
         diverged: time [s] at which the loop diverged, or None.
         reason: why, or None.
-        interrupted: time [s] of the last sample before somebody stopped the run, or None.
+        interrupted: time [s] of the last sample before the user stopped the run, or None.
     """
 
     samples: list[Sample] = field(default_factory=list)
@@ -481,6 +481,6 @@ def _marks(robots: Succession, announced: Iterable[float]) -> tuple[tuple[float,
 
 
 def _saturated(tau: np.ndarray, *limits: np.ndarray | None) -> np.ndarray:
-    """Tell of each sample (N) whether a torque (N, nv) is at one of the limits (nv) [N m or N]."""
+    """Return for each sample (N) whether a torque (N, nv) is at a limit (nv) [N m or N]."""
     at = [(np.abs(tau) >= bounds).any(axis=1) for bounds in limits if bounds is not None]
     return np.any([np.zeros(len(tau), dtype=bool), *at], axis=0)

@@ -758,7 +758,7 @@ def _entry(base: Mapping[str, Any], key: str) -> Any:
 
 
 def _by_name(key: str) -> bool:
-    """Tell whether a key holds a table of joints, where others hold a list."""
+    """Return whether a key holds a table of joints, where others hold a list."""
     return key.rpartition(".")[2] in ("inertial_scale", "link_translation")
 
 

@@ -71,7 +71,7 @@ _KEPT = 4  # robots and controllers that a worker keeps
 GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
 _ANSWER = 10.0  # [s] for a scheduler to answer
 _ATTEMPTS = 3  # in a row to start a process
-_AHEAD = 2  # cases for each worker of somebody else's engine, so that none waits for the next
+_AHEAD = 2  # cases for each worker of a given engine, so that none waits for the next
 
 
 _IMPORTABLE = (

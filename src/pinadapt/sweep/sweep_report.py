@@ -642,7 +642,7 @@ def _edges(places: np.ndarray) -> np.ndarray:
 
 
 def _logarithmic(values: np.ndarray) -> bool:
-    """Tell whether an axis is better logarithmic."""
+    """Return whether an axis is better logarithmic."""
     low, high = np.quantile(values, (0.25, 0.75))
     return bool(values.min() > 0.0 and high > _WIDE * low)
 

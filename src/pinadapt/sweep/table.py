@@ -141,7 +141,7 @@ class CaseTable:
         return np.asarray(self["status"] != DONE)
 
     def same_as(self, other: CaseTable) -> bool:
-        """Tell whether two tables are equal to the bit, but for the time that cases took."""
+        """Return whether two tables are equal to the bit, but for the time that cases took."""
         names = [name for name in self.columns if name not in LAST]
         if names != [name for name in other.columns if name not in LAST]:
             return False
@@ -227,12 +227,12 @@ def _first_value(column: np.ndarray) -> int:
 
 
 def _empty(column: np.ndarray) -> bool:
-    """Tell whether a column has no value at all."""
+    """Return whether a column has no value at all."""
     return column.dtype == object and all(each is None for each in column)
 
 
 def has_parquet() -> bool:
-    """Tell whether pyarrow is installed."""
+    """Return whether pyarrow is installed."""
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:

@@ -147,7 +147,7 @@ class Trajectory(Doors, ABC):
 def _looks(motion: Trajectory, times: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield velocity and acceleration (m) at the first of these times (N) [s], while there are any.
 
-    What a user's motion cannot say ends a run when it comes to that, not before it begins.
+    An error in a user's motion ends the run at its time, and does not prevent the start.
     """
     for t in times:
         try:
@@ -234,7 +234,7 @@ class Retimed(Derived):
 
     @property
     def settles(self) -> float | None:
-        """When the path's time is that from which it is at rest [s], or None."""
+        """Time from which the motion is at rest [s], when its path is; None: never or unknown."""
         settled = self.motion.settles
         return None if settled is None else self.law.when(settled)
 

@@ -65,7 +65,7 @@ _LEAST_RADIUS = 1e-3  # [m] of gyration, for bodies that a description leaves wi
 def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     """Return E[da da^T] (p, p) of the errors of a robot's inertial parameters.
 
-    None where plausible truths have no value in them.
+    None where plausible true robots have no values of these parameters.
 
     The truths are those of ``plausible``, ten per parameter. To first order the covariance of a
     whole body is 0.09 times the inverse of the metric of natural adaptation at the nominal body:

@@ -260,7 +260,7 @@ def preflight(
 
 
 def _too_slow(controller: Controller, motion: TypicalMotion, dt: float) -> Finding | None:
-    """Return what a feedback lacks that is slow because the period is long, if it is too much.
+    """Return a finding if the feedback, slow because of a long period, is too weak.
 
     Its stiffness is compared with gravity that the model has wrong: displaced by that, until it is
     learned, an arm follows nothing. With a period the displacement grows as its square.
@@ -345,7 +345,7 @@ def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
 def _stable_factors(
     gains: Mapping[str, float], radius: Radius, dt: float, present: float
 ) -> dict[str, float]:
-    """Return with what each gain, given with its power, is multiplied to be stable at dt [s].
+    """Return the factor of each gain, given with its power, that is stable at dt [s].
 
     ``present`` is the radius with the gains as they are.
     """
@@ -362,8 +362,8 @@ def stable_share_of_feedback(
 ) -> float:
     """Return the share of the feedback's bandwidth that passes the check at dt [s].
 
-    One where it passes, and where no share does. ``of`` returns the feedback of a share; K_f (n) is
-    the gain of fast feedback, or None.
+    One where the whole passes, and also where no share does. ``of`` returns the feedback of a
+    share; K_f (n) is the gain of fast feedback, or None.
     """
     whole, joints = of(1.0), None
     if whole and not actuators.ideal:

@@ -134,7 +134,7 @@ def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> 
 
 
 def learns_friction(robot: Robot, dynamics: Dynamics) -> bool:
-    """Tell whether viscous and Coulomb friction of every joint are among the parameters."""
+    """Return whether viscous and Coulomb friction of every joint are among the parameters."""
     friction = {f"{name}.{kind}" for name in robot.joint_names for kind in ("viscous", "coulomb")}
     return friction.issubset(dynamics.names)
 

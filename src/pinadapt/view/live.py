@@ -156,7 +156,7 @@ class _Local(ThreadingHTTPServer):
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, and let the next one in."""
+        """Answer, then free the place for another request."""
         try:
             super().process_request_thread(request, client_address)
         finally:
