@@ -16,7 +16,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 @pytest.fixture
 def blank_pictures(monkeypatch):
-    """Leave pictures blank, in tests of what is written where and not of what it shows."""
+    """Leave pictures blank, in tests that do not look at their contents."""
     from pinadapt.plots.figures import Figures
     from pinadapt.plots.style import Picture
 
@@ -28,7 +28,7 @@ def blank_pictures(monkeypatch):
 
 @pytest.fixture
 def unpainted(monkeypatch):
-    """Draw pictures and do not paint them, in tests of what can be drawn."""
+    """Draw figures without rendering them to pixels, in tests of what is drawn."""
     from pinadapt.plots.style import Picture
 
     monkeypatch.setattr(Picture, "png", lambda self, dpi=100: b"not painted")
@@ -36,7 +36,7 @@ def unpainted(monkeypatch):
 
 @pytest.fixture
 def interruptible():
-    """Hear Ctrl-C, which a shell lets those ignore that it starts in the background."""
+    """Handle Ctrl-C, which processes that a shell starts in the background ignore."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -56,12 +56,12 @@ def moving():
 
 
 def pytest_collection_finish(session):
-    """Search what is collected and imported for garbage once, not whenever a test searches."""
+    """Exclude imported and collected objects from later garbage collections, for speed."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="module")
 def left_by_other_modules():
-    """Leave what earlier modules made out of such searches: a real-time loop begins with one."""
+    """Exclude objects of earlier modules too: a real-time loop begins with a collection."""
     gc.freeze()

@@ -85,7 +85,7 @@ def resolved(full):
 
 
 def is_data(thing):
-    """Tell whether a thing is plain data or the name of a type, without a docstring of its own."""
+    """Return whether an object is plain data or the name of a type, without its own docstring."""
     return not (inspect.isclass(thing) or inspect.isroutine(thing) or isinstance(thing, ModuleType))
 
 

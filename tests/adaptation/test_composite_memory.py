@@ -178,7 +178,7 @@ def test_errors_in_excited_directions_decay_without_further_excitation():
 
 
 def test_a_prior_bounds_directions_that_only_noise_excites():
-    """Noise in a direction without motion says zero, a prior as heavy as it half of the start."""
+    """Noise pulls unexcited estimates to zero, and halfway with a prior of the same weight."""
     P, R, noise, dt = np.eye(2), 10.0, 0.1, 0.05
     prior = np.diag([0.0, R * noise**2])
     start, truth = np.array([3.0, 2.0]), np.array([1.0, 2.0])
@@ -241,7 +241,7 @@ def test_memory_forgets_only_contradicted_data():
 
 
 def test_memory_with_two_gains_pulls_at_the_same_rate():
-    """Gamma kappa, for the covariance Gamma: the tracking error teaches kappa times as fast."""
+    """Gamma kappa, for the covariance Gamma: the tracking error acts kappa times as fast."""
     one, estimate, truth = remembering(noise=0.01)
     other = pa.adaptation.CompositeMemory(
         pa.adaptation.Gradient(0.25 * one.inner.gain(truth), 6),
@@ -456,7 +456,7 @@ def delayed(late, after=0.0, seconds=20.0, dt=0.02):
 
 
 def test_memory_estimates_the_delay_of_the_torques():
-    """By what it does not explain; nothing at the start, at rest, and while a motor saturates."""
+    """Lateness follows from what it leaves unexplained, not at the start, at rest or saturated."""
     known = [delayed(late)[1].lateness for late in (0.0, 0.02, 0.05)]
     assert known[0] < 0.002
     assert known[1:] == pytest.approx([0.02, 0.05], rel=0.25)

@@ -49,7 +49,7 @@ def nothing(address, robot):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return a folder with a scenario and an arm of one's own."""
+    """Return a folder with a scenario and a user's own arm."""
     folder = tmp_path_factory.mktemp("drive")
     (folder / "arm.toml").write_text(SCENARIO)
     (folder / "mine.py").write_text(OWN)

@@ -24,7 +24,7 @@ SETTINGS = ["--set", "simulation.duration=0.1", "controller.law=adaptive-inverse
 
 
 def stopping(at):
-    """Return what wraps the indices of a run and stops it."""
+    """Return a wrapper of a run's indices that interrupts it."""
 
     def indices(samples):
         for k in samples:
@@ -36,7 +36,7 @@ def stopping(at):
 
 
 def stop_run(monkeypatch, number, at=50):
-    """Let one of the next simulations be stopped."""
+    """Interrupt one of the next simulations."""
     simulate, count = pa.simulate, []
 
     def stopped(*arguments, **options):

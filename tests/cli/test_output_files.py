@@ -35,7 +35,7 @@ def command(folder, *more, steps=20, title="planar"):
 
 
 def shown(folder):
-    """Return the names in a folder without those of folders that are being filled."""
+    """Return the names in a folder, without temporary folders."""
     return {path.name for path in folder.iterdir() if not path.name.startswith(UNFINISHED)}
 
 
@@ -51,7 +51,7 @@ def forked(work):
 
 
 def killed_at(monkeypatch, name, count):
-    """Let the ``count``-th call of a method of paths be the last of this process."""
+    """End this process at the ``count``-th call of a method of ``Path``."""
     method, calls = getattr(Path, name), []
 
     def mortal(*arguments, **options):
@@ -202,7 +202,7 @@ def test_checking_a_folder_leaves_no_files(tmp_path):
 
 
 def full_disk(monkeypatch, words):
-    """Let files fail whose path has one of some words in it."""
+    """Make files fail whose path contains one of these words."""
     open_ = Path.open
 
     def limited(path, *arguments, **options):

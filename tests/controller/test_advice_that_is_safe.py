@@ -26,7 +26,7 @@ def test_the_safe_torque_holds_an_arm_that_the_last_torque_moves_far(moving):
 
 
 def test_the_safe_torque_needs_no_measurement_at_all(moving):
-    """And its state is a new one, with the estimates and counters as they were."""
+    """The returned state is a new one, with the same estimates and counters."""
     loop = copy.deepcopy(moving[0][False])
     before = loop.state
     torque, state = loop.controller.safe(before)
@@ -59,7 +59,7 @@ def test_any_part_of_q_and_v_suffices_to_rest_the_arm(moving, fault):
     [("nothing comes", [True] * 6), ("a joint", [True] + [False] * 5)],
 )
 def test_unmeasured_joints_need_brakes_after_15_ms(moving, lost, said):
-    """And no more once it is measured again."""
+    """The joint is no longer reported once it is measured again."""
     loop = moving[0][False]
     first, state, after = loop.sample, loop.state, []
     blind = np.where(said, math.nan, 1.0)
@@ -89,7 +89,7 @@ def test_a_run_brings_an_arm_to_rest_or_leaves_it_to_its_own_stop(lost, rests):
     truth, sent = pa.plants.PinocchioPlant(robot), []
 
     class Arm(pa.plants.Plant):
-        """Nothing says that it is simulated; after 0.3 s some measurements are no numbers."""
+        """A plant not marked as simulated; from 0.3 s on some measurements are NaN."""
 
         def reset(self):
             truth.reset()

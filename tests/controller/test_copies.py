@@ -116,7 +116,7 @@ def test_a_copied_state_continues_like_the_original(loop, copied):
 
 
 def fails(controller, samples, spoilt):
-    """Take one step that cannot be."""
+    """Take a step that is refused."""
     (measurement, desired), state = samples[0], controller.init(samples[0][0])
     if spoilt == "measurement":
         measurement = measurement._replace(q=np.full_like(measurement.q, np.nan))

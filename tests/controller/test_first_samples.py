@@ -378,9 +378,9 @@ def test_missed_samples_raise_no_alarm():
 
 @pytest.mark.slow
 def test_completed_checks_keep_no_memory():
-    """And the torque is the same to the bit, with the guards and without.
+    """The torque is the same to the bit, with the guards and without.
 
-    Guards hold the estimates at the first samples, at rest. That is nothing to natural adaptation
+    Guards hold the estimates at the first samples, at rest. That does not affect natural adaptation
     and a gradient; a memory begins to look later, and so does least squares.
     """
     robot = catalogue_robot("ur5")

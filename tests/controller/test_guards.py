@@ -1,4 +1,4 @@
-"""What a controller does not believe of its sensors, and when its estimates rest."""
+"""Measurements that a controller refuses as implausible, and when its estimates rest."""
 
 from itertools import pairwise
 
@@ -223,7 +223,7 @@ def test_estimates_wait_until_adaptation_is_enabled():
 
 
 def test_a_diverging_loop_ends_with_the_message_of_the_guard():
-    """Feedback far too stiff for the period, with motors that give all it asks for."""
+    """Feedback far too stiff for the period, with motors strong enough for it."""
     robot = catalogue_robot("ur5")
     options = {
         "Kv": [4e3] * 6,
@@ -246,7 +246,7 @@ def test_a_diverging_loop_ends_with_the_message_of_the_guard():
     assert "no sensor is wrong" in rollout.reason and "in degrees?" not in rollout.reason
 
     class Arm(pa.plants.Plant):
-        """The same loop, and nothing says that the plant is simulated."""
+        """The same loop with a plant that is not marked as simulated."""
 
         def __init__(self, plant):
             self.plant = plant
@@ -272,7 +272,7 @@ def test_a_diverging_loop_ends_with_the_message_of_the_guard():
 
 
 def test_a_broken_sensor_is_an_error_not_a_divergence():
-    """A number that is none tells nothing of the loop."""
+    """A NaN says nothing about the stability of the loop."""
 
     class Broken(pa.plants.PinocchioPlant):
         def measure(self):

@@ -22,7 +22,7 @@ CAMERA = {"rate": 30.0, "delay": 0.06}
 
 
 class Stream:
-    """An arm whose joints move as told, measured at 1 kHz, and a controller that looks on.
+    """An arm whose joints move as prescribed, measured at 1 kHz, and a controller that observes it.
 
     Joint i goes through q0 + 0.4 sin(3 t + i); between samples it moves evenly.
     """
@@ -137,7 +137,7 @@ def test_delay_compensation_with_true_parameters_gives_the_true_position(stream)
 
 
 def test_the_compensated_position_is_off_by_the_change_of_the_regressor(stream):
-    """x_carried - x = (X_k(q) - X_k(q_c)) da_k, which is not nothing."""
+    """x_carried - x = (X_k(q) - X_k(q_c)) da_k, which is not zero."""
     kinematics, task, off = stream.controller.kinematics, stream.robot.task, 0.0
     for k, s in stream.signals(FRAMES, count=100):
         here = kinematics.at(stream.q(k * DT))[1]
@@ -324,7 +324,7 @@ def test_every_task_space_law_tolerates_a_slow_and_late_camera(rollout):
 
 
 def test_storage_is_defined_at_samples_without_frames(rollout):
-    """And falls, for laws that adapt and whose velocity is not made up."""
+    """It falls, for laws that adapt and need no measured velocity."""
     seen = [sample.measurement.x is not None for sample in rollout.evaluation.samples]
     assert 0 < sum(seen) < 0.1 * len(seen)
     V = rollout.lyapunov

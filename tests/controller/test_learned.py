@@ -19,7 +19,7 @@ ROBOTS = ["panda", "ur5", "scara", "kinova"]
 
 
 def run(name, duration=0.3, **options):
-    """Return a controller and its short run on a robot that is another one than believed."""
+    """Return a controller and its short run on a robot that differs from its model."""
     described = catalogue_robot(name)
     true = described.changed(
         payload=pa.Payload(0.5, (0.0, 0.0, 0.03), (1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3)),

@@ -78,7 +78,7 @@ def test_far_from_singularities_nothing_is_damped(shape):
 @pytest.mark.parametrize("smallest", [0.5, 0.15, 0.03, 1e-3, 1e-6])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_the_rate_of_the_solution_is_its_derivative(shape, smallest):
-    """The damping moves too; the passivity-based law takes the exact derivative of q_r."""
+    """The damping varies too; the passivity-based law uses the exact derivative of q_r."""
     rng, s_0 = np.random.default_rng(2), 0.2
     J, Jdot = jacobian(rng, shape, smallest), rng.standard_normal(shape)
     u, ud, psi, psid = (rng.standard_normal(k) for k in (shape[0], shape[0], shape[1], shape[1]))

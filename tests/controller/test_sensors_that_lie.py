@@ -1,4 +1,4 @@
-"""A reading that does not follow from the one before is bridged, and refused if it lasts."""
+"""A reading that contradicts the one before is bridged, and refused if that lasts."""
 
 import copy
 import math
@@ -156,7 +156,7 @@ def test_cosine_and_sine_of_a_continuous_joint_are_checked_at_every_sample():
 
 
 def test_a_repeated_time_is_not_a_period(moving):
-    """Nothing is learned, and no filter moves on, in a sample that has the time of the last."""
+    """Estimates and filters stay in a sample with the same time as the last."""
     loop = copy.deepcopy(moving[0][False])
     _, sample = loop.measured()
     desired = loop.motion.at(sample.t)

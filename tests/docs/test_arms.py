@@ -1,4 +1,4 @@
-"""The arms of the pages run against stand-ins with the same calls; nothing of ROS or UR is here."""
+"""The arms of the pages run against stand-ins with the same calls, without ROS or UR software."""
 
 import importlib.util
 import sys
@@ -17,14 +17,14 @@ PERIOD = 2e-3  # of the arms of the pages
 
 
 def module(monkeypatch, name, **things):
-    """Put a module with some things in the place of one that is not installed."""
+    """Put a module with these attributes in place of one that is not installed."""
     made = ModuleType(name)
     vars(made).update(things)
     monkeypatch.setitem(sys.modules, name, made)
 
 
 def loaded(name, thing):
-    """Return a thing of a file of the pages."""
+    """Return an object that a file of the documentation defines."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "arms" / f"{name}.py")
     found = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(found)

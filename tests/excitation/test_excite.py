@@ -314,7 +314,7 @@ def test_a_robot_without_shapes_keeps_its_joints_off_the_floor():
 
 
 def test_distances_of_alike_configurations_are_exact_where_bodies_are_near():
-    """One stands for all where no pair is near its margin; elsewhere each is computed."""
+    """One distance bounds all where no pair is near its margin; elsewhere each is computed."""
     robot, rng = catalogue_robot("ur5"), np.random.default_rng(4)
     shapes = Shapes.of(robot, None, None)
     q = robot.q0 + rng.uniform(-1.5, 1.5, (40, 6))

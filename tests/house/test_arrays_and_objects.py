@@ -243,7 +243,7 @@ LEGITIMATE = {
 
 
 def test_hostile_calls_get_a_typed_error_or_the_right_result(loop):
-    """Nothing wrong in silence: sizes, kinds of numbers, and objects of public methods."""
+    """No silent error: wrong sizes, kinds of numbers and objects are refused by public methods."""
     wrong, untyped, made = [], [], 0
     for name, method, fitting in calls(loop):
         for argument, value in fitting.items():
@@ -413,7 +413,7 @@ def test_errors_of_a_users_own_code_stay_and_overrides_have_their_twin():
 
 
 def read_only(array):
-    """Return a copy in memory that the system does not let anybody write, as joblib's maps are."""
+    """Return a copy in read-only memory, as joblib's memory maps are."""
     with tempfile.TemporaryFile() as file:
         file.write(np.ascontiguousarray(array).tobytes())
         file.flush()

@@ -27,7 +27,7 @@ def test_lines_are_short(folder):
 
 @pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda p: p.stem)
 def test_benchmarks_can_be_started(path):
-    """What they take from the library, from each other and from the tests is there."""
+    """All that they import from the library, from each other and from the tests exists."""
     importlib.import_module(f"benchmarks.{path.stem}")
 
 

@@ -76,7 +76,7 @@ def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
 
 @pytest.mark.parametrize(("name", "told"), [("ur5", 4 * 6 + 3), ("scara", 4 * 3 + 2 + 3)])
 def test_a_wrong_arm_is_calibrated_to_the_noise_of_the_tracker(name, told, tmp_path):
-    """All four numbers of a revolute and both of a sliding joint are told, and tool and base."""
+    """All four numbers of a revolute joint, both of a prismatic one, tool and base are found."""
     found = calibrate(recorded(name, 150), catalogue_robot(name))
     assert found.trusted and found.before.position > 10e-3
     assert found.after.position < 1.25 * np.sqrt(3.0) * NOISE
@@ -117,7 +117,7 @@ def test_the_tracker_may_stand_anywhere_and_measure_poses():
 
 @pytest.mark.parametrize("name", ["ur5", "scara"])
 def test_offsets_of_encoders_alone(name):
-    """Of an arm that is right otherwise: the estimates err as their deviations say."""
+    """For an arm that is exact otherwise, estimates err as their standard deviations state."""
     robot, rng = catalogue_robot(name), np.random.default_rng(3)
     offsets = rng.uniform(-0.02, 0.02, robot.model.nv)
     angles = random_angles(robot, rng, 60)

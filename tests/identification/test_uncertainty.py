@@ -59,13 +59,13 @@ def log_of_arm(seed, loaded=False, duration=12.0):
 
 @cache
 def identified(seed):
-    """Return what a log teaches, the first one tested on the third."""
+    """Return what is identified from a log, the first one tested on the third."""
     test = () if seed else log_of_arm(2)
     return pa.identify(log_of_arm(seed), catalogue_robot("ur5"), test=test, progress=False)
 
 
 def test_two_logs_of_an_arm_agree_within_their_uncertainties():
-    """And with the truth: errors last for seconds, so rows are far from independent."""
+    """They match the true errors too: errors last for seconds, so rows are far from independent."""
     near, right = [], []
     for one, other in ((0, 1), (1, 2), (2, 0)):
         parts = [identified(seed).dynamic for seed in (one, other)]

@@ -113,7 +113,7 @@ def test_an_arm_that_differs_from_its_description_is_reported():
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 @pytest.mark.parametrize("dynamic", ["all", "payload"])
 def test_heavier_links_are_no_certain_load(name, dynamic):
-    """All masses and inertias 30 % up, without a load: one factor says it all."""
+    """All masses and inertias 30 % larger, without a load: one factor describes that."""
     described = catalogue_robot(name)
     true = described.changed(inertial_scale=1.3)
     controller = pa.make_controller(

@@ -1,4 +1,4 @@
-"""Torques of a log are compared with the description; usual mistakes are named, others are not."""
+"""Torques of a log are compared with the description, and usual mistakes are named."""
 
 import json
 from dataclasses import replace

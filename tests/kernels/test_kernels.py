@@ -262,7 +262,7 @@ def test_right_inverse_and_rate(m, n, rng, laid):
 
 
 def test_bound_smoothly(rng, laid):
-    """Nothing up to the knee, direction and rate beyond it, and never more than the most."""
+    """Zero up to the knee, direction and rate beyond it, bounded by the largest value."""
     x, rate, limits = rng.standard_normal(6), rng.standard_normal(6), rng.uniform(0.5, 2.0, 6)
     limits[2] = np.inf
     r = ((np.abs(x) / limits) ** 8).sum() ** 0.125
@@ -667,7 +667,7 @@ def test_size_of_estimates(rng):
 
 
 def test_checks_of_a_loop(rng, laid):
-    """Each against the same in numpy, and NaN is beyond nothing."""
+    """Each against the same in numpy; NaN exceeds no bound."""
     limits = np.full(7, 2.0)
     for _ in range(50):
         x = 1.3 * rng.standard_normal(7)

@@ -49,7 +49,7 @@ def real(robot):
 
 
 def beside(robot, law):
-    """Return a motion, or a set point for a law that has no other, that is at speed beside home."""
+    """Return a motion at speed, or a set point for laws that only take one, beside home."""
     if pa.laws.LAWS[law].set_point:
         return pa.trajectories.Hold(robot.position(robot.q0) + 0.02).as_given()
     if joint_space(robot):
@@ -172,7 +172,7 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
 
 @pytest.mark.parametrize(("law", "name"), THREE)
 def test_the_true_parameters_are_an_equilibrium(law, name):
-    """Begun on the path and right, errors stay at rounding and estimates where they are."""
+    """From the path and the true parameters, errors stay at rounding and estimates constant."""
     true = real(robot_of(law, name))
     controller = unlimited(controller_of(law, true))
     start = true.home_angles if joint_space(true) else true.position(true.q0)

@@ -1,4 +1,4 @@
-"""The rest posture of redundant joints: where it pulls, how fast, and what a user may say."""
+"""The rest posture of redundant joints: where it pulls, how fast, and what may be given."""
 
 import numpy as np
 import pinocchio as pin
@@ -64,7 +64,7 @@ def test_the_rate_of_the_null_motion_is_its_derivative(name):
             return -posture.frequency * posture.offset(at)
 
         class Seen:
-            """What the posture reads of the signals."""
+            """The signals that the posture reads."""
 
             class inverse:
                 unique = False
@@ -101,7 +101,7 @@ def test_the_frequency_is_half_of_the_bandwidth_and_home_is_rest(law):
 
 
 def test_a_slowed_feedback_has_a_slowed_posture():
-    """The share of the bandwidth that a period bears is taken of both."""
+    """A long period reduces the bandwidth of both by the same share."""
     robot = catalogue_robot("xarm7", task="pose")
     laws = [pa.make_controller(robot, law="adaptive-jacobian", dt=dt).law for dt in (1e-3, 1e-4)]
     ratios = [laws[0].alpha / laws[1].alpha, laws[0].posture.frequency / laws[1].posture.frequency]

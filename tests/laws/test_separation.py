@@ -118,7 +118,7 @@ def test_equality_along_the_trajectory(case):
 
 
 def test_equality_with_a_reference_that_keeps_speeds():
-    """The error asks for more than the joints have all the time; they are behind, and pushed."""
+    """The error always demands more than the joints' limits; they lag behind."""
     true, controller, path = frame("panda")
     speeds = np.full(7, 0.04)
     controller.law = controller.law.within(speeds)
@@ -136,7 +136,7 @@ def test_equality_with_a_reference_that_keeps_speeds():
 
 @pytest.mark.parametrize("name", ["panda", "kinova"])
 def test_arms_are_held_without_task_velocity(name):
-    """Nothing is tuned; law (11) loses kinova's wrist."""
+    """Default gains; under law (11) kinova's wrist diverges."""
     robot = catalogue_robot(name)
     true = with_tool_and_load(robot)
     believed = robot.changed(inertial_scale=0.7)

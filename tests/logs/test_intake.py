@@ -1,4 +1,4 @@
-"""Logs as people have them are read with a small file beside them, and say what was assumed."""
+"""Logs in users' formats are read with a small file beside them, and state what was assumed."""
 
 import re
 import warnings

@@ -107,7 +107,7 @@ def circle_of(true, robot, radius=0.05, turn=TURN, by=(0.01, -0.01, 0.02)):
 
 
 def check_kinematic_part(energy, controller, true):
-    """V_k = c (|dx_o|^2 + (l |eta|)^2) / 2 + D_k by itself: beside V_d nobody would see it."""
+    """V_k = c (|dx_o|^2 + (l |eta|)^2) / 2 + D_k alone, as it is small beside V_d."""
     law, adaptation = controller.law, controller.adaptation_k
     a_k, V, rate = controller.kinematics.value(true), [], []
     for s, drive, state in energy.samples:
@@ -449,7 +449,7 @@ def test_frames_of_another_clock_and_of_another_point_are_named(frames):
 
 
 def test_a_tool_that_no_motion_shows_is_named(frames):
-    """Along the axis of the one joint that moves, the tool and the tracker are not told apart."""
+    """Along the axis of the one joint that moves, tool and tracker cannot be distinguished."""
     true, kinematics, samples = frames
     still = samples[0].q
     alone = []

@@ -180,7 +180,7 @@ def test_a_scenario_states_late_motors():
 
 
 def test_a_memory_with_a_lag_tolerates_motors_that_are_ten_milliseconds_late():
-    """Nobody declares it; without adaptation the error is more than ten times as large."""
+    """The delay is not declared; without adaptation the error is over ten times as large."""
     robot = catalogue_robot("ur5")
     path, last = pa.reachable_circle(robot), {}
     for adaptation in ("none", "natural-memory"):

@@ -188,7 +188,7 @@ def test_a_load_that_is_set_on_the_robot_is_carried_by_it(franka):
 
 
 def test_a_real_time_server_killed_during_motion_is_reported():
-    """A machine that stalls for ten periods is told as well; then once more."""
+    """A machine that stalls for ten periods is reported as well, then once more."""
     for attempt in range(4):  # each at an address that no connection of before keeps busy
         server = Franka(f"127.0.0.{3 + attempt}", realtime=True)
         try:

@@ -71,7 +71,7 @@ class Motors(threading.Thread):
         self.bus.send(self.reply(k, message, said.query))
 
     def reply(self, k, message, query):
-        """Return what a motor says of itself."""
+        """Return the registers of a motor."""
         seen, motor = self.plant.measure(), MOTORS[k]
         turns = motor.sign * motor.ratio / (2.0 * np.pi)
         names = moteus.Register

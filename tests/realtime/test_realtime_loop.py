@@ -173,7 +173,7 @@ def test_a_histogram_has_the_shares_of_its_times():
 
 
 def test_an_arm_without_a_cycle_is_paced_by_deadlines():
-    """The plant follows the clock, so a loop that drifts would be told by its own measurements."""
+    """The plant follows the clock, so measurements would reveal a loop that drifts."""
     follower = arm(clock=time.monotonic)
     began = time.monotonic()
     loop = Loop(follower, seconds=0.2, safety=Safety(late=10**6))
@@ -183,7 +183,7 @@ def test_an_arm_without_a_cycle_is_paced_by_deadlines():
 
 
 class Time:
-    """A clock that goes on when it is read, by 10 us, and when somebody sleeps."""
+    """A clock that advances by 10 us when it is read, and by sleeping."""
 
     now = 0.0
 

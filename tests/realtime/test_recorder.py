@@ -214,7 +214,7 @@ def test_a_full_disk_leaves_complete_chunks(tmp_path):
 
 
 def test_a_disk_full_during_motion_ends_it_and_keeps_the_log(tmp_path):
-    """From some size on the writing process may write no larger file; to it the disk is full."""
+    """The writing process may write no larger file than some size, as if the disk were full."""
     path = tmp_path / "full.mcap"
     with Recorder(path, controller()) as recorder:
         size = []

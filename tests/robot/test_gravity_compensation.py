@@ -24,7 +24,7 @@ def loops(
     continuous=False,
     duration,
 ):
-    """Return a plain run, and one whose arm adds a torque that the controller takes off."""
+    """Return a plain run, and one whose arm adds a torque that the controller subtracts."""
     make = partial(pa.make_controller, robot, law=law)
     engine = pa.Engine(continuous=continuous, torque_limits=limits)
     simulate = partial(pa.simulate, engine=engine, duration=duration)

@@ -1,4 +1,4 @@
-"""A torque that rings is told from motion, noise and frames."""
+"""A torque that rings is distinguished from motion, noise and effects of frames."""
 
 import json
 from dataclasses import replace

@@ -85,7 +85,7 @@ def test_joint_speeds_are_kept_at_the_edge_of_the_workspace():
 
 
 def test_a_law_that_inverts_the_jacobian_waits_before_the_edge(ur5):
-    """Wang and Xie's law is lost there; it says why it waits, and what goes through."""
+    """Wang and Xie's law diverges there; the run states why the path waits."""
     true, model, _ = ur5
     controller = pa.make_controller(
         model, law="adaptive-inverse-dynamics", limits=pa.Limits(governor=True)

@@ -1,4 +1,4 @@
-"""The true robot changes during a run, and the controller may be told: loads, tools, friction."""
+"""Changes of the true robot during a run, announced or not: loads, tools, friction."""
 
 import copy
 import re
@@ -81,7 +81,7 @@ def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit(integ
 
 
 class Bench(Plant):
-    """A plant that says nothing of becoming another robot."""
+    """A plant without a method for becoming another robot."""
 
     nv = 1
 
@@ -467,7 +467,7 @@ def test_with_announcement_it_stays_within_a_fifth_of_a_millimetre():
 
 @pytest.mark.parametrize("settings", [(), (TOLD, SLOWER)], ids=["untold", "told"])
 def test_with_its_memory_it_errs_no_more_than_without_at_the_same_feedback(settings):
-    """Beside an empty memory the tracking error teaches as fast as without one."""
+    """Beside an empty memory the adaptation to the tracking error is as fast as without one."""
     with_one, without = ran(*settings), ran(*settings, NATURAL, "controller.lag=0.01")
     for transient, other in zip(with_one.transients, without.transients, strict=True):
         assert transient.worst < 1.05 * other.worst and transient.back < 0.3

@@ -1,4 +1,4 @@
-"""A planar arm behind the interface of real ones, and what may go wrong with it."""
+"""A planar arm with the interface of real ones, and its possible faults."""
 
 from functools import cache, partial
 

@@ -1,4 +1,4 @@
-"""A Franka in a process of its own: ``franky-sim`` with a load, and a camera of its tool.
+"""A Franka in a separate process: ``franky-sim`` with a load, and a camera of its tool.
 
 ``python -m tests.support.franka_server HOST REALTIME PORT`` serves until it is killed: in real
 time, or, while it gets torques, a millisecond of the robot with each of them, however late. Frames,
@@ -71,14 +71,14 @@ class Franka:
 
 
 class Body:
-    """What befalls the robot: forces, its reflex and its recovery, and the user's stop."""
+    """Events of the robot: forces, its reflex and recovery, and the user stop."""
 
     def __init__(self):
         self.push, self.stopped, self.reflex = np.zeros(3), False, False
         self.thresholds = np.full(7, np.inf)
 
     def hear(self, eye):
-        """Take what the test tells."""
+        """Receive what the test sends."""
         try:
             told = json.loads(eye.recv(1 << 12))
         except BlockingIOError:

@@ -1,4 +1,4 @@
-"""What holds of believed kinematics at any estimate, against finite differences."""
+"""Identities of estimated kinematics at any estimate, against finite differences."""
 
 import numpy as np
 import pinocchio as pin

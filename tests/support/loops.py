@@ -60,7 +60,7 @@ def motion_at_home(robot):
 
 
 def run(name="planar_2r", *, truth=None, control=None, **options):
-    """Return a short rollout of an adaptive controller that believes the arm 20 % too light."""
+    """Return a short rollout of an adaptive controller with a model 20 % too light."""
     described = catalogue_robot(name)
     true, control = described.changed(**(truth or {})), {"adaptation": "natural", **(control or {})}
     controller = pa.make_controller(described.changed(inertial_scale=0.8), **control)
@@ -82,7 +82,7 @@ def circle_beside(
 
 
 def check_holds_home(robot: pa.Robot) -> None:
-    """The default controller of a robot that is as believed stays at its home."""
+    """The default controller of a robot that equals its model stays at its home."""
     rollout = pa.simulate(
         robot,
         pa.make_controller(robot),

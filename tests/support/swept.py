@@ -22,7 +22,7 @@ def troubled(a):
 
 
 def fewer_troubles(a):
-    """Return what ``troubled`` would, without its troubles."""
+    """Return what ``troubled`` would, without its failures."""
     return {"square": a * a}
 
 

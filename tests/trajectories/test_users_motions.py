@@ -26,7 +26,7 @@ class Path:
     """A class of a user that does not depend on the library."""
 
     def __init__(self, motion, returns=tuple):
-        """Take what it follows, and how it says so."""
+        """Take the motion, and the form in which ``at`` returns it."""
         self._motion, self._returns = motion, returns
 
     def at(self, t):

@@ -78,7 +78,7 @@ def test_a_joint_too_light_for_the_short_lag_starts_with_the_long_one():
 
 
 def test_links_that_swing_slower_than_the_feedback_are_followed():
-    """Springs of 400 N m/rad that nobody declared, at 2 Hz; the position is the links'."""
+    """Springs of 400 N m/rad that are not declared, at 2 Hz; the position is the links'."""
     case = zoo_case("planar_2r")
     M = pin.crba(case.true.model, case.true.model.createData(), case.true.q0)
     rotors = 0.5 * np.diag(M)
@@ -182,7 +182,7 @@ def last_error(name, adaptation, actuators, duration=1.5, **given):
         true, model = true.changed(armature=rotors), model.changed(armature=rotors)
         unknown = pa.Unknown(armature=False)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a simulated plant that nobody declared
+        warnings.simplefilter("ignore")  # of late motors that are not declared
         controller = pa.make_controller(
             model,
             adaptation=adaptation,

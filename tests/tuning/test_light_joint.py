@@ -1,4 +1,4 @@
-"""A joint too light for an unknown load under an acceleration law is told before the run."""
+"""A joint too light for an unknown load under an acceleration law is reported before the run."""
 
 import warnings
 
@@ -20,7 +20,7 @@ ACCELERATIONS = [
 
 
 def light(robot, **options):
-    """Return what would be told of a controller made for a robot."""
+    """Return the finding about a controller made for a robot."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         controller = pa.make_controller(robot, **{"law": INVERSE, **options})

@@ -205,7 +205,7 @@ def test_leaks_and_their_states_can_be_copied():
 
 
 def test_estimates_leak_towards_what_was_announced():
-    """A load that the controller was told of is not forgotten again."""
+    """An announced load is not forgotten again."""
     load = pa.Payload(2.0, [0.0, 0.02, 0.05])
     controller = made(sensors=pa.Sensors(noise={"v": 0.02}))
     state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())

@@ -143,7 +143,7 @@ def test_a_controller_put_together_by_hand_is_not_checked():
 @pytest.mark.parametrize("dt", [0.02, 0.03, 0.1, 0.5])
 @pytest.mark.parametrize("law", FRAME_LAWS)
 def test_every_recommended_factor_helps(law, dt):
-    """Where damping alone is too fast no factor is told that changes nothing."""
+    """Where damping alone is too fast, no factor is advised that changes nothing."""
     robot = catalogue_robot("panda")
     controller = pa.make_controller(robot, law=law)
     its = controller.law

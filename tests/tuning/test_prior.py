@@ -1,4 +1,4 @@
-"""The shape of a constant gain: how far the truth may be from the belief."""
+"""The shape of a constant gain: how far the truth may be from the model."""
 
 import numpy as np
 import pytest
