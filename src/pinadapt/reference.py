@@ -742,7 +742,8 @@ def starting_from(
     elif duration is not None and needed > duration:
         warnings.warn(
             f"the robot needs {needed:.3g} s to the first point of the motion, and the run ends "
-            f"after {duration:.3g} s. motion.as_given() omits the approach.",
+            f"after {duration:.3g} s. Without an approach: motion.as_given(), in a scenario "
+            'start = "moving".',
             stacklevel=3,
         )
     return Approach(motion, x, needed, task)

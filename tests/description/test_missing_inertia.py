@@ -163,7 +163,7 @@ def test_impossible_masses_are_refused(tmp_path, mass, words):
 
 
 def test_a_completely_described_robot_takes_no_mass():
-    with pytest.raises(pa.RobotError, match=r"every body of 'panda' .*17.45 kg.* Leave mass out"):
+    with pytest.raises(pa.RobotError, match=r"every body of 'panda' .*17.45 kg.* Omit mass"):
         pa.load("panda", mass=20.0)
 
 

@@ -63,7 +63,7 @@ def test_unexcited_directions_stay_as_described_within_the_cone():
     assert a[0] == pytest.approx(2.0 * physical.center[0])
     assert np.allclose(a[10:], physical.center[10:], rtol=1e-5)
     centre = physical.center[1:4] / physical.center[0]
-    assert np.allclose(a[1:4] / a[0], centre, rtol=1e-4)  # a body of twice the mass is where it was
+    assert np.allclose(a[1:4] / a[0], centre, rtol=1e-4)  # the same centre
 
 
 def test_the_estimate_does_not_depend_on_frame_or_unit():

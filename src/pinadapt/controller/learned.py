@@ -284,6 +284,8 @@ class LearnedParameters:
             ParameterError: no such file, or not one of these, or numbers that are not finite.
         """
         path = Path(path)
+        if not path.exists():
+            raise ParameterError("no such file.", where=str(path))
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:

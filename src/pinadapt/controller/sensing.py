@@ -779,7 +779,7 @@ class Senses:
         return before._replace(q=q, v=v, trail=trail)
 
     def sagged(self, sensed: SensedState) -> np.ndarray:
-        """Return the way (n) of the joints since ``believed`` was called first [rad or m]."""
+        """Return how far the joints (n) moved since the first call of ``believed`` [rad or m]."""
         return _row(sensed.trail, kernels.SAGGED) if sensed.trail.size else np.zeros(sensed.v.size)
 
     def _believed_joint(
