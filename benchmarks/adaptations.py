@@ -1,4 +1,4 @@
-"""A memory of all torques beside "natural" and none, in realities that no proof knows.
+"""A memory of all torques compared with "natural" and none, in cases outside of the proofs.
 
 ``make adaptations.table`` runs the sweep ``adaptations.toml``, ``make actuators.table`` the sweep
 ``actuators.toml``: the case of the zoo (tool, load, inertias and friction unknown, a circle) with

@@ -1,4 +1,4 @@
-"""Pushes on the tool of an arm that carries a load: which are told as contact, and how soon.
+"""Pushes on the tool of an arm that carries a load: which are detected as contact, and how soon.
 
 ``python -m benchmarks.contact [--save FILE] [ROBOT...]``: the default controller at 500 Hz, with a
 camera and encoders of 17 bits, learns a load, a tool and friction on a circle of 5 cm. Then, for

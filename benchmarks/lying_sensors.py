@@ -1,4 +1,4 @@
-"""Sensors that lie: how soon it is found, and where the arm is by then.
+"""Sensor faults: how soon they are detected, and where the arm is by then.
 
 ``make lying_sensors.table`` runs the sweep ``lying_sensors.toml`` and writes ``lying_sensors.csv``:
 cases of the zoo (tool, load, every inertia and the friction unknown, a circle) at 1 kHz, and from

@@ -236,7 +236,7 @@ def unknown_lengths(rows: Sequence[Row]) -> str:
 
 
 def prediction_errors(rows: Sequence[Row]) -> str:
-    """Return the errors of the same arm where errors of prediction teach, at three times."""
+    """Return the errors of the same arm with adaptations to prediction errors, at three times."""
     cells = [
         [f"`{row['adaptation']}`", f"`{row['kinematic']}`"]
         + [mm(window(row, end - 1.0, end), ".3f") for end in (2.0, 5.0, 10.0)]

@@ -413,7 +413,7 @@ def test_a_controller_begins_with_what_the_frames_tell(frames):
     told = found.information.T @ found.information
     (P,) = state.kinematic.memory
     assert P @ (np.linalg.inv(fit.P_0) + fit.unit * told) == pytest.approx(np.eye(39), abs=1e-6)
-    kinematics.update(found.a_k, first.q, first.v)  # an uncertain frame against all of them
+    kinematics.update(found.a_k, first.q, first.v)  # one noisy frame has little weight
     assert state.sensed.x == pytest.approx(kinematics.p_hat, abs=1e-12)
     assert (
         np.abs(first.x - true.position(first.q)).min()

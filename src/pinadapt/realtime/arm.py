@@ -37,8 +37,8 @@ SIDES = ("joint", "motor")
 Frames = Callable[[], tuple[np.ndarray, float] | None]
 """Returns x of a new frame and when it was taken [s], or None while there is no new one."""
 
-_SATURATED, _BRIGHT = 90, 40  # of 255, from which a pixel has a colour
-_ROUND = 0.8  # of the smallest circle around a ball that it fills when it is seen whole
+_SATURATED, _BRIGHT = 90, 40  # of 255, saturation and value above which a pixel counts
+_ROUND = 0.8  # least share of its smallest enclosing circle that a ball fills, if seen whole
 MAIN = "In a script, what starts processes stands below `if __name__ == '__main__':`."
 
 

@@ -190,7 +190,7 @@ class Shaft:
         """Check the numbers.
 
         Raises:
-            RobotError: negative coefficients, or another sign.
+            RobotError: negative coefficients, or a sign other than 1 and -1.
         """
         for name in ("armature", "viscous", "coulomb", "threshold"):
             zero = name != "threshold"
