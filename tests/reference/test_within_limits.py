@@ -72,10 +72,10 @@ def test_a_fast_circle_keeps_the_limits_for_as_long_as_it_goes_on(name, period, 
     # 3 %: the null space has more time to return than at the motion's own speed
     assert max(used) < 1.03
     assert max(used) > 0.9  # and not slower than it has to be
-    # what is said is so
+    # the stated shares are those of the run
     assert slowed.law.speed_share[0] == pytest.approx(speeds.max(), rel=0.05)
     assert slowed.law.effort_share[0] == pytest.approx(efforts.max(), rel=0.05)
-    # every turn is like the others, far beyond what was looked at
+    # all turns are alike, also long after those that were computed
     for t in (0.1, 0.6 * turn):
         pair = slowed.at(since + t), slowed.at(since + t + 40 * turn)
         assert all(np.allclose(*each, atol=1e-8) for each in zip(*pair, strict=True))
