@@ -383,7 +383,8 @@ class Doors:
                 continue
             inside = getattr(method, _UNCHECKED, method)  # of a door that another class has made
             if hasattr(cls, name + _UNCHECKED):
-                setattr(cls, name + _UNCHECKED, inside)
+                abstract = getattr(inside, "__isabstractmethod__", False)
+                setattr(cls, name + _UNCHECKED, _not_implemented if abstract else inside)
             if isfunction(method) and inside is method:
                 above = getattr(super(cls, cls), name, None)
                 setattr(cls, name, _with_door(method, cls.shapes, above))
@@ -391,6 +392,11 @@ class Doors:
     def _flaw(self, value: Any) -> str | None:
         """Return what else is wrong with an object of the right class and sizes, or None."""
         return None
+
+
+def _not_implemented(self: Any, *args: Any, **given: Any) -> Any:
+    """Stand for the twin of an abstract method, so that Python asks for the method alone."""
+    raise NotImplementedError
 
 
 def _with_door(method: Callable[..., R], of_class: str, above: Any) -> Callable[..., R]:

@@ -481,3 +481,10 @@ def test_arrays_of_the_caller_are_neither_kept_nor_shared(options):
             controller.step(state, plant.measurement(robot.q0, np.zeros(2), 0.004), wrong, 1e-3)
         with pytest.raises(pa.InputError, match="not finite"):
             controller.observe(state, plant.measurement(robot.q0, np.zeros(2), 0.004), wrong)
+
+
+@pytest.mark.parametrize("kind", [pa.laws.Law, pa.adaptation.Adaptation, pa.plants.Plant])
+def test_an_abstract_class_asks_for_its_methods_alone(kind):
+    with pytest.raises(TypeError, match="abstract methods") as error:
+        kind()
+    assert "unchecked" not in str(error.value)
