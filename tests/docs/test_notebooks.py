@@ -31,7 +31,7 @@ PRINTED = {
         "adapt: the time is over, running -> holding -> damping -> stopped",
         "adaptation leaves a small part of the error: True",
         "the same torques, bit for bit: True",
-        "True | does not answer",
+        "True | ",  # and why, which is another error where the motion ends before the connection
     ],
 }
 NEEDS = {"11_behind_a_protocol": "pylibfranka"}  # of which there are no wheels everywhere
