@@ -110,9 +110,10 @@ class SlowStart(Controller):
     velocity is at most 3 % of the velocity of the frame, in all directions in which the arm can
     move, by the noise that the residual shows. Of a tracker the estimate is then that of the
     rotation, position and translations that explain the frames best, unless these explain them
-    badly. The kinematic least squares begins with what the frames have told. Until then the time of
-    the path stands still (``PathTime``, cause "unknown axes"). Its rate rises to one in 5 s, or in
-    less by as much as the velocity is known better: a slow motion teaches more frames on its way.
+    badly. The kinematic least squares begins with the information of these frames. Until then the
+    time of the path stands still (``PathTime``, cause "unknown axes"). Its rate rises to one in
+    5 s, or in less by as much as the velocity is known better: a slow motion has more frames on its
+    way.
     Nothing but the joints is held while the estimates rest.
 
     As one differential equation (``run_continuous``), and under a law that has no feedback of the
@@ -249,10 +250,10 @@ class SlowStart(Controller):
     def _known(
         self, start: Start, a_k: np.ndarray, x: Any
     ) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """Return the kinematic estimate (p) by the frames, and what they say of it (p, p).
+        """Return the kinematic estimate (p) from the frames, its information (p, p) and error.
 
-        And the standard deviation of the predicted velocity, relative to that of the frame. None
-        while they do not tell enough.
+        The error is the standard deviation of a predicted velocity, relative to that of the frame.
+        None while it is too large to begin.
 
         Args:
             start: with the frames.
@@ -266,10 +267,10 @@ class SlowStart(Controller):
         prior, least = np.diag(1.0 / kinematics.sizes**2), _LEAST_NOISE * kinematics.robot.reach
         variance = least**2
         for _ in range(_ROUNDS):
-            told = H / variance + prior
-            found = a_k - np.linalg.solve(told, score) / variance
+            information = H / variance + prior
+            found = a_k - np.linalg.solve(information, score) / variance
             variance = start.variance(found - a_k, least)
-        uncertain, moved = self._uncertain(start, found, np.linalg.inv(told))
+        uncertain, moved = self._uncertain(start, found, np.linalg.inv(information))
         axes = int(np.linalg.matrix_rank(start.ways))
         size = float(np.linalg.norm(moved)) / math.sqrt(min(kinematics.positions, axes))
         if isinstance(kinematics, TrackerKinematics):
@@ -282,7 +283,7 @@ class SlowStart(Controller):
             other = self._uncertain(start, nearest, P)[0]
             if other < uncertain:
                 uncertain, found = other, nearest
-                told = kinematics.information(rigid, of_rigid)
+                information = kinematics.information(rigid, of_rigid)
         uncertain /= max(1.0, size)
         if uncertain > _KNOWN:
             return None
@@ -292,7 +293,7 @@ class SlowStart(Controller):
         box = self.adaptation_k
         if isinstance(box, BoxProjection):
             found = np.clip(found, box.low, box.high)
-        return found, told, uncertain
+        return found, information, uncertain
 
     def _uncertain(
         self, start: Start, a_k: np.ndarray, P: np.ndarray
@@ -315,17 +316,17 @@ class SlowStart(Controller):
     ) -> ControllerState | None:
         """Return the state with which the path begins, None while it does not.
 
-        The arm rests; where it is all frames tell, and the last one how it is turned.
+        The arm is at rest: all frames together give its position, the last one its orientation.
         """
         known = self._known(start, state.a_k, measurement.x)
         if known is None:
             return None
-        a_k, told, uncertain = known
+        a_k, information, uncertain = known
         before = state.sensed._replace(x=np.array(measurement.x, dtype=float))
         sensed = believed(before, self.kinematics, a_k)
         assert state.path is not None
         return state._replace(
-            kinematic=self.adaptation_k.informed(self.adaptation_k.init(a_k), told),
+            kinematic=self.adaptation_k.informed(self.adaptation_k.init(a_k), information),
             filters=self._filters.init(sensed, self.kinematics),
             sensed=sensed,
             path=PathTime(state.path.lag, 0.0, _KNOWN / (_RISE * uncertain), AXES),

@@ -55,6 +55,8 @@ class Command(Doors):
 
 Function: TypeAlias = Callable[[np.ndarray], np.ndarray]
 FunctionOfMotion: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+_OF_DYNAMICS = ("torque", "mass_matrix", "regressor", "slotine_li", "load")
+_OF_KINEMATICS = ("jacobian_rate", "acceleration_regressor")
 
 
 @dataclass(slots=True, eq=False)
@@ -81,6 +83,7 @@ class EstimatedModel:
         acceleration_regressor: of a: Ybar_k (m, p_k).
     """
 
+    _twins: ClassVar[str] = "_unchecked"
     kinematics: TaskKinematics
     dynamics: Dynamics
     adaptation_k: Adaptation
@@ -101,12 +104,9 @@ class EstimatedModel:
 
     def __post_init__(self) -> None:
         """Take the functions of the parts."""
-        dynamics, kinematics = self.dynamics, self.kinematics
-        self.torque, self.regressor = dynamics.torque_unchecked, dynamics.regressor_unchecked
-        self.mass_matrix, self.load = dynamics.mass_matrix_unchecked, dynamics.load_unchecked
-        self.slotine_li = dynamics.slotine_li_unchecked
-        self.jacobian_rate = kinematics.jacobian_rate_unchecked
-        self.acceleration_regressor = kinematics.acceleration_regressor_unchecked
+        for part, names in (self.dynamics, _OF_DYNAMICS), (self.kinematics, _OF_KINEMATICS):
+            for name in names:
+                setattr(self, name, getattr(part, name + self._twins))
 
     def dynamic_rate(self, drive: Drive) -> np.ndarray:
         """Return da_d/dt (p_d) under a drive, its mean over dt if that is not zero."""
@@ -155,21 +155,13 @@ class CheckedModel(Doors, EstimatedModel):
     """The model for a law of a user's own: all its functions check what they are given."""
 
     __slots__ = ()
+    _twins = ""
     shapes = (
         "M: n n, J: m n, e: m, Y: n dynamics.size, drive.gradient: dynamics.size, "
         "drive.Y: k dynamics.size"
     )
     dynamic_rate = EstimatedModel.dynamic_rate
     acceleration_drive = EstimatedModel.acceleration_drive
-
-    def __post_init__(self) -> None:
-        """Take the functions of the parts."""
-        dynamics, kinematics = self.dynamics, self.kinematics
-        self.torque, self.regressor = dynamics.torque, dynamics.regressor
-        self.mass_matrix, self.load = dynamics.mass_matrix, dynamics.load
-        self.slotine_li = dynamics.slotine_li
-        self.jacobian_rate = kinematics.jacobian_rate
-        self.acceleration_regressor = kinematics.acceleration_regressor
 
 
 class Truth(NamedTuple):
