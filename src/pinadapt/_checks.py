@@ -108,18 +108,19 @@ def name_list(value: Any, name: str, error: type[InputError] = InputError) -> li
     return found
 
 
-def keywords(**replaced: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def keywords(*others: str, **replaced: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorate a function so that a wrong keyword is an ``InputError`` that names the right one.
 
     Args:
+        others: what its ``**options`` may be.
         replaced: former keyword -> what has replaced it, as a user writes it.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         """Return the function with its keywords checked."""
         parameters = signature(function).parameters.values()
-        names = [each.name for each in parameters if each.kind is not Parameter.VAR_KEYWORD]
-        any_other = len(names) < len(parameters)
+        own = [each.name for each in parameters if each.kind is not Parameter.VAR_KEYWORD]
+        names = [*own, *others]
 
         @wraps(function)
         def checked(*args: P.args, **given: P.kwargs) -> R:
@@ -127,10 +128,10 @@ def keywords(**replaced: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
             for name in given:
                 if name in replaced:
                     raise InputError(f"'{name}' is now {replaced[name]}.", where=function.__name__)
-                if name not in names and not any_other:
+                if name not in names:
                     raise InputError(
-                        f"there is no argument '{name}'; there are {names}."
-                        f"{did_you_mean(name, names)}",
+                        f"there is no argument '{name}'.{did_you_mean(name, names)} "
+                        f"There are {names}.",
                         where=function.__name__,
                     )
             return function(*args, **given)

@@ -59,6 +59,7 @@ FORMER = {  # function -> its former keywords, and a part of what has replaced e
         "joint": "pa.Unknown(friction=True, armature=True)",
     },
 }
+FORMER[pa.make_estimator] = FORMER[pa.make_controller]
 REMOVED = [(function, name) for function, names in FORMER.items() for name in names]
 
 # Names that version 0.1 had in the package itself, and where they are.
@@ -137,16 +138,14 @@ def test_no_present_argument_is_called_a_former_one(function):
         (pa.identify, "adaption", "adaptation"),
         (pa.excite, "excursions", "excursion"),
         (pa.load, "frames", "frame"),
+        (pa.make_controller, "unknwn", "unknown"),
+        (pa.make_controller, "kv", "Kv"),
+        (pa.make_estimator, "sensor", "sensors"),
     ],
 )
 def test_a_wrong_keyword_is_refused_with_the_nearest(function, wrong, right):
     with pytest.raises(pa.InputError, match=f"no argument '{wrong}'.*Did you mean '{right}'"):
         function(**{wrong: None})
-
-
-def test_a_wrong_gain_is_refused_with_the_nearest():
-    with pytest.raises(pa.InputError, match="Did you mean 'Kv'"):
-        pa.make_controller(pa.load("planar_2r"), kv=3.0)
 
 
 # --- names ---

@@ -259,7 +259,7 @@ def _write_inertia(body: ElementTree.Element, inertia: pin.Inertia, joint: str) 
     """Write mass, centre of mass and inertia about it.
 
     Raises:
-        RobotError: no body has them.
+        RobotError: the inertia is not physical.
     """
     if not is_physical(np.array(inertia.toDynamicParameters())):
         raise RobotError(

@@ -166,7 +166,8 @@ class Aim:
         shape = len(q), self._robot.model.nv, self._dynamics.size
         if not self._dynamics.size:
             return np.zeros(shape)
-        return np.array([self._dynamics.regressor(*z) for z in zip(q, v, a, strict=True)])
+        regressor = self._dynamics.regressor_unchecked
+        return np.array([regressor(*each) for each in zip(q, v, a, strict=True)])
 
     def _position_regressors(self, q: np.ndarray) -> np.ndarray:
         """Return dx/da_k (N, m, p) of the positions."""

@@ -498,14 +498,14 @@ class SlowedTime(TimeLaw):
         N = c.size - 3
         if c.ndim != 1 or N < 1 or (c < 1.0).any() or self.turn > N:
             raise InputError(
-                f"expected at least four numbers of at least 1, and no more intervals that recur "
-                f"than there are, got {c} and {turn}.",
+                f"expected at least four numbers of at least 1 and a turn of at most as many "
+                f"intervals as there are, three fewer; got {c} and {turn}.",
                 where="slowness",
             )
         if not np.array_equal(c[N:], c[N - turn : N - turn + 3] if turn else c[[-1, -1, -1]]):
+            those = f"equal those with indices {N - turn} to {N - turn + 2}" if turn else "be equal"
             raise InputError(
-                "the last three values must be those before the turn, without turn equal.",
-                where="slowness",
+                f"the last three of the {N + 3} values must {those}.", where="slowness"
             )
         first, second, third, fourth = c[:-3], c[1:-2], c[2:-1], c[3:]
         parts = (

@@ -27,7 +27,7 @@ from ..exceptions import InputError, did_you_mean
 from ..filters import LowPass
 from ..laws import DEFAULT, LAWS
 from ..laws.fast_feedback import FastFeedback
-from ..laws.law import Law
+from ..laws.law import NAMES, Law
 from ..models.delay_compensation import DelayCompensator
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
@@ -95,7 +95,7 @@ _REPLACED = {
 }
 
 
-@keywords(**_REPLACED)
+@keywords(*NAMES, *RATES, **_REPLACED)
 @arithmetic("gains")
 def make_controller(
     robot: Robot,
@@ -437,7 +437,10 @@ def _tuned(
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
 
-@keywords(**{name: _REPLACED[name] for name in ("kinematic", "dynamic", "joint", "believed")})
+_ESTIMATING = ("sensors", "payload", "kinematic_adaptation", "modifications", "compensated", *RATES)
+
+
+@keywords(*_ESTIMATING, **_REPLACED)
 def make_estimator(
     robot: Robot,
     *,
@@ -460,7 +463,7 @@ def make_estimator(
         limits: as ``make_controller`` has them; an estimator commands no torque, so that its bounds
             do not matter.
         options: others of ``make_controller`` that concern estimates: ``sensors``, ``payload``,
-            ``kinematic_adaptation`` and the rates.
+            ``compensated``, ``kinematic_adaptation``, ``modifications`` and the rates.
 
     Raises:
         InputError: as ``make_controller``.

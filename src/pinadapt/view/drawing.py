@@ -69,8 +69,8 @@ def solid(colour: int) -> MeshLambertMaterial:
 def ghost(opacity: float = 0.4, colour: int = ESTIMATED) -> MeshLambertMaterial:
     """Return a translucent material, hidden where a solid one is at about the same place.
 
-    About means within half a per cent of the picture, as a step of the page's depth buffer is some
-    3e-5 of it: a robot that is known to a millimetre is not half blue.
+    About the same is within half a per cent of the picture's depth, 160 steps of its depth buffer.
+    Without that, patches of a robot that is known to a millimetre would appear blue.
     """
     behind: dict[str, Any] = {
         "depthWrite": False,
