@@ -23,7 +23,7 @@ def elastic(robot, stiffness, *, substeps=None, **springs):
     return pa.plants.ElasticPlant(robot, actuators=own, substeps=substeps)
 
 
-@pytest.mark.parametrize("name", ["planar_2r", "ur5", "scara", "kinova"])
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "kinova"])
 def test_energy_is_conserved(name):
     """After a push, without torque: the energy error decreases with the square of the step."""
     robot, lost = robot_with_motors(name), []
@@ -32,7 +32,7 @@ def test_energy_is_conserved(name):
         for _ in range(50):
             plant.step(np.linspace(5.0, 0.5, plant.nv), 1e-3)
         start = plant.energy()
-        for _ in range(150):
+        for _ in range(100):
             plant.step(np.zeros(plant.nv), 1e-3)
         assert np.linalg.norm(plant.measure().v) > 0.1
         lost.append(abs(plant.energy() - start))
@@ -51,10 +51,9 @@ def test_springs_and_friction_only_dissipate():
     assert energies[0] - energies[-1] > 1.0
 
 
-@pytest.mark.parametrize("friction", [{}, {"viscous": 0.5, "coulomb": 0.5}])
-def test_stiff_springs_give_the_rigid_robot(friction):
+def test_stiff_springs_give_the_rigid_robot():
     """The difference decreases with the stiffness, down to that of two integrators."""
-    robot = robot_with_motors(**friction)
+    robot = robot_with_motors(viscous=0.5, coulomb=0.5)
     rigid, ends = pa.plants.PinocchioPlant(robot, substeps=8), []
     t = 1e-3 * np.arange(200)
     torque = np.outer(np.sin(5.0 * t), [20.0, 30.0, 20.0, 3.0, 2.0, 1.0])
@@ -87,12 +86,12 @@ def test_a_joint_oscillates_at_the_frequency_of_its_spring():
     robot, K, B = catalogue_robot("planar_2r"), 800.0, 0.4
     robot = pa.load("planar_2r", locked=[robot.joint_names[1]], frame=robot.frame, task="joint")
     robot = robot.changed(armature=B)
-    plant = elastic(robot, K, substeps=10)
+    plant = elastic(robot, K, substeps=5)
     M = float(pa.plants.PinocchioPlant(robot.changed(armature=0.0)).mass_matrix(robot.q0)[0, 0])
     w = np.sqrt(K * (1.0 / B + 1.0 / M))
     plant._w = np.array([0.1])
     speeds = []
-    for _ in range(500):
+    for _ in range(400):
         plant.step(np.zeros(1), 1e-3)
         speeds.append(plant.measure().v[0])
     above = np.diff(np.sign(np.array(speeds) - np.mean(speeds))) > 0

@@ -54,9 +54,9 @@ class Feedback:
 
 def test_a_loop_runs_on_a_custom_plant():
     plant, path = Pendulum(), pa.trajectories.Hold([0.4])
-    samples = list(pa.run(plant, Feedback(), path, dt=2e-3, duration=3.0))
-    assert len(samples) == 1500 and samples[-1].state == 1499
-    assert np.allclose([sample.t for sample in samples], 2e-3 * np.arange(1500))
+    samples = list(pa.run(plant, Feedback(), path, dt=4e-3, duration=3.0))
+    assert len(samples) == 750 and samples[-1].state == 749
+    assert np.allclose([sample.t for sample in samples], 4e-3 * np.arange(750))
     weight = 9.81 * Pendulum.mass * Pendulum.length
     q = samples[-1].measurement.q[0]
     assert np.isclose(40.0 * (0.4 - q), weight * np.sin(q), atol=1e-4)  # the balance of torques
@@ -112,9 +112,9 @@ def swing(robot, seconds, dt, integrator):
     return np.array(velocities), np.array(energies)
 
 
-@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda"])
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "kinova", "panda"])
 def test_a_free_frictionless_robot_conserves_energy(name):
-    velocities, energies = swing(load(name), 0.3, 2.5e-4, RungeKutta)
+    velocities, energies = swing(load(name), 0.3, 5e-4, RungeKutta)
     assert np.abs(velocities - velocities[0]).max() > 0.1
     assert np.allclose(energies, energies[0], atol=1e-6 * max(1.0, abs(energies[0])))
 
@@ -131,10 +131,10 @@ def test_a_free_frictionless_robot_conserves_energy(name):
 )
 def test_friction_dissipates_the_expected_energy(name, friction, integrator):
     robot = load(name).changed(**friction)
-    velocities, energies = swing(robot, 0.3, 2.5e-4, integrator)
+    velocities, energies = swing(robot, 0.3, 5e-4, integrator)
     power = np.array([v @ robot.friction.torque(v) for v in velocities])
     assert (np.diff(energies) < 0.0).all()
-    lost = 2.5e-4 * (power.sum() - 0.5 * (power[0] + power[-1]))  # trapezoidal rule
+    lost = 5e-4 * (power.sum() - 0.5 * (power[0] + power[-1]))  # trapezoidal rule
     assert np.isclose(energies[0] - energies[-1], lost, rtol=1e-2)
 
 
@@ -197,7 +197,7 @@ def test_the_longest_step_bounds_the_substeps():
 @pytest.mark.parametrize("name", ["panda", "tiago_arm"])
 @pytest.mark.slow
 def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
-    """One step per period against 16 of Runge-Kutta, which differ from 64 by less than 1 nm."""
+    """One step per period against 4 of Runge-Kutta, which differ from 64 by less than 20 nm."""
     case = zoo_case(name)
     controller = pa.make_controller(
         case.estimated,
@@ -207,7 +207,7 @@ def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
     )
     plants = [
         pa.plants.PinocchioPlant(case.true, substeps=1),
-        pa.plants.PinocchioPlant(case.true, substeps=16, integrator="runge-kutta"),
+        pa.plants.PinocchioPlant(case.true, substeps=4, integrator="runge-kutta"),
     ]
     paths = []
     for plant in plants:

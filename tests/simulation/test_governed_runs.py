@@ -4,12 +4,24 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from benchmarks.governor import Held, HeldLonger, begun, run, unknown, way_out
+from benchmarks.governor import Blinded, Held, begun, run, unknown, way_out
 from benchmarks.timing import table_rows
 from tests.support.chains import catalogue_robot
 
 pytestmark = pytest.mark.slow
 DT = 2e-3  # [s]
+
+
+class Shortly(Held):
+    """A robot whose joints an obstacle holds for 0.6 s."""
+
+    held = (2.0, 2.6)
+
+
+class Longer(Held):
+    """The same for a second more."""
+
+    held = (2.0, 3.6)
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +34,9 @@ def ur5():
 def test_the_path_waits_at_an_obstacle(ur5):
     """The error while held stops growing, and nothing winds up however long it lasts."""
     natural = {"dt": DT, "adaptation": "natural"}
-    without = run(*ur5, 3.5, governed=False, plant=Held, **natural)
-    short = run(*ur5, 4.2, governed=True, plant=Held, **natural)
-    long = run(*ur5, 7.2, governed=True, plant=HeldLonger, **natural)
+    without = run(*ur5, 3.0, governed=False, plant=Longer, **natural)
+    short = run(*ur5, 3.7, governed=True, plant=Shortly, **natural)
+    long = run(*ur5, 4.7, governed=True, plant=Longer, **natural)
     assert without["largest"] > 150.0
     assert short["lost"] is None and short["largest"] < 45.0 and short["last"] < 0.5
     assert long["largest"] == pytest.approx(short["largest"], rel=1e-3)
@@ -33,29 +45,30 @@ def test_the_path_waits_at_an_obstacle(ur5):
     (slowed,) = long["slowed"]
     assert slowed["from"] == pytest.approx(2.0, abs=0.15) and slowed["least_rate"] < 1e-3
     assert "effort of" in slowed["cause"]
-    assert long["late"] - short["late"] == pytest.approx(3.0, abs=0.05)
+    assert long["late"] - short["late"] == pytest.approx(1.0, abs=0.05)
 
 
 def test_the_path_waits_at_an_obstacle_with_a_memory_too(ur5):
     """While a motor saturates it learns nothing: it does not take the obstacle for inertia."""
-    short = run(*ur5, 4.2, governed=True, plant=Held, dt=DT)
-    long = run(*ur5, 7.2, governed=True, plant=HeldLonger, dt=DT)
+    short = run(*ur5, 3.6, governed=True, plant=Shortly, dt=DT)
+    long = run(*ur5, 4.6, governed=True, plant=Longer, dt=DT)
     assert long["lost"] is None and long["largest"] < 55.0 and long["last"] < 0.2
     assert long["largest"] == pytest.approx(short["largest"], rel=1e-3)
     assert long["estimates"] == pytest.approx(short["estimates"], rel=1e-3)
-    assert long["late"] - short["late"] == pytest.approx(3.0, abs=0.05)
+    assert long["late"] - short["late"] == pytest.approx(1.0, abs=0.05)
     (slowed,) = long["slowed"]
     assert slowed["from"] == pytest.approx(2.0, abs=0.15) and slowed["least_rate"] < 1e-3
 
 
-def test_the_path_waits_for_a_blind_camera(ur5):
-    without = run(*ur5, 3.0, governed=False, blind=True, dt=DT)
-    assert without["lost"] == pytest.approx(2.93, abs=0.05)  # a second after the last frame
-    with_one = run(*ur5, 6.6, governed=True, blind=True, dt=DT)
+def test_the_path_waits_for_a_blind_camera(ur5, monkeypatch):
+    monkeypatch.setattr(Blinded, "blind", (1.0, 2.5))
+    without = run(*ur5, 2.0, governed=False, blind=True, dt=DT)
+    assert without["lost"] == pytest.approx(1.93, abs=0.05)  # a second after the last frame
+    with_one = run(*ur5, 4.0, governed=True, blind=True, dt=DT)
     assert with_one["lost"] is None and with_one["largest"] < 5.0 and with_one["last"] < 0.5
     (slowed,) = with_one["slowed"]
     assert slowed["cause"] == "frames" and slowed["least_rate"] < 0.01
-    assert 2.9 < with_one["late"] < 3.6
+    assert 1.4 < with_one["late"] < 2.1
 
 
 def test_a_camera_that_stays_blind_ends_the_run_at_the_stated_time():
@@ -71,7 +84,9 @@ def test_a_camera_that_stays_blind_ends_the_run_at_the_stated_time():
 def test_a_path_that_leaves_the_workspace_comes_back(ur5):
     """At 1 kHz: at half of it the loop of the true model chatters at the singularity, too."""
     true, model, _ = ur5
-    found = run(true, model, way_out(true, 0.95), 12.0, governed=True, adaptation="natural")
+    start, far, _, _ = way_out(true, 0.95).points
+    way = pa.trajectories.Waypoints([start, far, start], 1.0)
+    found = run(true, model, way, 7.0, governed=True, adaptation="natural")
     assert found["lost"] is None and found["last"] < 1.0
     assert found["largest"] > 100.0  # it was outside
     assert found["late"] > 3.0 and any("error" in one["cause"] for one in found["slowed"])
@@ -102,7 +117,7 @@ def test_a_slow_lift_slows_its_path():
     """The circle asks for nine times the velocity limit of Tiago's torso."""
     robot = catalogue_robot("tiago_arm")
     circle = begun(pa.trajectories.Circle(np.zeros(3), 0.15, 1.2, "yz"), robot)
-    model, natural = robot.changed(inertial_scale=0.7), {"adaptation": "natural"}
+    model, natural = robot.changed(inertial_scale=0.7), {"adaptation": "natural", "dt": DT}
     without = run(robot, model, circle, 0.8, governed=False, **natural)
     assert without["lost"] is not None
     found = run(robot, model, circle, 3.0, governed=True, **natural)
@@ -111,9 +126,7 @@ def test_a_slow_lift_slows_its_path():
     assert found["slowed"][0]["cause"].startswith("joint speed of torso_lift_joint")
 
 
-@pytest.mark.parametrize(
-    ("name", "adaptation"), [("panda", None), ("ur5", None), ("xarm7", None), ("ur10", "natural")]
-)
+@pytest.mark.parametrize(("name", "adaptation"), [("panda", None), ("ur10", "natural")])
 def test_the_governor_never_acts_on_good_runs(name, adaptation):
     """Others are in the benchmark's file; the memory's start costs a ur10 a millisecond."""
     assert name in [row["robot"] for row in table_rows("governor") if row["event"] == "healthy"]
@@ -125,8 +138,9 @@ def test_the_governor_never_acts_on_good_runs(name, adaptation):
 
 def test_a_rollout_states_what_slowed_its_path(ur5, tmp_path, blank_pictures):
     true, model, circle = ur5
-    controller = pa.make_controller(model, limits=pa.Limits(governor=True), dt=DT)
-    rollout = pa.simulate(true, controller, circle, duration=3.5, engine=Held, record_every=5)
+    natural = {"dt": DT, "adaptation": "natural"}
+    controller = pa.make_controller(model, limits=pa.Limits(governor=True), **natural)
+    rollout = pa.simulate(true, controller, circle, duration=3.3, engine=Longer, record_every=5)
     (slowed,) = rollout.slowed
     assert slowed.start == pytest.approx(2.0, abs=0.15) and slowed.least_rate < 1e-3
     assert f"path slowed from {slowed.start:.3g} to" in rollout.verdict

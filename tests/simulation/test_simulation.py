@@ -1,7 +1,6 @@
 """The closed loop: both modes, noise, limits, divergence, and what a controller must not do."""
 
 from functools import cache
-from itertools import product
 
 import numpy as np
 import pytest
@@ -74,12 +73,12 @@ def test_continuous_and_sampled_agree_as_the_period_shrinks():
     rates = {"gamma_d": 1.0, "gamma_joint": 1.0}  # slow enough for Runge-Kutta
     control = {"dt": 1e-3, "adaptation": "natural", **rates}
     reference = run(
-        "planar_2r", control=control, duration=0.3, engine=pa.Engine(continuous=True)
+        "planar_2r", control=control, duration=0.2, engine=pa.Engine(continuous=True)
     ).x[-1]
     errors = []
     for dt in (1e-3, 5e-4, 2.5e-4):
-        rollout = run("planar_2r", control=control, duration=0.3 + dt, engine=pa.Engine(dt=dt))
-        assert np.isclose(rollout.t[-1], 0.3)
+        rollout = run("planar_2r", control=control, duration=0.2 + dt, engine=pa.Engine(dt=dt))
+        assert np.isclose(rollout.t[-1], 0.2)
         errors.append(np.linalg.norm(rollout.x[-1] - reference))
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
     assert (ratios > 1.7).all() and (ratios < 2.3).all()  # first order in dt
@@ -89,7 +88,7 @@ def test_continuous_and_sampled_agree_as_the_period_shrinks():
 def test_continuous_mode_converges_with_its_step():
     control = {"dt": 1e-3, "adaptation": "natural"}
     ends = [
-        run("scara", duration=0.1, engine=pa.Engine(dt=dt, continuous=True), control=control).x[-1]
+        run("scara", duration=0.06, engine=pa.Engine(dt=dt, continuous=True), control=control).x[-1]
         for dt in (2e-3, 1e-3, 5e-4)
     ]
     assert np.linalg.norm(ends[1] - ends[2]) < 0.2 * np.linalg.norm(ends[0] - ends[1])
@@ -117,7 +116,8 @@ def controlled(name, law, adaptation="natural"):
 
 
 @pytest.mark.parametrize(
-    ("law", "adaptation"), list(product(pa.laws.LAWS, ["natural", "gradient", "none"]))
+    ("law", "adaptation"),
+    [(law, "natural") for law in pa.laws.LAWS] + [("separation", "gradient"), ("craig", "none")],
 )
 def test_step_is_pure(law, adaptation):
     controller, state, measurement, desired = controlled("scara", law, adaptation)
@@ -137,10 +137,9 @@ MEASURED += [(law, "x") for law in FRAME_LAWS]
 MEASURED += [(name, "xd") for name, law in FRAME_LAWS.items() if law.needs_task_velocity]
 
 
-@pytest.mark.parametrize("adaptation", ["natural", "gradient"])
 @pytest.mark.parametrize(("law", "field"), MEASURED)
-def test_a_bad_measurement_raises_and_leaves_the_state_unchanged(law, adaptation, field):
-    controller, state, measurement, desired = controlled("scara", law, adaptation)
+def test_a_bad_measurement_raises_and_leaves_the_state_unchanged(law, field):
+    controller, state, measurement, desired = controlled("scara", law)
     tau, after = controller.step(state, measurement, desired, 1e-3)
     before, expected = snapshot(state), snapshot(after)
     for bad in (np.nan, np.inf):

@@ -53,7 +53,7 @@ def test_a_spinning_wrist_does_not_swing_the_estimate_of_the_tool(direction, cam
         true,
         controller,
         circle,
-        duration=4.5,
+        duration=3.0,
         record_every=5,
         sensors=pa.Sensors(camera=camera),
     )

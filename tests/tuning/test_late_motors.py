@@ -23,7 +23,7 @@ def rates(law, robot, age=np.inf, **state):
     return np.sort(np.linalg.eigvals(np.linalg.solve(M, law.K_D(robot.q0, age, **state))).real)
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "z1", "so101"])
+@pytest.mark.parametrize("name", ["panda", "so101"])
 def test_with_a_memory_the_damping_is_for_late_motors_except_at_the_start(name):
     robot = catalogue_robot(name)
     fast, slow = (pa.make_controller(robot, adaptation=a).law for a in ("natural", MEMORY))
@@ -160,7 +160,7 @@ def test_a_joint_light_beside_the_assumed_load_keeps_more_damping():
     own = 1.0 / np.diag(np.linalg.inv(law.M_0(robot.q0)))
     assert np.allclose((law.carried * LATE / own)[:4], 0.0)
     assert (law.carried * LATE / own)[4:] == pytest.approx([1.5, 1.5])
-    for name in ("panda", "ur5", "z1", "so101", "xarm7"):
+    for name in ("panda", "so101"):
         assert not pa.make_controller(catalogue_robot(name), adaptation=MEMORY).law.carried.any()
 
 
@@ -173,7 +173,7 @@ def test_the_tracking_error_adapts_no_faster_than_late_motors_can_follow(name):
 
 
 @cache
-def last_error(name, adaptation, actuators, duration=1.5, **given):
+def last_error(name, adaptation, actuators, duration=1.2, **given):
     """Return the largest error of the last tenth, relative to the radius."""
     case = zoo_case(name)
     true, model, unknown = case.true, case.estimated, pa.Unknown()
@@ -207,14 +207,8 @@ def last_error(name, adaptation, actuators, duration=1.5, **given):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "actuators"),
-    [
-        ("panda", pa.robot.Actuators(delay=2e-3)),
-        ("panda", pa.robot.Actuators(delay=10e-3)),
-        ("panda", pa.robot.Actuators(stiffness=5e3)),
-        ("so101", pa.robot.Actuators(delay=10e-3)),
-        ("so101", pa.robot.Actuators(stiffness=5e3)),
-    ],
-    ids=["panda, 2 ms", "panda, 10 ms", "panda, soft", "so101, 10 ms", "so101, soft"],
+    [("panda", pa.robot.Actuators(delay=10e-3)), ("so101", pa.robot.Actuators(stiffness=5e3))],
+    ids=["panda, 10 ms", "so101, soft"],
 )
 def test_a_memory_is_better_than_no_adaptation_whatever_the_actuators(name, actuators):
     """Than with the damping for ideal motors, and than with the same damping."""

@@ -77,7 +77,7 @@ def test_no_joint_is_named_where_none_can_spin(name, options):
         pa.make_controller(catalogue_robot(name), **{"law": INVERSE, **options})
 
 
-@pytest.mark.parametrize("name", ["ur10", "kinova", "xarm7", "tiago_arm"])
+@pytest.mark.parametrize("name", ["ur10", "kinova", "tiago_arm"])
 def test_the_load_turns_the_joint_a_quarter_radian_against_the_feedback(name):
     """Against rnea: the weight of the told load, off the axis, over M_jj and the least K_P."""
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
@@ -85,17 +85,16 @@ def test_the_load_turns_the_joint_a_quarter_radian_against_the_feedback(name):
     j, stiffness = robot.joint_names.index(found.joint), controller.law.K_P[0, 0]
     arms = rng.standard_normal((200, 3))
     arms *= found.arm / np.linalg.norm(arms, axis=1)[:, None]
-    data, largest = robot.model.createData(), 0.0
-    for q in controller.motion.states.q:
-        weights = []
-        for arm in arms:  # in the joint's own axes
-            model = robot.model.copy()
-            model.inertias[j + 1] += pin.Inertia(found.load, arm, np.zeros((3, 3)))
-            weight = pin.computeGeneralizedGravity(
-                model, model.createData(), q
-            ) - pin.computeGeneralizedGravity(robot.model, data, q)
-            weights.append(abs(weight[j]))
-        largest = max(largest, max(weights) / (pin.crba(robot.model, data, q)[j, j] * stiffness))
+    data, largest, states = robot.model.createData(), 0.0, controller.motion.states.q
+    rest = [pin.computeGeneralizedGravity(robot.model, data, q)[j] for q in states]
+    least = [pin.crba(robot.model, data, q)[j, j] * stiffness for q in states]
+    for arm in arms:  # in the joint's own axes
+        model = robot.model.copy()
+        model.inertias[j + 1] += pin.Inertia(found.load, arm, np.zeros((3, 3)))
+        loaded = model.createData()
+        for q, own, torque in zip(states, rest, least, strict=True):
+            weight = pin.computeGeneralizedGravity(model, loaded, q)[j] - own
+            largest = max(largest, abs(weight) / torque)
     assert 0.22 < largest <= 0.25 + 1e-9  # the directions are random
 
 
@@ -118,7 +117,7 @@ def arm():
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            controller = pa.make_controller(believed, **{"law": INVERSE, **options})
+            controller = pa.make_controller(believed, **{"law": INVERSE, "dt": 2e-3, **options})
             return pa.simulate(true, controller, circle.as_given(), duration=2.0)
 
     return robot, found, run
@@ -127,7 +126,7 @@ def arm():
 def test_the_named_load_is_held_and_a_far_heavier_one_is_not(arm):
     _, _, run = arm
     held = run(1.0)
-    assert held.diverged is None and held.distance[-500:].max() < 2e-4
+    assert held.diverged is None and held.distance[-250:].max() < 2e-4
     assert run(20.0).diverged < 0.2
 
 
@@ -152,7 +151,7 @@ def test_an_assumed_load_holds_the_heavier_one_and_the_lighter_one(arm):
         assert (
             held.diverged is None
             and np.abs(held.v).max() < 10.0
-            and held.distance[-500:].max() < 1e-3
+            and held.distance[-250:].max() < 1e-3
         )
 
 

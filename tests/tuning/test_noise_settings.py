@@ -31,8 +31,8 @@ def made(**options):
 def test_perfect_sensors_need_no_filters():
     assert noise_settings(SensorQuality(), W, REACH) == NoiseSettings()
     none = {"q": 0.0, "v": 0.0, "x": 0.0}
+    plain = made().adaptation_d.noise
     for options in (
-        {},
         {"sensors": pa.Sensors(noise=none)},
         {"sensors": pa.Sensors(encoder=0.0)},
         {"sensors": pa.Sensors(camera=pa.Camera(rate=30.0))},
@@ -42,7 +42,7 @@ def test_perfect_sensors_need_no_filters():
         memory = controller.adaptation_d
         assert isinstance(memory, pa.adaptation.CompositeMemory)  # no leak around it
         assert isinstance(memory.inner, pa.adaptation.Stacked)
-        assert np.array_equal(memory.noise, made().adaptation_d.noise)
+        assert np.array_equal(memory.noise, plain)
         assert isinstance(made(adaptation="natural", **options).adaptation_d, pa.adaptation.Stacked)
         assert controller.senses.low_pass is None
         assert controller.senses.compensator.smoothing == math.inf
@@ -302,9 +302,9 @@ def test_a_wider_band_leaves_less_of_the_difference():
             robot, law=law, limits=pa.Limits(torque=False), adaptation="none"
         )
         stream = pa.simulation.run_continuous(
-            pa.plants.PinocchioPlant(true), controller, path, dt=1e-3, duration=0.3
+            pa.plants.PinocchioPlant(true), controller, path, dt=2e-3, duration=0.3
         )
-        ends.append(np.array([sample.torque for sample in stream])[150:])
+        ends.append(np.array([sample.torque for sample in stream])[75:])
     wide, narrow = (np.abs(end - ends[0]).max() for end in ends[1:])
     assert 0.0 < wide < 0.35 * narrow
 
@@ -337,23 +337,19 @@ def test_the_velocity_filter_is_a_low_pass_of_gain_one():
 # --- all of it ---
 
 
-def norms_of_run(bits, **options):
-    """Return errors [m], and norms of the estimate, of a UR5 whose v is differenced from counts."""
+def test_an_arm_with_differenced_encoders_is_held():
+    """Of 16 bits at 500 Hz: the noise of the velocity is that of 17 bits at 1 kHz."""
     robot = catalogue_robot("ur5")
     true = with_tool_and_load(robot).changed(viscous=0.3, coulomb=0.5)
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    count = {"sensors": pa.Sensors(encoder=2.0 * np.pi / 2**bits)}
-    controller = pa.make_controller(robot, **count)
-    rollout = pa.simulate(true, controller, path, record_every=10, **count, **options)
-    return rollout, np.linalg.norm(rollout.a_d, axis=1)
-
-
-def test_an_arm_with_differenced_encoders_of_17_bits_is_held():
-    rollout, norms = norms_of_run(17, duration=9.0)
+    count = {"sensors": pa.Sensors(encoder=2.0 * COUNT)}
+    controller = pa.make_controller(robot, dt=2e-3, **count)
+    rollout = pa.simulate(true, controller, path, record_every=10, duration=6.0, **count)
+    norms = np.linalg.norm(rollout.a_d, axis=1)
     assert rollout.diverged is None
-    assert rollout.distance[rollout.t > 7.0].max() < 5e-4
-    late = norms[rollout.t > 6.0]
-    assert late.max() < 1.05 * norms[rollout.t < 6.0].max() and np.ptp(late) < 0.1 * late.mean()
+    assert rollout.distance[rollout.t > 4.6].max() < 5e-4
+    late = norms[rollout.t > 4.0]
+    assert late.max() < 1.05 * norms[rollout.t < 4.0].max() and np.ptp(late) < 0.1 * late.mean()
 
 
 # --- noise that the first samples show ---

@@ -17,16 +17,18 @@ LAWS = [name for name, law in pa.laws.LAWS.items() if law.adapts]
 FRAME_LAWS = [
     n for n in LAWS if pa.laws.LAWS[n].learns_kinematics and not pa.laws.LAWS[n].joint_space
 ]
-ROBOTS = ["planar_2r", "scara", "ur5", "panda", "kinova", "talos_arm", "finger_edu"]
+EVERY = [("panda", 1e-3), ("scara", 5e-3), ("planar_2r", 5e-4)]  # under every law
+ROBOTS = ["kinova", "talos_arm", "finger_edu"]  # under one law of each kind
+KINDS = ["separation", "adaptive-inverse-dynamics", "slotine-li"]
 
 
-@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
-    ("name", "dt"),
-    [(name, 1e-3) for name in ROBOTS]
-    + [(name, dt) for name in ("planar_2r", "panda", "talos_arm") for dt in (5e-4, 5e-3)],
+    ("name", "dt", "law"),
+    [(*loop, law) for loop in EVERY for law in LAWS]
+    + [(name, 1e-3, law) for name in ROBOTS for law in KINDS]
+    + [("talos_arm", 5e-3, "adaptive-jacobian")],
 )
-def test_default_gains_pass(name, law, dt):
+def test_default_gains_pass(name, dt, law):
     controller = pa.make_controller(
         robot_of(law, name), law=law, unknown=pa.Unknown(friction=True, armature=False), dt=dt
     )
@@ -34,7 +36,7 @@ def test_default_gains_pass(name, law, dt):
 
 
 @pytest.mark.parametrize("dt", [4e-3, 1e-2])
-@pytest.mark.parametrize("name", ["panda", "ur5", "ur10", "xarm7", "kinova", "tiago_arm"])
+@pytest.mark.parametrize("name", ["panda", "kinova", "tiago_arm"])
 def test_default_gains_of_slow_loops_pass(name, dt):
     controller = pa.make_controller(catalogue_robot(name), adaptation="natural", dt=dt)
     assert controller.law.alpha * dt <= 0.075 + 1e-12
@@ -45,14 +47,12 @@ def test_default_gains_of_slow_loops_pass(name, dt):
 def test_slow_loops_hold(name, dt, share):
     case = zoo_case(name)
     controller = pa.make_controller(case.estimated, adaptation="natural", dt=dt)
-    rollout = pa.simulate(
-        case.true, controller, case.motion, duration=12.0, engine=pa.Engine(dt=dt)
-    )
+    rollout = pa.simulate(case.true, controller, case.motion, duration=8.0, engine=pa.Engine(dt=dt))
     assert rollout.diverged is None
-    assert rollout.distance[rollout.t > 9.0].max() < share * case.radius
+    assert rollout.distance[rollout.t > 6.0].max() < share * case.radius
 
 
-@pytest.mark.parametrize("name", ["panda", "xarm7", "ur10", "romeo_right_arm"])
+@pytest.mark.parametrize("name", ["panda", "romeo_right_arm"])
 def test_default_gains_of_a_pose_pass_too_slowed_where_they_must_be(name):
     robot = pa.load(name, task="pose")
     controller, fast = (
@@ -140,7 +140,7 @@ def test_a_controller_put_together_by_hand_is_not_checked():
     assert np.isfinite(pa.preflight(made, 1.0)[0].longest)
 
 
-@pytest.mark.parametrize("dt", [0.02, 0.03, 0.1, 0.5])
+@pytest.mark.parametrize("dt", [0.02, 0.1])
 @pytest.mark.parametrize("law", FRAME_LAWS)
 def test_every_recommended_factor_helps(law, dt):
     """Where damping alone is too fast, no factor is advised that changes nothing."""
@@ -269,14 +269,14 @@ def test_rotors_that_are_guessed_too_heavy_for_light_links_are_found():
     assert held(1e-3, unknown=pa.Unknown(armature=False)) == ([], True)
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "tiago_arm", "allegro_left_index"])
+@pytest.mark.parametrize("name", ["panda", "tiago_arm", "allegro_left_index"])
 def test_a_period_that_leaves_no_stiffness_against_gravity_is_found(name):
     robot = catalogue_robot(name)
     findings = {}
-    for dt in (1e-3, 4e-3, 2e-2, 0.1):
+    for dt in (4e-3, 2e-2, 0.1):
         controller = pa.make_controller(robot, adaptation="natural", dt=dt)
         findings[dt] = pa.preflight(controller, dt)
-    assert findings[1e-3] == findings[4e-3] == []
+    assert findings[4e-3] == []
     for dt in (2e-2, 0.1):
         (finding,) = findings[dt]
         assert finding.part == "bandwidth" and "displaces the arm by" in str(finding)
