@@ -49,7 +49,7 @@ def moving():
 
     loops = {measures: begun("ur5", "separation", measures, 2e-3) for measures in (False, True)}
     honest = {
-        measures: [s.q for s, _ in copy.deepcopy(loop).samples(1.0)]
+        measures: [s.q for s, _ in copy.deepcopy(loop).samples(0.25)]
         for measures, loop in loops.items()
     }
     return loops, honest

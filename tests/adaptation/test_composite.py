@@ -11,8 +11,8 @@ import pinadapt as pa
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
-from tests.support.composite_arm import A, tracked
-from tests.support.exciting import panda_swung, time_to
+from tests.support.composite_arm import A, tracked, tracked_bodies
+from tests.support.exciting import times_of_panda
 from tests.support.loops import circle_beside, energy_along, with_tool_and_load
 
 pytestmark = pytest.mark.slow
@@ -50,7 +50,7 @@ def loop(law, name, adaptation, **gains):
 def test_lyapunov_equality_along_the_trajectory(law, name, adaptation):
     """dV/dt is that of the law plus the term of the prediction error, for every law and metric."""
     true, controller, path = loop(law, name, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.014)
+    energy = energy_along(true, controller, path, seconds=0.01)
     assert energy.mismatch(after=10) <= 1e-4  # at first R rises from W = 0 within a few samples
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all()
@@ -69,20 +69,24 @@ def test_lyapunov_equality_with_friction_and_rotors(adaptation):
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), adaptation=adaptation, **gains
     )
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.014)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.01)
     assert energy.mismatch(after=10) <= 1e-4
     assert energy.largest_rise() <= 1e-12
 
 
-STEPS = {"none": 4e-3, "direct": 2.5e-3, "least-squares": 4e-3}  # [s]
+STEPS = {"none": 1.25e-2, "direct": 2.5e-3, "least-squares": 6.25e-3}  # [s]
 
 
 @cache
 def published(kind):
-    """Return errors (N, 2) [degrees] and estimates (N, 4) of the paper's arm."""
+    """Return errors (N, 2) [degrees] and estimates (N, 4) of the paper's arm.
+
+    The direct case is run with the library's bodies and joint angles, the others in closed form.
+    """
+    if kind == "direct":
+        return tracked_bodies(0.03, dt=STEPS[kind])
     adaptations = {
         "none": pa.adaptation.Frozen(),
-        "direct": pa.adaptation.Gradient(0.03, 4),
         "least-squares": pa.adaptation.LeastSquares(0.03, 4, 10.0, forgetting=4.0),
     }
     return tracked(adaptations[kind], dt=STEPS[kind])
@@ -95,7 +99,10 @@ def test_least_squares_with_ten_parameters_a_body_keeps_forgetting():
     heavy = pa.Events(changes={2.0: robot.changed(payload=pa.Payload(mass=2.0))})
     for directional in (False, True):
         controller = pa.make_controller(
-            robot.changed(inertial_scale=0.7), adaptation="least-squares", unknown="bodies", dt=2e-3
+            robot.changed(inertial_scale=0.7),
+            adaptation="least-squares",
+            unknown="bodies",
+            dt=2.5e-3,
         )
         fit = controller.adaptation_d
         assert fit.directional  # by default
@@ -126,7 +133,7 @@ def test_case_of_slotine_and_li_1989(kind, errors, estimate):
     digits = (1, 1, 1) if kind == "none" else (2, 2, 3) if kind == "least-squares" else (2, 2, 2)
     for start, printed, places in zip((0.0, 1.5, 3.0), errors, digits, strict=True):
         assert np.round(e[round(start / STEPS[kind]) :].max(axis=0), places).tolist() == printed
-    assert np.abs(a[-1] - estimate).max() <= 1e-4
+    assert np.abs(a[-1] - estimate).max() <= (6e-5 if kind == "direct" else 1e-4)
 
 
 def test_composite_adaptation_settles_in_half_the_time():
@@ -145,10 +152,9 @@ def test_composite_adaptation_settles_in_half_the_time():
 
 
 def test_composite_adaptation_of_a_panda_is_at_least_twice_as_fast():
-    times = {
-        kind: time_to(0.1, *panda_swung(kind), 2.0) for kind in ("natural", "natural-composite")
-    }
-    assert times["natural-composite"] <= 0.5 * times["natural"], times
+    (plain,) = times_of_panda("natural", (0.1,), False, seconds=1.3)
+    (composite,) = times_of_panda("natural-composite", (0.1,))
+    assert composite <= 0.5 * plain
 
 
 ADAPTATIONS = {
@@ -341,7 +347,7 @@ def test_prediction_error_adapts_lumped_parameters(law, adaptation, friction, op
         **options,
     )
     assert controller.dynamics.value(true) is not None
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.004, dt=1e-4)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.0025, dt=1e-4)
     assert energy.mismatch(after=10) <= 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
@@ -353,7 +359,7 @@ def test_all_lengths_and_inertias_from_correct_lengths():
         unknown=pa.Unknown(lengths=True, friction=False, armature=False),
         adaptation="composite",
     )
-    energy = energy_along(robot, controller, circle_beside(robot, "yz"), seconds=0.014)
+    energy = energy_along(robot, controller, circle_beside(robot, "yz"), seconds=0.01)
     assert energy.mismatch(after=10) <= 1e-5
     assert energy.largest_rise() <= 1e-12
 

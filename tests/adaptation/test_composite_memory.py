@@ -2,7 +2,7 @@
 
 import pickle
 from dataclasses import fields, replace
-from functools import partial
+from functools import cache, partial
 from itertools import islice
 
 import numpy as np
@@ -13,7 +13,7 @@ import pinadapt as pa
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot, robot_of
-from tests.support.exciting import panda_swung, time_to, times_to
+from tests.support.exciting import times_of_panda
 from tests.support.loops import circle_beside, energy_along, motion_at_home, with_tool_and_load
 from tests.support.snapshots import snapshot, unchanged
 
@@ -76,7 +76,7 @@ def test_lyapunov_equality_along_the_trajectory(law, name, adaptation, share):
         unknown=pa.Unknown(friction=False, armature=False),
     )
     with_share(controller, share)
-    energy = energy_along(true, controller, beside(true), seconds=0.014)
+    energy = energy_along(true, controller, beside(true), seconds=0.01)
     assert energy.mismatch(after=10) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-6
     assert (energy.rate <= 0.0).all()
@@ -89,7 +89,7 @@ def test_lyapunov_equality_with_friction_and_rotors():
     controller = pa.make_controller(
         robot.changed(inertial_scale=0.8), adaptation="natural-memory", gamma_d=5.0, gamma_joint=1.0
     )
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.014)
+    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.01)
     assert energy.mismatch(after=10) <= 1e-4
     assert energy.largest_rise() <= 1e-12
 
@@ -112,7 +112,7 @@ def test_information_from_a_log_is_kept_while_the_rest_is_learned():
     start = {"a_d": made[0].dynamics.initial, "information": 1e4 * known}
     for controller in made:
         with_share(controller, 1 / 16, contradiction=np.inf, unit=1.0)
-    energy = energy_along(true, made[0], circle_beside(true, "yz"), seconds=0.014, **start)
+    energy = energy_along(true, made[0], circle_beside(true, "yz"), seconds=0.01, **start)
     assert energy.mismatch(after=10) <= 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
     runs = [
@@ -336,7 +336,7 @@ def test_lyapunov_equality_while_the_share_falls(name, share):
         unknown=pa.Unknown(friction=False, armature=False),
     )
     with_share(controller, share, first_share=2.0 * share)
-    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.014)
+    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.01)
     assert energy.mismatch(after=10) <= 1e-4
     assert (energy.rate[2:-2] <= 0.0).all() and energy.largest_rise() <= 1e-12
     with_share(controller, share)
@@ -369,7 +369,7 @@ def test_lyapunov_equality_while_damping_and_share_follow_the_lateness(name):
     adaptation = with_share(controller, 0.1, first_share=0.2, timely_share=0.2).adaptation_d
     init = adaptation.init
     adaptation.init = lambda value: replace(init(value), lateness=5e-4)
-    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.014)
+    energy = energy_along(real(robot), controller, beside(real(robot)), seconds=0.01)
     assert energy.mismatch(after=10) <= 1e-4
     assert (energy.rate[2:-2] <= 0.0).all() and energy.largest_rise() <= 1e-12
     adaptation.init = init
@@ -406,15 +406,15 @@ def test_memory_has_less_weight_while_innovations_last():
     emphases = []
     for sign, least in (
         (lambda k: 1.0, 0.0),
-        (lambda k: (-1.0) ** (k // 20), 0.0),
+        (lambda k: (-1.0) ** (k // 10), 0.0),
         (lambda k: 1.0, 0.6),
     ):
         adaptation, estimate, truth = remembering(**gains, least_trust=least)
         W = np.random.default_rng(4).standard_normal((1, 2, 6))[0]
-        for k in range(3000):
-            turned = W * np.cos(0.02 * k + np.arange(6))
+        for k in range(1500):
+            turned = W * np.cos(0.04 * k + np.arange(6))
             drive = predicting(turned, turned @ truth + 0.05 * sign(k), estimate)
-            estimate = adaptation.step(estimate, drive, 1e-3)
+            estimate = adaptation.step(estimate, drive, 2e-3)
         emphases.append(adaptation.emphasis(estimate))
     assert emphases[0] > 4.0 and emphases[1] < 1.5, emphases
     assert emphases[2] == pytest.approx((1.0 - 0.6) * 0.5 / 0.1)
@@ -440,6 +440,7 @@ def test_memory_rests_while_a_motor_saturates():
     assert np.abs(estimate.value - truth).max() < 0.1
 
 
+@cache
 def delayed(late, after=0.0, seconds=20.0, dt=0.02):
     """Return a memory at the end, whose torques were late by a time [s], then at rest for another.
 
@@ -586,7 +587,7 @@ def test_tracking_error_after_four_seconds_is_that_of_known_parameters():
             unknown=pa.Unknown(friction=False, armature=False),
         ),
     }.items():
-        rollout = pa.simulate(true, controller, path, duration=4.0)
+        rollout = pa.simulate(true, controller, path, duration=2.0 if who == "informed" else 4.0)
         last[who] = rollout.distance[-400:].max()
     assert last["informed"] < 1.5e-6
     assert last["adapted"] < 2.5 * last["informed"], last
@@ -596,8 +597,8 @@ def test_tracking_error_after_four_seconds_is_that_of_known_parameters():
 def test_memory_adapts_a_panda_several_times_as_fast_also_with_friction(friction, share):
     """The rms torque error over random states: to 10 % in 0.23 s where the tracking error takes
     1.15 s; with friction unknown to 20 % in 0.24 and 1.52 s."""
-    plain = time_to(share, *panda_swung("natural", friction), 2.0)
-    remembering, nearly = times_to((share, 0.02), *panda_swung("natural-memory", friction), 2.0)
+    (plain,) = times_of_panda("natural", (share,), friction, seconds=1.7 if friction else 1.3)
+    remembering, nearly = times_of_panda("natural-memory", (share, 0.02), friction)
     assert remembering <= 0.25 * plain and nearly < 0.8
 
 

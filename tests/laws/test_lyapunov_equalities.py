@@ -41,7 +41,7 @@ def spatial(name):
 
 ROBOTS = {
     "planar_2r": planar,
-    **{name: spatial(name) for name in ("ur5", "panda", "scara", "kinova")},
+    **{name: spatial(name) for name in ("panda", "scara", "kinova")},
 }
 LAWS = [
     "adaptive-inverse-dynamics",
@@ -58,7 +58,7 @@ CASES = [("planar_2r", "natural"), *((name, "gradient") for name in ROBOTS)]
 @pytest.mark.parametrize("law", LAWS)
 def test_equality_along_the_trajectory(law, name, adaptation):
     true, controller, path, start = ROBOTS[name](law, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.014, **start)
+    energy = energy_along(true, controller, path, seconds=0.006, **start)
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all()
@@ -77,7 +77,7 @@ def test_resolved_acceleration_obeys_its_linear_closed_loop():
         controller,
         pa.trajectories.Hold(robot.position(robot.q0) - start).as_given(),
         duration=0.5,
-        engine=pa.Engine(dt=1e-3, continuous=True),
+        engine=pa.Engine(dt=2e-3, continuous=True),
     )
     decay = (1 + 20 * rollout.t) * np.exp(-20 * rollout.t)
     assert np.abs(rollout.error - decay[:, None] * start).max() < 1e-8
@@ -89,7 +89,7 @@ def test_rollout_knows_v():
         true,
         controller,
         path,
-        duration=0.2,
+        duration=0.1,
         engine=pa.Engine(continuous=True, ideal_acceleration=True),
     )
     assert rollout.lyapunov.shape == rollout.t.shape

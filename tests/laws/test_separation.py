@@ -99,7 +99,6 @@ CASES = {
     "pose": pose,
     "memory": lambda: pose(None),  # the default
     "joints": joints,
-    "ur5": lambda: frame("ur5"),
     "panda": lambda: frame("panda"),
     "scara": lambda: frame("scara", "xy"),
     "kinova": lambda: frame("kinova"),
@@ -110,7 +109,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_equality_along_the_trajectory(case):
     true, controller, path = CASES[case]()
-    energy = energy_along(true, controller, path, seconds=0.014)
+    energy = energy_along(true, controller, path, seconds=0.01 if case == "memory" else 0.006)
     begun = 10 if case == "memory" else 0  # samples, until H has grown from nothing
     assert energy.mismatch(after=begun) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
@@ -122,7 +121,7 @@ def test_equality_with_a_reference_that_keeps_speeds():
     true, controller, path = frame("panda")
     speeds = np.full(7, 0.04)
     controller.law = controller.law.within(speeds)
-    energy = energy_along(true, controller, path, seconds=0.014)
+    energy = energy_along(true, controller, path, seconds=0.006)
     assert energy.mismatch() <= 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
     plant = pa.plants.PinocchioPlant(true)
@@ -134,16 +133,15 @@ def test_equality_with_a_reference_that_keeps_speeds():
     assert (push * lacking >= 0.0).all() and push.any()
 
 
-@pytest.mark.parametrize("name", ["panda", "kinova"])
-def test_arms_are_held_without_task_velocity(name):
-    """Default gains; under law (11) kinova's wrist diverges."""
-    robot = catalogue_robot(name)
+def test_a_wrist_is_held_that_law_11_loses():
+    """Default gains, without task velocity."""
+    robot = catalogue_robot("kinova")
     true = with_tool_and_load(robot)
     believed = robot.changed(inertial_scale=0.7)
-    controller = pa.make_controller(believed, law="separation", dt=2e-3)
-    rollout = pa.simulate(true, controller, circle_beside(true, "yz"), duration=3.0, record_every=5)
+    controller = pa.make_controller(believed, law="separation", dt=4e-3)
+    rollout = pa.simulate(true, controller, circle_beside(true, "yz"), duration=3.0)
     assert rollout.diverged is None
-    assert rollout.distance[-50:].max() < 0.1 * rollout.distance[:50].max()
+    assert rollout.distance[-62:].max() < 0.1 * rollout.distance[:62].max()
 
 
 @pytest.mark.parametrize("task", [None, "pose"])
@@ -219,7 +217,7 @@ def test_the_elbow_of_aligned_shoulder_axes_is_not_damped_too_fast():
     true = with_tool_and_load(robot).changed(viscous=1.0, coulomb=0.5)
     start, down = true.position(true.q0), np.array([0.0, 0.0, -0.3])
     line = pa.trajectories.Waypoints([start + (k % 2) * down for k in range(5)], 2.0)
-    controller = pa.make_controller(robot)
+    controller = pa.make_controller(robot, adaptation="natural")
     rollout = pa.simulate(true, controller, line, duration=4.0, record_every=5)
     largest = [
         1e-3 * np.linalg.eigvals(np.linalg.solve(controller.law.M_0(q), K_D)).real.max()
@@ -230,7 +228,7 @@ def test_the_elbow_of_aligned_shoulder_axes_is_not_damped_too_fast():
     assert rollout.distance[-400:].max() < 1e-3 and not rollout.saturated[100:].any()
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "z1"])
+@pytest.mark.parametrize("name", ["panda", "z1"])
 def test_a_loop_that_knows_the_truth_is_left_with_what_sampling_leaves(name):
     """The observer follows an accelerated frame; by one end's velocity it lagged 3 to 5 um here."""
     robot = catalogue_robot(name)

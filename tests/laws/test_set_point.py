@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 LAWS = [name for name, law in pa.laws.LAWS.items() if law.set_point]
 BOUNDED, EXACT, ROUGH = "bounded-torque", "approximate-jacobian", "approximate-jacobian-gravity"
-CHAINS = [("planar_2r", None), ("ur5", "xyz"), ("panda", "xyz"), ("mixed", "xyz")]
+CHAINS = [("planar_2r", None), ("panda", "xyz"), ("mixed", "xyz")]
 CASES = [*CHAINS, ("ur5", "pose"), ("mixed", "joint")]
 
 
@@ -58,7 +58,7 @@ def test_equality_along_the_trajectory(law, name, task, adaptation):
     true = unlike(robot)
     believed = robot.changed(inertial_scale=0.8)
     controller = pa.make_controller(believed, law=law, adaptation=adaptation)
-    energy = energy_along(true, controller, beside_home(true), seconds=0.01)
+    energy = energy_along(true, controller, beside_home(true), seconds=0.006)
     assert energy.mismatch() <= 1e-6
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all() and (energy.V > 0.0).all()
@@ -156,22 +156,20 @@ def test_the_spring_is_the_gradient_of_its_potential():
 # --- at work ---
 
 
-@pytest.mark.parametrize(
-    ("law", "name"), [(EXACT, "panda"), (EXACT, "ur5"), (BOUNDED, "panda"), (BOUNDED, "scara")]
-)
+@pytest.mark.parametrize(("law", "name"), [(EXACT, "panda"), (BOUNDED, "scara")])
 def test_the_set_point_is_reached(law, name):
     robot = catalogue_robot(name)
     true = unlike(robot)
     goal = pa.trajectories.Hold(true.position(true.q0) - 0.05)
-    controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, dt=2e-3)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.8), law=law, dt=4e-3)
     rollout = pa.simulate(true, controller, goal, duration=4.0)
-    assert rollout.diverged is None and rollout.distance[-250:].max() < 5e-4
+    assert rollout.diverged is None and rollout.distance[-125:].max() < 5e-4
     assert (rollout.a_k == rollout.a_k[0]).all()  # the kinematics are not learned
     alone = pa.make_controller(
-        robot.changed(inertial_scale=0.8), law=law, adaptation="none", dt=2e-3
+        robot.changed(inertial_scale=0.8), law=law, adaptation="none", dt=4e-3
     )
     unadapted = pa.simulate(true, alone, goal, duration=1.0)
-    assert unadapted.distance[-50:].max() > 10.0 * rollout.distance[-250:].max()
+    assert unadapted.distance[-25:].max() > 10.0 * rollout.distance[-125:].max()
 
 
 def test_wrong_links_are_no_obstacle():
@@ -179,11 +177,11 @@ def test_wrong_links_are_no_obstacle():
     true = unlike(robot).changed(link_translation={"wrist_1_joint": [0.02, 0.0, 0.03]})
     goal = pa.trajectories.Hold(true.position(true.q0) - 0.05)
     controller = pa.make_controller(
-        robot, law=ROUGH, unknown=pa.Unknown(tool=True, translations=["wrist_1_joint"])
+        robot, law=ROUGH, unknown=pa.Unknown(tool=True, translations=["wrist_1_joint"]), dt=4e-3
     )
     assert controller.dynamics.per_body  # natural adaptation, in spite of unknown lengths
     rollout = pa.simulate(true, controller, goal, duration=4.0)
-    assert rollout.distance[-400:].max() < 1e-3
+    assert rollout.distance[-100:].max() < 1e-3
 
 
 def test_a_motion_that_comes_to_rest_ends_in_its_set_point():
@@ -192,8 +190,8 @@ def test_a_motion_that_comes_to_rest_ends_in_its_set_point():
     start = true.position(true.q0)
     path = pa.trajectories.Waypoints([start, start + 0.05, start - 0.05], 1.0)
     assert path.settles == 2.0 and pa.trajectories.Hold(start).settles == 0.0
-    rollout = pa.simulate(true, pa.make_controller(robot, law=EXACT, dt=2e-3), path, duration=5.0)
-    assert rollout.distance[-250:].max() < 5e-4
+    rollout = pa.simulate(true, pa.make_controller(robot, law=EXACT, dt=4e-3), path, duration=5.0)
+    assert rollout.distance[-125:].max() < 5e-4
 
 
 # --- the bound ---
@@ -219,7 +217,7 @@ def test_bounds_near_gravity_are_kept_at_every_sample():
         law=BOUNDED,
         bound=bound,
         limits=pa.Limits(torque=False),
-        dt=2e-3,
+        dt=4e-3,
     )
     law = controller.law
     assert np.allclose(law.gravity + law.brake_limit + levers_times_force(law), bound)
@@ -229,7 +227,7 @@ def test_bounds_near_gravity_are_kept_at_every_sample():
     )
     assert rollout.diverged is None and (np.abs(rollout.tau) <= bound).all()
     assert (np.abs(rollout.tau) / bound).max() > 0.8  # gravity comes near
-    assert rollout.distance[-500:].max() < 1e-3 < 0.1 < rollout.distance[0]
+    assert rollout.distance[-250:].max() < 1e-3 < 0.1 < rollout.distance[0]
     free = pa.make_controller(
         robot.changed(inertial_scale=0.8), law=EXACT, limits=pa.Limits(torque=False)
     )
@@ -313,7 +311,7 @@ def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
 
 def test_a_wrong_jacobian_is_reported_before_a_run():
     robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, law=EXACT)
+    controller = pa.make_controller(robot, law=EXACT, dt=4e-3)
     J = np.eye(3, 6)
     assert controller.law.mismatch(J, J)[0] == 0.0
     found, borne = controller.law.mismatch(J, 1.5 * J)

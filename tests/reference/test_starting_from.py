@@ -118,7 +118,7 @@ def test_a_path_through_an_unreachable_point_is_recognised():
 def test_a_run_begins_where_the_robot_is_and_at_rest():
     robot = catalogue_robot("panda")
     true = robot.changed(tool_translation=[0.03, -0.02, 0.08])
-    controller = pa.make_controller(robot.changed(inertial_scale=0.7))
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), adaptation="natural")
     for motion in (circle(true), circle(true, by=0.05), Hold(true.position(true.q0) + 0.1)):
         rollout = pa.simulate(true, controller, motion, duration=0.2)
         assert np.allclose(rollout.x_d[0], rollout.x[0], atol=1e-12)
@@ -135,7 +135,9 @@ def test_a_run_begins_where_the_robot_is_and_at_rest():
 def test_a_set_point_far_from_the_joints_is_a_motion():
     """0.3 rad away a step asks for all that the motors have."""
     robot = catalogue_robot("panda", task="joint")
-    controller = pa.make_controller(robot.changed(inertial_scale=0.7))
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.7), adaptation="natural", dt=2e-3
+    )
     goal = robot.home_angles + 0.3
     rollout = pa.simulate(robot, controller, Hold(goal), duration=2.0)
     assert rollout.diverged is None and not rollout.saturated.any()

@@ -46,12 +46,11 @@ def test_a_motion_within_the_limits_keeps_its_own_time():
     ("name", "period", "options"),
     [
         ("panda", 0.3, {}),
-        ("ur5", 0.3, {}),
         ("scara", 0.3, {}),
         ("panda", 1.0, {"efforts": [10.0, 60.0, 20.0, 40.0, 5.0, 6.0, 3.0]}),
         ("panda", 2.0, {"acceleration": 0.5}),
     ],
-    ids=["panda, speed", "ur5", "scara, a slide", "panda, weak motors", "panda, accelerations"],
+    ids=["panda, speed", "scara, a slide", "panda, weak motors", "panda, accelerations"],
 )
 def test_a_fast_circle_keeps_the_limits_for_as_long_as_it_goes_on(name, period, options):
     """The joints of one robot with the exact model, computed again in the slowed motion's time."""

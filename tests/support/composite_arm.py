@@ -3,6 +3,7 @@
 from itertools import islice
 
 import numpy as np
+import pinocchio as pin
 
 import pinadapt as pa
 
@@ -105,3 +106,45 @@ def tracked(adaptation, seconds=4.0, dt=1e-3):
     run = list(islice(samples, round(seconds / dt)))
     errors = np.array([s.measurement.q - s.desired.x_d for s in run])
     return np.degrees(np.abs(errors)), np.array([s.state.a_d for s in run])
+
+
+class JointPath(pa.trajectories.Trajectory):
+    """The same motion as angles of the joints: the second is relative to the first link."""
+
+    def at(self, t):
+        return pa.Desired(*(np.array([a[0], a[1] - a[0]]) for a in Path().at(t)))
+
+
+def tracked_bodies(gamma_d, seconds=4.0, dt=2.5e-3):
+    """Return the same of an arm of two bodies that moves alike, under a gradient.
+
+    The links' angles in the world are T times those of the joints: gains on them are T^T K_D T on
+    the joints, and the gradient stays what it was.
+    """
+    true = pa.load("two_link", task="joint", q0=JointPath().at(0.0).x_d)
+    mass, T = 0.05, np.array([[1.0, 0.0], [1.0, 1.0]])
+    com = np.array([0.03, -0.025, 0.0]) / mass
+    true.model.inertias[1] = pin.Inertia(0.01, np.zeros(3), np.diag([0.1, 0.1, 0.15 - mass]))
+    about = 0.04 - mass * com @ com
+    true.model.inertias[2] = pin.Inertia(mass, com, np.diag([about, about, about]))
+    B = np.zeros((20, 4))
+    B[[9, 19, 11, 12], [0, 1, 2, 3]] = 1.0, 1.0, 1.0, -1.0
+    controller = pa.make_controller(
+        true,
+        law="slotine-li",
+        adaptation="gradient",
+        gamma_d=gamma_d,
+        unknown=pa.Unknown(basis=B),
+        Kv=K_D * T.T @ T,
+        alpha=LAMBDA,
+    )
+    assert np.allclose(controller.dynamics.initial, A)
+    rollout = pa.simulate(
+        true,
+        controller,
+        JointPath().as_given(),
+        duration=seconds,
+        engine=pa.Engine(dt=dt, continuous=True),
+        start={"a_d": np.zeros(4)},
+    )
+    return np.degrees(np.abs(rollout.error @ T.T)), rollout.a_d

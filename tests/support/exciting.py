@@ -1,5 +1,7 @@
 """A motion that distinguishes parameters, and when an estimate of them has become good."""
 
+from functools import cache
+
 import numpy as np
 
 import pinadapt as pa
@@ -23,19 +25,16 @@ class Exciting(pa.trajectories.Trajectory):
         return pa.Desired(x, xd, xdd)
 
 
-def time_to(share, controller, true, path, seconds):
-    """Return when the rms torque error over random states stays below a share of the first [s]."""
-    return times_to((share,), controller, true, path, seconds)[0]
-
-
-def times_to(shares, controller, true, path, seconds):
-    """Return the same for several shares."""
+@cache
+def times_of_panda(adaptation, shares, friction=False, seconds=1.0):
+    """Return when the rms torque error over random states stays below shares of the first [s]."""
+    controller, true, path = panda_swung(adaptation, friction)
     rollout = pa.simulate(true, controller, path.as_given(), duration=seconds)
     assert rollout.diverged is None
     truth, rng = controller.dynamics.value(true), np.random.default_rng(4)
     regressors = [controller.dynamics.regressor(*random_state(true, rng)) for _ in range(40)]
     every = 10
-    wrong = np.array([np.vstack(regressors) @ (a - truth) for a in rollout.a_d[::every]])
+    wrong = (rollout.a_d[::every] - truth) @ np.vstack(regressors).T
     size, times = np.linalg.norm(wrong, axis=1), []
     for share in shares:
         above = np.flatnonzero(size > share * size[0])

@@ -1,11 +1,13 @@
-"""Controllers stepped over the same recorded samples."""
+"""Controllers stepped over the same recorded samples, here or in another process."""
 
+import sys
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
+from pinadapt import _compiled
 
 Samples = list[tuple[pa.Measurement, pa.Desired]]
 
@@ -27,3 +29,27 @@ def replay(
         torque, state = controller.step(state, measurement, desired, 1e-3)
         torques.append(torque)
     return np.array(torques), state
+
+
+def fails(controller, samples, spoilt):
+    """Take a step that is refused."""
+    (measurement, desired), state = samples[0], controller.init(samples[0][0])
+    if spoilt == "measurement":
+        measurement = measurement._replace(q=np.full_like(measurement.q, np.nan))
+    if spoilt == "estimates":
+        state = state._replace(dynamic=pa.adaptation.Estimate(1e300 * state.a_d))
+    controller.step(state, measurement, desired, 0.0 if spoilt == "period" else 1e-3)
+
+
+def raised(error):
+    """Raise an error."""
+    raise error
+
+
+def compiled(robot):
+    """Return how many kernels wait and whether numba is there; then, with a controller made,
+    how many wait still and whether any is compiled.
+    """
+    before = len(_compiled._waiting), "numba" in sys.modules
+    pa.make_controller(robot)
+    return before, (len(_compiled._waiting), bool(_compiled.kernels))

@@ -183,7 +183,7 @@ def loop(name, law):
 @pytest.mark.parametrize("law", LAWS)
 def test_equality_along_the_trajectory(law, name):
     true, controller, path = loop(name, law)
-    energy = energy_along(true, controller, path, seconds=0.004, dt=1e-4)
+    energy = energy_along(true, controller, path, seconds=0.0015, dt=1e-4)
     assert energy.mismatch() <= 1e-4
     # The curvature of rotations is there to be seen.
     assert (
