@@ -59,7 +59,7 @@ def test_a_truth_outside_the_model_is_none(tmp_path):
     assert {"a_d_true", "lyapunov"}.isdisjoint(np.load(tmp_path / "rollout.npz").files)
 
 
-def test_save_and_plot_write_files(tmp_path):
+def test_save_and_plot_write_files(tmp_path, blank_pictures):
     rollout = run(duration=0.02)
     rollout.save(tmp_path / "new" / "folder")
     paths = rollout.plot(tmp_path / "new" / "folder")

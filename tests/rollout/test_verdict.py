@@ -168,7 +168,7 @@ def test_the_grade_of_a_pose_depends_on_its_angle_too():
 
 def test_the_command_run_prints_the_verdict_last(tmp_path, capsys):
     arguments = ["run", PLANAR, "--no-html", "--out", str(tmp_path), "--unadapted"]
-    assert main([*arguments, "--set", "simulation.duration=1.0"]) == 0
+    assert main([*arguments, "--set", "simulation.duration=0.4"]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert last == summary["verdict"] and "without adaptation" in last

@@ -62,9 +62,10 @@ def test_the_path_waits_at_an_obstacle_with_a_memory_too(ur5):
 
 def test_the_path_waits_for_a_blind_camera(ur5, monkeypatch):
     monkeypatch.setattr(Blinded, "blind", (1.0, 2.5))
-    without = run(*ur5, 2.0, governed=False, blind=True, dt=DT)
+    natural = {"dt": DT, "adaptation": "natural"}
+    without = run(*ur5, 2.0, governed=False, blind=True, **natural)
     assert without["lost"] == pytest.approx(1.93, abs=0.05)  # a second after the last frame
-    with_one = run(*ur5, 4.0, governed=True, blind=True, dt=DT)
+    with_one = run(*ur5, 3.5, governed=True, blind=True, **natural)
     assert with_one["lost"] is None and with_one["largest"] < 5.0 and with_one["last"] < 0.5
     (slowed,) = with_one["slowed"]
     assert slowed["cause"] == "frames" and slowed["least_rate"] < 0.01
@@ -75,8 +76,9 @@ def test_a_camera_that_stays_blind_ends_the_run_at_the_stated_time():
     true, model = unknown(catalogue_robot("ur5"))
     limits = pa.Limits(governor=pa.Governor(blind=2.0))
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, dropout=0.9999))
-    controller = pa.make_controller(model, limits=limits, sensors=sensors, dt=DT)
-    rollout = pa.simulate(true, controller, pa.reachable_circle(model), duration=2.5)
+    natural = {"dt": DT, "adaptation": "natural"}
+    controller = pa.make_controller(model, limits=limits, sensors=sensors, **natural)
+    rollout = pa.simulate(true, controller, pa.reachable_circle(model), duration=2.1)
     assert rollout.diverged == pytest.approx(2.0, abs=2e-3)
     assert "'x' has not been seen for" in rollout.reason
 
@@ -86,7 +88,7 @@ def test_a_path_that_leaves_the_workspace_comes_back(ur5):
     true, model, _ = ur5
     start, far, _, _ = way_out(true, 0.95).points
     way = pa.trajectories.Waypoints([start, far, start], 1.0)
-    found = run(true, model, way, 7.0, governed=True, adaptation="natural")
+    found = run(true, model, way, 5.8, governed=True, adaptation="natural")
     assert found["lost"] is None and found["last"] < 1.0
     assert found["largest"] > 100.0  # it was outside
     assert found["late"] > 3.0 and any("error" in one["cause"] for one in found["slowed"])

@@ -124,12 +124,12 @@ def test_default_gains_for_declared_actuators_pass(name, actuators):
 @pytest.mark.slow
 @pytest.mark.parametrize("law", pa.laws.LAWS)
 @pytest.mark.parametrize(
-    "actuators",
-    [Actuators(delay=5e-3, bandwidth=100.0), Actuators(stiffness=5e3)],
-    ids=lambda each: each.words,
+    ("name", "actuators"),
+    [("ur5", Actuators(delay=5e-3, bandwidth=100.0)), ("planar_2r", Actuators(stiffness=5e3))],
+    ids=["late", "elastic"],
 )
-def test_every_law_has_gains_for_declared_actuators(law, actuators):
-    controller = made(robot_of(law, "ur5"), actuators, law=law)
+def test_every_law_has_gains_for_declared_actuators(law, name, actuators):
+    controller = made(robot_of(law, name), actuators, law=law)
     assert [str(finding) for finding in preflight(controller, DT)] == []
 
 

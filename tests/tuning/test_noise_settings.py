@@ -227,7 +227,7 @@ def test_an_invalid_leak_is_refused(bandwidth):
 # --- the regressor free of noise ---
 
 
-def driven(lambda_s, noise, count=400, seed=0):
+def driven(lambda_s, noise, count=300, seed=0):
     """Return the mean of Y^T s (p) and the torques of an arm at rest whose v is white noise.
 
     Each draw goes with its opposite, which leaves of the mean what is even in the noise.
