@@ -22,7 +22,7 @@ def rollout():
         "ur5",
         truth={"inertial_scale": 1.4},
         control={"adaptation": "natural-memory", "dt": 4e-3},
-        duration=4.0,
+        duration=2.5,
     )
 
 
@@ -78,7 +78,7 @@ def test_without_estimates_or_samples_there_is_no_prediction(rollout):
 def test_noisy_sensors_predict_averages():
     """Differences of a count of the encoder are 60 rad/s^2; unsmoothed they would be all."""
     sensors = pa.Sensors(encoder=2.0 * np.pi / 2**14)
-    options = {"name": "ur5", "truth": {"inertial_scale": 1.4}, "duration": 3.0}
+    options = {"name": "ur5", "truth": {"inertial_scale": 1.4}, "duration": 2.0}
     rollout = run(**options, control={"dt": 4e-3, "sensors": sensors}, sensors=sensors)
     first, last = rollout.prediction.share_first, rollout.prediction.share_last
     assert first == pytest.approx(

@@ -83,7 +83,8 @@ def test_links_that_swing_slower_than_the_feedback_are_followed():
     M = pin.crba(case.true.model, case.true.model.createData(), case.true.q0)
     rotors = 0.5 * np.diag(M)
     true, model = (each.changed(armature=rotors) for each in (case.true, case.estimated))
-    springs = pa.Engine(actuators=pa.robot.Actuators(stiffness=400.0), torque_limits=False)
+    soft = pa.robot.Actuators(stiffness=400.0)
+    springs = pa.Engine(actuators=soft, torque_limits=False, substeps=1)
     errors, unknown = [], pa.Unknown(armature=False)
     for beta in (None, 20.0):  # the second is that of the first, but the user's
         controller = pa.make_controller(model, unknown=unknown, dt=2e-3, beta=beta)

@@ -61,7 +61,7 @@ def test_the_noise_of_a_memory_includes_that_of_encoders_in_the_regressor():
 )
 def test_a_memory_is_the_default_where_the_parameters_explain_the_torque(options, kind):
     law = pa.laws.LAWS[options.get("law", "separation")]
-    robot = pa.load("z1", task="joint" if law.joint_space else None)
+    robot = catalogue_robot("z1", **({"task": "joint"} if law.joint_space else {}))
     made = pa.make_controller(robot, **options)
     assert made.adaptation_d.name == kind
 
