@@ -3,7 +3,6 @@
 import json
 import re
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -11,24 +10,17 @@ import pytest
 import pinadapt as pa
 from benchmarks.calibration import measured, random_angles, wrong_arm
 from pinadapt.cli.command_line import main
-from pinadapt.identification.identification import log_of
+from pinadapt.identification.identification import log_and_robot, log_of
 from pinadapt.identification.report import FILES
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
-from tests.support.recorded import LOAD, motion, recorded, torques, true_robot
+from tests.support.recorded import LOAD, identified, motion, recorded, torques, true_robot
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
 
 TOLD = {"friction": True, "armature": False}  # where the choice of effects is not the point
-
-
-@cache
-def identified(name, noisy=True, **options):
-    """Return the identification of a robot's log, of more samples where torques are noisier."""
-    dt = 2e-3 if name == "ur5" else 4e-3
-    return pa.identify(recorded(name, noisy=noisy, dt=dt), catalogue_robot(name), **options)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
@@ -74,10 +66,10 @@ def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
 def test_a_rollout_is_a_log(tmp_path):
     robot, true = catalogue_robot("ur5"), true_robot("ur5")
     path = pa.trajectories.Lissajous(robot.position(robot.q0), [0.12, 0.15, 0.12], [3, 4, 5], 6.0)
-    controller = pa.make_controller(robot, adaptation="natural", dt=2e-3)
+    controller = pa.make_controller(robot, adaptation="natural", dt=4e-3)
     rollout = pa.simulate(true, controller, path, duration=4.5)
     rollout.save(tmp_path)
-    found = pa.identify(tmp_path, robot, unknown=pa.Unknown(bodies="payload"))
+    found = pa.identify(tmp_path, robot, unknown=pa.Unknown(bodies="payload", **TOLD))
     assert found.torque_errors.gain > 10.0
     load = found.payload()
     assert load.mass == pytest.approx(LOAD.mass, rel=1e-3)
@@ -88,8 +80,8 @@ def test_a_rollout_is_a_log(tmp_path):
 
 
 def test_velocities_are_not_needed(name="ur5"):
-    log = replace(recorded(name, noisy=True, duration=6.0), v=None)
-    found = pa.identify(log, catalogue_robot(name))
+    log = replace(recorded(name, noisy=True, duration=4.0), v=None)
+    found = pa.identify(log, catalogue_robot(name), unknown=pa.Unknown(tool=True, **TOLD))
     load = found.payload()
     assert found.smoothed and found.torque_errors.gain > 10.0
     assert load.mass == pytest.approx(LOAD.mass, rel=0.02)
@@ -105,15 +97,6 @@ def test_a_short_log_leaves_friction_undetermined_and_is_identified_nevertheless
     """A joint that hardly turns around has no columns of its own for the shapes of friction."""
     found = pa.identify(recorded("ur5", seen=False, duration=2.0), catalogue_robot("ur5"))
     assert found.torque_errors.gain > 10.0
-
-
-def test_dynamics_are_identified_without_positions_of_the_frame():
-    log = recorded("ur5", seen=False, duration=4.0)
-    found = pa.identify(log, catalogue_robot("ur5"), unknown=pa.Unknown(tool=False, **TOLD))
-    assert found.torque_errors.gain > 100.0 and not found.kinematic.names
-    assert found.robot.task == found.described.task
-    with pytest.raises(pa.ParameterError, match="no positions of the task frame"):
-        pa.identify(log, catalogue_robot("ur5"), unknown=pa.Unknown(tool=True))
 
 
 def test_translations_are_identified_from_frames_alone():
@@ -183,10 +166,11 @@ def test_torques_without_gravity_are_detected_and_compensated():
     assert refused.value.check.causes[0].option == "--compensated nominal"
     plain = pa.identify(left_out, robot, unknown=viscous, intake={"doubtful": True})
     assert not plain.trusted and plain.verdict.startswith("NOT TO BE TRUSTED")
-    payload = pa.Unknown(tool=False, bodies="payload")
-    for options in ({"compensated": "nominal"}, {"intake": {"compensated": "nominal"}}):
-        whole = pa.identify(left_out, robot, unknown=payload, **options)
-        assert whole.torque_errors.gain > 100.0 and whole.trusted
+    payload = pa.Unknown(tool=False, bodies="payload", **TOLD)
+    whole = pa.identify(left_out, robot, unknown=payload, compensated="nominal")
+    assert whole.torque_errors.gain > 100.0 and whole.trusted
+    by_intake, _ = log_and_robot(left_out, robot, pa.logs.Intake(compensated="nominal"), None)
+    assert np.array_equal(by_intake.tau, whole.log.tau)
 
 
 def test_a_correct_description_is_reported():
@@ -198,11 +182,11 @@ def test_a_correct_description_is_reported():
 
 
 def test_the_log_of_another_robot_is_doubted():
-    log = recorded("ur5")
+    log = recorded("ur5", duration=4.0)
     other = catalogue_robot("ur5").changed(
         link_translation={"elbow_joint": [0.0, 0.3, 0.0], "wrist_1_joint": [0.2, 0.0, -0.2]}
     )
-    found = pa.identify(log, other)
+    found = pa.identify(log, other, unknown=pa.Unknown(tool=True, **TOLD))
     assert "Is this the log of another robot" in found.verdict
     assert "mm off even as identified" in found.verdict and not found.trusted
     turned = replace(log, q=log.q[:, ::-1], v=log.v[:, ::-1], tau=log.tau[:, ::-1], x=None)
@@ -214,19 +198,25 @@ def test_the_log_of_another_robot_is_doubted():
 
 
 def test_a_joint_that_does_not_move_is_not_identifiable_and_stays_as_described():
-    log, robot = recorded("ur5", duration=4.0), catalogue_robot("ur5")
+    """The others are identified, without positions of the frame."""
+    log, robot = recorded("ur5", seen=False, duration=4.0), catalogue_robot("ur5")
     _, q, v, a = motion("ur5", duration=4.0)
     still = np.arange(6) == 5
     q, v, a = (np.where(still, part[:1] if part is q else 0.0, part) for part in (q, v, a))
     tau = torques(true_robot("ur5"), q, v, a)
-    still_log = replace(log, q=q, v=v, tau=tau, x=None, x_time=None)
-    found = pa.identify(still_log, robot, unknown=pa.Unknown(tool=False, **TOLD))
+    found = pa.identify(
+        replace(log, q=q, v=v, tau=tau), robot, unknown=pa.Unknown(tool=False, **TOLD)
+    )
+    assert found.torque_errors.gain > 100.0 and not found.kinematic.names
+    assert found.robot.task == found.described.task
     names = list(found.dynamic.names)
     friction = names.index("wrist_3_joint.coulomb")
     assert np.isinf(found.dynamic.deviations[friction])
     start = found.estimator.controller.dynamics.initial[friction]
     assert found.dynamic.estimate[friction] == pytest.approx(start, rel=1e-3)
     assert "only combinations of them are identifiable" in found.report()
+    with pytest.raises(pa.ParameterError, match="no positions of the task frame"):
+        pa.identify(log, robot, unknown=pa.Unknown(tool=True))
 
 
 def test_the_report_lists_estimates_and_errors():
@@ -336,15 +326,14 @@ def test_the_command_writes_its_files(tmp_path, capsys):
 def test_a_file_that_cannot_be_written_is_reported_in_last_line_and_status(
     tmp_path, capsys, monkeypatch
 ):
-    robot, out = catalogue_robot("ur5"), tmp_path / "out"
-    log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=4.0), robot)
+    out = tmp_path / "out"
 
     def refuse(self, **_):
         raise pa.RobotError("no distribution of mass has it.", where="urdf")
 
     monkeypatch.setattr(pa.Robot, "urdf", refuse)
-    known = ["--dynamic", "payload", "--joint", "all", "--mjcf"]
-    assert main(["identify", str(log), "--robot", "ur5", *known, "--out", str(out)]) == 4
+    monkeypatch.setattr("pinadapt.cli.identify.identify_log", lambda *_, **__: identified("ur5"))
+    assert main(["identify", "log.csv", "--robot", "ur5", "--mjcf", "--out", str(out)]) == 4
     last = capsys.readouterr().out.strip().splitlines()[-1]
     assert last.startswith("INCOMPLETE: not written: learned.urdf") and "distribution" in last
     assert {file.name for file in out.iterdir()} == set(FILES) - {"learned.urdf"}
@@ -355,8 +344,8 @@ def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
     robot = catalogue_robot("ur5")
     sticky = pa.Friction(np.full(6, 0.5), np.full(6, 0.8), threshold=0.05)
     log = replace(
-        recorded("ur5", duration=6.0),
-        tau=torques(true_robot("ur5").changed(friction=sticky), *motion("ur5", duration=6.0)[1:]),
+        recorded("ur5", duration=4.0),
+        tau=torques(true_robot("ur5").changed(friction=sticky), *motion("ur5", duration=4.0)[1:]),
     )
     found = pa.identify(log, robot)
     found.save(tmp_path)
@@ -368,7 +357,7 @@ def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
         f'[robot]\nsource = "ur5"\n[truth]\npayload = {{{load}}}\n'
         "tool_translation = [0.03, -0.02, 0.12]\nfriction = {viscous = 0.5, coulomb = 0.8}\n"
         '[reference]\nkind = "circle"\nradius = 0.08\nperiod = 3.0\n'
-        "[simulation]\nduration = 1.0\ndt = 2e-3\n"
+        "[simulation]\nduration = 0.5\ndt = 2e-3\n"
     )
     cold = Scenario.read(scenario)
     warm = Scenario.read(scenario, ["belief.learned=learned.json"])

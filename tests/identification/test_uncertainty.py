@@ -41,7 +41,7 @@ def arm(loaded=False):
 def log_of_arm(seed, loaded=False, duration=12.0):
     """Return a log with errors that last: ripple of the gears, and torques that wander for 1 s."""
     true, rng = arm(loaded), np.random.default_rng(seed)
-    t, q, v, a = motion("ur5", duration=duration, dt=8e-3, seed=seed)
+    t, q, v, a = motion("ur5", duration=duration, dt=12e-3, seed=seed)
     tau = np.array(
         [
             torque_of_everything(true, configuration_from_angles(true.model, q_k), v_k, a_k)
@@ -51,7 +51,7 @@ def log_of_arm(seed, loaded=False, duration=12.0):
     tau += 0.3 * np.sin(7.0 * q + rng.uniform(0.0, 6.0, 6))
     wander = np.zeros(6)
     for k in range(len(t)):
-        wander += -8e-3 * wander + 0.3 * np.sqrt(2.0 * 8e-3) * rng.standard_normal(6)
+        wander += -12e-3 * wander + 0.3 * np.sqrt(2.0 * 12e-3) * rng.standard_normal(6)
         tau[k] += wander
     tau += 0.3 * rng.standard_normal(tau.shape)
     return pa.Log(t, q, tau, v, tuple(true.joint_names), source=f"log {seed}")
@@ -113,11 +113,11 @@ def test_the_load_is_the_difference_to_a_log_of_the_empty_arm():
     assert (np.abs(load.com - LOAD.com) < 3.0 * load.com_known_to)[known].all()
     assert found.summary()["payload"]["mass"] == load.mass
     with pytest.raises(pa.ParameterError, match="no estimate of a load"):
-        known = pa.Unknown(tool=False, bodies="none")
+        known = pa.Unknown(tool=False, bodies="none", friction=True, armature=False)
         pa.identify(
-            log_of_arm(5, loaded=True),
+            log_of_arm(5, loaded=True, duration=4.0),
             catalogue_robot("ur5"),
-            empty=log_of_arm(0),
+            empty=log_of_arm(0, loaded=False, duration=4.0),
             unknown=known,
             progress=False,
         )
@@ -153,7 +153,7 @@ def test_logs_one_after_another():
 def test_the_command_takes_several_logs_a_test_and_an_empty_arm(tmp_path, capsys):
     files = []
     for k, (seed, loaded) in enumerate(((5, True), (6, True), (7, True), (0, False))):
-        log = log_of_arm(seed, loaded=loaded, duration=8.0)
+        log = log_of_arm(seed, loaded=loaded, duration=4.0)
         files.append(str(tmp_path / f"log{k}.npz"))
         np.savez(files[-1], t=log.t, q=log.q, v=log.v, tau=log.tau, joint_names=log.joints)
     command = ["identify", *files[:2], "--robot", "ur5", "--test", files[2], "--empty", files[3]]

@@ -65,3 +65,9 @@ def recorded(name, noisy=False, seen=True, rate=30.0, **options):
         x = x + 1e-4 * rng.standard_normal(x.shape)
     names = tuple(robot.joint_names)
     return pa.Log(t, q, tau, v, names, x if seen else None, t[::every] if seen else None)
+
+
+@cache
+def identified(name):
+    """Return the identification of a robot's noisy log, with nothing told."""
+    return pa.identify(recorded(name, noisy=True, dt=4e-3), catalogue_robot(name))
