@@ -25,7 +25,7 @@ def run(name, duration=2.0, still=False, camera=False, **options):
     )
     frames = {"rate": 30.0, "delay": 0.06, "dropout": 0.0} if camera else None
     controller = pa.make_controller(
-        described, sensors=pa.Sensors(camera=frames), dt=2e-3, **options
+        described, sensors=pa.Sensors(camera=frames), dt=4e-3, **options
     )
     path = pa.trajectories.Hold(true.position(true.q0)) if still else pa.reachable_circle(true)
     return pa.simulate(true, controller, path, duration=duration, sensors=pa.Sensors(camera=frames))
@@ -78,7 +78,7 @@ def test_the_load_is_estimated_with_quantised_encoders():
         adaptation="natural",
         unknown=pa.Unknown(bodies="payload"),
         sensors=pa.Sensors(encoder=count),
-        dt=2e-3,
+        dt=4e-3,
     )
     path = pa.reachable_circle(true)
     rollout = pa.simulate(true, controller, path, duration=4.0, sensors=pa.Sensors(encoder=count))
@@ -101,7 +101,7 @@ def test_an_arm_that_differs_from_its_description_is_reported():
     true = described.changed(
         inertial_scale={"elbow_joint": 1.5}, payload=pa.Payload(MASS, COM, INERTIA)
     )
-    controller = pa.make_controller(described, adaptation="natural", dt=2e-3)
+    controller = pa.make_controller(described, adaptation="natural", dt=4e-3)
     rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0)
     estimate = rollout.payload(refined=True)
     best = estimate.explanations[0]
@@ -110,14 +110,13 @@ def test_an_arm_that_differs_from_its_description_is_reported():
     assert abs(estimate.mass - MASS) < 3.0 * estimate.mass_known_to
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-@pytest.mark.parametrize("dynamic", ["all", "payload"])
+@pytest.mark.parametrize(("name", "dynamic"), [("panda", "all"), ("ur5", "payload")])
 def test_heavier_links_are_no_certain_load(name, dynamic):
     """All masses and inertias 30 % larger, without a load: one factor describes that."""
     described = catalogue_robot(name)
     true = described.changed(inertial_scale=1.3)
     controller = pa.make_controller(
-        described, adaptation="natural", unknown=pa.Unknown(bodies=dynamic), dt=2e-3
+        described, adaptation="natural", unknown=pa.Unknown(bodies=dynamic), dt=4e-3
     )
     rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=2.0)
     for refined in (False, True):
@@ -133,7 +132,7 @@ def test_a_load_on_heavier_links_is_separated_from_them():
     described = catalogue_robot("panda")
     true = described.changed(payload=pa.Payload(1.5, COM))
     controller = pa.make_controller(
-        described.changed(inertial_scale=0.7), adaptation="natural", dt=2e-3
+        described.changed(inertial_scale=0.7), adaptation="natural", dt=4e-3
     )
     estimate = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0).payload(
         refined=True
@@ -198,7 +197,7 @@ def test_the_tool_is_identified_from_measured_positions(camera):
     rollout = run("panda", camera=camera)
     found = rollout.excitation().kinematic
     assert found.rank == 3 and np.isfinite(found.deviations).all()
-    assert found.rows == (pytest.approx(3 * 30 * 2.0, abs=20) if camera else 3000)
+    assert found.rows == (pytest.approx(3 * 30 * 2.0, abs=20) if camera else 1500)
     missed = np.abs(found.refined().estimate - rollout.a_k_true)
     assert missed.max() < (1e-5 if camera else 1e-9)
     assert (np.abs(found.estimate - rollout.a_k_true) < 3.0 * found.deviations + 1e-5).all()
@@ -215,7 +214,7 @@ def test_only_measurements_since_the_last_change_count():
     described = catalogue_robot("ur5")
     loaded = described.changed(payload=pa.Payload(MASS, COM, INERTIA))
     controller = pa.make_controller(
-        described, adaptation="natural", unknown=pa.Unknown(bodies="payload"), dt=2e-3
+        described, adaptation="natural", unknown=pa.Unknown(bodies="payload"), dt=4e-3
     )
     rollout = pa.simulate(
         described,
