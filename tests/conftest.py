@@ -44,6 +44,15 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.fixture
+def forked():
+    """Let the processes of arms and logs be copies of this one, in tests of what they do."""
+    from tests.support.arms import forking
+
+    with forking():
+        yield
+
+
 @pytest.fixture(scope="session")
 def moving():
     """Return loops of a UR5 in motion, by whether they measure torques, and where they will be."""

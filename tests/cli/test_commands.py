@@ -2,10 +2,8 @@
 
 import gc
 import json
-import os
-import subprocess
+import runpy
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,18 +44,6 @@ SUMMARY = {
 def run(scenario, folder, *settings):
     """Run a scenario without animation and return the exit status."""
     return main(["run", scenario, "--no-html", "--out", str(folder), "--set", *settings])
-
-
-def module(*arguments):
-    """Run ``python -m pinadapt`` in a process of its own, output piped."""
-    source = str(Path(pinadapt.__file__).parents[1])
-    environment = {**os.environ, "PYTHONPATH": source}
-    return subprocess.run(
-        [sys.executable, "-m", "pinadapt", *arguments],
-        capture_output=True,
-        text=True,
-        env=environment,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -288,9 +274,6 @@ def test_compare_refuses_a_bad_belief_before_it_runs_any(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-# --- as a process ---
-
-
 def test_version(capsys):
     with pytest.raises(SystemExit) as stop:
         main(["--version"])
@@ -298,9 +281,16 @@ def test_version(capsys):
     assert capsys.readouterr().out.strip() == f"pinadapt {pinadapt.__version__}"
 
 
-def test_a_refusal_of_the_module_is_status_2_without_traceback(tmp_path):
-    process = module(
-        "run", PLANAR, "--no-html", "--out", str(tmp_path), "--set", "controller.kv=1.0"
-    )
-    assert (process.returncode, process.stdout) == (2, "")
-    assert "controller.kv" in process.stderr and "Traceback" not in process.stderr
+def test_a_refusal_of_the_module_is_status_2_without_traceback(tmp_path, monkeypatch, capsys):
+    """``python -m pinadapt``; a process of it is started in ``tests/sweep/test_execution.py``."""
+    arguments = ["run", PLANAR, "--no-html", "--out", str(tmp_path), "--set", "controller.kv=1.0"]
+    monkeypatch.setattr(sys, "argv", ["pinadapt", *arguments])
+    before = gc.get_threshold()
+    try:
+        with pytest.raises(SystemExit) as stop:
+            runpy.run_module("pinadapt", run_name="__main__")
+    finally:
+        gc.set_threshold(*before)
+    out, err = capsys.readouterr()
+    assert (stop.value.code, out) == (2, "")
+    assert "controller.kv" in err and "Traceback" not in err

@@ -69,6 +69,7 @@ def drive(folder, *arguments, kind="simulated"):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("forked")
 def test_a_users_own_arm_is_driven_replayed_and_identified(folder, capsys):
     assert drive(folder, "--adapt", "--duration", "0.3", kind=f"{folder}/mine.py:Mine here") == 0
     out = capsys.readouterr().out
@@ -83,6 +84,7 @@ def test_a_users_own_arm_is_driven_replayed_and_identified(folder, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("forked")
 def test_a_franka_compensates_the_load_that_is_set_on_it(folder, capsys, monkeypatch):
     """A stand-in adds the gravity of what it carries; the scenario is changed to know it."""
     made = {}

@@ -1,6 +1,5 @@
 """What a controller says to cite: complete BibTeX entries, each once."""
 
-import ast
 import re
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pinadapt as pa
 from pinadapt.citation import SOFTWARE, parse_bibtex, references
 from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import robots_folder
+from tests.support.parsed import FILES, parsed
 
 REQUIRED = {
     "article": {"author", "title", "journal", "volume", "pages", "year"},
@@ -124,19 +124,9 @@ def test_sources_that_cannot_be_cited_are_refused(source, words):
         )
 
 
-def sources_in_code():
-    """Yield the strings that the package assigns to ``sources``, of classes and of objects."""
-    for path in Path(pa.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Assign | ast.AnnAssign):
-                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-                if any(re.search(r"\bsources$", ast.unparse(target)) for target in targets):
-                    constants = (c for c in ast.walk(node.value) if isinstance(c, ast.Constant))
-                    yield from (constant.value for constant in constants)
-
-
 def test_every_source_is_an_entry_and_every_entry_is_a_source():
-    assert {*sources_in_code(), *SOFTWARE} == set(references())
+    in_code = {source for path in FILES for source in parsed(path).sources}
+    assert in_code | {*SOFTWARE} == set(references())
 
 
 def test_the_file_is_plain_bibtex():

@@ -8,6 +8,7 @@ from functools import cache
 import pytest
 
 from pinadapt._output import toml
+from tests.support.parsed import FILES, parsed
 from tests.support.paths import ROOT
 
 TEXT = (ROOT / "pyproject.toml").read_text()
@@ -44,14 +45,13 @@ def modules(requirements):
 def imported():
     """Return the modules of other projects that the library imports, at any place."""
     found = set()
-    for path in (ROOT / "src").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+    for path in FILES:
+        found |= set(parsed(path).imported)
+        for node in parsed(path).imports:
             if isinstance(node, ast.Import):
                 found |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level:
+            elif not node.level:
                 found.add(node.module.partition(".")[0])
-            elif isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func):
-                found |= {a.value for a in node.args if isinstance(a, ast.Constant)}
     return {name for name in found - {"pinadapt", "tomllib"} if name not in sys.stdlib_module_names}
 
 

@@ -1,9 +1,6 @@
 """Hostile input: each piece is refused with a typed error that names it, or it works."""
 
-import os
 import re
-import subprocess
-import sys
 import warnings
 from xml.sax.saxutils import quoteattr
 
@@ -84,7 +81,7 @@ def test_a_setting_is_refused_by_its_key(setting, words, tmp_path, capsys):
     ("text", "words"),
     [
         (SCENARIO + "x = " + "[" * 100_000, "nested too deeply"),
-        (".".join(["a"] * 5000) + " = 1\n" + SCENARIO, "a: unknown key"),
+        (".".join(["a"] * 2000) + " = 1\n" + SCENARIO, "a: unknown key"),
         ('title = "é"\n'.encode("latin-1"), "Save the file as UTF-8"),
         (SCENARIO.encode("utf-16"), "Save the file as UTF-8"),
         (SCENARIO + f"seed = {'9' * 5000}", "not valid TOML"),
@@ -356,14 +353,6 @@ def resources(robot, words):
         return set(artist.loadMeshFromFile(shape).img_resources.values())
     with pytest.warns(UserWarning, match=words):
         return set(artist.loadMeshFromFile(shape).img_resources.values())
-
-
-def test_pictures_are_drawn_with_an_invalid_matplotlib_backend():
-    code = "from pinadapt.plots import draw_all; import matplotlib.pyplot"
-    environment = {**os.environ, "MPLBACKEND": "nonsense"}
-    subprocess.run(
-        [sys.executable, "-c", code.partition(";")[0]], env=environment, check=True, timeout=100
-    )
 
 
 WILD = st.one_of(

@@ -8,10 +8,7 @@ import importlib
 from collections import Counter
 from functools import cache
 
-from tests.support.paths import ROOT
-
-SOURCE = ROOT / "src" / "pinadapt"
-FILES = sorted(SOURCE.rglob("*.py"))
+from tests.support.parsed import FILES, SOURCE, parsed
 
 
 def module_of(path):
@@ -62,7 +59,7 @@ def imports_of(path):
 
 def _imports_of(path):
     package = ["pinadapt", *path.relative_to(SOURCE).parent.parts]
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in parsed(path).imports:
         if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1]
             target = ".".join([*base, node.module] if node.module else base)
@@ -119,10 +116,5 @@ def test_every_module_imports():
 
 def test_no_name_of_a_class_or_file_is_used_twice():
     stems = Counter(path.stem for path in FILES if path.stem != "__init__")
-    classes = Counter(
-        node.name
-        for path in FILES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ClassDef)
-    )
+    classes = Counter(name for path in FILES for name in parsed(path).classes)
     assert [name for name, count in (stems + classes).items() if count > 1] == []

@@ -3,8 +3,6 @@
 import importlib
 import inspect
 import re
-import subprocess
-import sys
 
 import pytest
 
@@ -45,11 +43,6 @@ def test_public_names_resolve():
     with pytest.raises(AttributeError, match="Controler") as error:
         _ = pinadapt.Controler
     assert error.value.obj is pinadapt and error.value.name == "Controler"  # as Python suggests by
-
-
-def test_a_public_name_is_not_hidden_by_a_module_of_that_name():
-    code = "import pinadapt.citation; assert callable(pinadapt.citation), pinadapt.citation"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=100)
 
 
 @pytest.mark.parametrize(

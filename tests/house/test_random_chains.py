@@ -27,7 +27,7 @@ def test_draws_reach_both_ends_and_every_kind_of_joint_in_all_directions():
     sizes, axes = set(), defaultdict(list)
 
     @given(chains)
-    @settings(seeded, max_examples=500)
+    @settings(seeded, max_examples=250)
     def draw(robot):
         sizes.add(robot.model.nv)
         if robot.model.nv == 1:

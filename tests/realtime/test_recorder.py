@@ -1,4 +1,8 @@
-"""The log of every cycle, its replay, and commands and state for other processes."""
+"""The log of every cycle, its replay, and commands and state for other processes.
+
+The processes of arm and log are copies of the test's own, but where a loop is killed: as for users,
+they are new ones there, as in ``tests/cli/test_drive.py``.
+"""
 
 import errno
 import json
@@ -6,8 +10,6 @@ import os
 import resource
 import signal
 import socket
-import subprocess
-import sys
 import time
 from functools import partial
 
@@ -17,10 +19,28 @@ import pytest
 import pinadapt as pa
 from pinadapt.exceptions import ArmError
 from pinadapt.logs.mcap import McapWriter, Topic, pose_message, read_mcap, text_message
-from pinadapt.realtime import CycleLog, ProcessArm, Recorder, Safety, tell, watched
+from pinadapt.realtime import (
+    CycleLog,
+    ProcessArm,
+    RealtimeLoop,
+    Recorder,
+    Safety,
+    tell,
+    watched,
+)
 from pinadapt.realtime.recorder import _CLOSED
-from tests.support.arms import PERIOD, Loop, arm, circle, controller, faulty, heavy, robot
-from tests.support.paths import ROOT
+from tests.support.arms import (
+    ORDINARY,
+    PERIOD,
+    Loop,
+    arm,
+    circle,
+    controller,
+    faulty,
+    forking,
+    heavy,
+    robot,
+)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +75,10 @@ def run(tmp_path_factory):
 
     on = faulty(lambda arm, m: at(arm.cycle, m, arm), at=0, sensors=sensors)
     translate = {"reference": hold_there}
-    with Recorder(path, of, port=0, translate=translate, about={"by": "test"}) as recorder:
+    with (
+        forking(),
+        Recorder(path, of, port=0, translate=translate, about={"by": "test"}) as recorder,
+    ):
         loop = Loop(on, of=of, seconds=60.0, recorder=recorder)
         ending = loop.ended()
     return path, of, loop, ending, answers
@@ -213,6 +236,7 @@ def test_a_full_disk_leaves_complete_chunks(tmp_path):
     assert path.stat().st_size == writer.size and len(read_mcap(path).messages["/e"]) > 10
 
 
+@pytest.mark.usefixtures("forked")
 def test_a_disk_full_during_motion_ends_it_and_keeps_the_log(tmp_path):
     """The writing process may write no larger file than some size, as if the disk were full."""
     path = tmp_path / "full.mcap"
@@ -234,6 +258,7 @@ def test_a_disk_full_during_motion_ends_it_and_keeps_the_log(tmp_path):
     assert not log.whole and 20 < len(log) < ending.cycles
 
 
+@pytest.mark.usefixtures("forked")
 def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_path):
     """After kill -9 of everything nobody ends the file; and a loop whose writer dies stops."""
     path = tmp_path / "killed.mcap"
@@ -255,6 +280,7 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
     assert log.replay(controller()).same
 
 
+@pytest.mark.usefixtures("forked")
 def test_a_full_ring_reports_dropped_cycles_and_writes_the_last_events(tmp_path):
     """The process of the log gets no time until all is over."""
     path = tmp_path / "stalled.mcap"
@@ -323,14 +349,19 @@ def test_a_silent_port_and_a_port_in_use_are_reported():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("forked")
 def test_a_viewer_sees_the_loop_and_its_death_changes_nothing():
     """A live view draws what the process of the log answers; another viewer is killed meanwhile."""
     from pinadapt.view.live import LiveView
 
     of, shown, seen = controller(), [], []
     with Recorder(None, of, port=0) as recorder:
-        code = f"from pinadapt.realtime import tell\nwhile True: tell({recorder.port}, 'state')"
-        other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+
+        def look():
+            while tell(recorder.port, "state"):
+                time.sleep(2e-3)
+
+        other = copied(look)
 
         def view(arm, m):
             if not shown:
@@ -338,12 +369,12 @@ def test_a_viewer_sees_the_loop_and_its_death_changes_nothing():
             if arm.cycle % 50 == 0:
                 seen.append(next(shown[0]))
             if arm.cycle == 150:
-                other.kill()
+                os.kill(other, signal.SIGKILL)
             return m
 
         loop = Loop(faulty(view, at=0), of=of, seconds=0.8, recorder=recorder)
         ending = loop.ended()
-        other.wait(10.0)
+        assert os.waitpid(other, 0)[1] == signal.SIGKILL
     assert not ending.failed and len(seen) >= 4
     with LiveView(heavy(), of, circle(), duration=1.0, browser=False) as live:
         assert len(list(live.watch(seen))) == len(seen)
@@ -354,37 +385,27 @@ def test_a_viewer_sees_the_loop_and_its_death_changes_nothing():
 @pytest.mark.slow
 def test_a_killed_loop_leaves_its_log_and_an_arm_at_rest(tmp_path):
     """kill -9: the log is whole, and the arm stops by itself."""
-    code = f"""
-import sys
-from functools import partial
-import pinadapt as pa
-from pinadapt.realtime import ProcessArm, Recorder, RealtimeLoop, Safety
-from tests.support.arms import ORDINARY, PERIOD, circle, controller, heavy
-if __name__ == "__main__":
-    make = partial(pa.plants.PinocchioPlant, heavy())
-    of = controller()
-    with Recorder({str(tmp_path / "run.mcap")!r}, of) as recorder, ProcessArm(make, PERIOD) as arm:
-        print(arm.pid, recorder.pid, flush=True)
-        RealtimeLoop(arm, of, circle(), stage="adapt", recorder=recorder, scheduling=ORDINARY,
-                     safety=Safety(late=10**6)).run()
-"""
-    script = tmp_path / "loop.py"
-    script.write_text(code)
-    paths = os.pathsep.join([str(ROOT), *sys.path])
-    process = subprocess.Popen(
-        [sys.executable, str(script)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": paths},
-    )
-    children = [int(number) for number in process.stdout.readline().split()]
-    for line in process.stderr:
-        if "running" in line:
-            break
-    time.sleep(0.6)
-    process.kill()
-    process.wait(20.0)
+    of, (said, say) = controller(), os.pipe()
+
+    def driven():
+        def told(words):
+            os.write(say, f"{words}\n".encode())
+
+        make = partial(pa.plants.PinocchioPlant, heavy())
+        with Recorder(tmp_path / "run.mcap", of) as recorder, ProcessArm(make, PERIOD) as arm:
+            told(f"{arm.pid} {recorder.pid}")
+            options = {"recorder": recorder, "scheduling": ORDINARY, "say": told}
+            safety = Safety(late=10**6)
+            RealtimeLoop(arm, of, circle(), stage="adapt", safety=safety, **options).run()
+
+    loop = copied(driven)
+    os.close(say)
+    with open(said) as lines:
+        children = [int(number) for number in lines.readline().split()]
+        assert any("running" in line for line in lines)
+        time.sleep(0.6)
+        os.kill(loop, signal.SIGKILL)
+        os.waitpid(loop, 0)
     until = time.monotonic() + 30.0
     while any(map(runs, children)) and time.monotonic() < until:
         time.sleep(0.05)
@@ -393,6 +414,17 @@ if __name__ == "__main__":
     assert log.whole and len(log) > 20
     assert log.events[-1]["lost"] == "the process of the loop has died"
     assert log.replay(controller()).same
+
+
+def copied(work):
+    """Run some work in a copy of this process and return its number."""
+    child = os.fork()
+    if not child:
+        try:
+            work()
+        finally:
+            os._exit(1)
+    return child
 
 
 def runs(pid):
@@ -405,6 +437,7 @@ def runs(pid):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("forked")
 def test_a_plant_in_a_process_of_its_own_that_dies_is_noticed(tmp_path):
     """At 50 Hz: ten periods, after which the loop ends as late, are then more than a stall."""
     of = pa.make_controller(robot(), dt=20e-3, adaptation="none")
@@ -434,6 +467,7 @@ def test_an_arm_without_torques_stops_by_itself():
     assert np.abs(on.plant.measure().v).max() < 1e-2
 
 
+@pytest.mark.usefixtures("forked")
 def test_a_plant_that_cannot_be_made_is_reported():
     with pytest.raises(pa.InputError, match="expected a Robot, got None"):
         ProcessArm(partial(pa.plants.PinocchioPlant, None), PERIOD)

@@ -13,7 +13,7 @@ ROBOTS = ROOT / "robots"
 
 @pytest.fixture(scope="module")
 def adapted():
-    return Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", ["simulation.duration=4.0"]).run()
+    return Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", ["simulation.duration=2.0"]).run()
 
 
 def test_panda_tracks_within_a_millimetre(adapted):
@@ -26,7 +26,7 @@ def test_panda_tracks_within_a_millimetre(adapted):
 def test_panda_unadapted_is_ten_times_worse(adapted):
     unadapted = Scenario.read(
         ROBOTS / "panda" / "tool_and_load.toml",
-        ["controller.adaptation=none", "simulation.duration=4.0", "simulation.dt=0.002"],
+        ["controller.adaptation=none", "simulation.duration=2.0", "simulation.dt=0.004"],
     ).run()
     assert unadapted.diverged is None
     assert adapted.summary()["max_error_last"] <= 0.1 * unadapted.summary()["max_error_last"]
@@ -66,7 +66,7 @@ def test_panda_with_plain_gradient_loses_its_mass_matrix():
 def test_panda_survives_a_start_far_from_its_path():
     """The path begins 23 cm from the tool; the estimates must not blow up between two samples."""
     place = ["reference.center=[0.5, 0.0, 0.5]", 'reference.start="moving"']
-    far = [*place, "simulation.duration=3.0", "simulation.dt=0.002"]
+    far = [*place, "simulation.duration=2.0", "simulation.dt=0.002"]
     for setting in ("simulation.torque_limits=false", "simulation.camera={}"):
         rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*far, setting]).run()
         assert rollout.diverged is None

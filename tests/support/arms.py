@@ -1,14 +1,29 @@
 """A planar arm with the interface of real ones, and its possible faults."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache, partial
+from multiprocessing import get_context
 
 import numpy as np
+import pytest
 
 import pinadapt as pa
 from pinadapt.realtime import PlantArm, RealtimeLoop, Scheduling
 
 PERIOD = 4e-3
 ORDINARY = Scheduling(None, None, False)  # as any program
+
+
+@contextmanager
+def forking() -> Iterator[None]:
+    """Let the processes of arms and logs be copies of this one, which import nothing."""
+    with pytest.MonkeyPatch.context() as patched:
+        for part in ("arm", "recorder"):
+            patched.setattr(
+                f"pinadapt.realtime.{part}.get_context", lambda kind: get_context("fork")
+            )
+        yield
 
 
 @cache

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from multiprocessing import get_context, set_forkserver_preload
 from pathlib import Path
 
 import numpy as np
@@ -52,13 +53,17 @@ def scenario(tmp_path):
 
 @pytest.fixture(scope="module")
 def two():
-    """Two processes for all tests of this file; those that replace them run no robot."""
-    engine = Processes(2, timeout=2.0)
-    engine.submit(os.getpid).result()
+    """Two processes for the tests of this file, and those that replace them.
+
+    They are copies of one that has imported what they need; those of the commands are new ones.
+    """
+    set_forkserver_preload(["numba", "pinadapt.sweep.execution", "tests.support.swept"])
     with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("NUMBA_DISABLE_JIT", "1")  # nothing to compile
+        patched.setattr(execution, "get_context", lambda kind: get_context("forkserver"))
+        engine = Processes(2, timeout=2.0)
+        engine.submit(os.getpid).result()
         yield engine
-    engine.shutdown()
+        engine.shutdown()
 
 
 def test_the_same_bits_in_this_process_in_two_and_in_any_order(scenario, two):
@@ -104,15 +109,6 @@ def test_a_kept_controller_gives_the_bits_of_a_new_one(scenario):
         assert np.abs(alone.tau).max() > 0.0
 
 
-def test_failures_are_rows_with_reasons_and_cost_one_case(two):
-    table = pa.sweep(troubled, {"a": list(range(6))}, executor=two)
-    assert table["status"].tolist() == ["done", "failed", "crashed", "timeout", "done", "done"]
-    reasons = table["reason"].tolist()
-    assert reasons[1] == "ValueError: one (swept.py:16)" and "its process ended" in reasons[2]
-    assert reasons[3] == "took longer than 2 s" and all(reasons[1:4]) and not any(reasons[4:])
-    assert table["square"].tolist()[4:] == [16.0, 25.0] and table.lost.tolist().count(True) == 3
-
-
 def test_other_engines_leave_hanging_cases_behind():
     table = pa.sweep(troubled, {"a": [0, 3, 4]}, executor=0, timeout=0.2)
     assert table["status"].tolist() == ["done", "timeout", "done"]
@@ -142,10 +138,16 @@ def test_workers_of_another_version_are_refused_with_both(monkeypatch):
     assert issubclass(EngineError, pa.InputError)  # the command's exit status is that of a refusal
 
 
-def test_a_worker_ended_while_idle_costs_nothing(two):
+def test_failures_are_rows_with_reasons_and_cost_one_case(two):
+    """A worker that is ended while idle costs nothing; the first case hangs beside the others."""
     os.kill(two.submit(os.getpid).result(), signal.SIGKILL)
     time.sleep(0.3)
-    assert pa.sweep(doubled, {"a": [1.0, 2.0]}, executor=two)["twice"].tolist() == [2.0, 4.0]
+    table = pa.sweep(troubled, {"a": [3, 0, 1, 2, 4, 5]}, executor=two)
+    assert table["status"].tolist() == ["timeout", "done", "failed", "crashed", "done", "done"]
+    reasons = table["reason"].tolist()
+    assert reasons[2] == "ValueError: one (swept.py:16)" and "its process ended" in reasons[3]
+    assert reasons[0] == "took longer than 2 s" and not any(reasons[1:2] + reasons[4:])
+    assert table["square"].tolist()[4:] == [16.0, 25.0] and table.lost.tolist().count(True) == 3
 
 
 def test_few_cases_are_in_an_engine_at_a_time():

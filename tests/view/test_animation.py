@@ -95,16 +95,12 @@ def test_torques_before_a_change_are_those_of_the_robot_before():
 
 
 def test_a_page_contains_equal_meshes_once():
-    robot = pa.load("a1_rr_leg")  # four like legs
+    robot, (_, animation) = catalogue_robot("panda"), animated("panda")  # of two like fingers
     shapes = [shape for shape in robot.visual.geometryObjects if shape.meshPath]
     different = {(shape.meshPath, tuple(shape.meshColor)) for shape in shapes}
     assert len(different) < len(shapes)
-    path = pa.trajectories.Hold(robot.position(robot.q0))
-    rollout = pa.simulate(
-        robot, pa.make_controller(robot, adaptation="natural"), path, duration=0.01
-    )
     drawn, copied = set(), 0
-    for message in sent(stream(rollout.animate())):
+    for message in sent(stream(animation)):
         if message.get("type") == "set_object":
             drawn.add(message["path"])
         if "copy" in message:  # of what is there already
@@ -177,36 +173,30 @@ def check_shown(done):
     assert re.search(r"<b>[\d.e-]+ mm</b>", done.stdout)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-def test_a_browser_shows_a_page_with_meshes(tmp_path):
-    page = run("ur5", duration=0.3).animate().save(tmp_path / "page.html")
-    check_shown(browsed(page, tmp_path))
-
-
 # Writes where the robot, its paths and the panels are in the picture [pixels].
 MEASURED = """<script>setTimeout(() => {
-  const {camera, scene_tree} = viewer, seen = [];
+  const {camera, scene_tree} = viewer;
+  let left = Infinity, right = -Infinity;
   camera.updateMatrixWorld();
   for (const name of ["true", "paths"])
     scene_tree.find(["meshcat", name]).object.traverse((part) => {
       const points = part.isMesh ? part.geometry.attributes.position : {count: 0};
       for (let k = 0; k < points.count; k++) {
         const point = new MeshCat.THREE.Vector3().fromBufferAttribute(points, k);
-        seen.push(part.localToWorld(point).project(camera));
+        const x = 0.5 * (1 + part.localToWorld(point).project(camera).x) * innerWidth;
+        left = Math.min(left, x), right = Math.max(right, x);
       }
     });
   const panels = [...document.querySelectorAll(".panel")];
-  const pixels = {
-    left: Math.min(...seen.map(({x}) => 0.5 * (1 + x) * innerWidth)),
-    right: Math.max(...seen.map(({x}) => 0.5 * (1 + x) * innerWidth)),
+  const pixels = {left, right,
     panels: Math.max(...panels.map((one) => one.getBoundingClientRect().right)), innerWidth};
   document.body.append("MEASURED" + JSON.stringify(pixels) + "END");
 }, 2500)</script>"""
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-def test_no_panel_covers_robot_or_path(tmp_path):
-    page = run("planar_2r", duration=0.3).animate().save(tmp_path / "page.html")
+def test_a_browser_shows_a_page_with_meshes_and_no_panel_covers_robot_or_path(tmp_path):
+    page = animated("panda")[1].save(tmp_path / "page.html")
     page.write_text(page.read_text().replace("</body>", MEASURED + "</body>"))
     done = browsed(page, tmp_path)
     check_shown(done)
