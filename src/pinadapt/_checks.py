@@ -14,7 +14,7 @@ from inspect import Parameter, isfunction, signature
 from numbers import Integral, Real
 from reprlib import Repr
 from types import UnionType
-from typing import Any, ClassVar, ParamSpec, TypeVar
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,7 @@ LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be 
 MOST_SAMPLES, MOST_PARAMETERS = 100_000, 10_000  # that are drawn, or adapted
 
 _ASYMMETRY = 1e-9  # relative difference of two entries that counts as rounding
-P = ParamSpec("P")
+C = TypeVar("C", bound=Callable[..., Any])
 R = TypeVar("R")
 
 _SHORT = Repr()
@@ -108,35 +108,41 @@ def name_list(value: Any, name: str, error: type[InputError] = InputError) -> li
     return found
 
 
-def keywords(*others: str, **replaced: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorate a function so that a wrong keyword is an ``InputError`` that names the right one.
+def keywords(*others: str, **replaced: str) -> Callable[[C], C]:
+    """Decorate a function or a class so that a wrong keyword is an error that names the right one.
+
+    Classes are those that users make objects of, and not records that a control step makes.
 
     Args:
         others: what its ``**options`` may be.
         replaced: former keyword -> what has replaced it, as a user writes it.
     """
 
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        """Return the function with its keywords checked."""
-        parameters = signature(function).parameters.values()
+    def decorate(named: C) -> C:
+        """Return the function or the class with its keywords checked."""
+        function: Any = vars(named)["__init__"] if isinstance(named, type) else named
+        where, parameters = named.__name__, signature(named).parameters.values()
         own = [each.name for each in parameters if each.kind is not Parameter.VAR_KEYWORD]
         names = [*own, *others]
 
         @wraps(function)
-        def checked(*args: P.args, **given: P.kwargs) -> R:
+        def checked(*args: Any, **given: Any) -> Any:
             """Call it if all keywords are its own."""
             for name in given:
                 if name in replaced:
-                    raise InputError(f"'{name}' is now {replaced[name]}.", where=function.__name__)
+                    raise InputError(f"'{name}' is now {replaced[name]}.", where=where)
                 if name not in names:
                     raise InputError(
                         f"there is no argument '{name}'.{did_you_mean(name, names)} "
                         f"There are {names}.",
-                        where=function.__name__,
+                        where=where,
                     )
             return function(*args, **given)
 
-        return checked
+        if isinstance(named, type):
+            named.__init__ = checked  # type: ignore[misc]
+            return named
+        return cast(C, checked)
 
     return decorate
 

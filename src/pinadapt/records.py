@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._checks import flag, mapping, numbers, positive, vector
+from ._checks import flag, keywords, mapping, numbers, positive, vector
 from .exceptions import InputError, did_you_mean
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
@@ -70,6 +70,7 @@ class Desired(NamedTuple):
 _OLDEST = 100.0  # [s] delay of a frame
 
 
+@keywords()
 @dataclass(frozen=True)
 class Camera:
     """A camera or tracker that sees the task frame.
@@ -133,6 +134,13 @@ class Camera:
 Deviation: TypeAlias = float | tuple[float, ...]
 
 
+@keywords(
+    delay="camera=pa.Camera(delay=...)",
+    **dict.fromkeys(
+        ("robot", "dt", "seed"),
+        "an argument of pa.plants.SimulatedSensors(robot, dt, pa.Sensors(...), seed=...)",
+    ),
+)
 @dataclass(frozen=True)
 class Sensors:
     """The sensors of a robot; perfect by default.

@@ -58,6 +58,23 @@ FORMER = {  # function -> its former keywords, and a part of what has replaced e
         "joint": "pa.Unknown(friction=True, armature=True)",
     },
 }
+FORMER |= {  # class -> the same
+    pa.Controller: {"belief": "nominal=pa.controller.NominalRobot("},
+    pa.Limits: {
+        "watch": "stop_on_divergence=",
+        "singular": "pa.controller.ControllerLimits",
+        "estimate": "pa.controller.ControllerLimits",
+    },
+    pa.controller.ControllerLimits: {"watch": "stop_on_divergence="},
+    pa.controller.Senses: {"carrier": "compensator=pa.models.DelayCompensator("},
+    pa.Events: {"beliefs": "announcements="},
+    pa.Sensors: {"delay": "pa.Camera(delay=", "seed": "pa.plants.SimulatedSensors("},
+    pa.plants.SimulatedSensors: {"camera": "pa.Sensors(camera=", "noise": "pa.Sensors(noise="},
+    pa.plants.ElasticPlant: {"elasticity": "pa.robot.Actuators(stiffness="},
+    pa.laws.BoundedTorque: {"pace": "bandwidth_share="},
+    pa.models.DelayCompensator: {"carry": "enabled=", "blind": "longest_gap="},
+    pa.models.StackedDynamics: {"joint": "joints="},
+}
 FORMER[pa.make_estimator] = FORMER[pa.make_controller]
 REMOVED = [(function, name) for function, names in FORMER.items() for name in names]
 
@@ -140,6 +157,11 @@ def test_no_present_argument_is_called_a_former_one(function):
         (pa.make_controller, "unknwn", "unknown"),
         (pa.make_controller, "kv", "Kv"),
         (pa.make_estimator, "sensor", "sensors"),
+        (pa.Limits, "torqe", "torque"),
+        (pa.Unknown, "tol", "tool"),
+        (pa.Engine, "substep", "substeps"),
+        (pa.Camera, "rat", "rate"),
+        (pa.Controller, "low", "law"),
     ],
 )
 def test_a_wrong_keyword_is_refused_with_the_nearest(function, wrong, right):

@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, flag, of_computing, one_line, positive, shown
+from .._checks import Doors, flag, keywords, of_computing, one_line, positive, shown
 from .._compiled import compile_all
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
@@ -60,6 +60,7 @@ _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
 _DAMPED = 0.3  # of its speed that a joint loses in a period, at most
 
 
+@keywords(belief="nominal=pa.controller.NominalRobot(...)")
 class Controller(Doors):
     """A control law, a model of the robot, and the adaptation of its parameters; immutable.
 

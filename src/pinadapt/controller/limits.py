@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, numbers, positive, vector
+from .._checks import flag, instance, keywords, numbers, positive, vector
 from ..exceptions import GainError, ParameterError
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
@@ -23,6 +23,11 @@ _ABSURD = 1e4
 _IDEAL = Actuators()
 
 
+@keywords(
+    watch="stop_on_divergence=True",
+    singular="damping=0.2, or as a number pa.controller.ControllerLimits(singular=...)",
+    estimate="pa.controller.ControllerLimits(estimate=...)",
+)
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Bounds of torques, estimates and measurements of a controller made by ``make_controller``.
@@ -74,6 +79,7 @@ class Limits:
         instance(self.actuators, Actuators | None, "actuators")
 
 
+@keywords(watch="stop_on_divergence=True")
 @dataclass(frozen=True, eq=False)
 class ControllerLimits:
     """Limits of a controller in numbers; the defaults limit nothing.

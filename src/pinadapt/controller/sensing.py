@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import shown
+from .._checks import keywords, shown
 from .._kernels import samples as kernels
 from ..description.chain import effort_limits, is_slide, velocity_limits
 from ..exceptions import ImplausibleError, InputError, MeasurementError, did_you_mean
@@ -470,6 +470,7 @@ Given: TypeAlias = tuple[
 ]
 
 
+@keywords(carrier="compensator=pa.models.DelayCompensator(...)")
 @dataclass(frozen=True, eq=False)
 class Senses:
     """From a measurement to joint velocity and present task position.

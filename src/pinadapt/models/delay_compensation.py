@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._checks import keywords
 from ..exceptions import ImplausibleError, MeasurementError
 from .task_kinematics import TaskKinematics
 
@@ -80,6 +81,7 @@ class SensedState(NamedTuple):
     trail: np.ndarray = _EMPTY
 
 
+@keywords(carry="enabled=True", blind="longest_gap=...")
 @dataclass(frozen=True)
 class DelayCompensator:
     """Predicts the present position from the last frame of a camera.

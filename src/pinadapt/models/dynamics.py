@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import Doors
+from .._checks import Doors, keywords
 from .._compiled import compile_all
 from .._kernels import models as kernels
 from ..exceptions import InputError, ParameterError
@@ -181,6 +181,7 @@ class Dynamics(Doors, ABC):
         return None if old is None or new is None else a_d + (new - old)
 
 
+@keywords(joint="joints=...")
 class StackedDynamics(Dynamics):
     """Inertial parameters (of bodies, a basis, lumped) followed by the joints' coefficients.
 

@@ -8,7 +8,7 @@ from math import isfinite
 
 import numpy as np
 
-from .._checks import flag, instance, positive
+from .._checks import flag, instance, keywords, positive
 from ..controller.controller import Controller
 from ..exceptions import InputError, did_you_mean
 from ..plants.elastic_plant import ElasticPlant
@@ -23,6 +23,7 @@ PLANTS: dict[str, PlantMaker] = {"pinocchio": PinocchioPlant, "mujoco": MujocoPl
 _PERIOD = 1e-3  # [s] of controllers that were made for none
 
 
+@keywords()
 @dataclass(frozen=True)
 class Engine:
     """What moves the true robot, and in which steps.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, mapping, positive
+from .._checks import instance, keywords, mapping, positive
 from ..controller.controller import Controller
 from ..controller.governor import PathTime
 from ..controller.state import ControllerState, Sample
@@ -33,6 +33,7 @@ from .prepare import usable_trajectory
 ANNOUNCED = ("payload", "tool_translation")
 
 
+@keywords(beliefs="announcements={...}")
 class Events:
     """Changes of the true robot, and announcements to the controller, each at its time.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from .._checks import flag, name_list, shown, word
+from .._checks import flag, keywords, name_list, shown, word
 from ..adaptation.natural import MatrixInequality
 from ..exceptions import InputError, ParameterError, UnusedGainWarning, did_you_mean
 from ..laws.law import NAMES, SYMBOLS, Law
@@ -54,6 +54,7 @@ _FRICTION = ("viscous", "coulomb")
 Words = str | Sequence[str | Translation]
 
 
+@keywords()
 @dataclass(frozen=True, eq=False)
 class Unknown:
     """The unknown parameters of a robot, which are adapted; by default the tool and all bodies.
