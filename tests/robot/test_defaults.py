@@ -25,7 +25,7 @@ FILES = {
     "arm4": ARM4,
     **{
         name: example_path(name)
-        for name in ("ur10", "ur3_limited", "panda", "z1", "xarm7", "a1", "double_pendulum_simple")
+        for name in ("ur10", "ur3_limited", "panda", "a1", "double_pendulum_simple")
     },
 }
 

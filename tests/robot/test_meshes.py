@@ -35,7 +35,7 @@ def test_a_pickled_robot_is_drawn_alike():
     assert names and [thing.name for thing in copied.visual.geometryObjects] == names
 
 
-@pytest.mark.parametrize("origin", ["talos_arm", "human", "solo8", "panda"])
+@pytest.mark.parametrize("origin", ["talos_arm", "human", "solo8"])
 @pytest.mark.slow
 def test_models_equal_those_of_their_loaders(origin):
     """Armature and home pose from the SRDF, the floating base, and what special loaders add."""

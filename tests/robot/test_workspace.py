@@ -56,7 +56,7 @@ def test_the_circle_can_be_followed_with_a_longer_tool_too(name):
         assert room.min(initial=1.0) > 0.04
         least = min(
             conditioning(model, data, robot.frame_id, robot.task.rows, q)[0]
-            for q in configurations[::20]
+            for q in configurations[::10]
         )
         assert least > 0.48 * at_home
         assert np.abs(speeds).max() < 1.65

@@ -14,7 +14,7 @@ from pinadapt.tasks.frame import TASKS
 
 SIZES = range(1, 11)  # numbers of joints
 seeds = st.integers(0, 2**31)
-seeded = settings(max_examples=30, deadline=None, derandomize=True)
+seeded = settings(max_examples=15, deadline=None, derandomize=True)
 
 
 def random_model(seed: int, joints: int) -> pin.Model:

@@ -8,7 +8,7 @@ import pinocchio as pin
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def followed(robot, circle, start, turns=1.2, steps=600):
+def followed(robot, circle, start, turns=1.2, steps=300):
     """Return configurations (N, nq) and speeds (N, nv) on the circle, by fine steps of J^+."""
     model, data, q = robot.model, robot.model.createData(), robot.q0
     axes, dt = [AXES[axis] for axis in circle.plane], circle.period / steps

@@ -16,7 +16,7 @@ from pinadapt.scenario.scenario import Scenario
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def followed(robot, circle, turns=1.2, steps=400):
+def followed(robot, circle, turns=1.2, steps=240):
     """Return angles (N, nv), speeds (N, nv) and Jacobians on the circle, by fine steps of J^+."""
     model, data, q = robot.model, robot.model.createData(), robot.q0
     start, dt, w = robot.placement(q), circle.period / steps, 2 * math.pi / circle.period
@@ -42,7 +42,7 @@ def followed(robot, circle, turns=1.2, steps=400):
     return np.array(angles), np.array(speeds), Jacobians
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "talos_left_leg"])
+@pytest.mark.parametrize("name", ["panda", "kinova", "talos_left_leg"])
 def test_the_circle_can_be_followed_at_constant_orientation_also_with_a_longer_tool(name):
     robot = pa.load(name, task="pose")
     circle = pa.reachable_circle(robot)
@@ -57,7 +57,7 @@ def test_the_circle_can_be_followed_at_constant_orientation_also_with_a_longer_t
         room = np.minimum(angles - lower, upper - angles)[:, limited] / (upper - lower)[limited]
         assert room.min(initial=1.0) > 0.04
         arms = np.repeat([1.0, length], 3)[:, None]
-        least = [np.linalg.svd(arms * J, compute_uv=False)[-1] for J in Jacobians[::15]]
+        least = [np.linalg.svd(arms * J, compute_uv=False)[-1] for J in Jacobians[::9]]
         assert min(least) > 0.48 * least[0]
         assert np.abs(speeds).max() < 1.65
 

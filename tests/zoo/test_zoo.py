@@ -55,9 +55,18 @@ def test_a_case_has_the_stated_model_errors(name):
 
 @pytest.fixture
 def sooner(monkeypatch):
-    """Let runs at 500 Hz end after 12 s, the least of four turns, where robots have converged."""
+    """Let runs at 333 Hz end after 12 s, the least of four turns, where robots have converged."""
     monkeypatch.setattr("pinadapt.zoo.experiment._LEAST_DURATION", 12.0)
-    monkeypatch.setattr("pinadapt.zoo.experiment.PERIOD", 2e-3)
+    monkeypatch.setattr("pinadapt.zoo.experiment._SETTLED", 6.0)
+    monkeypatch.setattr("pinadapt.zoo.experiment.PERIOD", 3e-3)
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """Let runs end after a turn, where they fail."""
+    monkeypatch.setattr("pinadapt.zoo.experiment._TURNS", 1.0)
+    monkeypatch.setattr("pinadapt.zoo.experiment._LEAST_DURATION", 1.0)
+    monkeypatch.setattr("pinadapt.zoo.experiment._SETTLED", 1.0)
 
 
 @pytest.mark.usefixtures("sooner")
@@ -103,18 +112,19 @@ def test_without_adaptation_a_shorter_run_ends_like_the_whole():
         law="adaptive-jacobian",
         unknown=pa.Unknown(friction=True, armature=False),
         adaptation="none",
-        dt=2e-3,
+        dt=2.5e-3,
     )
     ends = [
         last_error(
             case,
-            pa.simulate(case.true, controller, case.motion, duration=duration, record_every=10),
+            pa.simulate(case.true, controller, case.motion, duration=duration, record_every=8),
         )
         for duration in (case.repeating, case.duration)
     ]
     assert ends[0] == pytest.approx(ends[1], rel=1e-6)
 
 
+@pytest.mark.usefixtures("at_once")
 def test_a_wrist_without_inertia_is_named(monkeypatch):
     """With the tool learned too fast, damping through its estimate is too much for the wrist."""
     monkeypatch.setattr(pa.laws.AdaptiveJacobian, "kinematic_mode", 0.25)
@@ -126,6 +136,7 @@ def test_a_wrist_without_inertia_is_named(monkeypatch):
     assert M[-1, -1] < 1e-4  # kg m^2, what the description says of it
 
 
+@pytest.mark.usefixtures("at_once")
 def test_a_wrist_that_spins_away_is_named():
     """Under law (11) the load turns TIAGo's wrist before it is learned."""
     row = zoo_row("tiago_arm", "adaptive-inverse-dynamics")
@@ -135,10 +146,10 @@ def test_a_wrist_that_spins_away_is_named():
     )
 
 
+@pytest.mark.usefixtures("at_once")
 def test_without_a_failed_hypothesis_the_verdict_reports_progress(monkeypatch):
     monkeypatch.setattr("pinadapt.zoo.experiment.ACCURATE", 1e-9)
-    monkeypatch.setattr("pinadapt.zoo.experiment._LEAST_DURATION", 2.0)
-    monkeypatch.setattr("pinadapt.zoo.experiment._SETTLED", 2.0)
+    monkeypatch.setattr("pinadapt.zoo.experiment.PERIOD", 4e-3)
     assert "no hypothesis failed within" in zoo_row("finger_edu", "adaptive-jacobian").verdict
 
 
