@@ -49,15 +49,16 @@ def seconds(action, *arguments, calls=2):
 
 def test_finding_ends_is_linear_in_the_number_of_links(tmp_path):
     path = tmp_path / "a.urdf"
-    few, many = (Urdf.read(with_links(path, n, row=False)).model() for n in (1500, 6000))
+    few, many = (Urdf.read(with_links(path, n, row=False)).model() for n in (1000, 4000))
     assert seconds(end_links, many) < 10 * seconds(end_links, few)  # 16 times, if they were squared
 
 
 def test_three_thousand_fixed_links_load(tmp_path):
     path = with_links(tmp_path / "long.urdf", 3000)
+    begun = time.process_time()
     template = Template.of(str(path), frame="extra2999")
+    assert time.process_time() - begun < 20  # it was two minutes; now one second
     assert template.robot.joint_names == ["joint1", "joint2", "joint3", "joint4"]
-    assert seconds(pa.load, path, calls=1) < 20  # it was two minutes; now one second
 
 
 def test_a_chain_of_links_too_long_for_the_stack_is_refused(tmp_path):

@@ -106,7 +106,7 @@ def test_mujoco_reads_the_same_mass_matrix(name, tmp_path):
 
 @pytest.mark.filterwarnings("error")
 def test_meshes_are_found_from_another_folder(tmp_path):
-    robot = catalogue_robot("ur5")
+    robot = catalogue_robot("finger_edu")
     robot.save(tmp_path / "elsewhere" / "out.urdf")
     root = ElementTree.parse(tmp_path / "elsewhere" / "out.urdf").getroot()
     files = [mesh.get("filename") for mesh in root.iter("mesh")]

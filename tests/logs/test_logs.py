@@ -119,9 +119,9 @@ def test_continuous_joints_are_angles_or_configurations():
     pa.read_log(replace(log, q=configurations, joints=()), kinova)
 
 
-def test_a_run_is_a_log_from_the_last_change_of_its_robot_on(tmp_path, robot):
+def test_a_run_is_a_log_from_the_last_change_of_its_robot_on(tmp_path, robot, blank_pictures):
     heavy = robot.changed(payload=pa.Payload(1.0, (0.0, 0.0, 0.05)))
-    controller, path = pa.make_controller(robot, dt=2e-3), pa.reachable_circle(robot)
+    controller, path = pa.make_controller(robot, dt=4e-3), pa.reachable_circle(robot)
     rollout = pa.simulate(
         robot, controller, path, duration=1.7, events=pa.Events(changes={0.5: heavy})
     )

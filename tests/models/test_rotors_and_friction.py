@@ -214,7 +214,7 @@ def test_friction_is_learned_and_stays_positive():
             true,
             controller,
             path,
-            duration=4.0,
+            duration=2.5,
             engine=pa.Engine(dt=2e-3, substeps=2),
             record_every=10,
         )

@@ -124,8 +124,15 @@ def check_kinematic_part(energy, controller, true):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kinematic", ["gradient", "least-squares"])
-@pytest.mark.parametrize("name", ["planar_2r", "ur5", "panda", "scara"])
+@pytest.mark.parametrize(
+    ("name", "kinematic"),
+    [
+        ("planar_2r", "gradient"),
+        ("panda", "gradient"),
+        ("ur5", "least-squares"),
+        ("scara", "least-squares"),
+    ],
+)
 def test_lyapunov_equality_with_an_unknown_tracker(name, kinematic):
     robot = catalogue_robot(name)
     turn = [0.0, 0.0, 0.6] if robot.task.size == 2 else 0.3 * TURN
@@ -159,9 +166,7 @@ def with_marker(robot):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the inertias of the bodies")  # of tiago_arm's description
-@pytest.mark.parametrize(
-    ("name", "off"), [("ur5", 0.0), ("panda", 0.0), ("tiago_arm", 0.0), ("kinova", 1.0)]
-)
+@pytest.mark.parametrize(("name", "off"), [("panda", 0.0), ("tiago_arm", 0.0), ("kinova", 1.0)])
 def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
     """Two spherical wrists and a slide among them; the observer begins exact or 31 degrees off."""
     robot = catalogue_robot(name, task="pose")
@@ -366,10 +371,10 @@ def test_the_tracker_is_that_of_the_closed_form(frames):
 
 
 def test_deviations_are_those_of_many_noises(frames):
-    """Rotation, position and tool, over a hundred draws of noise."""
+    """Rotation, position and tool, over forty draws of noise."""
     true, kinematics, samples = frames
     rng, off = np.random.default_rng(0), []
-    for _ in range(60):
+    for _ in range(40):
         noisy = [s._replace(x=s.x + 1e-3 * rng.standard_normal(3)) for s in samples[::4]]
         found = find_tracker(kinematics, noisy)
         turn = pin.log3(found.tracker.placement.rotation @ true.tracker.rotation.T)

@@ -49,14 +49,14 @@ def test_base_and_tool_are_adapted_together(name, camera):
         unknown=pa.Unknown(tool=True, base=True),
         adaptation="natural",
         sensors=pa.Sensors(camera=camera),
-        dt=2e-3,
+        dt=4e-3,
     )
     rollout = pa.simulate(
         true, controller, circle, duration=6.0, record_every=5, sensors=pa.Sensors(camera=camera)
     )
     assert rollout.diverged is None
-    last = rollout.distance[-80:].max()
-    assert last < (6e-3 if camera else 3e-3) and last < 0.6 * rollout.distance[:80].max()
+    last = rollout.distance[-40:].max()
+    assert last < (6e-3 if camera else 3e-3) and last < 0.6 * rollout.distance[:40].max()
     seen = rollout.a_k[-1] - rollout.a_k_true
     assert np.linalg.norm(seen) < 0.6 * np.linalg.norm(rollout.a_k[0] - rollout.a_k_true)
 

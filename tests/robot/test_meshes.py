@@ -20,7 +20,7 @@ def test_loading_reads_no_mesh_and_drawing_reads_them_once(monkeypatch):
 
     monkeypatch.setattr(pin, "buildGeomFromUrdf", build)
     example_geometry.cache_clear()
-    robot = pa.load("ur5")
+    robot = pa.load("finger_edu")
     true = robot.changed(inertial_scale=2.0)
     assert not read
     assert robot.undrawn().visual is None and not read

@@ -78,13 +78,13 @@ def test_init_writes_a_pose_scenario_that_runs(source, tmp_path):
     assert main(["init", str(source), "--task", "pose", "--out", str(file)]) == 0
     tables = read_toml(file)
     assert tables["robot"]["task"] == "pose"
-    scenario = Scenario.read(file, ["simulation.duration=2.5", "simulation.dt=2e-3"])
+    scenario = Scenario.read(file, ["simulation.duration=2.5", "simulation.dt=4e-3"])
     directions = [scenario.trajectory.at(t).x_d[3:] for t in (0.0, 1.0, 2.0)]
     assert np.ptp(directions, axis=0).max() < 1e-12  # the orientation is held
     rollout = scenario.run()
     assert rollout.diverged is None
-    assert rollout.distance[-200:].max() < 0.1 * tables["reference"]["radius"]
-    assert rollout.angle[-200:].max() < 0.01
+    assert rollout.distance[-100:].max() < 0.1 * tables["reference"]["radius"]
+    assert rollout.angle[-100:].max() < 0.01
 
 
 def test_init_offers_pose_and_refuses_it_for_short_chains(tmp_path, capsys):
