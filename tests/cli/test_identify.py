@@ -171,16 +171,8 @@ def test_each_of_several_logs_is_checked(copy, tmp_path, capsys):
 def test_accepted_doubts_remain_in_the_last_line_and_the_exit_status(copy, tmp_path, capsys):
     path = copy(lambda t, q, v, tau: {"tau": 0.1 * tau})
     out = tmp_path / "out"
-    arguments = [
-        "identify",
-        str(path),
-        "--robot",
-        "panda",
-        "--out",
-        str(out),
-        "--dynamic",
-        "payload",
-    ]
+    arguments = ["identify", str(path), "--robot", "panda", "--out", str(out)]
+    arguments += ["--dynamic", "payload", "--joint", "none"]
     assert main([*arguments, "--accept-doubts"]) == 2
     assert capsys.readouterr().out.splitlines()[-1].startswith("NOT TO BE TRUSTED")
     summary = json.loads((out / "summary.json").read_text())

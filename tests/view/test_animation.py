@@ -137,7 +137,7 @@ def test_a_rollout_from_another_process_cannot_be_animated():
 
 
 def browsed(page, folder):
-    """Open a page in a browser of 1280 x 800 pixels without a screen; return what it says."""
+    """Open a page in a browser of 900 x 800 pixels without a screen; return what it says."""
     return subprocess.run(
         [
             CHROMIUM,
@@ -152,7 +152,7 @@ def browsed(page, folder):
             "--disable-background-networking",
             "--host-resolver-rules=MAP * ~NOTFOUND",
             f"--user-data-dir={folder / 'profile'}",
-            "--window-size=1280,800",
+            "--window-size=900,800",
             "--virtual-time-budget=4000",
             "--enable-logging=stderr",
             "--dump-dom",
@@ -173,8 +173,12 @@ def check_shown(done):
     assert re.search(r"<b>[\d.e-]+ mm</b>", done.stdout)
 
 
-# Writes where the robot, its paths and the panels are in the picture [pixels].
-MEASURED = """<script>setTimeout(() => {
+# Writes where the robot, its paths and the panels are in the picture [pixels], once it is there.
+MEASURED = """<script>const waits = setInterval(() => {
+  if (!document.getElementById("time").textContent.startsWith("t = ")) return;
+  clearInterval(waits);
+  viewer.controls.update();  // as in each frame
+  viewer.scene.updateMatrixWorld(true);
   const {camera, scene_tree} = viewer;
   let left = Infinity, right = -Infinity;
   camera.updateMatrixWorld();
@@ -191,7 +195,7 @@ MEASURED = """<script>setTimeout(() => {
   const pixels = {left, right,
     panels: Math.max(...panels.map((one) => one.getBoundingClientRect().right)), innerWidth};
   document.body.append("MEASURED" + JSON.stringify(pixels) + "END");
-}, 2500)</script>"""
+}, 50)</script>"""
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
@@ -202,8 +206,8 @@ def test_a_browser_shows_a_page_with_meshes_and_no_panel_covers_robot_or_path(tm
     check_shown(done)
     found = re.search(r"MEASURED(\{[^}]*\})END", done.stdout)
     pixels = json.loads(found[1])
-    assert pixels["innerWidth"] == 1280 and pixels["panels"] > 300
-    assert pixels["left"] > pixels["panels"] and pixels["right"] < 1280
+    assert pixels["innerWidth"] == 900 and pixels["panels"] > 300
+    assert pixels["left"] > pixels["panels"] and pixels["right"] < 900
 
 
 def test_differences_without_effect_on_any_motion_are_not_drawn():
