@@ -219,6 +219,10 @@ def test_the_elastic_mode_of_one_joint():
     M = float(pin.crba(robot.model, robot.model.createData(), robot.q0)[0, 0]) - 0.3
     assert elastic_mode(robot, Actuators(stiffness=500.0)) == pytest.approx(np.sqrt(500.0 / M))
     assert elastic_mode(robot, Actuators(delay=1e-3)) == np.inf
+    late = feedback_lag(robot, DT, Actuators(delay=2e-3, bandwidth=200.0))
+    assert late == pytest.approx(2.0 * (1e-3 + 2e-3 + 5e-3))  # twice until the torque is there
+    soft = feedback_lag(robot, DT, Actuators(stiffness=500.0))
+    assert soft == pytest.approx(2e-3 + np.sqrt(M / 500.0))
 
 
 def test_joints_softer_than_the_feedback_are_warned_of():
