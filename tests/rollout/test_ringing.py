@@ -100,7 +100,7 @@ def loop(declared, **options):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the .* is too fast for motors")
 def test_a_loop_with_late_motors_rings_until_they_are_declared(tmp_path):
-    undeclared, declared = loop(False), loop(True)
+    undeclared, declared = (loop(each, record_every=4) for each in (False, True))
     found = undeclared.ringing
     assert found is not None and found.joint in undeclared.joint_names
     assert 10.0 < found.frequency < 60.0 and found.share > 0.2
