@@ -24,7 +24,6 @@ RATES = {"natural-memory": 5.0, "composite-memory": 1e-5}
 LOOPS = [
     ("separation", "panda", "natural-memory", 1 / 16),
     ("separation", "planar_2r", "natural-memory", 1 / 64),
-    ("separation", "ur5", "natural-memory", 1 / 4),
     ("separation", "mixed", "natural-memory", 1 / 16),
     ("separation", "scara", "natural-memory", 1.0),
     ("adaptive-jacobian", "ur5", "composite-memory", 1 / 16),
@@ -228,14 +227,14 @@ def test_memory_forgets_only_contradicted_data():
     adaptation, estimate, truth = remembering(rate=6.0, forgetting=2.0)
     unforgetting, never, _ = remembering(rate=6.0)
     rng, dt, sizes = np.random.default_rng(3), 1e-3, []
-    for k in range(3000):
+    for k in range(2500):
         W = rng.standard_normal((2, 6))
-        now = truth if k < 1500 else truth + 1.0
+        now = truth if k < 1000 else truth + 1.0
         estimate = adaptation.step(estimate, shown(now, W, estimate), dt)
         never = unforgetting.step(never, shown(now, W, never), dt)
         sizes.append(np.trace(estimate.memory[0]) / np.trace(never.memory[0]))
-    assert sizes[1499] > 0.98
-    assert min(sizes[1500:]) < 0.1
+    assert sizes[999] > 0.98
+    assert min(sizes[1000:]) < 0.1
     assert np.abs(estimate.value - truth - 1.0).max() < 0.02
     assert np.abs(never.value - truth - 1.0).max() > 0.3
 
@@ -282,7 +281,7 @@ def test_contradicted_memory_begins_anew_without_what_its_low_pass_knew():
     """From then on b = A a for the new parameters, exactly: new data count at once."""
     adaptation, estimate, truth = remembering(rate=6.0, contradiction=0.1)
     changed, since, wrong = truth + 1.0, None, []
-    for k, (W, y) in enumerate(filtered([truth] * 1500 + [changed] * 1500)):
+    for k, (W, y) in enumerate(filtered([truth] * 1000 + [changed] * 1000)):
         estimate = adaptation.step(estimate, predicting(W, y, estimate), 1e-3)
         A, b, pull = estimate.memory[:3]
         if since is None and not A.any() and k > 1:
@@ -290,7 +289,7 @@ def test_contradicted_memory_begins_anew_without_what_its_low_pass_knew():
             assert not b.any() and not pull.any()
         if since is not None and k > since:
             wrong.append(np.abs(A @ changed - b).max() / np.abs(b).max())
-    assert 1500 < since <= 1520
+    assert 1000 < since <= 1020
     assert max(wrong) < 1e-6
     assert np.abs(estimate.value - changed).max() < 0.01
 
@@ -325,7 +324,7 @@ def test_tracking_error_adapts_fast_only_while_the_memory_is_empty():
     assert adaptation.emphasis(adaptation.reset_to(estimate, truth, truth)) == pytest.approx(8.0)
 
 
-@pytest.mark.parametrize(("name", "share"), [("panda", 1 / 16), ("ur5", 1 / 4), ("planar_2r", 0.1)])
+@pytest.mark.parametrize(("name", "share"), [("panda", 1 / 16), ("planar_2r", 0.1)])
 def test_lyapunov_equality_while_the_share_falls(name, share):
     """V is kappa(t) (the law's) + D: its derivative has the law's V times that of kappa."""
     robot = robot_of("separation", name)
@@ -351,7 +350,7 @@ class Swinging(pa.laws.Separation):
         return super()._limit(age + 10.0, dx, 1e-3 * (1.8 + np.sin(300.0 * age)))
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5", "scara"])
+@pytest.mark.parametrize("name", ["panda", "scara"])
 def test_lyapunov_equality_while_damping_and_share_follow_the_lateness(name):
     """K_D is in no V, and kappa is larger where torques are in time."""
     robot = robot_of("separation", name)
@@ -587,7 +586,7 @@ def test_tracking_error_after_four_seconds_is_that_of_known_parameters():
             unknown=pa.Unknown(friction=False, armature=False),
         ),
     }.items():
-        rollout = pa.simulate(true, controller, path, duration=2.0 if who == "informed" else 4.0)
+        rollout = pa.simulate(true, controller, path, duration=1.0 if who == "informed" else 4.0)
         last[who] = rollout.distance[-400:].max()
     assert last["informed"] < 1.5e-6
     assert last["adapted"] < 2.5 * last["informed"], last
@@ -616,7 +615,7 @@ def test_memory_follows_a_change_of_load():
         if kept:
             with_share(controller, controller.adaptation_d.share, forgetting=0.0)
         rollout = pa.simulate(
-            true, controller, path, duration=3.5, events=pa.Events(changes={1.0: dropped})
+            true, controller, path, duration=3.0, events=pa.Events(changes={1.0: dropped})
         )
         left[kept] = rollout.distance[-500:].max()
     assert left[False] < 2e-5, left

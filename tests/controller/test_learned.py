@@ -73,7 +73,7 @@ def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
         described.position(described.q0), [0.12, 0.2, 0.12], [3, 4, 5], 14.0
     )
     controller = pa.make_controller(believed, dt=4e-3)
-    rollout = pa.simulate(true, controller, path.as_given(), duration=14.0)
+    rollout = pa.simulate(true, controller, path.as_given(), duration=8.0, record_every=4)
     rollout.learned().save(tmp_path / "learned.urdf")
     learned = pa.load(tmp_path / "learned.urdf", frame=described.frame, joint_effects=True)
     rng, times = np.random.default_rng(3), np.linspace(0.0, 10.0, 200)
@@ -150,7 +150,7 @@ def test_noise_moves_masses_that_only_the_start_can_know():
         described, adaptation="natural-memory", sensors=sensors, dt=4e-3
     )
     path = pa.reachable_circle(true)
-    rollout = pa.simulate(true, controller, path, duration=6.0, sensors=sensors)
+    rollout = pa.simulate(true, controller, path, duration=6.0, sensors=sensors, record_every=4)
     state, start = rollout.evaluated().last_state, around(controller.dynamics, rollout.a_d[0])
     kept = rollout.parameters().start(controller)["a_d"]
     assert start.divergence(kept) < 0.8 * start.divergence(state.a_d)
@@ -227,7 +227,7 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
 
 
 def test_a_run_continues_where_another_one_ended(tmp_path):
-    _, first = run("ur5", 4.0, adaptation="natural-memory")
+    _, first = run("ur5", 2.0, adaptation="natural-memory")
     first.parameters().save(tmp_path / "learned.json")
     other = pa.make_controller(catalogue_robot("ur5").changed(inertial_scale=0.7), dt=4e-3)
     start = pa.LearnedParameters.load(tmp_path / "learned.json").start(other)

@@ -58,7 +58,9 @@ CASES = [("planar_2r", "natural"), *((name, "gradient") for name in ROBOTS)]
 @pytest.mark.parametrize("law", LAWS)
 def test_equality_along_the_trajectory(law, name, adaptation):
     true, controller, path, start = ROBOTS[name](law, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.006, **start)
+    # the prediction error of the filters begins at zero, and counts only in a longer run
+    run = {"seconds": 0.03, "dt": 1e-3} if name == "planar_2r" else {"seconds": 0.014}
+    energy = energy_along(true, controller, path, **run, **start)
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all()

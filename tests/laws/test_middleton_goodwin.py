@@ -108,7 +108,7 @@ def test_the_rate_of_the_mass_matrix_is_that_of_motion_and_estimate():
     assert np.allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("name", "adaptation"), [("ur5", "least-squares"), ("panda", "natural")])
+@pytest.mark.parametrize(("name", "adaptation"), [("scara", "least-squares"), ("panda", "natural")])
 def test_an_unknown_load_is_tracked(name, adaptation):
     robot = catalogue_robot(name, task="joint")
     believed, path = (

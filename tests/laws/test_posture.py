@@ -125,8 +125,10 @@ REST = [0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.9]
 )
 def test_a_user_may_give_rest_pose_and_rate(given, rest, frequency):
     robot = catalogue_robot("panda")
-    default = pa.make_controller(robot).law.posture
-    posture = pa.make_controller(robot, posture=given).law.posture
+    default, posture = (
+        pa.make_controller(robot, law="adaptive-inverse-dynamics", posture=each).law.posture
+        for each in (None, given)
+    )
     assert posture.frequency == (default.frequency if frequency is None else frequency)
     at = robot.q0 if rest is None else np.array(rest)
     assert not posture.offset(at).any()
