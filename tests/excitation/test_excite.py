@@ -246,8 +246,8 @@ def test_bodies_and_floor_stay_apart(monkeypatch):
 
     It costs at most three times as much. The search ends early.
     """
-    monkeypatch.setattr("pinadapt.excitation.exciting_motion._STARTS", 8)
-    monkeypatch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 20)
+    monkeypatch.setattr("pinadapt.excitation.exciting_motion._STARTS", 4)
+    monkeypatch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 12)
     robot, times = catalogue_robot("ur5"), [time.process_time()]
     options = {"unknown": "bodies", "duration": 6.0, "harmonics": 2, "seed": 2}
     wide = {"excursion": 2.8, "progress": False}

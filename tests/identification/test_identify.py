@@ -131,7 +131,7 @@ def test_inertias_are_identified_at_the_identified_lengths():
 
 @pytest.mark.parametrize("name", ["kinova", "scara"])
 def test_continuous_and_prismatic_joints_are_identified(name):
-    found = pa.identify(recorded(name, duration=4.0), catalogue_robot(name))
+    found = pa.identify(recorded(name, duration=3.0), catalogue_robot(name))
     assert found.torque_errors.gain > 30.0 and "WORSE" not in found.verdict
 
 

@@ -104,7 +104,7 @@ def test_blocks_share_no_window_and_leave_few_out():
 
 def test_the_weight_is_large_where_the_description_is_right_and_small_where_data_say_more():
     """Effects are named, so none is chosen."""
-    log, true = log_of_friction(noise=1.0)
+    log, true = log_of_friction(noise=1.0, duration=5.0)
     told = pa.Unknown(tool=False, friction=True, armature=True, effects=["offset"])
     right = pa.identify(log, true, unknown=told, progress=False)
     assert right.effects is None and len(right.dynamic.names) == 60 + 4 * 6

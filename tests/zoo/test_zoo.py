@@ -63,10 +63,10 @@ def sooner(monkeypatch):
 
 @pytest.fixture
 def at_once(monkeypatch):
-    """Let runs end after a turn, where they fail."""
+    """Let runs end after a turn, where they fail, and the one without adaptation earlier."""
     monkeypatch.setattr("pinadapt.zoo.experiment._TURNS", 1.0)
     monkeypatch.setattr("pinadapt.zoo.experiment._LEAST_DURATION", 1.0)
-    monkeypatch.setattr("pinadapt.zoo.experiment._SETTLED", 1.0)
+    monkeypatch.setattr("pinadapt.zoo.experiment.ZooCase.repeating", 0.2)
 
 
 @pytest.mark.usefixtures("sooner")
