@@ -112,7 +112,7 @@ def test_a_slow_motion_is_the_motion_and_slower():
 
 
 def test_adaptation_learns_the_load():
-    loop = Loop(stage="adapt", seconds=4.0)
+    loop = Loop(stage="adapt", seconds=1.5)
     ending = loop.ended()
     truth = controller().dynamics.value(heavy())
     before = np.abs(controller().dynamics.initial - truth).max()

@@ -121,7 +121,9 @@ def test_the_numbers_of_a_report_are_json():
 
 
 @pytest.mark.parametrize("lost", [True, False])
-def test_the_page_has_all_figures_and_marks_lost_cases(lost):
+def test_the_page_has_all_figures_and_marks_lost_cases(lost, request):
+    if not lost:  # painted once
+        request.getfixturevalue("unpainted")
     found = report(60, lost, folder="out")
     page = found.page()
     alone = f"<code>pinadapt sweep out --case {found.worst().rows[0][0]}</code>"
