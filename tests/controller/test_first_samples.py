@@ -463,14 +463,12 @@ def test_a_measured_torque_in_another_unit_is_recognised(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compensated", [None, "nominal"])
-@pytest.mark.parametrize("scale", [2.0 / 3.0, 1.5])
 @pytest.mark.parametrize("name", [*ARMS, "planar_2r"])
-def test_wrong_inertias_and_a_load_raise_no_alarm(name, scale, compensated):
+def test_wrong_inertias_and_a_load_raise_no_alarm(name, compensated):
     robot = catalogue_robot(name)
-    for share in (0.0, 0.3):
-        true = robot.changed(inertial_scale=scale)
-        if share:
-            true = true.changed(payload=pa.Payload(share * true.mass))
+    heavy = robot.changed(inertial_scale=1.5)
+    heavy = heavy.changed(payload=pa.Payload(0.3 * heavy.mass))
+    for true in (robot.changed(inertial_scale=2.0 / 3.0), heavy):
         plant = None if compensated is None else adding(robot, true)
         loop = Loop(robot, true=true, plant=plant, compensated=compensated, dt=2e-3)
         try:
