@@ -25,13 +25,15 @@ ROBOTS = list(HARMONICS)
 
 @cache
 def excited(name):
-    """Return a short motion that excites the load of a robot."""
-    return pa.excite(
-        catalogue_robot(name),
-        unknown=pa.Unknown(bodies="payload"),
-        duration=6.0,
-        harmonics=HARMONICS[name],
-    )
+    """Return a short motion that excites the load of a robot, from a search of 25 steps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 25)
+        return pa.excite(
+            catalogue_robot(name),
+            unknown=pa.Unknown(bodies="payload"),
+            duration=6.0,
+            harmonics=HARMONICS[name],
+        )
 
 
 @pytest.fixture
