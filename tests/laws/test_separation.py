@@ -1,5 +1,7 @@
 """The separation law against its own Lyapunov equality on every kind of task and parameter."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -8,7 +10,12 @@ import pinadapt as pa
 from pinadapt.models import SensedState
 from pinadapt.signals import Signals
 from tests.support.chains import catalogue_robot
-from tests.support.loops import circle_beside, energy_along, with_tool_and_load
+from tests.support.loops import (
+    check_kinematic_part,
+    circle_beside,
+    energy_along,
+    with_tool_and_load,
+)
 from tests.support.paper import BASIS, CIRCLE, LMI
 
 pytestmark = pytest.mark.slow
@@ -114,6 +121,20 @@ def test_equality_along_the_trajectory(case):
     assert energy.mismatch(after=begun) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
+
+
+@pytest.mark.parametrize("case", ["base", "planar", "panda", "scara", "kinova"])
+def test_equality_of_the_kinematic_part_from_a_wrong_observed_position(case):
+    true, controller, path = CASES[case]()
+    controller.law = replace(controller.law, Y_fast=np.inf)  # sigma = 1
+
+    def begin(state):
+        memory = state.filters.memory.copy()
+        memory[: controller.kinematics.positions] += 0.01
+        return state._replace(filters=state.filters._replace(memory=memory))
+
+    energy = energy_along(true, controller, path, seconds=0.01, begin=begin)
+    check_kinematic_part(energy, controller, true)
 
 
 def test_equality_with_a_reference_that_keeps_speeds():

@@ -15,9 +15,9 @@ from pinadapt.models.tracker_kinematics import Tracker, TrackerKinematics
 from pinadapt.reference import Wiggle
 from pinadapt.tasks.frame import turned
 from tests.support.chains import catalogue_robot, chains, random_state, seeded
-from tests.support.differences import derivative, sampled_derivative
+from tests.support.differences import derivative
 from tests.support.identities import check_motion
-from tests.support.loops import energy_along, with_tool_and_load
+from tests.support.loops import check_kinematic_part, energy_along, with_tool_and_load
 
 TURN = np.array([1.2, -1.5, 0.8])  # [rad] 2.1 together
 PLACE = np.array([0.5, -0.4, 1.1])
@@ -104,23 +104,6 @@ def circle_of(true, robot, radius=0.05, turn=TURN, by=(0.01, -0.01, 0.02)):
         return x_0 + radius * (u[rows] * (1.0 - np.cos(phi)) + w[rows] * np.sin(phi))
 
     return pa.trajectories.as_trajectory(path, robot.task)
-
-
-def check_kinematic_part(energy, controller, true):
-    """V_k = c (|dx_o|^2 + (l |eta|)^2) / 2 + D_k alone, as it is small beside V_d."""
-    law, adaptation = controller.law, controller.adaptation_k
-    a_k, V, rate = controller.kinematics.value(true), [], []
-    for s, drive, state in energy.samples:
-        observed = s.filtered.dx_o @ s.filtered.dx_o
-        if law.lever:
-            observed += law.lever**2 * s.filtered.eta @ s.filtered.eta
-        V.append(law.c * observed / 2.0 + adaptation.storage(state.kinematic, a_k))
-        learned = adaptation.dissipation(state.kinematic, drive, a_k)
-        rate.append(learned - law.c * law.beta * observed - s.epsilon @ law.R_k @ s.epsilon)
-    dt = energy.samples[1][0].t - energy.samples[0][0].t
-    numerical = sampled_derivative(np.array(V), dt)
-    assert np.abs(numerical - rate[2:-2]).max() <= 2e-5 * np.abs(rate).max()
-    assert max(rate[1:]) < 0.0  # at first nothing is known to be wrong
 
 
 @pytest.mark.slow

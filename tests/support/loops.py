@@ -157,6 +157,23 @@ def energy_along(
     return Energy(V, rate, sampled_derivative(V, dt), np.array(dx), np.array(delta), samples)
 
 
+def check_kinematic_part(energy, controller, true):
+    """V_k = c (|dx_o|^2 + (l |eta|)^2) / 2 + D_k alone, as it is small beside V_d."""
+    law, adaptation = controller.law, controller.adaptation_k
+    a_k, V, rate = controller.kinematics.value(true), [], []
+    for s, drive, state in energy.samples:
+        observed = s.filtered.dx_o @ s.filtered.dx_o
+        if law.lever:
+            observed += law.lever**2 * s.filtered.eta @ s.filtered.eta
+        V.append(law.c * observed / 2.0 + adaptation.storage(state.kinematic, a_k))
+        learned = adaptation.dissipation(state.kinematic, drive, a_k)
+        rate.append(learned - law.c * law.beta * observed - s.epsilon @ law.R_k @ s.epsilon)
+    dt = energy.samples[1][0].t - energy.samples[0][0].t
+    numerical = sampled_derivative(np.array(V), dt)
+    assert np.abs(numerical - rate[2:-2]).max() <= 2e-5 * np.abs(rate).max()
+    assert max(rate[1:]) < 0.0  # at first nothing is known to be wrong
+
+
 def same(one, other):
     """Return whether two rollouts are equal to the last bit."""
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS)
