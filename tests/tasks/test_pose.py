@@ -170,7 +170,8 @@ def loop(name, law):
         robot.changed(inertial_scale=0.7),
         law=law,
         gamma_d=0.02 if law.endswith("improved") else 1.0,
-        **({} if law == "adaptive-jacobian" else {"R_k": np.diag([30.0, 50.0, 80.0])}),
+        # what passes the filters is small in so short a run: with this weight it counts
+        R_k=np.diag([30.0, 50.0, 80.0]) * (1.0 if law.endswith("velocity") else 1e5),
     )
     return (
         true,
@@ -184,7 +185,7 @@ def loop(name, law):
 def test_equality_along_the_trajectory(law, name):
     true, controller, path = loop(name, law)
     energy = energy_along(true, controller, path, seconds=0.0015, dt=1e-4)
-    assert energy.mismatch() <= 1e-4
+    assert energy.mismatch() <= 1e-6
     # The curvature of rotations is there to be seen.
     assert (
         np.linalg.norm(energy.delta, axis=1).min() > 0.05
