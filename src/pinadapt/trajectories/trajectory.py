@@ -498,8 +498,8 @@ class SlowedTime(TimeLaw):
         N = c.size - 3
         if c.ndim != 1 or N < 1 or (c < 1.0).any() or self.turn > N:
             raise InputError(
-                f"expected at least four numbers of at least 1 and a turn of at most as many "
-                f"intervals as there are, three fewer; got {c} and {turn}.",
+                f"expected N + 3 numbers of at least 1, with N >= 1, and a turn of at most N, got "
+                f"{c} and {turn}.",
                 where="slowness",
             )
         if not np.array_equal(c[N:], c[N - turn : N - turn + 3] if turn else c[[-1, -1, -1]]):
