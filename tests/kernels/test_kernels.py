@@ -7,6 +7,8 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import pinadapt as pa
 from pinadapt import _compiled
@@ -663,9 +665,10 @@ def test_checks_of_a_loop(rng, laid):
         x = 1.3 * rng.standard_normal(7)
         beyond = np.flatnonzero(np.abs(x) > limits)
         assert checks.first_beyond(laid(x), limits) == (beyond[0] if beyond.size else -1)
-        before, out = rng.standard_normal(7), filled(7)
+        before, out = 2.0 * rng.standard_normal(7), filled(7)
         changed = checks.limit_torque(laid(x), limits, before, np.full(7, 50.0), 0.01, out)
-        kept = np.clip(np.clip(x, -2.0, 2.0), before - 0.5, before + 0.5)
+        last = np.clip(before, -2.0, 2.0)
+        kept = np.clip(np.clip(x, last - 0.5, last + 0.5), -2.0, 2.0)
         assert np.array_equal(out, kept) and changed is not np.array_equal(x, kept)
         v, brake = 3.0 * rng.standard_normal(7), rng.uniform(1.0, 20.0, 7)
         way = np.maximum(1.5 * np.abs(v) / 30.0, v * v / (2.0 * brake))
@@ -674,6 +677,20 @@ def test_checks_of_a_loop(rng, laid):
         found = checks.first_near_stop(laid(x), laid(v), -limits, limits, brake, 30.0)
         assert found == (near[0] if near.size else -1)
     assert checks.first_beyond(np.full(7, NAN), limits) == -1
+
+
+NUMBERS = st.floats(width=64) | st.sampled_from([NAN, np.inf, -np.inf, 1e300, -2000.0, 0.0])
+
+
+@settings(deadline=None)
+@given(NUMBERS, NUMBERS, st.floats(0.0, np.inf, exclude_min=True), st.floats(0.0, np.inf))
+def test_no_history_takes_a_torque_out_of_its_limit(torque, before, limit, rate):
+    arrays = (np.array([each]) for each in (torque, limit, before, rate))
+    out, dt = filled(1), 1e-3
+    checks.limit_torque(*arrays, dt, out)
+    assert abs(out[0]) <= limit
+    if abs(before) <= limit and np.isfinite(rate) and not np.isnan(torque):
+        assert abs(out[0] - before) <= rate * dt * (1.0 + 1e-9) + 1e-12 * abs(before)
 
 
 SHORT = {  # of each a part of its arrays, one of which is too short

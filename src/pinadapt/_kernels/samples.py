@@ -340,19 +340,21 @@ def limit_torque(
     dt: float,
     limited: np.ndarray,
 ) -> bool:
-    """Write a torque within its limits and within rate dt of the last; return if it changed.
+    """Write a torque within its limits and, inside them, rate dt of the last; return if it changed.
 
-    All are of n joints.
+    All are of n joints. NaN becomes 0, and a last torque that is NaN limits no rate.
     """
     n = len(torque)
     if len(limit) != n or len(before) != n or len(rate) != n or len(limited) != n:
         raise ArrayError
     changed = False
     for i in range(len(torque)):
-        x = min(max(torque[i], -limit[i]), limit[i])
-        x = min(max(x, before[i] - rate[i] * dt), before[i] + rate[i] * dt)
-        changed |= x != torque[i]
-        limited[i] = x
+        x = torque[i] if torque[i] == torque[i] else 0.0
+        if before[i] == before[i]:
+            last = min(max(before[i], -limit[i]), limit[i])
+            x = min(max(x, last - rate[i] * dt), last + rate[i] * dt)
+        limited[i] = min(max(x, -limit[i]), limit[i])
+        changed |= limited[i] != torque[i]
     return changed
 
 

@@ -199,7 +199,7 @@ def run(
             if isinstance(error, InputError):
                 raise unusable(error, truth.t) from error
             raise
-        given = motors(torque)
+        given = motors(torque.copy())  # the sample is the caller's, the torque the plant's
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         move(torque, dt)
         state = after
