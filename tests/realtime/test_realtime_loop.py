@@ -1,6 +1,7 @@
 """The loop on an arm: stages, phases, late cycles, signals, faults of drivers."""
 
 import copy
+import dataclasses
 import gc
 import itertools
 import os
@@ -158,6 +159,76 @@ def test_many_late_cycles_hold_damp_and_stop_in_this_order():
 def test_a_very_late_cycle_damps_at_once():
     loop = Loop(faulty(late(15)))
     assert "15 periods" in loop.ended().reason and loop.phases == ["running", "damping", "stopped"]
+
+
+class Wall(PlantArm):
+    """An arm on the wall clock of ``Time``, whose own time goes on by a period whatever happens."""
+
+    clock, took = None, staticmethod(lambda count: PERIOD)
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.facts = dataclasses.replace(self.facts, clock="arm")
+        self.count, self.due = 0, 0.0
+
+    def read(self):
+        self.count += 1
+        self.due += self.took(self.count)
+        self.clock.now = max(self.clock.now, self.due)
+        return super().read()
+
+
+@pytest.mark.parametrize(
+    ("took", "phases", "words"),
+    [
+        (lambda count: PERIOD, OUT, "the time is over"),
+        (lambda count: PERIOD * (4.0 if count % 100 == 0 else 0.97), OUT, "the time is over"),
+        (
+            lambda count: 3.0 if count == 80 else PERIOD,
+            ["running", "damping", "stopped"],
+            r"late: 3 s passed between two measurements, 750 periods; by the arm's clock 0\.004 s",
+        ),
+        (lambda count: 2.0 * PERIOD, OUT, "late: 10 cycles in a short while were late"),
+    ],
+)
+def test_this_computers_clock_is_compared_with_the_period(took, phases, words, monkeypatch):
+    clock = Time()
+    monkeypatch.setattr(realtime_loop, "time", clock)
+    on = arm(kind=Wall)
+    on.clock, on.took = clock, took
+    loop = Loop(on, "hold", 1.0)
+    ending = loop.ended()
+    late = sum(took(count) > 1.5 * PERIOD for count in range(1, on.count + 1))
+    assert loop.phases == phases and re.match(words, ending.reason)
+    assert ending.late == pytest.approx(late, abs=4)  # of which some reads came before the loop
+    assert ending.arm_period.worst == pytest.approx(PERIOD)
+    assert ending.period.worst == pytest.approx(max(map(took, range(5, on.count))), abs=1e-3)
+    assert "period, here" in str(ending) and "period, arm" in str(ending)
+
+
+def test_a_simulated_arm_takes_any_time(monkeypatch):
+    clock = Time()
+    monkeypatch.setattr(realtime_loop, "time", clock)
+    on = arm(kind=Wall)
+    on.clock, on.took = clock, lambda count: 5.0
+    on.facts = arm().facts
+    ending = Loop(on, "hold").ended()
+    assert on.facts.clock == "simulated" and not ending.failed and ending.late == 0
+
+
+def test_torques_that_do_not_reach_the_arm_hold_it():
+    class Deaf(PlantArm):
+        def read(self):
+            self.received = 0.98 if self._count < 75 else 0.6
+            return super().read()
+
+    loop = Loop(arm(kind=Deaf), "hold")
+    ending = loop.ended()
+    assert loop.phases == OUT and ending.failed and ending.received == 0.6
+    assert ending.reason == "commands: the arm has received 60% of the last torques, least 90%"
+    assert "at least 60% of the last torques" in str(ending)
+    silent = Loop().ended()
+    assert np.isnan(silent.received) and "received" not in str(silent)
 
 
 def test_a_histogram_has_the_shares_of_its_times():
@@ -322,7 +393,7 @@ def test_nonsense_from_a_camera_is_reported():
     ("fault", "words"),
     [
         (broken, "the connection broke"),
-        (with_nan, "driver: q, v or the time is not finite"),
+        (with_nan, "driver: measurement 'v' is not finite"),
         (back_in_time, r"clock: the time jumped back by 0\.496 s"),
         (frozen, "stale data: the last 4 measurements are of the same instant"),
     ],
@@ -442,3 +513,108 @@ def test_torques_change_at_most_at_their_rate():
     loop.ended()
     changes = [np.abs(b - a).max() for a, b in itertools.pairwise(loop.arm.sent)]
     assert 0.0 < max(changes) <= 50.0 * PERIOD * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("ratio", [20.0, -50.0, np.nan])
+def test_a_driver_that_writes_into_what_it_gets_changes_no_later_torque(ratio):
+    class Scaling(PlantArm):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            self.got = []
+
+        def send(self, torque):
+            self.got.append(torque.copy())
+            super().send(torque)
+            torque *= ratio
+
+    def run(kind):
+        loop = Loop(arm(robot(), kind), "hold", of=controller(), safety=Safety(torque_rate=100.0))
+        loop.ended()
+        return loop
+
+    scaled = run(Scaling)
+    got, limits = np.array(scaled.arm.got), scaled.loop._checks.limit
+    assert len(got) > 100 and (np.abs(got) <= limits).all()
+    assert np.abs(np.diff(got, axis=0)).max() <= 100.0 * PERIOD * (1.0 + 1e-9)
+    assert moved(scaled) == moved(run(PlantArm))
+
+
+def test_two_loops_do_not_drive_one_arm():
+    refused, on = [], faulty(None)
+
+    def second(arm, m):
+        if arm.cycle == arm.at:
+            with pytest.raises(
+                ArmError, match=r"planar_2r: is driven by another loop\. Let that end"
+            ):
+                RealtimeLoop(arm, controller(), circle(), scheduling=ORDINARY).run(0.1)
+            refused.append(arm.cycle)
+        return m
+
+    on.fault = second
+    assert not Loop(on, "hold").ended().failed and refused == [75]
+    once_more = arm()
+    for _ in range(2):
+        assert not Loop(once_more, "log", 0.02).run().failed
+        once_more.stopped = ""  # as if it were switched on again
+
+
+def test_lists_and_integers_from_a_driver_are_numbers():
+    def listed(arm, m):
+        return m._replace(t=np.float32(m.t), q=m.q.tolist(), v=tuple(m.v), x=m.x.tolist())
+
+    assert not Loop(faulty(listed, at=1)).ended().failed
+    buffer = np.zeros(2)
+
+    def reused(arm, m):
+        buffer[:] = m.q
+        return m._replace(q=buffer)
+
+    ones, others = Loop(faulty(None)), Loop(faulty(reused, at=1))
+    ones.ended(), others.ended()
+    assert np.array_equal(ones.arm.sent, others.arm.sent)
+
+
+NONSENSE = {
+    "nothing": (lambda m: None, "`read` returned None; expected a pinadapt.Measurement"),
+    "a tuple": (lambda m: (m.t, m.q, m.v), r"`read` returned \(.*expected a pinadapt.Measurement"),
+    "no q": (lambda m: m._replace(q=None), "measurement 'q': expected 2 numbers, got None"),
+    "short q": (lambda m: m._replace(q=m.q[:1]), "measurement 'q': expected 2 numbers, got"),
+    "complex v": (lambda m: m._replace(v=m.v * 1j), "measurement 'v': expected 2 numbers, got"),
+    "text": (lambda m: m._replace(q=["1.0", "2.0"]), "measurement 'q': expected 2 numbers, got"),
+    "ragged": (lambda m: m._replace(v=[[1.0], [1.0, 2.0]]), "measurement 'v': expected 2 numbers"),
+    "infinite q": (lambda m: m._replace(q=m.q * np.inf), "measurement 'q' is not finite"),
+    "no time": (lambda m: m._replace(t=None), "measurement 't': expected a time, got None"),
+    "time nan": (lambda m: m._replace(t=np.nan), "measurement 't': expected a time, got nan"),
+    "long x": (lambda m: m._replace(x=np.zeros(5)), "measurement 'x': expected 2 numbers"),
+    "text x_time": (lambda m: m._replace(x_time="now"), "measurement 'x_time': expected a time"),
+    "short tau": (lambda m: m._replace(tau=np.zeros(1)), "measurement 'tau': expected 2 numbers"),
+}
+
+
+@pytest.mark.parametrize("name", NONSENSE)
+def test_nonsense_from_a_driver_ends_the_loop_damped_and_says_what_it_was(name):
+    fault, words = NONSENSE[name]
+
+    def once(arm, m):
+        return fault(m) if arm.cycle == arm.at else m
+
+    lasting = Loop(faulty(lambda arm, m: fault(m)), seconds=9.0)
+    for loop in (Loop(faulty(once), seconds=9.0), lasting):
+        ending = loop.ended()
+        assert re.match(f"driver: {words}", ending.reason)
+        assert ending.failed and loop.phases == ["running", "damping", "stopped"]
+        assert np.isfinite(loop.arm.sent).all()
+        assert np.abs(loop.arm.plant.measure().v).max() < 1e-2
+    first = Loop(faulty(lambda arm, m: fault(m), at=1))
+    with pytest.raises(ArmError, match=f"planar_2r: {words}"), first.arm:
+        first.run()
+    assert not first.arm.sent
+
+
+def test_a_torque_that_is_not_finite_is_not_sent():
+    loop = Loop(faulty(None), "gravity")
+    loop.loop._safe = lambda *given, **options: np.array([np.nan, 0.0])
+    ending = loop.ended()
+    assert ending.failed and ending.reason == "controller: a torque is not finite"
+    assert loop.phases == ["running", "stopped"] and not loop.arm.sent

@@ -5,21 +5,22 @@ And x from the pictures of a camera: a coloured ball at the tool, found by OpenC
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from types import ModuleType, TracebackType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance, positive, vector, word
+from .._checks import instance, positive, shown, vector, word
 from ..description.chain import effort_limits, velocity_limits
 from ..exceptions import ArmError, InputError
 from ..plants.plant import Plant, SimulatedPlant
@@ -51,7 +52,9 @@ class ArmFacts:
         joints: names of the n joints, in the order of q.
         period: of its cycle [s].
         paced: whether ``read`` waits for the arm's own cycle; if not, the loop keeps the time.
-        clock: "arm" or "host": whose clock ``Measurement.t`` counts.
+        clock: whose clock ``Measurement.t`` counts: "arm" or "host", on both of which a period
+            also takes that long by this computer's clock, and is checked; or "simulated", on which
+            it may take any time.
         side: "joint" if a torque is that behind the gear, "motor" if before it.
         compensation: what the arm adds to a torque that it is sent, of q (nq): gravity mostly; or
             None.
@@ -84,7 +87,7 @@ class ArmFacts:
         """
         positive(self.period, "period")
         word(self.side, SIDES, "side")
-        word(self.clock, ("arm", "host"), "clock")
+        word(self.clock, ("arm", "host", "simulated"), "clock")
         n = len(self.joints)
         for name in ("torque", "velocity", "torque_rate"):
             given = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), n).copy()
@@ -101,18 +104,69 @@ class ArmFacts:
         return cls(**parts)  # type: ignore[arg-type]
 
 
+def as_measured(given: Any, sizes: Mapping[str, int], t: float) -> tuple[Measurement, str]:
+    """Return what a driver's ``read`` gave, in arrays of its own, and what is wrong with it, or "".
+
+    Lists and integers are converted. What is wrong becomes NaN, a signal that may be missing None,
+    and a time that is none becomes t.
+
+    Args:
+        given: anything.
+        sizes: of the signals, by name.
+        t: expected time [s].
+    """
+    if not isinstance(given, Measurement):
+        words = f"`read` returned {shown(given)}; expected a pinadapt.Measurement"
+        n = np.full(sizes["q"], np.nan), np.full(sizes["v"], np.nan)
+        return Measurement(t, *n), words
+    wrong = ""
+    found: dict[str, Any] = {}
+    for name, size in sizes.items():
+        value, needed = getattr(given, name), name in ("q", "v")
+        if value is None and not needed:
+            continue
+        array = _real_numbers(value)
+        if array is None or array.shape != (size,):
+            wrong = wrong or f"measurement '{name}': expected {size} numbers, got {shown(value)}"
+            array = np.full(size, np.nan) if needed else None
+        elif needed and not math.isfinite(array.dot(array)):
+            wrong = wrong or f"measurement '{name}' is not finite"
+        found[name] = array
+    seen_at = given.x_time if found.get("x") is not None else None
+    for name, value in (("t", given.t), ("x_time", seen_at)):
+        number = _real_numbers(value)
+        if number is not None and not number.shape and math.isfinite(number):
+            found[name] = float(number)
+        elif name == "t" or value is not None:
+            wrong = wrong or f"measurement '{name}': expected a time, got {shown(value)}"
+    return Measurement(**{"t": t, **found}), wrong
+
+
+def _real_numbers(value: Any) -> np.ndarray | None:
+    """Return real numbers as a new array of floats, or None if they are none."""
+    try:
+        array = np.asarray(value)
+        return array.astype(float) if array.dtype.kind in "fiu" else None
+    except Exception:  # whatever an object of a driver does
+        return None
+
+
 class Arm(ABC):
     """An arm that can be measured and sent torques, used in a ``with`` statement.
 
     The loop calls ``read`` first, then ``begin``, and from then on ``read`` and ``send`` once a
     cycle. In log-only mode it calls ``read`` alone. ``stop`` may be called at any time and more
-    than once; leaving the ``with`` statement calls ``close``.
+    than once; leaving the ``with`` statement calls ``close``. One loop at a time may drive it; that
+    no other program does is up to the arm.
 
     Attributes:
         facts: what it declares.
+        received: share of the last torques that have reached the arm, updated by ``read``; NaN
+            where it does not tell.
     """
 
     facts: ArmFacts
+    received: float = math.nan
 
     @abstractmethod
     def read(self) -> Measurement:
@@ -206,7 +260,12 @@ class PlantArm(Arm):
         robot = instance(robot, Robot, "robot")
         added = plant.compensation if isinstance(plant, SimulatedPlant) else None
         self.facts = ArmFacts.of(
-            robot, period=period, paced=clock is None, compensation=added, silence=silence
+            robot,
+            period=period,
+            paced=clock is None,
+            clock="simulated" if clock is None else "host",
+            compensation=added,
+            silence=silence,
         )
         self._sensors = (
             None if sensors is None else SimulatedSensors(robot, period, sensors, seed=seed)
@@ -235,7 +294,7 @@ class PlantArm(Arm):
             if self._quiet * self.facts.period > self.facts.silence:
                 self.stop(f"no torque came for {self.facts.silence:g} s")
                 raise ArmError(f"the arm has stopped: {self.stopped}.", where=self.facts.name)
-            self.plant.step(self._sent, self.facts.period)
+            self.plant.step(self._sent.copy(), self.facts.period)
         truth = self.plant.measure()._replace(t=self._count * self.facts.period)
         return truth if self._sensors is None else self._sensors.measure(truth, self._given)
 
@@ -249,9 +308,13 @@ class PlantArm(Arm):
         return max(int((now - self._start) / self.facts.period + 1e-6) - self._count, 0)
 
     def send(self, torque: np.ndarray) -> None:
-        """Hold a torque (n) [N m or N] from now on."""
-        self._sent = np.array(torque, dtype=float)
-        self._given = self.plant.motors(self._sent)
+        """Hold a torque (n) [N m or N] from now on.
+
+        Raises:
+            InputError: not n finite numbers.
+        """
+        self._sent = vector(torque, len(self.facts.joints), "torque", fills=False)
+        self._given = self.plant.motors(self._sent.copy())
         self._quiet = 0
 
     def stop(self, reason: str) -> None:
@@ -324,7 +387,8 @@ class ProcessArm(Arm):
         self._socket, self._timeout = here, timeout
         here.settimeout(_STARTING)
         facts, sizes = self._opening()
-        self.facts, self._layout = facts, _Layout(sizes)
+        self.facts = replace(facts, clock="arm")  # its process keeps the time
+        self._layout = _Layout(sizes)
         self._stopped = ""
 
     def _opening(self) -> tuple[ArmFacts, dict[str, int]]:

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, positive, whole
+from .._checks import instance, positive, vector, whole
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.robot import Robot
@@ -250,9 +250,11 @@ class MoteusArm(Arm):
 
         Raises:
             ArmError: the bus failed.
+            InputError: not n finite numbers.
         """
+        given = vector(torque, len(self.motors), "torque", fills=False) / self._torque
         try:
-            for node, each in zip(self._nodes, (torque / self._torque).tolist(), strict=True):
+            for node, each in zip(self._nodes, given.tolist(), strict=True):
                 command = node.make_position(
                     position=math.nan,
                     velocity=0.0,

@@ -40,7 +40,7 @@ from ..records import Desired, Measurement
 from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
-from .arm import Arm
+from .arm import Arm, as_measured
 from .recorder import Recorder, load_of
 from .safety import Answer, Checklist, Safety, SafetyFinding
 
@@ -194,9 +194,11 @@ class Ending:
         reason: why it ended.
         phases: time [s] since the start, phase, and why it was entered.
         cycles: how many there were.
-        late: how many were later than one and a half periods.
+        late: how many took more than one and a half periods, by either clock.
         step: time from a measurement to its torque [s].
-        period: time between measurements [s].
+        period: time between measurements by this computer's clock [s].
+        arm_period: the same by the time of the measurements [s].
+        received: least share of its last torques that the arm has received; NaN: it does not tell.
         notes: what the system did not allow, and what else was noticed.
         state: the last state of the controller; None if it never began.
         failed: whether anything but a command or the end of the time ended it.
@@ -208,17 +210,24 @@ class Ending:
     late: int = 0
     step: Histogram = field(default_factory=Histogram)
     period: Histogram = field(default_factory=Histogram)
+    arm_period: Histogram = field(default_factory=Histogram)
+    received: float = math.nan
     notes: list[str] = field(default_factory=list)
     state: ControllerState | None = None
     failed: bool = False
 
     def __str__(self) -> str:
         """Return the histogram, the phases and the notes."""
+        parts = {
+            "step": self.step, "period, here": self.period, "period, arm": self.arm_period,
+        }  # fmt: skip
         times = Table(
-            [("step", *self.step.row()), ("period", *self.period.row())],
+            [(name, *part.row()) for name, part in parts.items()],
             ("[us]", "median", "99 %", "99.9 %", "worst"),
         )
         rows = [("cycles", str(self.cycles)), ("late", f"{self.late} by over half a period")]
+        if self.received == self.received:
+            rows.append(("received", f"at least {self.received:.0%} of the last torques"))
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
         rows += [("note", note) for note in self.notes]
         return str(Sheet(f"loop, {self.reason}", [times, Table(rows)]))
@@ -316,6 +325,10 @@ class RealtimeLoop:
         self._say = say if say is not None else _print
         n = kinematics.robot.model.nv
         self._zero, self._still = np.zeros(n), np.zeros(kinematics.task.size)
+        self._sizes = {"q": kinematics.nq, **dict.fromkeys(("v", "a", "tau", "w"), n)}
+        if kinematics.positions:  # a joint task ignores x
+            self._sizes |= {"x": kinematics.task.coordinates, "xd": kinematics.task.size}
+        self._flaw = ""
         self._sent = np.zeros(n)
         self._given: np.ndarray | None = None
         self._before: np.ndarray | None = None
@@ -341,10 +354,12 @@ class RealtimeLoop:
 
         Raises:
             InputError: the arm is where the controller cannot start.
-            ArmError: the arm refuses to begin.
+            ArmError: the arm refuses to begin, its first measurements cannot be used, or another
+                loop drives it.
         """
         recorder, collecting = self._recorder, gc.isenabled()
-        with self._signals_caught(), one_blas_thread(), self._scheduling.applied() as notes:
+        scheduled = self._scheduling.applied()
+        with self._alone(), self._signals_caught(), one_blas_thread(), scheduled as notes:
             self.ending.notes += notes
             for note in notes:
                 self._say(note)
@@ -367,6 +382,25 @@ class RealtimeLoop:
                 if recorder is not None and recorder.trouble:
                     self.ending.notes.append(recorder.trouble)
         return self.ending
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Keep other loops from driving the arm.
+
+        Raises:
+            ArmError: one does.
+        """
+        lock = vars(self._arm).setdefault("_driven", threading.Lock())
+        if not lock.acquire(blocking=False):
+            raise ArmError(
+                "is driven by another loop.",
+                where=self._facts.name,
+                hint="Let that end first, and use one loop for one arm.",
+            )
+        try:
+            yield
+        finally:
+            lock.release()
 
     def _prepared(self) -> Measurement:
         """Return the first measurement, with all code run and all memory touched before."""
@@ -394,8 +428,7 @@ class RealtimeLoop:
         arm.read()
         if self.stage is not Stage.LOG:
             arm.begin()
-        m = arm.read()
-        self._check_finite(m)
+        m = self._read_first()
         if m.x is None:
             m = m._replace(x=first.x)  # the arm rests, so an old frame is still valid
         self._begin = self._t = m.t
@@ -428,11 +461,10 @@ class RealtimeLoop:
         """
         needed = bool(self._controller.kinematics.positions)
         for _ in range(round(_PATIENCE / self._facts.period)):
-            m = self._arm.read()
+            m = self._read_first()
             self._t = m.t
             self._heed_commands(m)
             m = self._with_frame(m)
-            self._check_finite(m)
             if m.x is not None or not needed:
                 return m
             if not self._facts.paced:
@@ -468,13 +500,14 @@ class RealtimeLoop:
         due = arrived = self._first = clock()
         late, drift, pace = 1.5 * period, _DRIFT * period, 0.0
         paced, rehearse = self._facts.paced, self._scheduling.rehearse
+        in_time = self._facts.clock != "simulated"
+        host = dt = 0.0
         while True:
             began = clock()
-            dt = m.t - self._t
             self._t = m.t
-            torque = self._cycle(m, dt)
+            torque = self._cycle(m, dt, host)
             if torque is not None:
-                arm.send(torque)
+                arm.send(torque.copy())
             spent = clock() - began
             ending.step.add(spent)
             ending.cycles += 1
@@ -493,13 +526,16 @@ class RealtimeLoop:
                     time.sleep(left)
                 elif left < -period:
                     due = clock()  # missed deadlines are not made up for
-            m = arm.read()
+            m = self._read()
             before, arrived = arrived, clock()
-            pace = arrived - before
+            pace, dt = arrived - before, m.t - self._t
+            host = pace if in_time else 0.0
             ending.period.add(pace)
+            ending.arm_period.add(dt)
+            ending.received = float(np.fmin(arm.received, ending.received))
             if paced:  # the arm's beat, by its earliest measurements
                 due = arrived if arrived > due + 0.5 * period else min(arrived, due + drift)
-            if m.t - self._t > late:
+            if max(dt, host) > late:
                 ending.late += 1
 
     def _rehearse(self, m: Measurement, due: float, ahead: float) -> None:
@@ -523,12 +559,30 @@ class RealtimeLoop:
         while clock() < due - _AWAKE:
             pass
 
-    def _cycle(self, m: Measurement, dt: float) -> np.ndarray | None:
+    def _read(self) -> Measurement:
+        """Return the next measurement; ``_flaw`` says what is wrong with it."""
+        m, self._flaw = as_measured(self._arm.read(), self._sizes, self._t + self._facts.period)
+        return m
+
+    def _read_first(self) -> Measurement:
+        """Return a measurement before anything moves.
+
+        Raises:
+            ArmError: there is something wrong with it.
+        """
+        m = self._read()
+        if self._flaw:
+            raise ArmError(f"{self._flaw}.", where=self._facts.name)
+        return m
+
+    def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
         self._asked, self._goal, self._before = None, None, self._given
         self._heed_commands(m)
         self._measured = m = self._with_frame(m)
-        finding = self._flaw(m) or self._checks.of_arm(m, dt)
+        finding = self._checks.of_arm(m, dt, host, self._arm.received)
+        if self._flaw:
+            finding = SafetyFinding("driver", self._flaw, Answer.DAMP)
         if self._recorder is not None and finding is None:
             finding = self._log_trouble()
         if self._signals:
@@ -551,6 +605,9 @@ class RealtimeLoop:
             if self._quiet * self._facts.period > _HOLD:
                 self._enter(Phase.DAMPING, "the path rests")
         if self._phase is Phase.STOPPED or torque is None or self.stage is Stage.LOG:
+            return None
+        if not np.isfinite(torque).all():
+            self._answer(SafetyFinding("controller", "a torque is not finite", Answer.STOP))
             return None
         safe, self._clipped = self._checks.limited(torque, self._sent, max(dt, self._facts.period))
         self._sent = safe
@@ -690,28 +747,6 @@ class RealtimeLoop:
         if self._recorder is not None:
             self._recorder.event(note=words)
 
-    def _flaw(self, m: Measurement) -> SafetyFinding | None:
-        """Is the measurement finite?"""
-        total = float(m.q.dot(m.q) + m.v.dot(m.v)) + m.t
-        if math.isfinite(total):
-            return None
-        return SafetyFinding("driver", "q, v or the time is not finite", Answer.STOP)
-
-    def _check_finite(self, m: Measurement) -> None:
-        """Refuse a first measurement of the wrong size, or that is not finite.
-
-        Raises:
-            ArmError: it has other sizes than the controller's robot, or is not finite.
-        """
-        kinematics = self._controller.kinematics
-        if m.q.size != kinematics.nq or m.v.size != kinematics.nv:
-            raise ArmError(
-                f"measures {m.q.size} joints; the controller is for {kinematics.nv}.",
-                where=self._facts.name,
-            )
-        if self._flaw(m):
-            raise ArmError("q, v or the time is not finite.", where=self._facts.name)
-
     def _log_trouble(self) -> SafetyFinding | None:
         """Is the log being written?"""
         recorder = self._recorder
@@ -830,6 +865,7 @@ class RealtimeLoop:
         row.step_us[0], row.sent[:], row.residual[:] = (
             1e6 * spent, self._sent, self._checks.residual,
         )  # fmt: skip
+        row.received[0] = self._arm.received
         row.given[:] = math.nan if self._before is None else self._before
         if self._asked is not None and goal is not None:
             row.asked[:] = self._asked

@@ -61,9 +61,9 @@ _HAS = ("x", "xd", "tau", "w")
 
 def _fields(nq: int, n: int, x: int, m: int) -> dict[str, int]:
     """Return the fields of a row and their sizes."""
-    one = ("t", "host", "dt", "phase", "stepped", "adapting", "step_us", "age", "has", "x_time")
+    one = "t host dt phase stepped adapting step_us received age has x_time"
     return {
-        **dict.fromkeys(one, 1),
+        **dict.fromkeys(one.split(), 1),
         **{"q": nq, "v": n, "x": x, "xd": m, "tau": n, "w": n},
         **{"x_d": x, "xd_d": m, "xdd_d": m, "asked": n, "sent": n, "given": n, "residual": n},
     }

@@ -28,6 +28,7 @@ from ..records import Measurement
 from .arm import ArmFacts
 
 _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation rests
+_RECEIVED = 0.9  # of the last commands; libfranka's communication_test calls less insufficient
 
 
 class Answer(IntEnum):
@@ -77,7 +78,8 @@ class Safety:
             the adaptation rests.
         camera: longest time without a frame beyond what the declared camera explains [s].
         stale: cycles with the same measurement after which the arm is damped.
-        late: cycles that may be late in a short while; one on time makes up for a fiftieth of one.
+        late: cycles that may be late in a short while, by the arm's clock or by this computer's;
+            one on time makes up for a fiftieth of one.
         damping: rate at which a damped arm loses its speed [1/s].
 
     Raises:
@@ -245,13 +247,25 @@ class Checklist:
 
     # --- the list -------------------------------------------------------------------------------
 
-    def of_arm(self, m: Measurement, dt: float) -> SafetyFinding | None:
-        """Return the first finding of what is checked whenever torques are sent."""
-        for check in (self._operator, self._stale, self._clock, self._speed, self._stops):
-            found = check(m, dt)
-            if found is not None:
-                return found
-        return None
+    def of_arm(
+        self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
+    ) -> SafetyFinding | None:
+        """Return the first finding of what is checked whenever torques are sent.
+
+        Args:
+            m: the measurement.
+            dt: since the one before, by its time [s].
+            host: the same by this computer's clock [s]; 0 where the arm does not follow it.
+            received: share of the last torques that the arm has received; NaN: not known.
+        """
+        return (
+            self._operator()
+            or self._stale(m)
+            or self._clock(dt, host)
+            or self._lost(received)
+            or self._speed(m)
+            or self._stops(m)
+        )
 
     def of_motion(
         self,
@@ -307,13 +321,13 @@ class Checklist:
 
     # --- its items ------------------------------------------------------------------------------
 
-    def _operator(self, m: Measurement, dt: float) -> SafetyFinding | None:
+    def _operator(self) -> SafetyFinding | None:
         """Has the operator set the latch?"""
         if not self.latched:
             return None
         return SafetyFinding("latch", self.latched, Answer.DAMP)
 
-    def _stale(self, m: Measurement, dt: float) -> SafetyFinding | None:
+    def _stale(self, m: Measurement) -> SafetyFinding | None:
         """Do the measurements change?"""
         self._same = self._same + 1 if m.t == self._before else 0
         self._before = m.t
@@ -322,14 +336,18 @@ class Checklist:
         words = f"the last {self._same + 1:g} measurements are of the same instant"
         return SafetyFinding("stale data", words, Answer.DAMP)
 
-    def _clock(self, m: Measurement, dt: float) -> SafetyFinding | None:
-        """Does the time go on, by about a period?"""
+    def _clock(self, dt: float, host: float) -> SafetyFinding | None:
+        """Does the time go on, by about a period, by the arm's clock and by this computer's?"""
         if dt < 0.0:
             return SafetyFinding("clock", f"the time jumped back by {-dt:.3g} s", Answer.DAMP)
-        if dt > 10.0 * self._facts.period:
-            words = f"{dt:.3g} s passed between two measurements, {dt / self._facts.period:.3g} "
-            return SafetyFinding("late", f"{words}periods", Answer.DAMP)
-        self._late = max(self._late + (1.0 if dt > 1.5 * self._facts.period else -0.02), 0.0)
+        passed = max(dt, host)
+        periods = passed / self._facts.period
+        if periods > 10.0:
+            words = f"{passed:.3g} s passed between two measurements, {periods:.3g} periods"
+            if host > dt:
+                words += f"; by the arm's clock {dt:.3g} s"
+            return SafetyFinding("late", words, Answer.DAMP)
+        self._late = max(self._late + (1.0 if periods > 1.5 else -0.02), 0.0)
         if self._late < self.safety.late:
             return None
         self._late = 0.0
@@ -337,7 +355,14 @@ class Checklist:
             "late", f"{self.safety.late} cycles in a short while were late", Answer.HOLD
         )
 
-    def _speed(self, m: Measurement, dt: float) -> SafetyFinding | None:
+    def _lost(self, received: float) -> SafetyFinding | None:
+        """Do the torques reach the arm?"""
+        if not received < _RECEIVED:
+            return None
+        words = f"the arm has received {received:.0%} of the last torques, least {_RECEIVED:.0%}"
+        return SafetyFinding("commands", words, Answer.HOLD)
+
+    def _speed(self, m: Measurement) -> SafetyFinding | None:
         """Are all joints slower than their limits?"""
         j = kernels.first_beyond(m.v, self._fast)
         if j < 0:
@@ -346,7 +371,7 @@ class Checklist:
         words = f"{self._names[j]} at {m.v[j]:.3g} {unit}, limit {self._fast[j]:.3g} {unit}"
         return SafetyFinding("velocity", words, Answer.DAMP)
 
-    def _stops(self, m: Measurement, dt: float) -> SafetyFinding | None:
+    def _stops(self, m: Measurement) -> SafetyFinding | None:
         """Can all joints brake before their stops?"""
         if not self._plain:
             return None
