@@ -1,6 +1,7 @@
 """A Franka by its vendor's client, against ``franky-sim``: the protocol is real, the arm is not."""
 
-from functools import cache
+from functools import cache, partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli import main
 from pinadapt.exceptions import ArmError
-from pinadapt.realtime import CycleLog, RealtimeLoop, Recorder, Safety, tell
+from pinadapt.realtime import ArmFacts, CycleLog, RealtimeLoop, Recorder, Safety, tell
 from tests.support.arms import ORDINARY
 from tests.support.franka_server import MASS, TOOL, Franka
 
@@ -50,6 +51,8 @@ def ended_sooner(monkeypatch):
     monkeypatch.setattr("pinadapt.realtime.realtime_loop._HOLD", 0.05)
     monkeypatch.setattr("pinadapt.realtime.realtime_loop._DAMP", 0.1)
     monkeypatch.setattr("pinadapt.cli.drive.Scheduling", lambda **_: ORDINARY)
+    facts = SimpleNamespace(of=partial(ArmFacts.of, clock="simulated"))  # stepped by torques
+    monkeypatch.setattr("pinadapt.realtime.franka.ArmFacts", facts)
 
 
 def drive(server, stage, seconds, *, of=None, recorder=None, each=None, arm=None, **safety):
@@ -155,6 +158,27 @@ def test_a_push_beyond_the_collision_behaviour_is_a_reflex_that_is_acknowledged(
         drive(franka, "hold", 0.2)
     after, *_ = drive(franka, "hold", 0.05, arm={"recover": True})
     assert not after.failed, after
+
+
+def test_commands_that_do_not_reach_the_robot_hold_it(franka, tmp_path):
+    """What it says of the first hundred commands is ignored; afterwards it ends the run."""
+    path, of = tmp_path / "franka.mcap", controller()
+    franka.tell(received=0.0)
+
+    def fade(count, m):
+        if count in (80, 300):
+            franka.tell(received={80: 0.97, 300: 0.62}[count])
+
+    try:
+        with Recorder(path, of) as recorder:
+            ending, *_ = drive(franka, "hold", 5.0, of=of, recorder=recorder, each=fade)
+    finally:
+        franka.tell(received=1.0)
+    assert ending.failed and ending.phases[1][1] == "holding", ending
+    assert ending.reason == "commands: the arm has received 62% of the last torques, least 90%"
+    assert ending.received == pytest.approx(0.62)
+    logged = CycleLog.read(path).cycles.received[:, 0]
+    assert np.isnan(logged[:99]).all() and np.allclose(logged[120:250], 0.97)
 
 
 def test_a_robot_that_its_user_has_stopped_is_refused(franka):

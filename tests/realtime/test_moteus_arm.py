@@ -4,6 +4,7 @@ import math
 import struct
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,6 +126,7 @@ def drive(arm, stage="hold", seconds=0.3, each=None):
     controller = pa.make_controller(described, dt=PERIOD, adaptation="natural")
     swing = pa.trajectories.Sinusoid(described.home_angles + 0.1, 0.1, 1.0)
     said, read, count = [], arm.read, iter(range(10**9))
+    arm.facts = replace(arm.facts, clock="simulated")  # it counts queries
 
     def reading():
         if each is not None:
@@ -153,6 +155,9 @@ def test_the_table_turns_counts_into_angles(request, motors):
         arm.send(np.array([3.0, -2.0]))
         arm.read()
         assert np.allclose(motors.torque, [3.0, -2.0], rtol=1e-6)
+        for wrong in ([np.nan, 0.0], [np.inf, 0.0], [1.0], None):
+            with pytest.raises(pa.InputError, match="torque"):
+                arm.send(wrong)
     motors.running = False
     motors.join(5.0)
     assert motors.braked == {0, 1}

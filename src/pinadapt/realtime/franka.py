@@ -7,6 +7,8 @@ Conventions of the Franka Control Interface, 1 kHz:
   ``compensated="nominal"``, and what is wrong in the robot's own gravity is learned like any load.
 * ``tau_J``, the measured torque, has gravity in it and is ``Measurement.tau``.
 * The torque may change by 1000 N m/s. The time is the robot's, in milliseconds.
+* ``control_command_success_rate``, the share of the last 100 commands that the robot has received,
+  is ``received`` once 100 were sent; before and without control it is 0 or counts fewer.
 * Above the collision thresholds the robot stops by its reflex; then, and after errors, it waits for
   a recovery. A torque that stays out for some cycles is an error too, so a killed program stops it.
 
@@ -34,7 +36,7 @@ TORQUE = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)  # [N m]
 TORQUE_RATE = 1000.0  # [N m/s]
 COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
 FORCES = (40.0, 40.0, 40.0, 25.0, 25.0, 25.0)  # [N], [N m] for that of the flange
-_PERIOD, _JOINTS = 1e-3, 7
+_PERIOD, _JOINTS, _COUNTED = 1e-3, 7, 100
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
@@ -124,6 +126,7 @@ class FrankaArm(Arm):
                 hint="Is this the address of the control box, and FCI activated in Desk?",
             ) from error
         self._control: Any = None
+        self._commands = 0
         self._coming: tuple[np.ndarray, float] | None = None
         self._stopped = ""
 
@@ -140,6 +143,8 @@ class FrankaArm(Arm):
                 state = self._robot.read_once()
             else:
                 state, _ = self._control.readOnce()
+                if self._commands >= _COUNTED:
+                    self.received = float(state.control_command_success_rate)
         except self._failures as error:
             raise self._broken(error) from error
         t = _seconds(state.time)
@@ -199,11 +204,14 @@ class FrankaArm(Arm):
 
         Raises:
             ArmError: as ``read``.
+            InputError: not seven finite numbers.
         """
         if self._control is None:
             return
+        given = vector(torque, _JOINTS, "torque", fills=False)
         try:
-            self._control.writeOnce(self._vendor.Torques(torque.tolist()))
+            self._control.writeOnce(self._vendor.Torques(given.tolist()))
+            self._commands += 1
         except self._failures as error:
             raise self._broken(error) from error
 
