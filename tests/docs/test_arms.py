@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ from tests.support.arms import ORDINARY, robot
 from tests.support.paths import ROOT
 
 PERIOD = 2e-3  # of the arms of the pages
+JOINTS, GAINS = ["joint1", "joint2"], {"p": 600.0, "d": 60.0}
 
 
 def module(monkeypatch, name, **things):
@@ -31,10 +33,71 @@ def loaded(name, thing):
     return getattr(found, thing)
 
 
+SAFE = {
+    "command_interfaces": ["effort"],
+    "cmd_timeout": 0.05,
+    "constraints.goal_time": 0.0,
+    "allow_nonzero_velocity_at_trajectory_end": True,
+    **{f"gains.{joint}.{part}": gain for joint in JOINTS for part, gain in GAINS.items()},
+}
+
+
+class Manager:
+    """A controller manager with a joint_trajectory_controller of efforts, as in ros2_controllers.
+
+    The effort of the last point is kept, plus gains times its distance, until ``cmd_timeout``,
+    which counts only above ``constraints.goal_time``; then, as before the first point, it holds the
+    place where the arm is, without an effort of a point.
+
+    Attributes:
+        parameters: by node.
+        efforts: commanded, one of each cycle.
+        mute: cycle from which on no joint state is published.
+        running: nodes that are not destroyed yet.
+    """
+
+    def __init__(self):
+        self.plant = PlantArm(pa.plants.PinocchioPlant(robot()), PERIOD)
+        self.parameters = {"/controller_manager": {"update_rate": 500}, "/arm": dict(SAFE)}
+        self.efforts, self.mute, self.running, self.point, self.since = [], 10**9, [], None, 0
+
+    def receive(self, message):
+        (point,), given = message.points, self.parameters["/arm"]
+        assert list(message.joint_names) == JOINTS
+        moving = given["allow_nonzero_velocity_at_trajectory_end"] or not any(point.velocities)
+        if moving and given["command_interfaces"] == ["effort"]:  # others are refused
+            self.point, self.since = point, 0
+
+    def update(self):
+        """Run one cycle and return the joint state that is published, in alphabetical order."""
+        m, given = self.plant.read(), self.parameters["/arm"]
+        self.since += 1
+        timeout = given["cmd_timeout"]
+        late = timeout > given["constraints.goal_time"] and self.since * PERIOD > timeout
+        if self.point is None or (late and self.point.effort is not self.zero):
+            self.point = SimpleNamespace(positions=m.q, velocities=self.zero, effort=self.zero)
+        p, d = ([given[f"gains.{joint}.{part}"] for joint in JOINTS] for part in "pd")
+        point = self.point
+        effort = point.effort + p * (point.positions - m.q) + d * (point.velocities - m.v)
+        before = self.efforts[-1] if self.efforts else self.zero
+        self.efforts.append(effort)
+        self.plant.send(effort)
+        stamp = SimpleNamespace(sec=int(m.t), nanosec=round(1e9 * (m.t % 1.0)))
+        return SimpleNamespace(
+            header=SimpleNamespace(stamp=stamp),
+            name=JOINTS[::-1],
+            position=m.q[::-1],
+            velocity=m.v[::-1],
+            effort=before[::-1],
+        )
+
+    zero = np.zeros(2)
+
+
 @pytest.fixture
 def ros(monkeypatch):
-    """Put a stand-in of ROS 2 in place; the messages come from a simulated arm."""
-    plant, sent = PlantArm(pa.plants.PinocchioPlant(robot()), PERIOD), []
+    """Put a stand-in of ROS 2 in place, and return its controller manager."""
+    manager = Manager()
 
     class Node:
         def create_subscription(self, kind, topic, callback, depth):
@@ -42,41 +105,53 @@ def ros(monkeypatch):
             self.callback = callback
 
         def create_publisher(self, kind, topic, depth):
-            assert (kind.__name__, topic) == ("Float64MultiArray", "/effort/commands")
-            return SimpleNamespace(publish=publish)
+            assert (kind.__name__, topic) == ("JointTrajectory", "/arm/joint_trajectory")
+            return SimpleNamespace(publish=manager.receive)
 
-    def publish(message):
-        sent.append(message.data)
-        plant.send(np.array(message.data))
+        def destroy_node(self):
+            manager.running.remove(self)
+
+    class AsyncParameterClient:
+        def __init__(self, node, name):
+            self.found = manager.parameters.get(name)
+
+        def wait_for_services(self, timeout):
+            return self.found is not None
+
+        def get_parameters(self, names):  # one that is not declared: none at all
+            known = set(names) <= set(self.found)
+            values = [self.found[name] for name in names] if known else []
+            result = SimpleNamespace(values=values)
+            return SimpleNamespace(done=lambda: True, result=lambda: result)
+
+    def create_node(name):
+        manager.running.append(Node())
+        return manager.running[-1]
 
     def spin_once(node, timeout_sec):
-        if len(sent) > 80 and plant.mute:
-            return
-        m = plant.read()
-        stamp = SimpleNamespace(sec=int(m.t), nanosec=round(1e9 * (m.t % 1.0)))
-        names = robot().joint_names[::-1]  # alphabetical order is that of joint_state_broadcaster
-        header = SimpleNamespace(stamp=stamp)
-        node.callback(JointState(header=header, name=names, position=m.q[::-1], velocity=m.v[::-1]))
+        if len(manager.efforts) < manager.mute:
+            node.callback(manager.update())
 
-    class JointState(SimpleNamespace):
-        pass
+    def message(name):
+        return type(name, (SimpleNamespace,), {})
 
-    class Float64MultiArray(SimpleNamespace):
-        pass
-
-    plant.mute = False
     module(
         monkeypatch,
         "rclpy",
         init=lambda: None,
-        create_node=lambda name: Node(),
+        create_node=create_node,
+        shutdown=lambda: None,
         spin_once=spin_once,
+        spin_until_future_complete=lambda node, future, timeout_sec: None,
     )
+    module(monkeypatch, "rclpy.parameter", parameter_value_to_python=lambda value: value)
+    module(monkeypatch, "rclpy.parameter_client", AsyncParameterClient=AsyncParameterClient)
     module(monkeypatch, "sensor_msgs", msg=None)
-    module(monkeypatch, "sensor_msgs.msg", JointState=JointState)
-    module(monkeypatch, "std_msgs", msg=None)
-    module(monkeypatch, "std_msgs.msg", Float64MultiArray=Float64MultiArray)
-    return plant, sent
+    module(monkeypatch, "sensor_msgs.msg", JointState=message("JointState"))
+    module(monkeypatch, "trajectory_msgs", msg=None)
+    kinds = {name: message(name) for name in ("JointTrajectory", "JointTrajectoryPoint")}
+    module(monkeypatch, "trajectory_msgs.msg", **kinds)
+    return manager
 
 
 def joints():
@@ -85,29 +160,93 @@ def joints():
     return pa.make_controller(described, dt=PERIOD, adaptation="natural")
 
 
-def hold(of, on):
-    """Return the ending of a hold of the joints."""
-    swing = pa.trajectories.Hold(of.kinematics.robot.home_angles)
+def hold(of, on, stage="hold", motion=None, seconds=0.2):
+    """Return the ending of a hold of the joints, or of another stage, without a wall clock."""
+    on.facts = replace(on.facts, clock="simulated")
     safety = Safety(late=10**6, stale=10**6)
     loop = RealtimeLoop(
-        on, of, swing, stage="hold", safety=safety, scheduling=ORDINARY, say=lambda words: None
+        on, of, motion, stage=stage, safety=safety, scheduling=ORDINARY, say=lambda words: None
     )
     with on:
-        return loop.run(0.2)
+        return loop.run(seconds)
 
 
 def test_the_node_of_ros_drives_an_arm(ros):
-    plant, sent = ros
-    ending = hold(joints(), loaded("ros2", "RosArm")("/effort", robot()))
-    assert not ending.failed and len(sent) > 100 and sent[-1] == [0.0, 0.0]
-    assert np.abs(plant.plant.measure().q - robot().q0).max() < 1e-3
-    assert len((ROOT / "docs/arms/ros2.py").read_text().splitlines()) <= 40
+    on = loaded("ros2", "RosArm")("/arm", robot())
+    assert (on.facts.period, on.facts.silence) == (PERIOD, 0.05)
+    ending = hold(joints(), on)
+    assert not ending.failed and len(ros.efforts) > 100 and not ros.running
+    assert np.abs(ros.plant.plant.measure().q - robot().q0).max() < 1e-3
+    assert not ros.point.effort[0] and not any(ros.point.velocities)  # by its own gains from now on
+    assert len((ROOT / "docs/arms/ros2.py").read_text().splitlines()) <= 90
+
+
+def test_the_node_of_ros_passes_on_what_is_measured(ros):
+    on = loaded("ros2", "RosArm")("/arm", robot())
+    with on:
+        on.read()
+        on.begin()
+        on.send(np.array([3.0, -2.0]))
+        on.read()
+        assert np.array_equal(on.read().tau, ros.efforts[-2])
+        assert np.allclose(ros.efforts[-2], [3.0, -2.0], atol=1.5)  # and what the gains add
+        update = ros.update
+        for kind, empty in (("effort", []), ("effort", [np.nan, 1.0])):
+            ros.update = lambda kind=kind, empty=empty: SimpleNamespace(
+                **{**vars(update()), kind: empty}
+            )
+            assert on.read().tau is None
+        ros.update = lambda: SimpleNamespace(**{**vars(update()), "velocity": []})
+        assert np.isnan(on.read().v).all()
+        on.send(np.zeros(2))
+        assert np.isfinite([ros.point.positions, ros.point.velocities]).all()
+
+
+def test_an_arm_of_ros2_control_rests_after_the_node_has_died(ros):
+    """In mid-motion, without a word; the same controller without a timeout keeps the effort."""
+    on = loaded("ros2", "RosArm")("/arm", robot())
+    ros.mute = 200
+    on.stop = on.close = lambda *reason: None
+    swing = pa.trajectories.Sinusoid(robot().home_angles, 0.2, 1.0)
+    ending = hold(joints(), on, "adapt", swing, 9.0)
+    assert "no joint state came for 0.5 s" in ending.reason
+    begun = ros.plant.plant.measure()
+    assert np.abs(begun.v).max() > 0.1
+    last = len(ros.efforts)
+    for _ in range(1000):
+        ros.update()
+    rest = ros.plant.plant.measure()
+    assert np.abs(rest.v).max() < 1e-3 and np.abs(rest.q - begun.q).max() < 0.2
+    assert np.abs(ros.efforts[-1] - ros.efforts[last - 1]).max() > 0.1
+    ros.parameters["/arm"]["cmd_timeout"] = 0.0
+    ros.parameters["/arm"].update(dict.fromkeys([f"gains.{joint}.p" for joint in JOINTS], 0.0))
+    on.send(ros.efforts[-1] + 1.0)
+    for _ in range(500):
+        ros.update()
+    assert np.abs(ros.plant.plant.measure().v).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"cmd_timeout": 0.0}, "keeps the last one"),
+        ({"constraints.goal_time": 0.1}, "keeps the last one"),
+        ({"gains.joint2.d": 0.0}, "holds undamped"),
+        ({"command_interfaces": ["position"]}, "refuses efforts"),
+        ({"allow_nonzero_velocity_at_trajectory_end": False}, "refuses efforts"),
+        (None, "does not run, or has not command_interfaces, cmd_timeout"),
+    ],
+)
+def test_a_controller_of_ros2_control_that_is_not_safe_is_refused(ros, changed, words):
+    """None: one that has no such parameters, as a forward_command_controller."""
+    ros.parameters["/arm"] = {"joints": JOINTS} if changed is None else {**SAFE, **changed}
+    with pytest.raises(ArmError, match=f"/arm: .*{words}"):
+        loaded("ros2", "RosArm")("/arm", robot())
 
 
 def test_a_silent_ros_topic_is_reported(ros):
-    plant, _ = ros
-    plant.mute = True
-    ending = hold(joints(), loaded("ros2", "RosArm")("/effort", robot()))
+    ros.mute = 80
+    ending = hold(joints(), loaded("ros2", "RosArm")("/arm", robot()))
     assert ending.failed and "no joint state came for 0.5 s" in ending.reason
 
 
