@@ -106,6 +106,7 @@ REALITIES = {
     "warming up": Reality(warms=True, duration=8.0),
     "torque sensor off": Reality(torque_off=0.01),
     "push": Reality(push=40.0),
+    "noisy frames": Reality(pa.Sensors(pa.Camera(rate=30.0, delay=0.06), noise={"x": 1e-3})),
     "frames lost": Reality(pa.Sensors(pa.Camera(rate=30.0, delay=0.06, dropout=0.3))),
     "500 Hz": Reality(dt=2e-3),
     "250 Hz": Reality(dt=4e-3),
