@@ -46,7 +46,7 @@ PUSHED = 0.5  # [s] from half of the run on
 BAND = 1e-3  # [m]; back is who errs by less than this above the largest error of 1 s to the push
 AXES = "+x", "-y", "-z", "-x", "+y", "+z"  # of a push, by the seed
 ROTOR = 0.5, 1e-3  # of the inertia that each joint moves, and least, of the largest of these
-LEVER = 0.1  # [m] at which a slide's N/m are those of a joint's N m/rad
+LEVER = 0.1  # [m] at which a slide has the play and the stiffness of a joint that turns
 GEAR = 200.0  # periods of the ripple in a turn: a harmonic drive of 1:100 has two a motor turn
 WARM = 3.0, 8.0  # friction falls to a third in 8 s
 FADING = 0.05  # [rad/s or m/s] of the Stribeck effect
@@ -128,6 +128,11 @@ REALITIES = {
 # --- the arm ---
 
 
+def levers(robot: pa.Robot) -> np.ndarray:
+    """Return m per rad (n) of what is stated in rad: LEVER of a slide, 1 of a joint that turns."""
+    return np.array([LEVER if is_slide(joint) else 1.0 for joint in robot.model.joints[1:]])
+
+
 class Unmodelled(SimulatedPlant):
     """What the description of an arm does not have: ripple, pushes, and torque sensors that err.
 
@@ -184,14 +189,14 @@ class ElasticArm(Unmodelled, ElasticPlant):
 
     def spring(self, d: np.ndarray) -> np.ndarray:
         """Return the torque (n) of the springs at a deflection d (n) [N m or N]."""
-        half = 0.5 * self._case.play
+        half = self._half
         return np.asarray(self._stiffness * (d - np.clip(d, -half, half)))
 
     def reset(self) -> None:
         """Return home at rest, with the springs loaded by gravity."""
         super().reset()
-        self._stiffness = self._K
-        self._d = self._d + 0.5 * self._case.play * np.sign(self._d)
+        self._stiffness, self._half = self._K, 0.5 * self._case.play * levers(self.robot)
+        self._d = self._d + self._half * np.sign(self._d)
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (n) of the motors and what comes besides."""
@@ -290,8 +295,7 @@ def simulated(robot: str, case: Reality, contender: str, seed: int, axis: str) -
         rotors = np.maximum(ROTOR[0] * inertia, ROTOR[1] * inertia.max())
         true, model = true.changed(armature=rotors), model.changed(armature=rotors)
         unknown = pa.Unknown(armature=False)
-        slides = [is_slide(joint) for joint in true.model.joints[1:]]
-        K = case.stiffness * np.where(slides, LEVER**-2, 1.0)
+        K = case.stiffness / levers(true) ** 2
         damping = 2.0 * case.damping * np.sqrt(K * rotors)
         actuators = pa.robot.Actuators(delay=case.late, stiffness=K, damping=damping)
     shares = {t: WARM[0] ** (-t / WARM[1]) for t in np.arange(0.0, n - 0.05, 0.1).tolist()}
