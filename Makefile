@@ -71,7 +71,7 @@ realtime: $(VENV)/installed
 	$(BIN)/python -m benchmarks.realtime
 	$(BIN)/python -m benchmarks.realtime --load
 
-# A table of the documentation, measured again and written into its page: make sensors.table
+# A table of the documentation, measured again and written into its page: make realities.table
 %.table: $(VENV)/dev
 	$(BIN)/python -m benchmarks.tables $* --again
 

@@ -7,7 +7,7 @@ where a tool is unknown, how far its estimate is from the truth.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -108,11 +108,6 @@ def digits(value: Any) -> float:
 
 
 # --- tables ---
-
-
-def of_table(name: str, rows: Iterable[Row]) -> list[Row]:
-    """Return the rows of one table."""
-    return [row for row in rows if row["table"] == name]
 
 
 def mm(value: float | None, form: str = "") -> str:

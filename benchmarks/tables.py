@@ -29,7 +29,6 @@ from pinadapt.sweep.execution import Progress, engine, run_plan, work_of
 from pinadapt.sweep.table import AGAIN, FIRST, LAST, CaseTable, flat_row, read
 
 from . import (
-    adaptations,
     alternatives,
     alternatives_report,
     calibration,
@@ -47,10 +46,10 @@ from . import (
     price_of_ignorance,
     real_calibration,
     real_logs,
+    realities,
     realtime,
     rendered,
     scenarios,
-    sensors,
     strangers,
     sweep_engines,
     tracker,
@@ -171,8 +170,6 @@ def of_json(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callabl
 
 
 TABLES: dict[str, Callable[[], str]] = {
-    "actuators": of("actuators", adaptations.declared),
-    "adaptations": adaptations.whole,
     "after_changes": of("scenarios", scenarios.after_changes, table="load_changes"),
     "alternatives": of(
         "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
@@ -197,9 +194,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "real_logs_checked": of("real_logs", real_logs.checks),
     "real_logs_online": of("real_logs", real_logs.online),
     "real_logs_split": of("real_logs", real_logs.split),
+    "realities": of("realities", realities.report),
+    "realities_pushes": of("realities", realities.pushes),
     "realtime": of_json("realtime", realtime.report),
     "rendered": of_json("rendered", rendered.report),
-    "sensors": of("sensors", sensors.report),
     "strangers": of("strangers", strangers.counts),
     "strangers_each": of("strangers", strangers.shown),
     "sweep_engines": of_json("sweep_engines", sweep_engines.report),

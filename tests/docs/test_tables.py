@@ -28,8 +28,8 @@ def test_every_table_is_on_one_page():
     text = "".join(path.read_text() for path in tables.pages())
     assert sorted(re.findall("<!-- table: (.+) -->", text)) == sorted(tables.TABLES)
     assert text.count("<!-- end of table -->") == len(tables.TABLES)
-    with pytest.raises(InputError, match="Did you mean 'sensors'"):
-        tables.written("<!-- table: sensor -->\n\n<!-- end of table -->")
+    with pytest.raises(InputError, match="Did you mean 'realities'"):
+        tables.written("<!-- table: realitie -->\n\n<!-- end of table -->")
 
 
 def test_no_table_of_results_is_typed_by_hand():
