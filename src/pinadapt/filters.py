@@ -205,14 +205,15 @@ class ObserverState(NamedTuple):
     """State of the observer.
 
     Attributes:
-        memory: (m_p + 2) observed position x_o [m], less what the velocity at the end of the last
-            step adds; for how long it adds [s], half of that step, the lead not counted; and the
-            time since the start [s].
+        memory: (m_p + 1) observed position x_o [m], less what the velocity at the end of the last
+            step adds; and for how long it adds [s], half of that step, the lead not counted.
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where it is not used.
+        disturbance: (n) low-passed prediction error of the torque [N m or N].
     """
 
     memory: np.ndarray
     s_f: np.ndarray
+    disturbance: np.ndarray
 
 
 class ObservedPosition(NamedTuple):
@@ -221,13 +222,13 @@ class ObservedPosition(NamedTuple):
     Attributes:
         dx_o: (m_p) x_o - x, observed minus measured [m].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where it is not used.
-        age: time since the start [s].
+        disturbance: (n) low-passed prediction error of the torque [N m or N].
         eta: (3) log(R_o R^T) of observed and measured orientation [rad]; None: none is observed.
     """
 
     dx_o: np.ndarray
     s_f: np.ndarray
-    age: float = math.inf
+    disturbance: np.ndarray
     eta: np.ndarray | None = None
 
 
@@ -245,41 +246,33 @@ class PositionObserver(Filters):
     behind it plus v_f / lambda, so x_o is ahead of its integral by ``lead`` times J_hat v_f: it
     lags by |dJ/dt qd| / (lambda beta) only.
 
-    Elastic joints: x_o follows the joints' velocity above beta and the measured position
-    below. A link on a spring swings against its motor above its own frequency w_e, and feedback of
-    its position makes it swing more: a motor that follows qd_r exactly lets it grow at the rate
-    alpha beta (alpha + beta) / (2 (w_e^2 + (alpha + beta)^2)) [1/s], alpha that of qd_r. So where
-    torques may be late by T > ``late`` (``Estimate.lateness``) and joints and position disagree,
-    beta is divided by 1 + (min(T / late, patience) - 1) min(1, |x_o - x|^2 / near^2).
+    Beside it runs the low pass lambda_d / (lambda_d + p) on the prediction error of the torque,
+    W a_hat - y: the torque that acts on the joints and is not in the model.
 
     Attributes:
         beta: [1/s].
         error: returns s (n) of the law, to be low-passed; None for no such filter.
         bandwidth: of this low pass [1/s].
         lead: 1 / lambda of the joint velocity's low pass [s], zero without one.
-        late: lateness of the torques up to which beta is whole [s].
-        patience: by which beta is divided at most; one: never.
-        near: |x_o - x| from which on it is wholly divided [m].
+        lambda_d: of the low pass on the prediction error of the torque [1/s].
     """
 
     beta: float
     error: Callable[[Signals], np.ndarray] | None = None
     bandwidth: float = math.inf
     lead: float = 0.0
-    late: float = math.inf
-    patience: float = 1.0
-    near: float = math.inf
+    lambda_d: float = 0.0
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
         s_f = np.zeros(0 if self.error is None else kinematics.nv)
-        memory = np.zeros(kinematics.positions + 2)
+        memory = np.zeros(kinematics.positions + 1)
         if kinematics.positions and sensed.x is not None:
-            memory[:-2] = sensed.x[: kinematics.positions]
+            memory[:-1] = sensed.x[: kinematics.positions]
             if self.lead:
                 kinematics.update(kinematics.initial, sensed.q, sensed.v)
-                memory[:-2] -= self.lead * kinematics.xd_hat[: kinematics.positions]
-        return ObserverState(memory, s_f)
+                memory[:-1] -= self.lead * kinematics.xd_hat[: kinematics.positions]
+        return ObserverState(memory, s_f, np.zeros(kinematics.nv))
 
     def observe(
         self, state: ObserverState, sensed: SensedState, kinematics: TaskKinematics
@@ -290,39 +283,35 @@ class PositionObserver(Filters):
             InputError: the state of other filters.
         """
         m = kinematics.positions
-        if state.__class__ is not ObserverState or state.memory.size != m + 2:
+        if state.__class__ is not ObserverState or state.memory.size != m + 1:
             raise InputError("the filters are those of another controller.", where="state")
-        age = float(state.memory[-1])
         if not m or sensed.x is None:
-            return ObservedPosition(np.zeros(0), state.s_f, age)
+            return ObservedPosition(np.zeros(0), state.s_f, state.disturbance)
         dx_o = empty(m)
         kernels.observed(state.memory, self.lead, kinematics.xd_hat, sensed.x, dx_o)
-        return ObservedPosition(dx_o, state.s_f, age)
-
-    def rate_at(self, s: Signals) -> float:
-        """Return the present beta [1/s]."""
-        if s.lateness <= self.late:
-            return self.beta
-        return kernels.observing(
-            self.beta, s.filtered.dx_o, self.near, s.lateness, self.late, self.patience
-        )
+        return ObservedPosition(dx_o, state.s_f, state.disturbance)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
-        (memory, s_f), after = state, empty(state.memory.size)
-        kernels.carry(memory, s.xd_hat, s.filtered.dx_o, self.rate_at(s), dt, after)
+        (memory, s_f, disturbance), after = state, empty(state.memory.size)
+        kernels.carry(memory, s.xd_hat, s.filtered.dx_o, self.beta, dt, after)
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
-        return ObserverState(after, s_f)
+        if s.residual is not None:
+            share = -math.expm1(-self.lambda_d * dt)
+            disturbance = disturbance + share * (s.residual - disturbance)
+        return ObserverState(after, s_f, disturbance)
 
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
-        """Return dx_o/dt (m_p) and ds_f/dt (n)."""
+        """Return dx_o/dt (m_p), ds_f/dt (n) and the rate of the disturbance (n)."""
         dx_o, s_f = s.filtered.dx_o, state.s_f
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
-        moved = np.zeros(state.memory.size)
-        moved[: dx_o.size], moved[-1] = s.xd_hat[: dx_o.size] - self.rate_at(s) * dx_o, 1.0
-        return ObserverState(moved, s_f)
+        moved, grown = np.zeros(state.memory.size), np.zeros(state.disturbance.size)
+        moved[: dx_o.size] = s.xd_hat[: dx_o.size] - self.beta * dx_o
+        if s.residual is not None:
+            grown = self.lambda_d * (s.residual - state.disturbance)
+        return ObserverState(moved, s_f, grown)
 
 
 class PoseObserverState(NamedTuple):
@@ -375,7 +364,7 @@ class PoseObserver(Filters):
         observed = self.positions.observe(state.position, sensed, kinematics)
         if sensed.x is None:
             return observed._replace(eta=np.zeros(3))
-        ahead = state.position.memory[-2] + self.positions.lead
+        ahead = state.position.memory[-1] + self.positions.lead
         R_o = turned(state.R, ahead * kinematics.xd_hat[3:])
         eta = rotation_between(R_o.tolist(), sensed.x[3:].tolist())
         return observed._replace(eta=np.array([*eta]))
@@ -383,13 +372,13 @@ class PoseObserver(Filters):
     def step(self, state: PoseObserverState, s: Signals, dt: float) -> PoseObserverState:
         """Return the state after dt [s]."""
         memory, eta = state.position.memory, s.filtered.eta
-        R = turned(state.R, (memory[-2] + 0.5 * dt) * s.xd_hat[3:])
-        R = turned(R, math.expm1(-self.positions.rate_at(s) * dt) * eta)
+        R = turned(state.R, (memory[-1] + 0.5 * dt) * s.xd_hat[3:])
+        R = turned(R, math.expm1(-self.positions.beta * dt) * eta)
         return PoseObserverState(self.positions.step(state.position, s, dt), R)
 
     def rate(self, state: PoseObserverState, s: Signals) -> PoseObserverState:
         """Return the rates of the position's state and of R_o, half of (omega_o, 0) times R_o."""
-        omega, vector = s.xd_hat[3:] - self.positions.rate_at(s) * s.filtered.eta, state.R[:3]
+        omega, vector = s.xd_hat[3:] - self.positions.beta * s.filtered.eta, state.R[:3]
         R = 0.5 * np.append(state.R[3] * omega + np.cross(omega, vector), -omega @ vector)
         return PoseObserverState(self.positions.rate(state.position, s), R)
 

@@ -161,6 +161,10 @@ class Sensors:
             measured too.
         compensate_delay: whether the controller predicts late frames to the present with its model;
             otherwise it takes each frame for the present one.
+        torque_offset: largest constant error of the torque sensors [N m or N], one number or one
+            per joint (n). A controller predicts the torque that they measure only where both this
+            and ``noise.tau`` are given; else the torque that was commanded, as an unknown offset
+            would be learned as a mass, and tracked.
 
     Raises:
         InputError: an unknown name, a negative number, or an impossible camera.
@@ -170,6 +174,7 @@ class Sensors:
     encoder: Deviation = 0.0
     noise: Mapping[str, Deviation] = field(default_factory=dict, hash=False)
     compensate_delay: bool = True
+    torque_offset: Deviation | None = None
 
     def __init__(
         self,
@@ -177,6 +182,7 @@ class Sensors:
         encoder: ArrayLike = 0.0,
         noise: Mapping[str, ArrayLike] | None = None,
         compensate_delay: bool = True,
+        torque_offset: ArrayLike | None = None,
     ) -> None:
         """Check and keep the sensors."""
         given: dict[str, Any] = {
@@ -184,6 +190,9 @@ class Sensors:
             "encoder": _deviation(encoder, "encoder"),
             "noise": {},
             "compensate_delay": flag(compensate_delay, "compensate_delay"),
+            "torque_offset": None
+            if torque_offset is None
+            else _deviation(torque_offset, "torque_offset"),
         }
         for name, deviation in mapping(noise, "noise").items():
             if name not in CHANNELS:

@@ -49,11 +49,11 @@ class Signals:
         filtered: output of the law's own filters; see ``Law.filters``.
         filtered_torque: filtered regressor and torque of the joints, a ``FilteredTorque``, where
             the adaptation of the dynamics uses their prediction error, else None.
+        residual: (n) prediction error of the torque, W a_d - y [N m or N], or None as well.
         w: (n) measured velocity of the motors [rad/s or m/s], or None.
-        lateness: by which torques may be late, see ``Estimate`` [s].
     """
 
-    _optional = ("a", "delta", "w")  # parts that may be None
+    _optional = ("a", "delta", "residual", "w")  # parts that may be None
     t: float
     q: np.ndarray
     v: np.ndarray
@@ -77,8 +77,8 @@ class Signals:
     X_k: np.ndarray
     filtered: Any
     filtered_torque: Any
+    residual: np.ndarray | None
     w: np.ndarray | None
-    lateness: float
 
     @property
     def dxd_hat(self) -> np.ndarray:

@@ -122,7 +122,7 @@ def energy_along(
         plant, controller, path, dt=dt, state=state, ideal_acceleration=True
     )
     a_k, a_d = controller.kinematics.value(true), controller.dynamics.value(true)
-    V, rate, dx, delta, others, emphasis, samples = [], [], [], [], [], [], []
+    V, rate, dx, delta, samples = [], [], [], [], []
     for sample in list(islice(stream, round(seconds / dt))):
         signals, command = controller.command(sample.state, sample.measurement, sample.desired)
         q, v = sample.measurement.q, sample.measurement.v
@@ -137,23 +137,19 @@ def energy_along(
             controller.adaptation_k,
             controller.adaptation_d,
         )
-        emphasis.append(adaptation_d.emphasis_unchecked(state.dynamic))
         of_law, learned = (
             law.storage_unchecked(signals, truth),
             controller.parameter_storage(state, a_k, a_d),
         )
-        V.append(emphasis[-1] * of_law + learned)
-        others.append((V[-1] - adaptation_d.storage_unchecked(state.dynamic, a_d)) / emphasis[-1])
+        V.append(of_law + learned)
         of_law = law.dissipation_unchecked(signals, truth)
         of_law += adaptation_k.dissipation_unchecked(state.kinematic, drives.kinematic, a_k)
         learned = adaptation_d.dissipation_unchecked(state.dynamic, drives.dynamic, a_d)
-        rate.append(emphasis[-1] * of_law + learned)
+        rate.append(of_law + learned)
         samples.append((signals, drives.kinematic, state))
         dx.append(signals.dx.copy())
         delta.append(np.zeros_like(signals.dx) if signals.delta is None else signals.delta.copy())
     V, rate = np.array(V), np.array(rate)
-    if np.ptp(emphasis):  # dV/dt contains the law's V times the rate of its factor
-        rate[2:-2] += np.array(others)[2:-2] * sampled_derivative(np.array(emphasis), dt)
     return Energy(V, rate, sampled_derivative(V, dt), np.array(dx), np.array(delta), samples)
 
 

@@ -205,17 +205,6 @@ def combine(c: float, g: np.ndarray, d: float, h: np.ndarray, total: np.ndarray)
         total[i] = c * g[i] + d * h[i]
 
 
-@compiled("f8(f8[:], f8[:])", fills=0)
-def mean_square(r: np.ndarray, precision: np.ndarray) -> float:
-    """Return the mean of r_i^2 precision_i (n); the precision has n entries, or one for all."""
-    if len(r) == 0 or len(precision) == 0:
-        raise ArrayError
-    square = 0.0
-    for i in range(len(r)):
-        square += r[i] * r[i] * precision[i % len(precision)]
-    return square / len(r)
-
-
 @compiled("f8(f8[:], f8[:,:])", fills=0, allocates=True)
 def squared_ratio(r: np.ndarray, S: np.ndarray) -> float:
     """Return r^T S^-1 r, S (n, n) symmetric but for rounding: S = L D L^T, L y = r, y^T D^-1 y."""
@@ -236,18 +225,6 @@ def squared_ratio(r: np.ndarray, S: np.ndarray) -> float:
                 D[i] = x
         square += y[i] * y[i] / D[i]
     return square
-
-
-@compiled("void(f8[:], f8, f8, f8[:])")
-def let_pass(clock: np.ndarray, dt: float, fades: float, after: np.ndarray) -> None:
-    """Write a memory's clock (quiet, due, fresh, left, ...) after dt: fresh and left fade."""
-    if len(clock) < 4 or len(after) != len(clock):
-        raise ArrayError
-    for i in range(len(clock)):
-        after[i] = clock[i]
-    after[1] -= dt
-    after[2] *= fades
-    after[3] *= fades
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")

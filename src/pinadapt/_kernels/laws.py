@@ -59,30 +59,13 @@ def observed(
 ) -> None:
     """Write x_o + (half + lead) xd_hat - x (m_p).
 
-    The memory is (x_o, half, age), half of the last step and the time since the start [s].
+    The memory is (x_o, half), half of the last step [s].
     """
     m = len(dx_o)
     if len(memory) < m + 1 or len(xd_hat) < m or len(x) < m:
         raise ArrayError
     for i in range(len(dx_o)):
         dx_o[i] = memory[i] + (memory[m] + lead) * xd_hat[i] - x[i]
-
-
-@compiled("f8(f8, f8[:], f8, f8, f8, f8)", fills=0)
-def observing(
-    beta: float, dx_o: np.ndarray, near: float, lateness: float, late: float, patience: float
-) -> float:
-    """Return beta / (1 + (min(lateness / late, patience) - 1) min(1, |dx_o|^2 / near^2)).
-
-    It is beta where the lateness is at most ``late``, or the patience one.
-    """
-    if lateness <= late or patience <= 1.0:
-        return beta
-    size = 0.0
-    for i in range(len(dx_o)):
-        size += dx_o[i] * dx_o[i]
-    most = min(lateness / late, patience) - 1.0
-    return beta / (1.0 + most * min(1.0, size / (near * near)))
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
@@ -94,18 +77,17 @@ def carry(
     dt: float,
     after: np.ndarray,
 ) -> None:
-    """Move (x_o, half, age) on for dt.
+    """Move (x_o, half) on for dt.
 
     x_o by (half + dt / 2) xd_hat - (1 - exp(-bandwidth dt)) dx_o; half becomes dt / 2, and the
     other half of this step comes with the velocity at its end.
     """
     m, share = len(dx_o), -math.expm1(-bandwidth * dt)
-    if len(memory) != m + 2 or len(xd_hat) < m or len(after) != m + 2:
+    if len(memory) != m + 1 or len(xd_hat) < m or len(after) != m + 1:
         raise ArrayError
     for i in range(m):
         after[i] = memory[i] + (memory[m] + 0.5 * dt) * xd_hat[i] - share * dx_o[i]
     after[m] = 0.5 * dt
-    after[m + 1] = memory[m + 1] + dt
 
 
 @compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8, f8, f8, f8[:])")
@@ -355,36 +337,30 @@ def subtract_task_force(
             torque[t] -= J[i, t] * force
 
 
-@compiled("void(f8[:,:], f8[:], f8, f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)
+@compiled("void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)
 def observation_drive(
     Y_k: np.ndarray,
     dx_o: np.ndarray,
     c: float,
-    Y_fast: float,
     X_k: np.ndarray,
     epsilon: np.ndarray,
     R: np.ndarray,
     error: np.ndarray,
     gradient: np.ndarray,
 ) -> None:
-    """Write sigma c dx_o (m_p) and the gradient sigma c Y_p^T dx_o + X_k^T R epsilon (p).
+    """Write c dx_o (m_p) and the gradient c Y_p^T dx_o + X_k^T R epsilon (p).
 
-    Y_p are the first m_p rows of Y_k, and sigma = min(1, Y_fast^2 / |Y_k|^2).
+    Y_p are the first m_p rows of Y_k.
     """
-    size, p = len(dx_o), len(gradient)
-    if len(Y_k) < size or Y_k.shape[1] != p or X_k.shape != (size, p):
+    m, p = len(dx_o), len(gradient)
+    if len(Y_k) < m or Y_k.shape[1] != p or X_k.shape != (m, p):
         raise ArrayError
-    if len(epsilon) != size or R.shape != (size, size) or len(error) != size:
+    if len(epsilon) != m or R.shape != (m, m) or len(error) != m:
         raise ArrayError
-    m, square = len(dx_o), 0.0
-    for i in range(len(Y_k)):
-        for j in range(len(gradient)):
-            square += Y_k[i, j] * Y_k[i, j]
-    share = c * min(1.0, Y_fast * Y_fast / square) if square > 0.0 else c
     for j in range(len(gradient)):
         gradient[j] = 0.0
     for i in range(m):
-        error[i] = share * dx_o[i]
+        error[i] = c * dx_o[i]
         x = 0.0
         for t in range(m):
             x += R[i, t] * epsilon[t]
@@ -413,17 +389,6 @@ def subtract_damping(
         torque[i] = feedforward[i]
         for t in range(len(error)):
             torque[i] -= K_D[i, t] * error[t]
-
-
-@compiled("f8(f8[:], f8[:])", fills=0)
-def weighted_norm(weight: np.ndarray, x: np.ndarray) -> float:
-    """Return the norm of (weight_i x_i) (n)."""
-    if len(weight) != len(x):
-        raise ArrayError
-    square = 0.0
-    for i in range(len(x)):
-        square += (weight[i] * x[i]) ** 2
-    return math.sqrt(square)
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)
@@ -455,7 +420,7 @@ def reference(
 
 
 @compiled(
-    "void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:], f8[:])",
+    "void(f8[:], f8[:,:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])",
     fills=2,
     allocates=True,
 )
@@ -464,18 +429,17 @@ def subtract_limited_damping(
     D: np.ndarray,
     M: np.ndarray,
     rate: float,
-    d: np.ndarray,
     v: np.ndarray,
     v_r: np.ndarray,
     error: np.ndarray,
     torque: np.ndarray,
 ) -> None:
-    """Write the error e = v - v_r (n) and feedforward - (D^-1 + R^-1)^-1 e (n), R = rate M + [d].
+    """Write the error e = v - v_r (n) and feedforward - (D^-1 + R^-1)^-1 e (n), R = rate M.
 
     As D e - D (D + R)^-1 D e; D and M are symmetric and positive definite.
     """
     n = len(error)
-    if len(feedforward) != n or D.shape != (n, n) or M.shape != (n, n) or len(d) != n:
+    if len(feedforward) != n or D.shape != (n, n) or M.shape != (n, n):
         raise ArrayError
     if len(v) != n or len(v_r) != n or len(torque) != n:
         raise ArrayError
@@ -491,8 +455,6 @@ def subtract_limited_damping(
         torque[i] = feedforward[i] - x
         for j in range(i + 1):
             x = D[i, j] + rate * M[i, j]
-            if i == j:
-                x += d[i]
             for t in range(j):
                 x -= L[i, t] * L[j, t]
             L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]

@@ -25,17 +25,14 @@ class Estimate:
     Attributes:
         value: (p) the parameters, floats.
         memory: internal state of the adaptation, arrays or tuples of arrays; empty for most.
-        lateness: largest delay of the torques that the adaptation considers possible [s];
-            infinite where it has no estimate.
     """
 
     value: np.ndarray
     memory: tuple = ()
-    lateness: float = math.inf
 
     def with_value(self, value: np.ndarray) -> Estimate:
         """Return an estimate with another value (p) and this memory."""
-        return Estimate(value, self.memory, self.lateness)
+        return Estimate(value, self.memory)
 
 
 class Drive:
@@ -252,16 +249,6 @@ class Adaptation(Doors, ABC):
 
     recorded_unchecked = recorded
 
-    def emphasis(self, estimate: Estimate) -> float:
-        """Return the factor of the parts of V that are not this adaptation's, one for most.
-
-        With an adaptation of the dynamic estimate that at times follows c g instead of g, V is c
-        (the law's part and that of the kinematic estimate) + ``storage``.
-        """
-        return 1.0
-
-    emphasis_unchecked = emphasis
-
     @abstractmethod
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the time derivatives of the value (p) and of the memory."""
@@ -394,10 +381,6 @@ class Wrapper(Adaptation):
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record of the inner adaptation keeps."""
         return self.inner.recorded_unchecked(estimate)
-
-    def emphasis(self, estimate: Estimate) -> float:
-        """Return the inner adaptation's factor of the other parts of V."""
-        return self.inner.emphasis_unchecked(estimate)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""

@@ -81,10 +81,6 @@ class Leak(Wrapper):
         inner = self.inner.recorded_unchecked(self._inner(estimate))
         return Estimate(inner.value, (estimate.memory[0], *inner.memory))
 
-    def emphasis(self, estimate: Estimate) -> float:
-        """Return the inner adaptation's factor of the other parts of V."""
-        return self.inner.emphasis_unchecked(self._inner(estimate))
-
     @property
     def projects(self) -> bool:
         """Whether the inner adaptation projects."""

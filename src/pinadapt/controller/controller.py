@@ -589,12 +589,11 @@ class Controller(Doors):
             if g_d.size != s.a_d.size or g_k.size != s.a_k.size or torque.shape != s.v.shape:
                 self._inputs.command(torque, g_d, g_k)
             torque = np.asarray(torque, dtype=float)
-        if s.filtered_torque is not None:
-            (W, y, _, _), drive, residual = s.filtered_torque, drives.dynamic, empty(torque.size)
-            kernels.prediction_error(W, s.a_d, y, residual)
-            drive.W, drive.residual, drive.weight = W, residual, None
+        if s.filtered_torque is not None and s.residual is not None:
+            drive = drives.dynamic
+            drive.W, drive.residual, drive.weight = s.filtered_torque.W, s.residual, None
             if self._lead is not None and command.feedforward is not None:
-                torque = torque + self._led(command.feedforward, s.filtered_torque, residual)
+                torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
@@ -662,12 +661,14 @@ class Controller(Doors):
         a: Any = measurement.a
         if a is None:
             a = self._filters.acceleration(filtered)
-        filtered_torque = None
+        filtered_torque, residual = None, None
         if self._torque_filter is not None and (torque_filter or dt is not ...):
-            tau = measurement.tau
-            if tau is not None:
-                tau = self._inputs.torque(tau)
+            tau = None  # what was commanded, unless a torque sensor is declared
+            if self.sensors.torque_offset is not None:
+                tau = self._inputs.torque(measurement.tau)
             filtered_torque = self._torque_filter.observe_unchecked(torque_filter, q, v, tau)
+            residual = empty(v.size)
+            kernels.prediction_error(filtered_torque.W, a_d, filtered_torque.y, residual)
         s = Signals()
         s.t, s.q, s.v, s.a, s.x = t, q, v, a, x
         s.xd, s.xd_d, s.xdd_d = xd, xd_d, xdd_d
@@ -678,7 +679,7 @@ class Controller(Doors):
         s.inverse = inverse
         s.epsilon, s.X_k = epsilon, X_k
         s.filtered, s.filtered_torque, s.w = filtered, filtered_torque, measurement.w
-        s.lateness = dynamic.lateness
+        s.residual = residual
         return s, sensed, elapsed
 
     def rate(
@@ -744,7 +745,7 @@ class Controller(Doors):
         dynamic = self.adaptation_d.storage_unchecked(state.dynamic, a_d_true)
         if kinematic is None or dynamic is None:
             return None
-        return self.adaptation_d.emphasis_unchecked(state.dynamic) * kinematic + dynamic
+        return kinematic + dynamic
 
 
 def believed(sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray) -> SensedState:

@@ -176,11 +176,10 @@ def _filler(part: Any, start: int) -> tuple[Callable[[np.ndarray], Any], int]:
     if isinstance(part, Estimate):
         value, middle = _filler(part.value, start)
         memory, stop = _filler(part.memory, middle)
-        late = part.lateness
         if stop == middle:
             kept = part.memory
-            return lambda values: Estimate(value(values), kept, late), stop
-        return lambda values: Estimate(value(values), memory(values), late), stop
+            return lambda values: Estimate(value(values), kept), stop
+        return lambda values: Estimate(value(values), memory(values)), stop
     if isinstance(part, PathTime):
         stop, cause = start + 3, part.cause
         return lambda values: PathTime._make([*values[start:stop].tolist(), cause]), stop

@@ -188,10 +188,6 @@ class FastFeedback(Law):
         """Return this feedback around the decorrelated law."""
         return replace(self, law=self._law.decorrelated(bandwidth, lead))
 
-    def tolerant(self, late: float, robot: Robot) -> FastFeedback:
-        """Return this feedback around the law for motors that are late by up to a time [s]."""
-        return replace(self, law=self._law.tolerant(late, robot))
-
     def within(self, speeds: np.ndarray) -> FastFeedback:
         """Return this feedback around the law with a reference that keeps speeds (n)."""
         return replace(self, law=self._law.within(speeds))
@@ -222,7 +218,6 @@ class FastFeedback(Law):
 
 
 _STATED = (
-    "late",
     "bandwidth_share",
     *(
         name

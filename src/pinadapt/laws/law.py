@@ -20,7 +20,6 @@ from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Friction
-from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import JointTask, Task
 
@@ -267,11 +266,10 @@ class Law(Doors, ABC):
             one, whose difference must stay below the true mass matrix.
         joint_mode: the same for the coefficients of the joints.
         kinematic_mode: the same for the translations.
+        least_bandwidth: of its feedback, for robots of any size [rad/s].
         prediction_mode: default rate at which the prediction error of the torque decays, in
             bandwidths, for adaptations that use it.
         units: of velocity and position gain, as printed.
-        late: delay of motors for which its feedback is [s]; zero where it counts on none, see
-            ``tolerant``.
         bandwidth_share: share of the bandwidth that the law's own gains use; default rates follow
             it.
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
@@ -304,10 +302,10 @@ class Law(Doors, ABC):
     holds_inertia: ClassVar[bool] = False
     joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
+    least_bandwidth: ClassVar[float] = 0.0
     prediction_mode: ClassVar[float] = 0.5
     units: ClassVar[tuple[str, str]] = ("", "")
     sources: ClassVar[tuple[str, ...]] = ()
-    late: float = 0.0
     bandwidth_share: float = 1.0
 
     @abstractmethod
@@ -369,17 +367,6 @@ class Law(Doors, ABC):
         Args:
             bandwidth: infinite for none.
             lead: the time by which the low pass on v delays it [s].
-        """
-        return self
-
-    def tolerant(self, late: float, robot: Robot) -> Law:
-        """Return the law with a feedback for motors that may be late by up to a time [s].
-
-        The law itself where it has no such form.
-
-        Args:
-            late: the delay [s].
-            robot: the nominal robot.
         """
         return self
 

@@ -35,21 +35,14 @@ from .law import (
 )
 from .posture import Posture
 
-_DAMPING, _STEP = 3.0, 0.5  # K_v in bandwidths times inertia; at most this times inertia / dt
+_DAMPING = 3.0  # K_v in bandwidths times inertia
+_STEP = 0.5  # K_D at most this times inertia / dt
+_LAG = 5e-3  # [s]
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
-_HEAVY = 0.3  # of the robot's mass: the load assumed where a large error shows that there is one
-_CARRIED, _MOST = 0.05, 2.5  # for late motors: least inertia, of the load's; most, of the joint's
-_EAGER = 3.0  # times the delay of the motors, during which a ringing does not grow
-_FAR, _TURNED = 0.01, 0.06  # errors that are large: of the reach, and [rad]
-_MARGIN = 3.0  # lag over the time by which the torques may be late
-_PATIENCE = 8.0  # by which beta is divided at most where torques are late by much
-_DISAGREE = 6e-4  # of the reach: the error of the observation from which on it is
-_UNKNOWN = 1.0  # [s] after the start, during which an unannounced load may act
 _PUSH = 2.0  # times the damping, more for a joint behind a shortened reference
 _OBSERVER = 1.0  # beta in bandwidths
+_DISTURBANCE = 1.0  # lambda_d in bandwidths
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
-_FAST = 0.5  # Y_fast in parts of the largest norm of a typical motion
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,33 +97,16 @@ class Separation(Law):
         posture: what redundant joints do.
         K_v: (n, n) K_D [N m s/rad or N s/m], or what it is at most; see ``lag``.
         alpha: [1/s].
-        beta: [1/s], or what it is at most; see ``patience``.
+        beta: [1/s].
         c: weight of the observation error; zero by default for pictures.
-        R_k: (m_p, m_p) R, weight of the prediction error.
+        R_k: (m_p, m_p) R, weight of the prediction error of the position.
         lambda_s: decorrelation [1/s], infinite for none.
+        lambda_d: of the low pass F_w on the prediction error of the torque [1/s]; zero: the torque
+            does not contain it.
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
             exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
         M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag.
-        late: [s], a longer lag for motors that may be late by so much: K_D^-1 = K_v^-1 + R^-1 with
-            R = M_0 / late + diag(carried). Until 3 late after the start R is M_0 / lag, and goes
-            over within another 3 late; not at all where a joint has a part of ``carried``. In the
-            first two seconds a large task error takes it back, and so do torques that are known to
-            be in time, see ``tolerant``. Zero: R stays M_0 / lag.
-        far: (m) one over the task errors that are large [1/m or 1/rad].
-        K_far: (n, n) in place of K_v while such an error takes the shorter lag back [N m s/rad or
-            N s/m]; None: K_v.
-        carried: (n) for joints that are light beside the assumed load, see ``tolerant`` [N m s/rad
-            or N s/m].
-        patience: by which beta is divided at most where torques may be late by more than a third
-            of ``late`` and joints and position disagree, as on springs; see ``PositionObserver``.
-        near: |x_o - x| from which on it is wholly divided [m].
         lead: the time by which a low pass delays qd [s], see ``PositionObserver``.
-        Y_fast: norm of Y_k beyond which c is scaled down with its square, sigma = min(1, Y_fast^2 /
-            |Y_k|^2): the mode of the kinematic adaptation grows with the speed, and a wrist that an
-            unknown load spins would swing the estimate faster than the arm can follow it. With
-            sigma c for c in V, dV/dt gains c dsigma/dt dx_o^T dx_o / 2, which the observer's own
-            damping outweighs while sigma grows slower than exp(2 beta t). The prediction error,
-            which needs no dx_o, goes on.
         speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: it is as it
             is. With a governor they are those that the path may ask for. V has the same derivative
             with any differentiable qd_r. What the error asks for beyond it has to wait, and the
@@ -149,16 +125,10 @@ class Separation(Law):
     c: float = 1.0
     R_k: Any = 1.0
     lambda_s: float = math.inf
+    lambda_d: float = 0.0
     lag: float = 0.0
     M_0: Callable[[np.ndarray], np.ndarray] | None = None
-    late: float = 0.0
-    far: Any = 0.0
-    K_far: Any = None
-    carried: Any = 0.0
-    patience: float = 1.0
-    near: float = math.inf
     lead: float = 0.0
-    Y_fast: float = math.inf
     speeds: np.ndarray | None = None
     lever: float = 0.0
 
@@ -172,7 +142,11 @@ class Separation(Law):
     remembers = True
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
     adaptation_mode = 8.0
-    memory_mode = 1.75
+    # [rad/s]; 14: an unknown load displaces a UR10 by 22 mm at the start in place of 17; 40: motors
+    # that are 12 ms late make large arms ring
+    least_bandwidth = 28.0
+    memory_mode = 1.0
+    prediction_mode = 2.0
     joint_mode = 8.0
     kinematic_mode = 0.3
     units = ("N m s/rad", "")
@@ -190,32 +164,16 @@ class Separation(Law):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
+        positive(self.lambda_d, "lambda_d", zero=True)
         if positive(self.lag, "lag", zero=True) and self.M_0 is None:
             raise GainError("a lag needs the mass matrix that it belongs to.", where="M_0")
-        positive(self.late, "late", zero=True)
-        for name, size in (("carried", len(K_D)), ("far", self.task.size)):
-            each = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), size).copy()
-            object.__setattr__(self, name, each)
 
     @cached_property
     def filters(self) -> PositionObserver | PoseObserver:
-        """The observer of the position, or of the pose."""
-        late, patience = (self.late / _MARGIN, self.patience) if self.late else (math.inf, 1.0)
-        position = PositionObserver(
-            self.beta,
-            None if math.isinf(self.lambda_s) else self._reference_error,
-            self.lambda_s,
-            lead=self.lead,
-            late=late,
-            patience=patience,
-            near=self.near,
-        )
+        """The observer of the position, or of the pose, and of the disturbance."""
+        error = None if math.isinf(self.lambda_s) else self._reference_error
+        position = PositionObserver(self.beta, error, self.lambda_s, self.lead, self.lambda_d)
         return PoseObserver(position) if self.lever else position
-
-    @cached_property
-    def _eager(self) -> float:
-        """How long the shorter lag holds at the start [s]: not at all with too light a joint."""
-        return 0.0 if self.carried.any() else _EAGER * self.late
 
     @classmethod
     def tuned(
@@ -230,113 +188,25 @@ class Separation(Law):
             "c": 1.0 if motion.kinematics.affine else 0.0,
             "R_k": 1.0,
             "lambda_s": math.inf,
-            "lag": dt / _STEP if given.get("Kv") is None else 0.0,
+            "lambda_d": _DISTURBANCE * w,
+            "lag": max(_LAG, dt / _STEP) if given.get("Kv") is None else 0.0,
         }
         kinematics = motion.kinematics
         turns = not kinematics.calibrated and kinematics.task.size > kinematics.positions
         posture = Posture.of(motion.robot, given.get("posture"), w)
-        patient = given.get("beta") is None and motion.kinematics.affine  # not of a picture
-        gains = merged(defaults, given)
-        Y_fast = max((np.linalg.norm(Y_p) for Y_p in motion.kinematic_regressors), default=0.0)
         return cls(
             motion.kinematics.task,
             posture,
             M_0=NominalInertia(motion.robot),
-            Y_fast=_FAST * float(Y_fast) or math.inf,
-            patience=_PATIENCE if patient else 1.0,
-            near=_DISAGREE * motion.robot.reach,
             lever=_LEVER * motion.robot.reach if turns else 0.0,
-            **gains,
+            **merged(defaults, given),
         )
 
-    def K_D(
-        self,
-        q: np.ndarray,
-        age: float = math.inf,
-        dx: np.ndarray | None = None,
-        lateness: float = math.inf,
-    ) -> np.ndarray:
-        """Return K_D (n, n) at q (nq), at a time after the start [s] and a task error dx (m).
-
-        Without an error, K_D is that of a small one; without a lateness [s], see ``Estimate``, that
-        of torques that may be late.
-        """
+    def K_D(self, q: np.ndarray) -> np.ndarray:
+        """Return K_D (n, n) [N m s/rad or N s/m] at q (nq)."""
         if self.M_0 is None or not self.lag:
             return np.asarray(self.K_v)
-        K, rate, carried = self._limit(age, dx, lateness)
-        R = rate * self.M_0(q) + np.diag(carried)
-        return np.linalg.inv(np.linalg.inv(K) + np.linalg.inv(R))
-
-    def _settled_K_D(self, states: np.ndarray) -> np.ndarray:
-        """Return K_D (N, n, n) long after the start, at configurations (N, nq)."""
-        if self.M_0 is None or not self.lag:
-            return np.asarray(self.K_v)
-        K, rate, carried = self._limit(math.inf, None, math.inf)
-        R = rate * np.array([self.M_0(q).copy() for q in states]) + np.diag(carried)
-        return np.linalg.inv(np.linalg.inv(K) + np.linalg.inv(R))
-
-    def _limit(
-        self, age: float, dx: np.ndarray | None, lateness: float
-    ) -> tuple[np.ndarray, float, np.ndarray]:
-        """Return K (n, n), r [1/s] and d (n), at a time after the start [s].
-
-        K_D^-1 = K^-1 + (r M_0 + diag(d))^-1.
-        """
-        K = self.K_v
-        if not self.late:
-            return K, 1.0 / self.lag, self.carried
-        share, eager = 1.0, self._eager
-        if age < 2.0 * eager:
-            share = max(0.0, age / eager - 1.0)
-        if _MARGIN * lateness < self.late:
-            known = max(_MARGIN * lateness, self.lag)
-            share *= (1.0 / self.lag - 1.0 / known) / (1.0 / self.lag - 1.0 / self.late)
-        if dx is not None and age < 2.0 * _UNKNOWN:
-            large = kernels.weighted_norm(self.far, dx) - 1.0
-            if large > 0.0:
-                large = min(1.0, large) * min(1.0, 2.0 - age / _UNKNOWN)
-                share *= 1.0 - large
-                if self.K_far is not None:
-                    K = K + large * (self.K_far - K)
-        carried = self.carried if share == 1.0 else share * self.carried
-        return K, (1.0 - share) / self.lag + share / self.late, carried
-
-    def tolerant(self, late: float, robot: Robot) -> Separation:
-        """Return the law with the lag ``late`` [s] in place of a shorter one.
-
-        Feedback through motors that are late by T rings where the damping of a joint exceeds about
-        its inertia / T. A joint that is much lighter than the load assumed for K_v would be spun by
-        such a load before it is learned: its inertia counts as a twentieth of the load's at least,
-        but at most as 2.5 times its own. No joint is damped more than with the shorter lag. All
-        have that one at the start, when nothing is learned and the errors of the model strike:
-        within 3 T a ringing does not grow. Only where a joint counts as heavier than it is, the
-        lag is the longer one from the first sample on: that joint rings before 3 T are over.
-
-        A memory of all torques estimates by how much they may be late (``Estimate.lateness``). The
-        lag becomes three times that time, but for the bounds ``lag`` and ``late``: short where the
-        run itself shows that the torques are in time, long again as soon as anything rings.
-
-        A wrist with an unannounced load may have a hundred times the inertia that the model
-        gives it, and its own inertia / T brakes it within seconds only: the load spins it before it
-        is learned. An error of the position beyond 1 % of the reach, or of an angle beyond 0.06
-        rad, shows that. From twice as much on the shorter lag is back, wholly in the first second
-        and less and less until two: later, with the load learned, a large error is rather that of
-        an obstacle or of motors at their limits, and the shorter lag would only ring. With it K_v
-        becomes that for a load of 30 % of the robot's mass, K_far: the load falls more slowly, and
-        the tracking error, which shows the load, exaggerates less. The lag still bounds K_D.
-
-        V does not contain K_D, so that dV/dt is an equality for any K_D(t) > 0, however it moves.
-        """
-        if not self.lag or late <= self.lag:
-            return self
-        M = pin.crba(robot.model, robot.model.createData(), robot.q0)
-        own, load = 1.0 / np.diag(np.linalg.inv(M)), _loaded_inertia(robot) - np.diag(M)
-        counted = np.clip(_CARRIED * load, own, min(_MOST, late / self.lag) * own)
-        far = np.full(self.task.size, 1.0 / _TURNED)
-        far[: self.task.positions] = 1.0 / (_FAR * robot.reach)
-        more = np.sqrt(_loaded_inertia(robot, _HEAVY) / (load + np.diag(M)))
-        K_far = more[:, None] * self.K_v * more
-        return replace(self, late=late, far=far, K_far=K_far, carried=(counted - own) / late)
+        return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(self.M_0(q)))
 
     def within(self, speeds: np.ndarray) -> Separation:
         """Return the law with these speeds (n) [rad/s or m/s], unless it has some."""
@@ -344,7 +214,7 @@ class Separation(Law):
 
     def of_joints(self, task: JointTask) -> Separation:
         """Return the same feedback with the joints as its task."""
-        return replace(self, task=task, R_k=1.0, far=1.0 / _TURNED, patience=1.0, lever=0.0)
+        return replace(self, task=task, R_k=1.0, lever=0.0)
 
     def decorrelated(self, bandwidth: float, lead: float = 0.0) -> Separation:
         """Return the law with another lambda_s [1/s], for a velocity that is late by a lead [s]."""
@@ -354,24 +224,16 @@ class Separation(Law):
         """Return the law with another R, a number times the identity."""
         return replace(self, R_k=weight)
 
-    def _observing(self, s: Signals) -> float:
-        """Return the present beta [1/s], that of the observer."""
-        if not self.late:
-            return self.beta
-        return kernels.observing(
-            self.beta, s.filtered.dx_o, self.near, s.lateness, self.late / _MARGIN, self.patience
-        )
-
     def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
         """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.
 
         In the rows of an orientation its error, measured or observed, stands for x_o - x_d.
         """
         u, ud = empty(s.dx.size), empty(s.dx.size)
-        beta, dx, xd, delta = self._observing(s), s.dx, s.xd_hat, s.delta
+        dx, xd, delta = s.dx, s.xd_hat, s.delta
         if self.lever:
-            dx, xd, delta = _turning(s, beta)
-        kernels.reference(s.xd_d, dx, s.xdd_d, xd, s.filtered.dx_o, self.alpha, beta, u, ud)
+            dx, xd, delta = _turning(s, self.beta)
+        kernels.reference(s.xd_d, dx, s.xdd_d, xd, s.filtered.dx_o, self.alpha, self.beta, u, ud)
         if delta is not None:
             ud -= self.alpha * delta
         return u, ud
@@ -400,16 +262,12 @@ class Separation(Law):
         """
         D = np.diag(self.K_v)
         if self.M_0 is not None and self.lag:
-            K, rate, carried = self._limit(s.filtered.age, s.dx, s.lateness)
-            D = 1.0 / (1.0 / np.diag(K) + 1.0 / (rate * np.diag(self.M_0(s.q)) + carried))
+            D = 1.0 / (1.0 / D + self.lag / np.diag(self.M_0(s.q)))
         size = np.minimum(np.abs(error), np.abs(lacking)) * (error * lacking < 0.0)
         return np.asarray(-_PUSH * D * np.copysign(size, error))
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""
-        M_0, limit = None, None
-        if self.M_0 is not None and self.lag:
-            M_0, limit = self.M_0(s.q), self._limit(s.filtered.age, s.dx, s.lateness)
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
@@ -424,71 +282,64 @@ class Separation(Law):
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
-        # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s
+        # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
         Y, feedforward = model.slotine_li(s.q, v, qd_r, qdd_r)
-        if M_0 is None or limit is None:
+        if self.M_0 is None or not self.lag:
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
             kernels.subtract_limited_damping(
-                feedforward, limit[0], M_0, *limit[1:], s.v, qd_r, error, torque
+                feedforward, self.K_v, self.M_0(s.q), 1.0 / self.lag, s.v, qd_r, error, torque
             )
+        torque -= s.filtered.disturbance
         if qd_r is not free:
             torque += self._push(s, error, free - qd_r)
         return Command(torque, Drives(Drive(Y, error), kinematic), None, feedforward)
 
     def _kinematic_drive(self, s: Signals) -> Drive:
-        """Return the drive of g_k = sigma c Y_k^T (dx_o, lever eta) + X_k^T R epsilon.
+        """Return the drive of g_k = c Y_k^T (dx_o, lever eta) + X_k^T R epsilon.
 
         The rotation rows of Y_k count times the lever, and only where there is one.
         """
         dx_o, epsilon, X_k = s.filtered.dx_o, s.epsilon, s.X_k
         m, p = X_k.shape
-        error, g_k, Y_k = empty(m), empty(p), self._weighted(s)
-        kernels.observation_drive(
-            Y_k, dx_o, self.c, self.Y_fast, X_k, epsilon, self.R_k, error, g_k
-        )
+        error, g_k = empty(m), empty(p)
+        kernels.observation_drive(s.Y_k, dx_o, self.c, X_k, epsilon, self.R_k, error, g_k)
         if self.lever:
-            turning = self._share(Y_k) * self.c * self.lever * s.filtered.eta
-            error, g_k, m = np.append(error, turning), g_k + turning @ Y_k[m:], len(Y_k)
-        return Drive(Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
-
-    def _weighted(self, s: Signals) -> np.ndarray:
-        """Return Y_k (m, p), its rotation rows times the lever if there is one."""
-        if not self.lever:
-            return s.Y_k
-        Y_k: np.ndarray = s.Y_k.copy()
-        Y_k[self.task.positions :] *= self.lever
-        return Y_k
-
-    def sigma(self, s: Signals) -> float:
-        """Return the share of c that counts at this speed."""
-        return self._share(self._weighted(s))
-
-    def _share(self, Y_k: np.ndarray) -> float:
-        """Return sigma for a weighted Y_k (m, p)."""
-        return min(1.0, self.Y_fast**2 / max(float(np.vdot(Y_k, Y_k)), _TINY))
+            turning = self.lever * self.c * self.lever * s.filtered.eta
+            error, g_k, m = np.append(error, turning), g_k + turning @ s.Y_k[m:], len(s.Y_k)
+        return Drive(s.Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
 
     def storage(self, s: Signals, truth: Truth) -> float:
-        """Return s^T M s / 2 + sigma c (dx_o^T dx_o + lever^2 eta^T eta) / 2, M the true one."""
-        error = self._reference_error(s)
-        return float(0.5 * error @ (truth.M @ error) + 0.5 * self._observation(s))
+        """Return s^T M s / 2 + d^T K_v^-1 d / (4 lambda_d) + c (|dx_o|^2 + lever^2 |eta|^2) / 2.
+
+        M is the true mass matrix, d the low-passed prediction error of the torque.
+        """
+        error, d = self._reference_error(s), s.filtered.disturbance
+        V = 0.5 * error @ (truth.M @ error) + 0.5 * self._observation(s)
+        if self.lambda_d:
+            V += 0.25 / self.lambda_d * d @ np.linalg.solve(self.K_v, d)
+        return float(V)
 
     def _observation(self, s: Signals) -> float:
-        """Return sigma c (dx_o^T dx_o + lever^2 eta^T eta)."""
+        """Return c (dx_o^T dx_o + lever^2 eta^T eta)."""
         dx_o, eta = s.filtered.dx_o, s.filtered.eta
         turning = self.lever**2 * eta @ eta if self.lever else 0.0
-        return float(self.sigma(s) * self.c * (dx_o @ dx_o + turning))
+        return float(self.c * (dx_o @ dx_o + turning))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
-        """Return dV/dt, but for what a change of sigma adds."""
+        """Return dV/dt."""
         qd_r, lacking = self._reference_velocity(s)
-        error, epsilon = s.v - qd_r, s.epsilon
+        error, epsilon, d = s.v - qd_r, s.epsilon, s.filtered.disturbance
         f = truth.friction.torque
-        K_D = self.K_D(s.q, s.filtered.age, s.dx, s.lateness)
-        joints = error @ (K_D @ error) + error @ (f(s.v) - f(s.v - error))
+        joints = error @ (self.K_D(s.q) @ error) + error @ (f(s.v) - f(s.v - error)) + error @ d
+        if self.lambda_d:
+            predicted = np.zeros(d.size)
+            if s.filtered_torque is not None:
+                predicted = s.filtered_torque.W @ (s.a_d - truth.a_d)
+            joints += 0.5 * (d - predicted) @ np.linalg.solve(self.K_v, d)
         if lacking is not None:
             joints -= error @ self._push(s, error, lacking)
-        task = self._observing(s) * self._observation(s) + epsilon @ (self.R_k @ epsilon)
+        task = self.beta * self._observation(s) + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
@@ -503,7 +354,10 @@ class Separation(Law):
             )
         )  # fmt: skip
         unit = W.swapaxes(1, 2)
-        D, tracked = W @ self._settled_K_D(motion.states.q) @ unit, W @ M @ inverse @ J @ unit
+        D, tracked = (
+            W @ np.array([self.K_D(q) for q in motion.states.q]) @ unit,
+            W @ M @ inverse @ J @ unit,
+        )
         null = self.posture.frequency * (np.eye(M.shape[1]) - tracked)
         K_P, K_D = self.alpha * D @ tracked, D + self.alpha * tracked
         return [Feedback(*each) for each in zip(K_P, K_D, null, D, strict=True)]

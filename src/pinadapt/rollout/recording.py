@@ -177,10 +177,7 @@ class Evaluation:
                 V.append(np.nan)
                 continue
             of_law = law.storage_unchecked(signals, truth_at(plant, sample, a_k, a_d))
-            V.append(
-                parts
-                + self.controller.adaptation_d.emphasis_unchecked(sample.state.dynamic) * of_law
-            )
+            V.append(parts + of_law)
         return np.array(V)
 
 

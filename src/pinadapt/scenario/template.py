@@ -60,17 +60,14 @@ def default_gains(controller: Controller) -> Iterable[tuple[str, str, str]]:
         yield "Kp", _gain(law.K_P), f"position gain [{position}]"
     for name, meaning in _MEANINGS.items():
         framed = name in ("lambda_", "R_k")  # of the frame's velocity and position
-        if name == "lag" and law.late:
-            yield name, _gain(law.late), f"{meaning}; by default shorter for a moment at the start"
-        elif hasattr(law, name) and (controller.kinematics.task.positions or not framed):
+        if hasattr(law, name) and (controller.kinematics.task.positions or not framed):
             yield name.rstrip("_"), _gain(getattr(law, name)), meaning
     if law.learns_from_torque:  # its rates depend on the prediction
         return
     bodies, joints = _parts(controller.adaptation_d)
-    faster = "; by default larger for a moment at the start" if law.late else ""
-    yield "gamma_d", _gain(bodies.gamma), f"rate of the inertial parameters{faster}"
+    yield "gamma_d", _gain(bodies.gamma), "rate of the inertial parameters"
     if joints is not None:
-        yield "gamma_joint", _gain(joints.gamma), f"rate of armature and friction{faster}"
+        yield "gamma_joint", _gain(joints.gamma), "rate of armature and friction"
     known = controller.kinematics.calibrated  # else they are too many for a comment
     if law.learns_kinematics and controller.kinematics.size and known:
         rate_k = controller.adaptation_k.gain(controller.kinematics.initial)

@@ -1,8 +1,9 @@
 """The bandwidth of the default gains, and the prior covariance of the parameters.
 
-The bandwidth is w = 20 rad/s sqrt(2.2 m / reach), or 0.075 / dt for slow loops: gravity and the
-centrifugal forces of similar motions accelerate a robot of reach L at the rate sqrt(g / L), so that
-a model error then displaces every robot by the same fraction of its size. Each law states its own
+The bandwidth is w = 20 rad/s sqrt(2.2 m / reach), at least ``Law.least_bandwidth``, and at most
+0.075 / dt for slow loops: gravity and the centrifugal forces of similar motions accelerate a robot
+of reach L at the rate sqrt(g / L), so that a model error then displaces every robot by the same
+fraction of its size. Each law states its own
 gains for a bandwidth (``Law.tuned``); where the check before a run finds the feedback too fast for
 dt, w is lowered until it passes.
 
@@ -146,13 +147,17 @@ _LAG, _GIVING_WAY, _ELASTIC = 2.0, 1.0, 0.5
 # of the bandwidth
 PREDICTION_RATE = 0.125
 
-# [s], of undeclared late motors, see ``Law.tolerant``; times the declared lateness
-LATE, _LATER = 0.01, 1.5
 
+def bandwidth(robot: Robot, dt: float, least: float = 0.0) -> float:
+    """Return the default bandwidth w [rad/s] for a robot at sampling period dt [s].
 
-def bandwidth(robot: Robot, dt: float) -> float:
-    """Return the default bandwidth w [rad/s] for a robot at sampling period dt [s]."""
-    return min(_PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5, _LARGEST_STEP / dt)
+    Args:
+        robot: of some reach.
+        dt: sampling period [s].
+        least: for robots of any size, see ``Law.least_bandwidth`` [rad/s].
+    """
+    own = _PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5
+    return min(max(own, least), _LARGEST_STEP / dt)
 
 
 def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
@@ -173,15 +178,6 @@ def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
     own = actuators.of(robot)
     late = float(_LAG * np.max(dt + own.delay + 1.0 / own.bandwidth))
     return late + _GIVING_WAY / elastic_mode(robot, actuators)
-
-
-def tolerated_lateness(actuators: Actuators) -> float:
-    """Return the delay of motors for which the feedback beside a memory is made [s].
-
-    It is 10 ms, or one and a half times the declared delay and time constant together where that is
-    longer. Zero for springs, which have a rule of their own in ``feedback_lag``.
-    """
-    return 0.0 if actuators.elastic else max(LATE, _LATER * actuators.lateness)
 
 
 def slowest_share(robot: Robot, actuators: Actuators, mode: float) -> float:

@@ -36,7 +36,7 @@ from ..robot.changes import Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.task import JointTask
-from .defaults import bandwidth, elastic_mode, feedback_lag, slowest_share, tolerated_lateness
+from .defaults import bandwidth, elastic_mode, feedback_lag, slowest_share
 from .noise import (
     SIGMA,
     Given,
@@ -56,7 +56,6 @@ from .rates import (
     default_adaptation,
     default_kinematic_adaptation,
     dynamic_adaptation,
-    learns_friction,
     metric_of,
     predicting_kind,
     prediction_weight,
@@ -171,20 +170,17 @@ def make_controller(
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors, chosen)
     if adaptation is None and kind == "natural":
-        kind = default_adaptation(chosen, robot, dynamics)
-    motion = TypicalMotion(robot, kinematics, dynamics, bandwidth(robot, dt), applied.torque)
+        kind = default_adaptation(chosen, dynamics)
+    w = bandwidth(robot, dt, chosen.least_bandwidth)
+    motion = TypicalMotion(robot, kinematics, dynamics, w, applied.torque)
     K_f = None if fast is None else fast.gain_for(robot, applied.actuators, dt)
-    late = 0.0
-    if kind in MEMORIES and learns_friction(robot, dynamics) and gains.get("lag") is None:
-        late = tolerated_lateness(applied.actuators)  # else the feedback compensates friction
-    tuned, w = _tuned(law, motion, dt, gains, applied.actuators, K_f, late)
+    tuned, w = _tuned(law, motion, dt, gains, applied.actuators, K_f)
     quality = sensors.quality(robot.model.nv, dt)
     settings = noise_settings(quality, w, robot.reach)
     elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
         tuned = tuned.decorrelated(settings.decorrelation, 1.0 / settings.velocity)
-        tuned = tuned.tolerant(late, robot) if late else tuned
     if applied.governor is not None:
         tuned = tuned.within(applied.governor.velocity)
     _warn(tuned, (kind, kind_k), motion, gains | rates, payload)
@@ -277,11 +273,11 @@ def _adaptation(
 ) -> Adaptation:
     """Return how the dynamic estimate moves; noisy sensors add a leak where none is chosen."""
     law, motion, w, settings = tuning.law, tuning.motion, tuning.bandwidth, tuning.settings
-    first, jitter = share * settings.mode**2, 0.0
-    share *= tracking_share(kind, law, settings.mode, w, tuning.late)
+    jitter = 0.0
+    share *= tracking_share(kind, law, settings.mode)
     if tuning.quality.v:
         jitter = tuning.quality.v * min(1.0, math.sqrt(0.5 * settings.velocity * tuning.period))
-    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter, first, tuning.late)
+    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter)
     if kind == "none":
         return moved
     moved = modified(moved, modifying, tuning)
@@ -392,22 +388,19 @@ def _tuned(
     gains: dict[str, Any],
     actuators: Actuators,
     K_f: np.ndarray | None,
-    late: float,
 ) -> tuple[Law, float]:
     """Return the law, and the bandwidth [rad/s] that it has at the period dt [s].
 
     The feedback of a law by name is made as slow as a stable loop at dt needs with the actuators,
-    where none of its gains is given; for motors that are ``late`` [s], see ``Law.tolerant``, as
-    slow as with that lag, which it does not get yet.
+    where none of its gains is given.
     """
     if isinstance(law, Law):
         if given := [name for name, gain in gains.items() if gain is not None]:
             raise InputError(f"a law given as an object has its gains; got {given}.", where="gains")
         return law, motion.bandwidth * law.bandwidth_share
     chosen = LAWS[law]
-    own = gains
     if not actuators.ideal and gains.get("lag") is None and gains.get("Kv") is None:
-        gains = gains | {"lag": late or feedback_lag(motion.robot, dt, actuators)}
+        gains = gains | {"lag": feedback_lag(motion.robot, dt, actuators)}
     tuned = chosen.tuned(motion, dt, **gains)
     if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
         return tuned, motion.bandwidth * tuned.bandwidth_share
@@ -433,7 +426,7 @@ def _tuned(
             "velocity besides: law=pa.laws.FastFeedback(...).",
             stacklevel=6,
         )
-    tuned = chosen.tuned(motion, dt, share, **own) if late else slowed(share)
+    tuned = slowed(share)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
 

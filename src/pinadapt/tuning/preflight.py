@@ -208,8 +208,6 @@ def _values(law: Law, names: Iterable[str]) -> dict[str, float]:
         single = value.ndim == 1 or np.array_equal(value, np.diag(diagonal))
         if single and np.isfinite(diagonal).all() and np.ptp(diagonal) == 0.0 and diagonal[0] > 0.0:
             found[name] = float(diagonal[0])
-    if "lag" in found:  # in place of which the law has a longer one after the start
-        found["lag"] = max(found["lag"], law.late)
     return found
 
 
@@ -267,7 +265,9 @@ def _too_slow(controller: Controller, motion: TypicalMotion, dt: float) -> Findi
     """
     robot, task = motion.robot, motion.kinematics.task
     feedback = controller.law.feedback(motion)
-    if not feedback or motion.bandwidth >= _SLOWED * bandwidth(robot, _SHORTEST * dt):
+    if not feedback or motion.bandwidth >= _SLOWED * bandwidth(
+        robot, _SHORTEST * dt, controller.law.least_bandwidth
+    ):
         return None
     model, m = robot.model, task.positions or task.size
     size, unit = (robot.reach, "m") if task.positions else (1.0, "rad")

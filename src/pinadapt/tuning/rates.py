@@ -66,21 +66,15 @@ RATES = (
 
 _THICKNESS = 1e-2  # least thickness of the last body, as a share of the reach
 _THINNEST = 1e-4  # [m]
+_LOAD = 0.1  # load that the last body may have, as a share of the robot's mass
 
 # prediction of the torque; rates in bandwidths
 _LEAST_SQUARES = 1e3  # initial rate
 _FILTER = 1.25
 _FORGETTING = 0.125
-_DOUBT = 1.0  # at which a memory forgets when contradicted by as much as its noise
+_FORGOTTEN = 100.0  # rate at which a memory forgets when contradicted by its whole noise
 _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
-_CONTRADICTION = 1e-3  # normalised innovation at which it begins anew
-_TIMELY = 3.0  # times the share of the tracking error where torques are in time
-_LONE = 0.25  # share of the tracking error where a memory explains nothing
-_UNEXPLAINED = 3e-3  # mean square of lasting innovations at which it is trusted by half
-_LEAST_TRUST = 0.1  # that they leave where friction is learned
 _INTERVAL = 0.2  # between evaluations, in 1 / rate
-_AGREEMENT = 0.01  # relative to the noise, below which a memory leaves the rest to the loop
-_IN_TIME = 0.5  # mode of the tracking error times the delay of motors that are late
 _HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
@@ -105,18 +99,12 @@ def check_adaptation(kind: str, where: str, kinds: Sequence[str]) -> None:
         )
 
 
-def default_adaptation(law: type[Law], robot: Robot, dynamics: Dynamics) -> str:
+def default_adaptation(law: type[Law], dynamics: Dynamics) -> str:
     """Return the kind of adaptation of a controller that names none.
 
-    It is "natural-memory" with a law that ``remembers`` where the ten parameters of every body and
-    the friction of every joint are unknown, else "natural". A memory explains all past torques by
-    the parameters: what these cannot explain, such as friction that is called known and is not, it
-    would take for inertia and keep. A tracking error that adapts faster than beside a memory
-    compensates that better.
+    It is "natural-memory" with a law that ``remembers``, else "natural".
     """
-    bodies = dynamics.per_body and len(dynamics.bodies) == robot.model.nv
-    explained = bodies and learns_friction(robot, dynamics)
-    return "natural-memory" if law.remembers and explained else "natural"
+    return "natural-memory" if law.remembers and dynamics.per_body else "natural"
 
 
 def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
@@ -131,12 +119,6 @@ def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> 
     """
     few = all(part.joint in (None, FIRST) for part in kinematics.translations)
     return LeastSquares.name if law.uses_position_error and few else "gradient"
-
-
-def learns_friction(robot: Robot, dynamics: Dynamics) -> bool:
-    """Return whether viscous and Coulomb friction of every joint are among the parameters."""
-    friction = {f"{name}.{kind}" for name in robot.joint_names for kind in ("viscous", "coulomb")}
-    return friction.issubset(dynamics.names)
 
 
 def metric_of(kind: str) -> str:
@@ -171,8 +153,6 @@ def dynamic_adaptation(
     lmi: ArrayLike | MatrixInequality | None,
     share: float = 1.0,
     jitter: float = 0.0,
-    first: float = 1.0,
-    late: float = 0.0,
 ) -> Adaptation:
     """Return the dynamic adaptation with given rates or a share of the default ones.
 
@@ -185,9 +165,6 @@ def dynamic_adaptation(
         lmi: matrix inequality for a basis of the user's own.
         share: of the default rates.
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
-        first: share of the default rates for the tracking error beside a memory that
-            is empty.
-        late: by which the motors are declared to be late [s].
 
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
@@ -197,10 +174,7 @@ def dynamic_adaptation(
     moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
     if kind in _METRICS:
         mode = law.prediction_mode
-        timely = _TIMELY if law.remembers else 1.0
-        moved = predicting(
-            kind, moved, motion, bandwidth, share, rates, mode, jitter, first, timely, late
-        )
+        moved = predicting(kind, moved, motion, bandwidth, share, rates, mode, jitter)
     return law.guarded(moved, motion.dynamics)
 
 
@@ -270,11 +244,11 @@ def _inertial_adaptation(
 
 
 def _shares(robot: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | None:
-    """Return relative rates, one per body, where the last one is described as a needle; else None.
+    """Return relative rates, one per body, where the last one may carry more than it is; else None.
 
-    The thickness of a body scales how far its centre of mass may move in the metric, but an unknown
+    Mass and thickness of a body scale how far its parameters may move in the metric, but an unknown
     load may be on the last body whatever its description says: that body is learned as fast as if
-    its thickness were a hundredth of the reach.
+    it had a tenth of the robot's mass besides, or a thickness of a hundredth of the reach.
     """
     last = robot.model.nv - 1
     if not dynamics.per_body or last not in dynamics.bodies:
@@ -285,6 +259,7 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | Non
     about_centre = P[:3, :3] / P[3, 3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3] ** 2
     radius = np.sqrt(max(np.linalg.eigvalsh(about_centre)[0], 0.0))
     shares[index] = max(1.0, (_THICKNESS * robot.reach / max(radius, _THINNEST)) ** 2)
+    shares[index] = max(shares[index], 1.0 + _LOAD * pin.computeTotalMass(robot.model) / P[3, 3])
     return shares if shares[index] > 1.0 else None
 
 
@@ -323,9 +298,6 @@ def predicting(
     rates: Mapping[str, Any],
     mode: float,
     jitter: float,
-    first: float,
-    timely: float,
-    late: float,
 ) -> Adaptation:
     """Return an adaptation that also follows the prediction error of the torque.
 
@@ -339,18 +311,8 @@ def predicting(
 
     A memory moves the estimate at the same rate whatever the noise and the period are, because it
     averages the noise and is stable at any period. It assumes noise of 1 % of the torque due to the
-    initial uncertainty, and forgets at w where new data contradict it by that much. With perfect
-    sensors 3 w would find a changed load twice as fast; with encoders of 17 bits it would forget
-    too much, and a Panda keep four times the error. Without changes neither number matters. It
-    begins anew at innovations of 0.001, small because the default Gamma, the rate of a loop, is
-    larger than the covariance of the parameters: a load that doubles causes 0.01 to 1, late
-    motors and elastic joints 1e-6 to 5e-4, encoders less. Friction that is in no parameter causes
-    innovations of 0.005 to 0.1 all the time; half of the trust is left at 0.003. Where the friction
-    of all joints is learned, a tenth is left at any: a load of 28 times the mass of the last body,
-    further from it than the prior believes, causes 0.3 to 1.5 for seconds. Its covariance is
-    that of the default rates, of which the tracking error has the given share, with the
-    share ``first`` beside an empty memory, and with a quarter beside one that explains nothing.
-    Where gamma_d or gamma_joint is given, it adapts at that rate all the time.
+    initial uncertainty, and forgets at w where new data contradict it by a tenth of that noise. Its
+    covariance is that of the default rates, of which the tracking error has the given share.
 
     Noise of the joint velocity, behind its low pass, is noise of the acceleration in W, of the size
     of the torque filter's bandwidth times it. Its spurious information on the parameters adds up,
@@ -369,11 +331,6 @@ def predicting(
         rates: given ``prediction_rate``, ``prediction_filter`` and ``forgetting``.
         mode: ``Law.prediction_mode``.
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
-        first: share of the default rates for the tracking error beside a memory that
-            is empty.
-        timely: times that share where torques are in time; laws that need
-            M_hat^-1 or a fixed M_hat_0 tolerate no faster one.
-        late: by which the motors are declared to be late [s].
 
     Raises:
         GainError: a rate that is not positive.
@@ -384,9 +341,7 @@ def predicting(
     torques = typical_torques(moved, motion)
     if kind in MEMORIES:
         rate = _given(rates, "prediction_rate", mode * bandwidth)
-        doubt = _given(rates, "forgetting", _DOUBT * bandwidth)
-        given = any(rates.get(name) is not None for name in ("gamma_d", "gamma_joint"))
-        first = share if given else max(share, first)
+        doubt = _given(rates, "forgetting", _FORGOTTEN * bandwidth)
         variance, prior = _NOISE**2 * torques, None
         if jitter:
             shaken = shaken_torques(moved, motion, low_pass * jitter)
@@ -399,17 +354,9 @@ def predicting(
             noise=np.sqrt(variance / share),
             forgetting=doubt,
             share=share,
-            first_share=first,
-            lone_share=max(share, min(first, _LONE)),
-            timely_share=max(share, min(first, timely * share)),
-            contradiction=_CONTRADICTION,
-            unexplained=_UNEXPLAINED,
-            least_trust=_LEAST_TRUST if learns_friction(motion.robot, motion.dynamics) else 0.0,
             interval=_INTERVAL / rate,
-            agreement=_AGREEMENT,
             unit=_unit(moved, motion) * share,
             prior=prior,
-            late=late,
         )
     if kind != LeastSquares.name:
         return Composite(moved, low_pass, rate=rate, floor=_FLOOR * torques)
@@ -476,25 +423,18 @@ def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> n
     return np.asarray(a**2 * rest.size * np.mean(found, axis=0))
 
 
-def tracking_share(kind: str, law: Law, mode: float, bandwidth: float, late: float) -> float:
+def tracking_share(kind: str, law: Law, mode: float) -> float:
     """Return the share of the law's default rates for the tracking error.
 
-    Beside a memory its mode is ``Law.memory_mode`` bandwidths, and at most half of 1 / T where the
-    feedback is for motors that are late by T, or they are declared to be: a faster one takes the
-    rest of the phase margin.
+    Beside a memory its mode is ``Law.memory_mode`` bandwidths.
 
     Args:
         kind: of adaptation.
         law: with its mode, at the default rates.
         mode: share of it that the noise of the sensors leaves.
-        bandwidth: w [rad/s].
-        late: by which the motors are declared to be late [s].
     """
     if kind in MEMORIES:
-        own = law.adaptation_mode * bandwidth
-        mode = min(mode, law.memory_mode * bandwidth / own)
-        if late := max(late, law.late):
-            mode = min(mode, _IN_TIME / (late * own))
+        mode = min(mode, law.memory_mode / law.adaptation_mode)
     return mode**2
 
 
