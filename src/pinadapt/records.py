@@ -207,6 +207,12 @@ class Sensors:
                 if name == "tau"
                 else positive(deviation, where, zero=True)
             )
+        if given["torque_offset"] is not None and "tau" not in given["noise"]:
+            raise InputError(
+                "a torque sensor has noise too.",
+                where="noise.tau",
+                hint="Give its standard deviation beside the offset.",
+            )
         for name, value in given.items():
             object.__setattr__(self, name, value)
 
@@ -274,7 +280,11 @@ class Sensors:
         rate = 1.0 / dt if camera is None or camera.rate is None else min(camera.rate, 1.0 / dt)
         age = 0.0 if camera is None else camera.delay + 1.0 / rate
         v = math.hypot(self.deviation("v"), differenced)
-        return SensorQuality(v, self.deviation("x"), rate, age)
+        tau = 0.0
+        if self.torque_offset is not None:
+            offset = vector(self.torque_offset, nv, "torque_offset")
+            tau = float(np.hypot(offset, vector(self.noise.get("tau", 0.0), nv, "noise.tau")).max())
+        return SensorQuality(v, self.deviation("x"), rate, age, tau)
 
     def deviation(self, channel: str) -> float:
         """Return the standard deviation of a channel that has one number: all but ``tau``."""
@@ -305,12 +315,14 @@ class SensorQuality:
         x: of a measured position [m].
         rate: frames of the camera [1/s].
         age: largest age of the latest frame [s]; zero if every sample has a frame of its own.
+        tau: by which a declared torque sensor is off, offset and noise together [N m or N].
     """
 
     v: float = 0.0
     x: float = 0.0
     rate: float = 0.0
     age: float = 0.0
+    tau: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse numbers that no sensor has.

@@ -39,7 +39,6 @@ _DAMPING = 3.0  # K_v in bandwidths times inertia
 _STEP = 0.5  # K_D at most this times inertia / dt
 _LAG = 5e-3  # [s]
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
-_PUSH = 2.0  # times the damping, more for a joint behind a shortened reference
 _OBSERVER = 1.0  # beta in bandwidths
 _DISTURBANCE = 1.0  # lambda_d in bandwidths
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
@@ -110,8 +109,7 @@ class Separation(Law):
         speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: it is as it
             is. With a governor they are those that the path may ask for. V has the same derivative
             with any differentiable qd_r. What the error asks for beyond it has to wait, and the
-            path waits with it. A joint that a load spins the other way is damped up to three times
-            as much meanwhile: a term of dV/dt that is not positive.
+            path waits with it.
         lever: length that makes a turn count as a way in the observation error of a pose in the
             axes of a tracker [m]; zero: no orientation is observed, the measured one is taken.
     """
@@ -240,31 +238,13 @@ class Separation(Law):
 
     def _reference_error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
-        return np.asarray(s.v - self._reference_velocity(s)[0])
-
-    def _reference_velocity(self, s: Signals) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return qd_r (n), and what it lacks to keep the speeds (n), or None where nothing."""
         psi = self.posture.null_motion_unchecked(s)[0]
-        free = s.inverse.solve(self._reference(s)[0], psi)
-        if self.speeds is None:
-            return free, None
-        still = np.zeros(free.size)
-        none, fixed = None if psi is None else still, np.zeros(s.inverse.J.shape)
-        kept = s.inverse.keeping(self.speeds, free, still, psi, none, fixed)[0]
-        return kept, None if kept is free else free - kept
-
-    def _push(self, s: Signals, error: np.ndarray, lacking: np.ndarray) -> np.ndarray:
-        """Return the torque (n) that a joint behind a shortened reference gets [N m or N].
-
-        It is -d_i min(|s_i|, |lacking_i|) sign(s_i) where both have opposite signs, d_i as K_D for
-        the joint alone, twice: more damping only takes from V. Bounded, the reference alone would
-        pull less than the whole one does.
-        """
-        D = np.diag(self.K_v)
-        if self.M_0 is not None and self.lag:
-            D = 1.0 / (1.0 / D + self.lag / np.diag(self.M_0(s.q)))
-        size = np.minimum(np.abs(error), np.abs(lacking)) * (error * lacking < 0.0)
-        return np.asarray(-_PUSH * D * np.copysign(size, error))
+        qd_r = s.inverse.solve(self._reference(s)[0], psi)
+        if self.speeds is not None:
+            still, fixed = np.zeros(qd_r.size), np.zeros(s.inverse.J.shape)
+            none = None if psi is None else still
+            qd_r = s.inverse.keeping(self.speeds, qd_r, still, psi, none, fixed)[0]
+        return np.asarray(s.v - qd_r)
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s, and the drives of both estimates."""
@@ -275,9 +255,8 @@ class Separation(Law):
         Jdot = model.jacobian_rate(a_k_rate)
         psi, psid = self.posture.null_motion_unchecked(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
-        free = qd_r
         if self.speeds is not None:
-            qd_r, qdd_r = s.inverse.keeping(self.speeds, free, qdd_r, psi, psid, Jdot)
+            qd_r, qdd_r = s.inverse.keeping(self.speeds, qd_r, qdd_r, psi, psid, Jdot)
         v, error, torque = s.v, empty(qd_r.size), empty(qd_r.size)
         if s.filtered.s_f.size:  # decorrelated
             noise = v - qd_r - s.filtered.s_f
@@ -291,8 +270,6 @@ class Separation(Law):
                 feedforward, self.K_v, self.M_0(s.q), 1.0 / self.lag, s.v, qd_r, error, torque
             )
         torque -= s.filtered.disturbance
-        if qd_r is not free:
-            torque += self._push(s, error, free - qd_r)
         return Command(torque, Drives(Drive(Y, error), kinematic), None, feedforward)
 
     def _kinematic_drive(self, s: Signals) -> Drive:
@@ -328,8 +305,7 @@ class Separation(Law):
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
-        qd_r, lacking = self._reference_velocity(s)
-        error, epsilon, d = s.v - qd_r, s.epsilon, s.filtered.disturbance
+        error, epsilon, d = self._reference_error(s), s.epsilon, s.filtered.disturbance
         f = truth.friction.torque
         joints = error @ (self.K_D(s.q) @ error) + error @ (f(s.v) - f(s.v - error)) + error @ d
         if self.lambda_d:
@@ -337,8 +313,6 @@ class Separation(Law):
             if s.filtered_torque is not None:
                 predicted = s.filtered_torque.W @ (s.a_d - truth.a_d)
             joints += 0.5 * (d - predicted) @ np.linalg.solve(self.K_v, d)
-        if lacking is not None:
-            joints -= error @ self._push(s, error, lacking)
         task = self.beta * self._observation(s) + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 

@@ -177,6 +177,7 @@ class SimulatedSensors(Doors):
         dt, n = positive(dt, "dt"), robot.model.nv
         self._noise = {name: sensors.deviation(name) for name in ("q", "v", "x", "angle")}
         self._tau = vector(sensors.noise.get("tau", 0.0), n, "noise.tau")
+        self._offset = vector(sensors.torque_offset or 0.0, n, "torque_offset")
         if self._noise["angle"] and not _turns(robot):
             raise InputError(
                 f"the task '{robot.task.name}' has no orientation; it takes no angle noise.",
@@ -199,6 +200,7 @@ class SimulatedSensors(Doors):
         """Discard all measurements; restart the random numbers."""
         self._rng = np.random.default_rng(self._seed)
         self._of_torque = np.random.default_rng([self._seed, 2])
+        self._off = self._offset * np.random.default_rng([self._seed, 3]).uniform(-1.0, 1.0)
         self._camera.reset()
         self._encoder.reset()
 
@@ -212,7 +214,7 @@ class SimulatedSensors(Doors):
         """
         if torque is not None and self._tau.any():
             noise = self._tau * self._of_torque.standard_normal(self._tau.size)
-            truth = truth._replace(tau=torque + noise)
+            truth = truth._replace(tau=torque + self._off + noise)
         q, v, w = truth.q, truth.v, truth.w
         if self._noisy:
             q = pin.integrate(self._model, q, self._white("q"))

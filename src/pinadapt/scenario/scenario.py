@@ -338,6 +338,7 @@ def _sensors(simulation: SimulationSection, pixel: float) -> Sensors:
         simulation.encoder,
         simulation.noise.model_dump() | {"x": pixel * simulation.noise.x},
         simulation.carry,
+        simulation.torque_offset,
     )
 
 

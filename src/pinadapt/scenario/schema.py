@@ -419,6 +419,7 @@ class SimulationSection(Section):
     camera: CameraSection | None = None
     carry: bool = True
     encoder: NotNegative | list[NotNegative] = 0.0
+    torque_offset: NotNegative | list[NotNegative] | None = None
     torque_limits: bool | None = None
     compensated: Literal["nominal", "loaded"] | None = None
     seed: Annotated[Count, Field(ge=0)] = 0

@@ -277,7 +277,7 @@ def _adaptation(
     share *= tracking_share(kind, law, settings.mode)
     if tuning.quality.v:
         jitter = tuning.quality.v * min(1.0, math.sqrt(0.5 * settings.velocity * tuning.period))
-    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter)
+    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter, tuning.quality.tau)
     if kind == "none":
         return moved
     moved = modified(moved, modifying, tuning)

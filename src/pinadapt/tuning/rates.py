@@ -153,6 +153,7 @@ def dynamic_adaptation(
     lmi: ArrayLike | MatrixInequality | None,
     share: float = 1.0,
     jitter: float = 0.0,
+    torque: float = 0.0,
 ) -> Adaptation:
     """Return the dynamic adaptation with given rates or a share of the default ones.
 
@@ -165,6 +166,7 @@ def dynamic_adaptation(
         lmi: matrix inequality for a basis of the user's own.
         share: of the default rates.
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
+        torque: by which a declared torque sensor is off [N m or N].
 
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
@@ -174,7 +176,7 @@ def dynamic_adaptation(
     moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
     if kind in _METRICS:
         mode = law.prediction_mode
-        moved = predicting(kind, moved, motion, bandwidth, share, rates, mode, jitter)
+        moved = predicting(kind, moved, motion, bandwidth, share, rates, mode, jitter, torque)
     return law.guarded(moved, motion.dynamics)
 
 
@@ -298,6 +300,7 @@ def predicting(
     rates: Mapping[str, Any],
     mode: float,
     jitter: float,
+    torque: float,
 ) -> Adaptation:
     """Return an adaptation that also follows the prediction error of the torque.
 
@@ -331,6 +334,7 @@ def predicting(
         rates: given ``prediction_rate``, ``prediction_filter`` and ``forgetting``.
         mode: ``Law.prediction_mode``.
         jitter: standard deviation of the joint velocity behind its low pass [rad/s or m/s].
+        torque: by which a declared torque sensor is off [N m or N].
 
     Raises:
         GainError: a rate that is not positive.
@@ -351,7 +355,7 @@ def predicting(
             moved,
             low_pass,
             rate=rate,
-            noise=np.sqrt(variance / share),
+            noise=np.sqrt(variance / share + torque**2),
             forgetting=doubt,
             share=share,
             interval=_INTERVAL / rate,
