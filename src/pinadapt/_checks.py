@@ -319,9 +319,14 @@ def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
 
 
 def positive(
-    value: Any, name: str, *, zero: bool = False, error: type[InputError] = GainError
+    value: Any,
+    name: str,
+    *,
+    zero: bool = False,
+    most: float = np.inf,
+    error: type[InputError] = GainError,
 ) -> float:
-    """Return ``value`` as a finite positive float (or zero, where allowed).
+    """Return ``value`` as a finite positive float (or zero, where allowed), ``most`` at most.
 
     Raises:
         error: anything else, or a number beyond ``LARGEST`` or between zero and ``SMALLEST``.
@@ -334,6 +339,8 @@ def positive(
         raise error(_too_large(value), where=name) from reason
     if not np.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
         raise error(f"must be {'zero or ' if zero else ''}positive, got {number:g}.", where=name)
+    if number > most:
+        raise error(f"must be at most {most:.4g}, got {number:g}.", where=name)
     if number > LARGEST:
         raise error(_too_large(number), where=name)
     if 0.0 < number < SMALLEST:

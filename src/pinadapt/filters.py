@@ -223,13 +223,13 @@ class ObservedPosition(NamedTuple):
         dx_o: (m_p) x_o - x, observed minus measured [m].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where it is not used.
         disturbance: (n) low-passed prediction error of the torque [N m or N].
-        eta: (3) log(R_o R^T) of observed and measured orientation [rad]; None: none is observed.
+        eta: (3) log(R_o R^T) of observed and measured orientation [rad]; empty: none is observed.
     """
 
     dx_o: np.ndarray
     s_f: np.ndarray
     disturbance: np.ndarray
-    eta: np.ndarray | None = None
+    eta: np.ndarray = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +283,8 @@ class PositionObserver(Filters):
             InputError: the state of other filters.
         """
         m = kinematics.positions
-        if state.__class__ is not ObserverState or state.memory.size != m + 1:
+        fits = state.__class__ is ObserverState and state.memory.size == m + 1
+        if not fits or state.disturbance.size != kinematics.nv:
             raise InputError("the filters are those of another controller.", where="state")
         if not m or sensed.x is None:
             return ObservedPosition(np.zeros(0), state.s_f, state.disturbance)

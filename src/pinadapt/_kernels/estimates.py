@@ -196,37 +196,6 @@ def fit(
     invert(gain)
 
 
-@compiled("void(f8, f8[:], f8, f8[:], f8[:])")
-def combine(c: float, g: np.ndarray, d: float, h: np.ndarray, total: np.ndarray) -> None:
-    """Write c g + d h (p)."""
-    if len(g) != len(total) or len(h) != len(total):
-        raise ArrayError
-    for i in range(len(total)):
-        total[i] = c * g[i] + d * h[i]
-
-
-@compiled("f8(f8[:], f8[:,:])", fills=0, allocates=True)
-def squared_ratio(r: np.ndarray, S: np.ndarray) -> float:
-    """Return r^T S^-1 r, S (n, n) symmetric but for rounding: S = L D L^T, L y = r, y^T D^-1 y."""
-    n, square = len(r), 0.0
-    if S.shape != (n, n):
-        raise ArrayError
-    L, D, y = np.empty((n, n)), np.empty(n), np.empty(n)
-    for i in range(n):
-        y[i] = r[i]
-        for j in range(i + 1):
-            x = 0.5 * (S[i, j] + S[j, i])
-            for t in range(j):
-                x -= L[i, t] * D[t] * L[j, t]
-            if i > j:
-                L[i, j] = x / D[j]
-                y[i] -= L[i, j] * y[j]
-            else:
-                D[i] = x
-        square += y[i] * y[i] / D[i]
-    return square
-
-
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
 def exponentiate(
     a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, largest: float, after: np.ndarray

@@ -349,6 +349,10 @@ class Wrapper(Adaptation):
         """Return whether a memory can be one of the inner adaptation."""
         return self.inner._remembers(memory)
 
+    def _inner(self, estimate: Estimate) -> Estimate:
+        """Return the estimate with the inner adaptation's own memory."""
+        return estimate
+
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with the value validated by this one."""
         return self.inner.init(value).with_value(self.validate(value))
@@ -368,7 +372,7 @@ class Wrapper(Adaptation):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
-        return self.inner.project_unchecked(estimate, q)
+        return self.inner.project_unchecked(self._inner(estimate), q)
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate at an announced value (p)."""
@@ -396,7 +400,7 @@ class Wrapper(Adaptation):
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
-        return self.inner.storage_unchecked(estimate, truth)
+        return self.inner.storage_unchecked(self._inner(estimate), truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt."""
@@ -412,7 +416,7 @@ class Wrapper(Adaptation):
 
     def metric(self, estimate: Estimate) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
-        return self.inner.metric(estimate)
+        return self.inner.metric(self._inner(estimate))
 
     def references(self) -> tuple[str, ...]:
         """Return the sources of this wrapper and of the inner adaptation."""

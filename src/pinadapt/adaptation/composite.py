@@ -6,15 +6,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
-from .._compiled import compile_all
-from .._kernels import estimates as kernels
 from ..exceptions import ArrayError, GainError
 from .adaptation import Adaptation, Drive, Estimate, Wrapper, are_arrays
 from .least_squares import DecayWeight, checked_weight, weight_of
@@ -105,20 +101,6 @@ class Composite(Wrapper):
         """Return the drive with its weight R; unchanged without a prediction error."""
         W = drive.W
         return drive if W is None else drive.weighted(self.weight_unchecked(estimate.value, W))
-
-
-class _Recalled(NamedTuple):
-    """What the memory says about an estimate.
-
-    Attributes:
-        gradient: (p) H da.
-        surprise: d, the normalised innovation squared.
-        fading: mu, the rate at which data are forgotten now [1/s].
-    """
-
-    gradient: np.ndarray
-    surprise: float
-    fading: float
 
 
 _OWN = 4  # parts of the memory before those of the inner adaptation
@@ -223,25 +205,14 @@ class CompositeMemory(Wrapper):
         if self.noise.ndim > 1 or not (self.noise > 0.0).all():
             raise GainError("expected a positive number, or one per joint.", where="noise")
         self.forgetting = positive(forgetting, "forgetting", zero=True)
-        self.share = positive(share, "share")
-        if self.share > 1.0:
-            raise GainError(
-                f"the tracking error may adapt at most as fast as the memory, got {share:g} > 1.",
-                where="share",
-            )
-        self.interval = positive(interval, "interval", zero=True)
-        if self.interval * self.speed > 1.0:
-            raise GainError(
-                f"{interval:g} s is longer than 1 / rho = {1.0 / self.speed:.3g} s.",
-                where="interval",
-            )
+        self.share = positive(share, "share", most=1.0)
+        self.interval = positive(interval, "interval", zero=True, most=1.0 / self.speed)
         self.unit = positive(unit, "unit")
         self.prior = None if prior is None else numbers(prior, "prior", error=GainError)
         if self.prior is not None and self.prior.shape != 2 * self.prior.shape[:1]:
             raise GainError(
                 f"expected a square matrix, got shape {self.prior.shape}.", where="prior"
             )
-        compile_all()
         self._variance = self.noise * self.noise
 
     def init(self, value: np.ndarray) -> Estimate:
@@ -268,24 +239,19 @@ class CompositeMemory(Wrapper):
 
     def _remembers(self, memory: tuple) -> bool:
         """Return whether a memory begins with the parts of this one, or with those of a record."""
-        own, inner = memory[:_OWN], memory[_OWN:]
-        if len(own) < _OWN or not all(isinstance(part, np.ndarray) for part in own):
-            return False
-        p = own[1].size
-        return self.inner._remembers(inner) and (
-            not any(part.size for part in own)
-            or (self._size in (None, p) and are_arrays(own, (p, p), (p,), (p,), (1 + p,)))
-        )
+        own = memory[:_OWN]
+        p = getattr(own[-1], "size", 1) - 1
+        shapes = [(0,)] * _OWN if p < 0 else [(p, p), (p,), (p,), (p + 1,)]
+        return are_arrays(own, *shapes) and self.inner._remembers(memory[_OWN:])
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
         (A, b, *_), inner = estimate.memory[:_OWN], self._inner(estimate)
         still = [np.zeros(part.shape) for part in estimate.memory[:_OWN]]
-        told = self._recalled(estimate, drive)
-        if told is not None:
+        gradient, fading = self._recalled(estimate, drive)
+        if gradient is not None:
             A_new, b_new = self._increment(estimate, drive)
-            still[0], still[1] = A_new - told.fading * A, b_new - told.fading * b
-        gradient = None if told is None else told.gradient
+            still[0], still[1] = A_new - fading * A, b_new - fading * b
         rate = self.inner.rate_unchecked(inner, self._total(drive, gradient))
         return Estimate(rate.value, (*still, *rate.memory))
 
@@ -301,9 +267,8 @@ class CompositeMemory(Wrapper):
         if due < 0.5 * dt:
             span = max(self.interval, dt)
             start[0] = span - dt
-            told = self._recalled(estimate, drive)
-            assert told is not None
-            kept, gradient = math.exp(-told.fading * span), told.gradient
+            gradient, fading = self._recalled(estimate, drive)
+            kept = math.exp(-fading * span)
             A_new, b_new = self._increment(estimate, drive, span)
             A, b = A_new + kept * A, b_new + kept * b
         after = self.inner.step_unchecked(inner, self._total(drive, gradient), dt)
@@ -311,35 +276,14 @@ class CompositeMemory(Wrapper):
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
-        told = None if drive.saturated else self._recalled(estimate, drive)
-        total = self._total(drive, None if told is None else told.gradient)
+        total = self._total(drive, self._recalled(estimate, drive)[0])
         own = -float((estimate.value - truth).dot(total.gradient - drive.gradient))
         return own + self.inner.dissipation_unchecked(self._inner(estimate), total, truth)
 
-    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
-        """Return the inner adaptation's part of V."""
-        return self.inner.storage_unchecked(self._inner(estimate), truth)
-
-    @property
-    def projects(self) -> bool:
-        """Whether the inner adaptation projects."""
-        return self.inner.projects
-
-    def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
-        """Return the value (p) that the inner adaptation uses at q (nq)."""
-        return self.inner.project_unchecked(self._inner(estimate), q)
-
-    def metric(self, estimate: Estimate) -> np.ndarray:
-        """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
-        return self.inner.metric(self._inner(estimate))
-
     def _total(self, drive: Drive, gradient: np.ndarray | None) -> Drive:
         """Return the drive of the inner adaptation, with the memory's gradient H da (p)."""
-        if gradient is None:
-            return Drive(drive.Y, drive.e, gradient=drive.gradient)
-        total = empty(gradient.size)
-        kernels.combine(1.0, drive.gradient, self.speed / self.share, gradient, total)
-        return Drive(drive.Y, drive.e, gradient=total)
+        recalled = 0.0 if gradient is None else self.speed / self.share * gradient
+        return Drive(drive.Y, drive.e, gradient=drive.gradient + recalled)
 
     def _increment(
         self, estimate: Estimate, drive: Drive, span: float = 1.0
@@ -357,15 +301,15 @@ class CompositeMemory(Wrapper):
             b_new += span * estimate.memory[_OWN - 1][1:]
         return A_new, b_new
 
-    def _recalled(self, estimate: Estimate, drive: Drive) -> _Recalled | None:
-        """Return H da, d and mu; None without a prediction error.
+    def _recalled(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray | None, float]:
+        """Return H da (p) and mu [1/s]; None and zero without a prediction error.
 
         One factorisation of I + A P serves H da and S.
         """
         value, (A, b) = estimate.value, estimate.memory[:2]
         W, residual = drive.W, drive.residual
-        if W is None or residual is None:
-            return None
+        if W is None or residual is None or drive.saturated:
+            return None, 0.0
         from scipy.linalg.lapack import dgesv  # slow to import
 
         n, p = W.shape
@@ -381,10 +325,9 @@ class CompositeMemory(Wrapper):
         innovation = residual - W_Gamma.dot(solved[:, 0])
         S = W_Gamma.dot(solved[:, 1:])
         S.flat[:: n + 1] += self._variance
-        surprise = max(kernels.squared_ratio(innovation, S), 0.0) / n
-        fading = self.forgetting * surprise
+        fading = self.forgetting / n * float(innovation @ np.linalg.solve(S, innovation))
         fading /= 1.0 + fading / self._bandwidth
-        return _Recalled(self.share * solved[:, 0], surprise, fading)
+        return self.share * solved[:, 0], fading
 
     def _empty(self, estimate: Estimate, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate with A = 0 and b = 0, its prior at ``start``."""
@@ -393,7 +336,6 @@ class CompositeMemory(Wrapper):
         memory = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.concatenate([[0.0], told])
         return Estimate(estimate.value, (*memory, *estimate.memory))
 
-    @staticmethod
-    def _inner(estimate: Estimate) -> Estimate:
+    def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
         return Estimate(estimate.value, estimate.memory[_OWN:])

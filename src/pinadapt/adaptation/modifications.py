@@ -81,15 +81,6 @@ class Leak(Wrapper):
         inner = self.inner.recorded_unchecked(self._inner(estimate))
         return Estimate(inner.value, (estimate.memory[0], *inner.memory))
 
-    @property
-    def projects(self) -> bool:
-        """Whether the inner adaptation projects."""
-        return self.inner.projects
-
-    def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
-        """Return the value (p) that the inner adaptation uses at q (nq)."""
-        return self.inner.project_unchecked(self._inner(estimate), q)
-
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates, the value's with the leak."""
         rate, start = self.inner.rate_unchecked(self._inner(estimate), drive), estimate.memory[0]
@@ -103,20 +94,12 @@ class Leak(Wrapper):
         share = -math.expm1(-self.leak_rate(drive) * dt)
         return Estimate(after.value + share * (start - after.value), (start, *after.memory))
 
-    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
-        """Return the inner adaptation's part of V."""
-        return self.inner.storage_unchecked(self._inner(estimate), truth)
-
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt, and -lambda da^T Gamma^-1 (a - a_0)."""
         inner, leak = self._inner(estimate), self._leak(estimate, drive)
         return self.inner.dissipation_unchecked(inner, drive, truth) + self.inner.power(
             inner, leak, truth
         )
-
-    def metric(self, estimate: Estimate) -> np.ndarray:
-        """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
-        return self.inner.metric(self._inner(estimate))
 
     def _leak(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return -lambda (a - a_0) (p)."""

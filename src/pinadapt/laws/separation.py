@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy import empty
 from .._checks import definite_matrix, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
-from ..exceptions import REFUSED, ArrayError, GainError
+from ..exceptions import GainError
 from ..filters import PoseObserver, PositionObserver
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.changes import Payload
@@ -104,7 +104,8 @@ class Separation(Law):
             does not contain it.
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
             exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
-        M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag.
+        M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag; the next call
+            overwrites it.
         lead: the time by which a low pass delays qd [s], see ``PositionObserver``.
         speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: it is as it
             is. With a governor they are those that the path may ask for. V has the same derivative
@@ -195,7 +196,7 @@ class Separation(Law):
         return cls(
             motion.kinematics.task,
             posture,
-            M_0=NominalInertia(motion.robot),
+            M_0=partial(_mass_matrix, motion.robot.model, motion.robot.model.createData()),
             lever=_LEVER * motion.robot.reach if turns else 0.0,
             **merged(defaults, given),
         )
@@ -300,8 +301,7 @@ class Separation(Law):
     def _observation(self, s: Signals) -> float:
         """Return c (dx_o^T dx_o + lever^2 eta^T eta)."""
         dx_o, eta = s.filtered.dx_o, s.filtered.eta
-        turning = self.lever**2 * eta @ eta if self.lever else 0.0
-        return float(self.c * (dx_o @ dx_o + turning))
+        return float(self.c * (dx_o @ dx_o + self.lever**2 * eta @ eta))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
@@ -353,33 +353,14 @@ def _turning(s: Signals, beta: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return dx, xd, delta
 
 
-class NominalInertia:
-    """M(q) (nv, nv) of the nominal robot; the adaptation does not change it."""
-
-    def __init__(self, robot: Robot) -> None:
-        """Take the robot."""
-        self._robot, self._data = robot.undrawn(), robot.model.createData()
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Return M(q) (nv, nv) at a configuration q (nq); the next call writes to it."""
-        try:
-            return np.asarray(pin.crba(self._robot.model, self._data, q))
-        except REFUSED as error:
-            raise ArrayError from error
-
-    def __reduce__(self) -> tuple[type[NominalInertia], tuple[Robot]]:
-        """Copy and pickle the robot alone."""
-        return NominalInertia, (self._robot,)
+def _mass_matrix(model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+    """Return M(q) (n, n) in the memory of ``data``."""
+    return np.asarray(pin.crba(model, data, q))
 
 
-def _loaded_inertia(robot: Robot, share: float = _LOAD) -> np.ndarray:
-    """Return the inertia (n) that each joint moves with the load assumed for K_D [kg m^2 or kg].
-
-    Args:
-        robot: without the load.
-        share: the load's mass as a share of the robot's.
-    """
-    mass, arm = share * pin.computeTotalMass(robot.model), _ARM * robot.reach
-    turning = mass * arm**2
+def _loaded_inertia(robot: Robot) -> np.ndarray:
+    """Return the inertia (n) that each joint moves with the load assumed for K_D [kg m^2 or kg]."""
+    mass = _LOAD * robot.mass
+    turning = mass * (_ARM * robot.reach) ** 2
     ball = Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
     return joint_inertia(robot.changed(payload=ball))
