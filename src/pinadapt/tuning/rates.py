@@ -74,7 +74,7 @@ _FILTER = 1.25
 _FORGETTING = 0.125
 _FORGOTTEN = 100.0  # rate at which a memory forgets when contradicted by its whole noise
 _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
-_INTERVAL = 0.2  # between evaluations, in 1 / rate
+_INTERVAL = 0.5  # between evaluations, in 1 / rate
 _HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
