@@ -37,7 +37,9 @@ from .posture import Posture
 
 _DAMPING = 3.0  # K_v in bandwidths times inertia
 _STEP = 0.5  # K_D at most this times inertia / dt
-_LAG = 5e-3  # [s]
+# [s] 2.5 ms: motors that are 10 ms late make unloaded wrists ring; 10 ms: motors may be 15 ms late,
+# and an unknown load displaces a UR10 by 25 mm at the start in place of 18
+_LAG = 5e-3
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
 _OBSERVER = 1.0  # beta in bandwidths
 _DISTURBANCE = 1.0  # lambda_d in bandwidths
@@ -49,19 +51,37 @@ class Separation(Law):
     """Separation of kinematic and dynamic adaptation, after H. Wang, IEEE TAC 62 (2017) 948-954.
 
     The kinematic estimate converges whatever the torque does, the dynamic one whatever the camera
-    does. Added to Wang's law is the prediction error of the position itself, epsilon.
+    does. Added to Wang's law are the prediction errors of position and torque.
 
-    Law:          tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s, s = qd - qd_r,
+    Law:          tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - d, s = qd - qd_r,
                   qd_r = J_hat^+ (xd_d - alpha (x_o - x_d)) + N psi, qdd_r its exact derivative,
-                  dx_o/dt = J_hat qd - beta dx_o, dx_o = x_o - x.
-    Adaptation:   da_d/dt = -Gamma_d Y^T s; da_k/dt = -Gamma_k (c Y_k^T dx_o + X_k^T R epsilon),
+                  dx_o/dt = J_hat qd - beta dx_o, dx_o = x_o - x,
+                  dd/dt = lambda_d (W a_d - y - d), W and y the regressor and the commanded torque
+                  behind a low pass (``FilteredRegressor``): a momentum observer at the present
+                  estimate. d is zero where the adaptation predicts no torque.
+    Adaptation:   da_d/dt = -Gamma_d (Y^T s + ...), such as ``CompositeMemory``;
+                  da_k/dt = -Gamma_k (c Y_k^T dx_o + X_k^T R epsilon),
                   epsilon = x_hat(q; a_k) - x = X_k da_k, as x is affine in the translations.
-    Closed loop:  M ds/dt + C s = -K_D s + Y da_d; d(dx_o)/dt = Y_k da_k - beta dx_o;
+    Closed loop:  M ds/dt + C s = -K_D s + Y da_d - d; dd/dt = lambda_d (W da_d - d);
+                  d(dx_o)/dt = Y_k da_k - beta dx_o;
                   d(x_o - x_d)/dt = -alpha (x_o - x_d) + J_hat s - beta dx_o.
-    V:            s^T M s / 2 + D_d(a_d) + c dx_o^T dx_o / 2 + D_k(a_k),
-                  dV/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)) - c beta dx_o^T dx_o
-                  - epsilon^T R epsilon, f the true friction of the joints: monotone. The first two
-                  terms and the last two each belong to a V of their own.
+    V:            V_d + V_k, V_d = s^T M s / 2 + d^T K_v^-1 d / (4 lambda_d) + D_d(a_d),
+                  V_k = c dx_o^T dx_o / 2 + D_k(a_k),
+                  dV_d/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)) - s^T d
+                  - d^T K_v^-1 (d - W da_d) / 2 - what the adaptation adds, (rho / kappa) da^T H da
+                  with a memory; f the true friction of the joints: monotone.
+                  dV_k/dt = -c beta dx_o^T dx_o - epsilon^T R epsilon. Both are equalities.
+    Sign:         K_v^-1 / 2 may be any constant matrix B > 0. With B >= K_D(q)^-1 / 2 everywhere,
+                  dV_d/dt <= -(rho / kappa) da^T H da + (W da)^T B (W da) / 2: it is not positive
+                  where W^T B W <= 2 (rho / kappa) H, that is 4 K_D R >= 1 for a prediction error of
+                  weight R. A memory that is still empty does not pay for it; then V_d may rise, at
+                  most as fast as without an adaptation.
+    Not proved:   friction that is no parameter (Stribeck): then d follows it at lambda_d;
+                  motors that are late, beyond lag;
+                  joints on springs;
+                  frames that are late, which are carried to now by the estimate;
+                  motors at their limits: Y^T s is left out meanwhile, and d is that of the torque
+                  that was sent.
     Pose:         the rotation error of the estimated orientation, which no estimate enters, takes
                   the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
     Tracker:      a pose in unknown axes turns with omega_hat = J_hat qd of its rows, whose error is
@@ -80,16 +100,15 @@ class Separation(Law):
                   (s - s_f)), s_f = s through the low pass lambda_s / (lambda_s + p), in torque and
                   adaptation alike: exact below lambda_s, free of noise above it, where M dqd/dt
                   dominates what is left out. dV/dt is then no equality.
-    Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D.
+    Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D and d.
     Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
                   velocity, no acceleration, no M_hat^-1.
 
-    Default gains for the bandwidth w at the period dt: alpha = w, beta = w, K_v = 3 w diag(M) at
-    home, with an assumed load of a tenth of the robot's mass a twentieth of its reach off the
-    flange, and lag = 2 dt, but zero for a K_v of the user's own. What joints move together may be
-    much lighter than what each moves by itself, as the elbow of an arm whose shoulder axes align.
-    Beside an adaptation with a memory, which needs no fast loop, the feedback is for motors that
-    are late by 10 ms, see ``tolerant``.
+    Default gains for the bandwidth w at the period dt: alpha = beta = lambda_d = w, K_v = 3 w
+    diag(M) at home, with an assumed load of a tenth of the robot's mass a twentieth of its reach
+    off the flange, and lag = 5 ms, or 2 dt where that is longer, but zero for a K_v of the user's
+    own. What joints move together may be much lighter than what each moves by itself, as the elbow
+    of an arm whose shoulder axes align.
 
     Attributes:
         task: the controlled coordinates, m of them, m_p positions.
