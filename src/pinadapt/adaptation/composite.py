@@ -281,7 +281,7 @@ class CompositeMemory(Wrapper):
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
         (A, b, *_), inner = estimate.memory[:_OWN], self._inner(estimate)
         still = [np.zeros(part.shape) for part in estimate.memory[:_OWN]]
-        told = self._recalled(estimate, drive)
+        told = None if drive.saturated else self._recalled(estimate, drive)
         if told is not None:
             A_new, b_new = self._increment(estimate, drive)
             still[0], still[1] = A_new - told.fading * A, b_new - told.fading * b
