@@ -282,8 +282,13 @@ class PositionObserver(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        m = kinematics.positions
-        if state.__class__ is not ObserverState or state.memory.size != m + 1:
+        m, n = kinematics.positions, kinematics.nv
+        if (
+            state.__class__ is not ObserverState
+            or state.memory.size != m + 1
+            or state.s_f.size != (0 if self.error is None else n)
+            or state.disturbance.size != n
+        ):
             raise InputError("the filters are those of another controller.", where="state")
         if not m or sensed.x is None:
             return ObservedPosition(np.zeros(0), state.s_f, state.disturbance)
