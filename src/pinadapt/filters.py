@@ -222,7 +222,8 @@ class ObservedPosition(NamedTuple):
     Attributes:
         dx_o: (m_p) x_o - x, observed minus measured [m].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where it is not used.
-        disturbance: (n) low-passed prediction error of the torque [N m or N].
+        disturbance: (n) low-passed prediction error of the torque [N m or N]: for a true model the
+            torque that others apply, of its sign.
         eta: (3) log(R_o R^T) of observed and measured orientation [rad]; None: none is observed.
     """
 
@@ -247,7 +248,8 @@ class PositionObserver(Filters):
     lags by |dJ/dt qd| / (lambda beta) only.
 
     Beside it runs the low pass lambda_d / (lambda_d + p) on the prediction error of the torque,
-    W a_hat - y: the torque that acts on the joints and is not in the model.
+    W a_hat - y. With the true parameters it is the torque that others apply to the joints, of its
+    sign: it tends to a constant one, which the law subtracts.
 
     Attributes:
         beta: [1/s].
