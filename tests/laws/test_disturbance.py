@@ -19,9 +19,7 @@ def test_lyapunov_equality_with_a_disturbance_that_is_no_small_part_of_v(name):
     robot = robot_of("separation", name)
     load = pa.Payload(0.02 * robot.mass, [0.0, 0.02, 0.05])
     true = robot.changed(payload=load, tool_translation=[0.0, 0.002, 0.0])
-    controller = pa.make_controller(
-        robot.changed(inertial_scale=0.98), gamma_d=20.0, unknown=RIGID
-    )
+    controller = pa.make_controller(robot.changed(inertial_scale=0.98), gamma_d=20.0, unknown=RIGID)
     law = controller.law
     assert controller.adaptation_d.name == "natural-memory" and law.lambda_d == law.alpha
 
