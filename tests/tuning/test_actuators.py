@@ -170,7 +170,7 @@ def test_simulations_check_the_loop_with_the_true_actuators():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "actuators", "dt"),
-    [("ur5", Actuators(delay=10e-3), 1e-3), ("panda", Actuators(stiffness=5e3), 2e-3)],
+    [("ur5", Actuators(delay=15e-3), 1e-3), ("panda", Actuators(stiffness=5e3), 2e-3)],
     ids=["late", "elastic"],
 )
 def test_loops_lost_without_a_declaration_follow_with_it(name, actuators, dt):
