@@ -52,17 +52,20 @@ class Separation(Law):
     The kinematic estimate converges whatever the torque does, the dynamic one whatever the camera
     does. Added to Wang's law is the prediction error of the position itself, epsilon.
 
-    Law:          tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s, s = qd - qd_r,
+    Law:          tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - d, s = qd - qd_r, d = F_w (W a_d - y),
+                  the low-passed prediction error of the torque, zero without such a prediction,
                   qd_r = J_hat^+ (xd_d - alpha (x_o - x_d)) + N psi, qdd_r its exact derivative,
                   dx_o/dt = J_hat qd - beta dx_o, dx_o = x_o - x.
     Adaptation:   da_d/dt = -Gamma_d Y^T s; da_k/dt = -Gamma_k (c Y_k^T dx_o + X_k^T R epsilon),
                   epsilon = x_hat(q; a_k) - x = X_k da_k, as x is affine in the translations.
-    Closed loop:  M ds/dt + C s = -K_D s + Y da_d; d(dx_o)/dt = Y_k da_k - beta dx_o;
+    Closed loop:  M ds/dt + C s = -K_D s - d + Y da_d, dd/dt = lambda_d (W da_d - d); d(dx_o)/dt = Y_k da_k - beta dx_o;
                   d(x_o - x_d)/dt = -alpha (x_o - x_d) + J_hat s - beta dx_o.
-    V:            s^T M s / 2 + D_d(a_d) + c dx_o^T dx_o / 2 + D_k(a_k),
-                  dV/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)) - c beta dx_o^T dx_o
-                  - epsilon^T R epsilon, f the true friction of the joints: monotone. The first two
-                  terms and the last two each belong to a V of their own.
+    V:            s^T M s / 2 + d^T K_v^-1 d / (4 lambda_d) + D_d(a_d) + c dx_o^T dx_o / 2
+                  + D_k(a_k),
+                  dV/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)) - s^T d - (d - W da_d)^T K_v^-1 d / 2
+                  - c beta dx_o^T dx_o - epsilon^T R epsilon, f the true friction of the joints:
+                  monotone. The terms of the joints and the last two each belong to a V of their
+                  own.
     Pose:         the rotation error of the estimated orientation, which no estimate enters, takes
                   the place of x_o - x_d in its rows; its derivative is omega - omega_d + delta.
     Tracker:      a pose in unknown axes turns with omega_hat = J_hat qd of its rows, whose error is
@@ -81,16 +84,15 @@ class Separation(Law):
                   (s - s_f)), s_f = s through the low pass lambda_s / (lambda_s + p), in torque and
                   adaptation alike: exact below lambda_s, free of noise above it, where M dqd/dt
                   dominates what is left out. dV/dt is then no equality.
-    Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D.
+    Joints:       no position is observed or predicted: Slotine and Li's law with K_D and d.
     Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
                   velocity, no acceleration, no M_hat^-1.
 
     Default gains for the bandwidth w at the period dt: alpha = w, beta = w, K_v = 3 w diag(M) at
     home, with an assumed load of a tenth of the robot's mass a twentieth of its reach off the
-    flange, and lag = 2 dt, but zero for a K_v of the user's own. What joints move together may be
-    much lighter than what each moves by itself, as the elbow of an arm whose shoulder axes align.
-    Beside an adaptation with a memory, which needs no fast loop, the feedback is for motors that
-    are late by 10 ms, see ``tolerant``.
+    flange, lambda_d = w, and lag = 5 ms, at least 2 dt, but zero for a K_v of the user's own. What
+    joints move together may be much lighter than what each moves by itself, as the elbow of an arm
+    whose shoulder axes align.
 
     Attributes:
         task: the controlled coordinates, m of them, m_p positions.

@@ -102,7 +102,7 @@ def check_adaptation(kind: str, where: str, kinds: Sequence[str]) -> None:
 def default_adaptation(law: type[Law], dynamics: Dynamics) -> str:
     """Return the kind of adaptation of a controller that names none.
 
-    It is "natural-memory" with a law that ``remembers``, else "natural".
+    It is "natural-memory" with a law that ``remembers`` for parameters of bodies, else "natural".
     """
     return "natural-memory" if law.remembers and dynamics.per_body else "natural"
 
