@@ -123,26 +123,6 @@ def test_information_from_a_log_is_kept_while_the_rest_is_learned():
     assert runs[0].distance[-100:].max() < 0.1 * runs[0].distance.max()
 
 
-def test_least_squares_begins_with_the_information_of_other_data():
-    """P(0) and the log's rows, in units of P(0), give the gain of both together."""
-    rng = np.random.default_rng(6)
-    R, P_0 = rng.standard_normal((3, 4)), np.diag(rng.uniform(0.5, 2.0, 4))
-    made = pa.adaptation.LeastSquares(P_0, 4, 10.0, unit=0.5)
-    start = made.init(rng.standard_normal(4))
-    told = made.informed(start, R.T @ R)
-    assert np.allclose(told.memory[0], np.linalg.inv(np.linalg.inv(P_0) + 0.5 * R.T @ R))
-    assert (told.value == start.value).all()
-    assert (
-        np.linalg.eigvalsh(P_0 - told.memory[0]).min() > -1e-12
-    )  # the bound that forgetting keeps
-    leaking = pa.adaptation.Leak(made, 0.2)
-    assert np.allclose(
-        leaking.informed(leaking.init(start.value), R.T @ R).memory[1], told.memory[0]
-    )
-    natural = pa.adaptation.Gradient(P_0, 4)
-    assert natural.informed(start, R.T @ R) is start
-
-
 def remembering(p=6, n=2, **gains):
     """Return an adaptation of p parameters with its start, an estimate, and the truth (p)."""
     rng = np.random.default_rng(0)
@@ -232,6 +212,10 @@ def test_memory_term_is_that_of_dense_algebra_and_bounded_by_the_metric():
     off = estimate.value - truth
     stated = adaptation.dissipation(estimate, rest, truth)
     assert stated == pytest.approx(-3.0 / 0.25 * off @ H @ off, rel=1e-9)
+    Y, e = np.random.default_rng(5).standard_normal((2, 6)), np.ones(2)
+    beside = pa.adaptation.Drive(Y, e).with_prediction_error(rest.W, rest.residual)
+    tracking = adaptation.rate(estimate, beside).value - adaptation.rate(estimate, rest).value
+    assert np.allclose(tracking, -0.25 * P @ Y.T @ e, rtol=1e-9)  # kappa times as fast as by P
 
 
 def innovation(adaptation, estimate, W, residual):
@@ -278,21 +262,6 @@ def test_memory_forgets_only_contradicted_data():
     assert min(sizes[1000:]) < 0.1
     assert np.abs(estimate.value - truth - 1.0).max() < 0.02
     assert np.abs(never.value - truth - 1.0).max() > 0.3
-
-
-def test_memory_with_a_share_pulls_at_the_same_rate():
-    """Gamma = kappa P, for the covariance P: the tracking error acts kappa times as fast."""
-    one, estimate, truth = excited(noise=0.01)
-    inner = pa.adaptation.Gradient(0.25 * one.inner.gain(truth), 6)
-    other = pa.adaptation.CompositeMemory(inner, 10.0, rate=3.0, noise=0.01, share=0.25)
-    Y = np.random.default_rng(5).standard_normal((2, 6))
-    untold = shown(truth, np.zeros((2, 6)), estimate)
-    pulled = [each.rate(estimate, untold).value for each in (one, other)]
-    assert np.allclose(*pulled, rtol=1e-12) and np.abs(pulled[0]).max() > 0.1
-    tracking = pa.adaptation.Drive(Y, np.ones(2)).with_prediction_error(untold.W, untold.residual)
-    pairs = zip((one, other), pulled, strict=True)
-    rates = [each.rate(estimate, tracking).value - pull for each, pull in pairs]
-    assert np.allclose(0.25 * rates[0], rates[1], rtol=1e-9, atol=1e-12)
 
 
 def predicting(W, y, estimate, Y=None, e=None):

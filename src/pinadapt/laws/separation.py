@@ -58,7 +58,8 @@ class Separation(Law):
                   dx_o/dt = J_hat qd - beta dx_o, dx_o = x_o - x.
     Adaptation:   da_d/dt = -Gamma_d Y^T s; da_k/dt = -Gamma_k (c Y_k^T dx_o + X_k^T R epsilon),
                   epsilon = x_hat(q; a_k) - x = X_k da_k, as x is affine in the translations.
-    Closed loop:  M ds/dt + C s = -K_D s - d + Y da_d, dd/dt = lambda_d (W da_d - d); d(dx_o)/dt = Y_k da_k - beta dx_o;
+    Closed loop:  M ds/dt + C s = -K_D s - d + Y da_d; dd/dt = lambda_d (W da_d - d);
+                  d(dx_o)/dt = Y_k da_k - beta dx_o;
                   d(x_o - x_d)/dt = -alpha (x_o - x_d) + J_hat s - beta dx_o.
     V:            s^T M s / 2 + d^T K_v^-1 d / (4 lambda_d) + D_d(a_d) + c dx_o^T dx_o / 2
                   + D_k(a_k),
