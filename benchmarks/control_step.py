@@ -12,9 +12,9 @@ ratio is the median over pairs. The bare floor omits the writing of the estimate
 of an arm that has moved; ``first_us`` is one of the first samples, until v has been found to be
 the rate of q.
 
-The memory is timed along a motion, as it solves for an estimate at some of the samples only, and
-prepares this at the two before: two loops run alternately, a sample each. The mean is that of the
-medians of the four kinds of steps, each counted as often as it occurs.
+The memory is timed along a motion, as it solves for an estimate at some of the samples only: two
+loops run alternately, a sample each. The mean is that of the medians of the two kinds of steps,
+each counted as often as it occurs.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
-from pinadapt.adaptation.composite import _CLOCK
 
 from .timing import HERE, in_turn, markdown, save, saved
 
@@ -174,21 +173,6 @@ def measure(name: str) -> dict[str, Any]:
     }
 
 
-KINDS = range(4)
-
-
-def kind_of(before: tuple[Any, ...], after: tuple[Any, ...]) -> int:
-    """Return what a step did to a memory.
-
-    3: solved for an estimate, which makes another A; 2: factorised the matrix for it; 1: made the
-    matrix; 0: none of these.
-    """
-    for kind, place in ((3, 0), (2, _CLOCK + 2), (1, _CLOCK + 1)):  # A, pivots, matrix
-        if before[place] is not after[place]:
-            return kind
-    return 0
-
-
 def measure_memory() -> dict[str, Any]:
     """Return the figures of the default beside natural adaptation, both along a circle."""
     robot = pa.load("panda")
@@ -209,11 +193,12 @@ def measure_memory() -> dict[str, Any]:
 
     times = in_turn({"natural": natural, "memory": memory}, ROUNDS)
     after = [*seen[1:], next(loops[1]).state.dynamic.memory]
-    kinds = np.array([kind_of(*pair) for pair in zip(seen, after, strict=True)])[-ROUNDS:]
-    usual, shares = float(np.median(times["natural"])), [float(np.mean(kinds == k)) for k in KINDS]
-    medians = [float(np.median(times["memory"][kinds == k])) for k in KINDS]
-    mean = float(np.dot(shares, medians))
-    between, *preparing, solving = medians
+    # a step that solves for H da makes another A
+    pairs = zip(seen, after, strict=True)
+    solves = np.array([before[0] is not then[0] for before, then in pairs])[-ROUNDS:]
+    usual, share = float(np.median(times["natural"])), float(np.mean(solves))
+    between, solving = (float(np.median(times["memory"][kind])) for kind in (~solves, solves))
+    mean = share * solving + (1.0 - share) * between
     return {
         "name": MEMORY,
         "law": controllers[1].law.name,
@@ -221,9 +206,8 @@ def measure_memory() -> dict[str, Any]:
         "dynamic": controllers[1].dynamics.size,
         "natural_us": 1e6 * usual,
         "step_us": 1e6 * between,
-        "preparing_us": [1e6 * each for each in preparing],
         "solving_us": 1e6 * solving,
-        "solving_share": shares[-1],
+        "solving_share": share,
         "mean_us": 1e6 * mean,
         "median_ratio": between / usual,
         "mean_ratio": mean / usual,

@@ -107,7 +107,6 @@ taught = next(row for row in swept("learned") if row["table"] == "motions")
 )
 later_runs = {row["adaptation"]: row for row in swept("scenarios") if row["table"] == "later"}
 (cost,) = (row for row in swept("governor") if row["event"] == "cost")
-later = [each - memory["step_us"] for each in (*memory["preparing_us"], memory["solving_us"])]
 (short,) = (row for row in benchmark("sweep_engines") if row["name"] == "short cases")
 
 myst_substitutions = {
@@ -139,7 +138,8 @@ myst_substitutions = {
     "governor_us": f"{cost['governor_us']:.0f} µs",
     "memory_median": f"{memory['median_ratio']:.1f}",
     "memory_mean": f"{memory['mean_ratio']:.1f}",
-    "memory_steps": "{:.2f}, {:.2f} and {:.2f}".format(*(1e-3 * each for each in later)),
+    "memory_period": f"{1.0 / memory['solving_share']:.0f}",
+    "memory_solving": f"{1e-3 * (memory['solving_us'] - memory['step_us']):.2f}",
     "memory_calls": f"{samples['panda with the memory']['sample_ratio']:.0f}",
     "sample_calls": f"{alone['sample_ratio']:.0f}",
     "faster": f"{1e3 / (alone['sample_ratio'] * alone['aba_us']):.0f}",

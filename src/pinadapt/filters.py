@@ -222,7 +222,8 @@ class ObservedPosition(NamedTuple):
     Attributes:
         dx_o: (m_p) x_o - x, observed minus measured [m].
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where it is not used.
-        disturbance: (n) low-passed prediction error of the torque [N m or N].
+        disturbance: (n) low-passed prediction error of the torque [N m or N]: for a true model the
+            torque that others apply, of its sign.
         eta: (3) log(R_o R^T) of observed and measured orientation [rad]; empty: none is observed.
     """
 
@@ -247,7 +248,8 @@ class PositionObserver(Filters):
     lags by |dJ/dt qd| / (lambda beta) only.
 
     Beside it runs the low pass lambda_d / (lambda_d + p) on the prediction error of the torque,
-    W a_hat - y: the torque that acts on the joints and is not in the model.
+    W a_hat - y. With the true parameters it is the torque that others apply to the joints, of its
+    sign: it tends to a constant one, which the law subtracts.
 
     Attributes:
         beta: [1/s].
@@ -282,9 +284,13 @@ class PositionObserver(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        m = kinematics.positions
-        fits = state.__class__ is ObserverState and state.memory.size == m + 1
-        if not fits or state.disturbance.size != kinematics.nv:
+        m, n = kinematics.positions, kinematics.nv
+        if (
+            state.__class__ is not ObserverState
+            or state.memory.size != m + 1
+            or state.s_f.size != (0 if self.error is None else n)
+            or state.disturbance.size != n
+        ):
             raise InputError("the filters are those of another controller.", where="state")
         if not m or sensed.x is None:
             return ObservedPosition(np.zeros(0), state.s_f, state.disturbance)

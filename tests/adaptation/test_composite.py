@@ -253,8 +253,29 @@ def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
             assert np.array_equal(torque, sample.torque)
 
 
+def test_least_squares_begins_with_the_information_of_other_data():
+    """P(0) and the log's rows, in units of P(0), give the gain of both together."""
+    rng = np.random.default_rng(6)
+    R, P_0 = rng.standard_normal((3, 4)), np.diag(rng.uniform(0.5, 2.0, 4))
+    made = pa.adaptation.LeastSquares(P_0, 4, 10.0, unit=0.5)
+    start = made.init(rng.standard_normal(4))
+    told = made.informed(start, R.T @ R)
+    assert np.allclose(told.memory[0], np.linalg.inv(np.linalg.inv(P_0) + 0.5 * R.T @ R))
+    assert (told.value == start.value).all()
+    assert (
+        np.linalg.eigvalsh(P_0 - told.memory[0]).min() > -1e-12
+    )  # the bound that forgetting keeps
+    leaking = pa.adaptation.Leak(made, 0.2)
+    assert np.allclose(
+        leaking.informed(leaking.init(start.value), R.T @ R).memory[1], told.memory[0]
+    )
+    natural = pa.adaptation.Gradient(P_0, 4)
+    assert natural.informed(start, R.T @ R) is start
+
+
 def test_a_measured_torque_is_used_and_checked():
-    true, controller, path = loop("slotine-li", "ur5", "natural-composite")
+    declared = pa.Sensors(noise={"tau": 0.0}, torque_offset=0.0)
+    true, controller, path = loop("slotine-li", "ur5", "natural-composite", sensors=declared)
     run = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 20))
     last = run[-1]
     announced = last.measurement._replace(tau=run[-2].torque)

@@ -338,11 +338,11 @@ def test_a_copy_gives_the_same_torques():
     ).all()
 
 
-def test_normalisation_prevents_chatter_with_delayed_motors():
-    runs = {"none": 1.0, "normalised": 3.0}
-    plain, slower = (measure("ur5", "late motors", *run) for run in runs.items())
-    assert plain["chatter"] > 10.0 * slower["chatter"]
-    assert slower["error_mm"] < 0.05 < plain["error_mm"]
+@pytest.mark.parametrize(("kind", "factor"), [("none", 1.0), ("normalised", 3.0)])
+def test_late_motors_cause_no_chatter_also_without_normalisation(kind, factor):
+    """The feedback is for a lag of 5 ms, the motors are 6 ms late."""
+    found = measure("ur5", "late motors", kind, factor)
+    assert found["chatter"] < 0.05 and found["error_mm"] < 0.05
 
 
 def test_projection_prevents_divergence_of_law_11_under_noise():

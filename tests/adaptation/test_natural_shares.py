@@ -51,18 +51,19 @@ def test_divergence_with_shares_changes_as_the_proof_requires():
     assert np.isclose((after - before) / (2 * h), -(a - a_true) @ g, rtol=1e-5)
 
 
-def test_thin_last_body_is_adapted_as_if_it_were_thick():
-    """TIAGo's wrist is 2.4 mm thick in its description: 34 times faster, unlike Panda and UR5."""
-
-    def shares(name):
-        controller = pa.make_controller(
-            zoo_case(name).estimated, unknown=pa.Unknown(friction=False, armature=False)
-        )
-        return controller.adaptation_d.shares
-
-    thick = 1e-2 * pa.load("tiago_arm").reach
-    assert np.allclose(shares("tiago_arm"), [*np.ones(7), (thick / 2.359e-3) ** 2], rtol=1e-3)
-    assert shares("panda") is None and shares("ur5") is None
+def test_the_last_body_is_adapted_as_if_it_carried_a_load_or_were_thick():
+    """A tenth of the robot's mass, but for TIAGo's wrist, 2.4 mm thick in its description."""
+    found = []
+    for name in ("tiago_arm", "panda", "ur5"):
+        robot = zoo_case(name).estimated
+        unknown = pa.Unknown(friction=False, armature=False)
+        shares = pa.make_controller(robot, unknown=unknown).adaptation_d.inner.shares
+        loaded = 1.0 + 0.1 * robot.mass / robot.model.inertias[robot.model.njoints - 1].mass
+        thick = (1e-2 * robot.reach / 2.359e-3) ** 2 if name == "tiago_arm" else 1.0
+        assert (shares[:-1] == 1.0).all()
+        assert shares[-1] == pytest.approx(max(loaded, thick), rel=1e-3)
+        found.append(shares[-1] / loaded)
+    assert found[0] > 5.0 and found[1:] == pytest.approx([1.0, 1.0])
 
 
 @pytest.mark.parametrize("shares", [[1.0, 2.0], [1.0, -1.0, 1.0], "thick"])

@@ -99,7 +99,7 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     law, bodies = scenario.controller.law, scenario.controller.adaptation_d.inner.parts[0][0]
     assert f"\n# gamma_d = {three_digits(bodies.gamma)} " in text
     gains = ", ".join(f"{gain:.3g}" for gain in np.diag(law.K_v))
-    assert f"\n# Kv = [{gains}] " in text and f"\n# lag = {law.late:g} " in text
+    assert f"\n# Kv = [{gains}] " in text and f"\n# lag = {law.lag:g} " in text
 
 
 @pytest.mark.parametrize(

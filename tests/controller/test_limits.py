@@ -265,8 +265,9 @@ def test_estimates_do_not_wind_up_while_motors_saturate(law, monkeypatch):
     assert rollout.distance[-1] < 0.01 * rollout.distance[0] + 5e-3
     assert "torque at its limit" in str(rollout)
     _, winding = saturating(law, monkeypatch)
-    assert travel(winding) > (100.0 if law == "adaptive-jacobian" else 1.0) * travel(rollout)
-    assert winding.distance[-1] > 20.0 * rollout.distance[-1]
+    if law == "adaptive-jacobian":
+        assert travel(winding) > 100.0 * travel(rollout)
+    assert winding.distance[-1] > 100.0 * rollout.distance[-1]
 
 
 def moving(law):
@@ -325,8 +326,7 @@ def test_a_saturated_sample_adapts_by_prediction_errors_alone(law):
         expected = signals.Y_k.T @ R_k @ (signals.J @ measurement.v - measurement.xd)
     elif law == "separation":  # all of it is prediction
         dx_o, epsilon, X_k = signals.filtered.dx_o, signals.epsilon, signals.X_k
-        c = controller.law.c * controller.law.sigma(signals)
-        expected = c * signals.Y_k.T @ dx_o + X_k.T @ R_k @ epsilon
+        expected = controller.law.c * signals.Y_k.T @ dx_o + X_k.T @ R_k @ epsilon
     else:
         W_k, y = signals.filtered.W_k, signals.filtered.y
         expected = W_k.T @ R_k @ (W_k @ a_k - y)

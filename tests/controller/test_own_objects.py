@@ -50,11 +50,12 @@ def test_without_adaptation_a_wrist_is_off_as_the_guide_states(guide):
 
 
 def test_storage_of_the_guides_law_falls_with_an_adaptation_that_has_one(guide):
-    controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="natural")
+    dt = 2.5e-4  # V of a sampled loop falls where the samples are dense
+    controller = pa.make_controller(guide["robot"], law=guide["law"], adaptation="natural", dt=dt)
     step = pa.trajectories.Hold(guide["robot"].home_angles + 0.2).as_given()  # a law for points
     rollout = pa.simulate(guide["true"], controller, step, duration=1.0)
     assert rollout.diverged is None
-    assert (np.diff(rollout.lyapunov) < 1e-6 * rollout.lyapunov[0]).all()
+    assert (np.diff(rollout.lyapunov) < 0.0).all()
     assert rollout.lyapunov[-1] < 0.5 * rollout.lyapunov[0]
 
 

@@ -49,14 +49,14 @@ def test_with_the_true_model_an_arm_at_rest_stays_at_rest(arm, name):
 
 def test_pd_sags_by_the_unknown_load_over_its_stiffness(arm, loaded):
     at = setting(loaded, arm)
-    rollout = hold(at, "PD + gravity", 0.6)
+    rollout = hold(at, "PD + gravity", 1.0)
     missing = pa.robot.Gravity(loaded)(rollout.q[-1]) - pa.robot.Gravity(arm)(rollout.q[-1])
-    assert rollout.q[-1] - arm.q0 == pytest.approx(-missing / (at.w * at.damping), abs=2e-5)
+    assert rollout.q[-1] - arm.q0 == pytest.approx(-missing / (at.w * at.damping), abs=1e-6)
     assert np.abs(rollout.error[-1]).max() > 5e-4
 
 
 def test_pid_holds_an_unknown_load_in_place(arm, loaded):
-    assert np.abs(hold(setting(loaded, arm), "PID + gravity", 1.8).error[-1]).max() < 1e-5
+    assert np.abs(hold(setting(loaded, arm), "PID + gravity", 3.5).error[-1]).max() < 1e-5
 
 
 @pytest.mark.parametrize(

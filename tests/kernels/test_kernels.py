@@ -313,13 +313,9 @@ def test_observation_drive(m, rng, laid):
     Y_k, X_k, R = (laid(rng.standard_normal(shape)) for shape in ((6, 4), (m, 4), (m, m)))
     dx_o, epsilon = (laid(row) for row in rng.standard_normal((2, m)))
     error, gradient = filled(m), filled(4)
-    for Y_fast, sigma in ((np.inf, 1.0), (0.5 * np.linalg.norm(Y_k), 0.25)):
-        laws.observation_drive(Y_k, dx_o, 0.7, Y_fast, X_k, epsilon, R, error, gradient)
-        assert close(error, sigma * 0.7 * dx_o)
-        assert close(gradient, sigma * 0.7 * Y_k[:m].T @ dx_o + X_k.T @ (R @ epsilon))
-    still = np.zeros((6, 4))
-    laws.observation_drive(still, dx_o, 0.7, 1.0, X_k, epsilon, R, error, gradient)
-    assert close(error, 0.7 * dx_o) and close(gradient, X_k.T @ (R @ epsilon))
+    laws.observation_drive(Y_k, dx_o, 0.7, X_k, epsilon, R, error, gradient)
+    assert close(error, 0.7 * dx_o)
+    assert close(gradient, 0.7 * Y_k[:m].T @ dx_o + X_k.T @ (R @ epsilon))
 
 
 def test_posture(rng, laid):
@@ -350,9 +346,8 @@ def test_borne_damping(rng, laid):
     feedforward, v, v_r = map(laid, rng.standard_normal((3, 5)))
     D, M = (laid(root @ root.T + np.eye(5)) for root in rng.standard_normal((2, 5, 5)))
     error, torque = filled(5), filled(5)
-    d = laid(rng.uniform(0.1, 1.0, 5))
-    laws.subtract_limited_damping(feedforward, D, M, 3.0, d, v, v_r, error, torque)
-    borne = np.linalg.inv(np.linalg.inv(D) + np.linalg.inv(3.0 * M + np.diag(d)))
+    laws.subtract_limited_damping(feedforward, D, M, 3.0, v, v_r, error, torque)
+    borne = np.linalg.inv(np.linalg.inv(D) + np.linalg.inv(3.0 * M))
     assert close(error, v - v_r) and close(torque, feedforward - borne @ error, 1e-9)
 
 
@@ -367,19 +362,13 @@ def test_polarisation(rng, laid):
 
 
 def test_sums_of_a_memory(rng, laid):
-    """What a step of the memory adds up: pull, size of an error, of an innovation, its clock."""
+    """What a step of the memory adds up: its pull, and the size of an innovation."""
     g, h, r = map(laid, rng.standard_normal((3, 5)))
-    root, total, clock, after = rng.standard_normal((5, 5)), filled(5), np.arange(7.0), filled(7)
+    root, total = rng.standard_normal((5, 5)), filled(5)
     adaptation.combine(2.0, g, -0.3, h, total)
     assert close(total, 2.0 * g - 0.3 * h)
-    precision = np.exp(g)
-    assert close(adaptation.mean_square(r, laid(precision)), np.mean(r * r * precision))
-    assert close(adaptation.mean_square(r, np.array([4.0])), 4.0 * np.mean(r * r))
     S = laid(root @ root.T + np.eye(5))
     assert close(adaptation.squared_ratio(r, S), r @ np.linalg.solve(S, r), 1e-10)
-    adaptation.let_pass(clock, 0.25, 0.5, after)
-    assert after.tolist() == [0.0, 0.75, 1.0, 1.5, 4.0, 5.0, 6.0]
-    assert close(laws.weighted_norm(g, h), np.linalg.norm(g * h))
 
 
 def test_prediction_of_a_torque(rng, laid):
@@ -403,28 +392,13 @@ def test_hold(rng, laid):
 
 
 def test_carry(rng, laid):
-    memory, xd_hat, x = map(laid, rng.standard_normal((3, 4)))
-    memory[2:], dx_o, after = (0.03, 0.7), filled(2), filled(4)
+    memory, xd_hat, x = map(laid, rng.standard_normal((3, 3)))
+    memory[2], dx_o, after = 0.03, filled(2), filled(3)
     laws.observed(memory, 0.02, xd_hat, x[:2], dx_o)
     assert close(dx_o, (memory + 0.05 * xd_hat - x)[:2])
     laws.carry(memory, xd_hat, dx_o, 7.0, 0.1, after)
     assert close(after[:2], (memory + 0.08 * xd_hat)[:2] - (1.0 - np.exp(-0.7)) * dx_o)
-    assert close(after[2:], np.array([0.05, 0.8]))
-
-
-def test_observing(laid):
-    dx_o = laid(np.array([3e-4, 4e-4]))
-    for near, late, patience, divided in (
-        (1e-4, 0.01, 8.0, 4.0),
-        (1e-4, 0.01, 3.0, 3.0),
-        (1e-3, 0.01, 8.0, 1.75),
-        (1e-4, 0.04, 8.0, 1.0),
-        (1e-4, 0.01, 1.0, 1.0),
-        (np.inf, 0.01, 8.0, 1.0),
-    ):
-        assert laws.observing(6.0, dx_o, near, 0.04, late, patience) == pytest.approx(6.0 / divided)
-    assert laws.observing(6.0, dx_o, 1e-4, np.inf, 0.01, 8.0) == 6.0 / 8.0
-    assert laws.observing(6.0, dx_o, 1e-4, np.inf, np.inf, 8.0) == 6.0
+    assert after[2] == 0.05
 
 
 @pytest.mark.parametrize("observed", [0, 2, 3])

@@ -82,8 +82,8 @@ def test_dv_dt_is_what_the_proof_says(law, name):
         rates = {"gamma_d": RATES.get(law, 1.0 if joint_space(robot) else 5.0)}
     believed = robot.changed(inertial_scale=0.8) if pa.laws.LAWS[law].adapts else true
     controller = controller_of(law, believed, **rates)
-    # a weight that follows the filtered regressor rises from zero within a few samples
-    rising = 10 if pa.laws.LAWS[law].learns_from_torque else 0
+    # what follows the filtered regressor rises from zero within a few samples
+    rising = 10 if controller.adaptation_d.torque_bandwidth else 0
     energy = energy_along(true, controller, beside(true, law), seconds=0.01)
     assert energy.mismatch(after=rising) <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4  # something moved
@@ -105,7 +105,7 @@ def task_feedback(law, s, error):
 
 def joint_feedback(law, s, error):
     """Of the separation law: the torque of its feedback."""
-    return law.K_D(s.q, s.filtered.age, s.dx) @ error
+    return law.K_D(s.q) @ error
 
 
 def spring_and_brake(law, s, error):

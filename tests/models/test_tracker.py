@@ -162,7 +162,6 @@ def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
         gamma_d=0.5,
         R_k=5.0,
     )
-    controller.law = replace(controller.law, Y_fast=np.inf)  # sigma = 1
     path = pa.trajectories.PoseTrajectory(
         pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz"),
         pa.trajectories.Swing([0.0, 0.0, 1.0], 0.3, 2.0),

@@ -113,11 +113,7 @@ def test_default_gains_for_declared_actuators_pass(name, actuators):
     robot = catalogue_robot(name)
     controller = made(robot, actuators)
     assert [str(finding) for finding in preflight(controller, DT)] == []
-    if actuators.elastic:
-        assert controller.law.lag == pytest.approx(feedback_lag(robot, DT, actuators))
-    else:  # beside a memory the start is not slow
-        assert controller.law.lag == 2.0 * DT
-        assert controller.law.late == pytest.approx(max(0.01, 1.5 * actuators.lateness))
+    assert controller.law.lag == pytest.approx(feedback_lag(robot, DT, actuators))
     assert actuators.words in repr(controller)
 
 
@@ -139,7 +135,6 @@ def test_declared_motors_get_the_feedforward_earlier_and_their_torque_is_believe
     true, errors = robot.changed(payload=pa.Payload(0.5)), []
     for leads in (True, False):
         controller = made(robot, late, dt=4e-3)
-        assert controller.adaptation_d.late == late.lateness
         if not leads:
             controller._lead = None
         engine = pa.Engine(dt=4e-3, actuators=late)
@@ -155,7 +150,7 @@ def test_gains_too_fast_for_late_motors_are_named_with_a_remedy():
     assert finding.part == "task feedback" and finding.longest == 0.0
     assert "10 ms late" in str(finding) and "dt <=" not in str(finding)
     law = controller.law
-    gains = {"Kv": law.K_v, "alpha": law.alpha, "lag": max(law.lag, law.late)}
+    gains = {"Kv": law.K_v, "alpha": law.alpha, "lag": law.lag}
     factors = {name: finding.factors[name] for name in gains}
     slower = made(robot, **{name: factors[name] * gain for name, gain in gains.items()})
     assert [each.part for each in preflight(slower, DT, late)] != ["task feedback"]
@@ -175,7 +170,7 @@ def test_simulations_check_the_loop_with_the_true_actuators():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "actuators", "dt"),
-    [("ur5", Actuators(delay=10e-3), 1e-3), ("panda", Actuators(stiffness=5e3), 2e-3)],
+    [("ur5", Actuators(delay=15e-3), 1e-3), ("panda", Actuators(stiffness=5e3), 2e-3)],
     ids=["late", "elastic"],
 )
 def test_loops_lost_without_a_declaration_follow_with_it(name, actuators, dt):

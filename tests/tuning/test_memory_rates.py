@@ -20,7 +20,7 @@ def test_the_tracking_error_adapts_slowly_with_a_memory():
         for kind in (NATURAL, MEMORY)
     )
     start = pa.make_controller(robot).dynamics.initial
-    assert made.share == pytest.approx((1.75 / 8.0) ** 2)
+    assert made.share == pytest.approx((1.0 / 8.0) ** 2)
     assert np.allclose(made.gain(start), made.share * plain.gain(start), rtol=1e-9)
 
 
@@ -46,10 +46,10 @@ def test_the_noise_of_a_memory_includes_that_of_encoders_in_the_regressor():
         ({}, "natural-memory"),
         ({"unknown": pa.Unknown(tool=False, armature=False)}, "natural-memory"),
         ({"unknown": ["bodies", "friction"], "law": "slotine-li"}, "natural"),
-        ({"unknown": pa.Unknown(friction=False)}, "natural"),
-        ({"unknown": pa.Unknown(friction="viscous")}, "natural"),
-        ({"unknown": pa.Unknown(bodies="payload")}, "natural"),
-        ({"unknown": pa.Unknown(bodies=["joint2"])}, "natural"),
+        ({"unknown": pa.Unknown(friction=False)}, "natural-memory"),
+        ({"unknown": pa.Unknown(friction="viscous")}, "natural-memory"),
+        ({"unknown": pa.Unknown(bodies="payload")}, "natural-memory"),
+        ({"unknown": pa.Unknown(bodies=["joint2"])}, "natural-memory"),
         ({"adaptation": "natural"}, "natural"),
         ({"adaptation": "none"}, "none"),
         ({"law": "computed-torque"}, "none"),
@@ -59,7 +59,7 @@ def test_the_noise_of_a_memory_includes_that_of_encoders_in_the_regressor():
     ],
     ids=str,
 )
-def test_a_memory_is_the_default_where_the_parameters_explain_the_torque(options, kind):
+def test_a_memory_is_the_default_where_the_law_remembers_parameters_of_bodies(options, kind):
     law = pa.laws.LAWS[options.get("law", "separation")]
     robot = catalogue_robot("z1", **({"task": "joint"} if law.joint_space else {}))
     made = pa.make_controller(robot, **options)

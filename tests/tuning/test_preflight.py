@@ -149,7 +149,6 @@ def test_every_recommended_factor_helps(law, dt):
     its = controller.law
     symbols = {"Kv": "K_v", "Kp": "K_P"}
     gains = {name: getattr(its, symbols.get(name, name)) for name in (*its.bandwidth_powers, "R_k")}
-    gains |= {"lag": max(gains["lag"], its.late)} if "lag" in gains else {}
     moved = getattr(controller.adaptation_d, "inner", controller.adaptation_d)  # of a memory
     parts = getattr(moved, "parts", [(moved, None)])
     gains |= dict(zip(("gamma_d", "gamma_joint"), (part.gamma for part, _ in parts), strict=False))

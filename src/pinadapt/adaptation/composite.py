@@ -205,7 +205,7 @@ class CompositeMemory(Wrapper):
         if self.noise.ndim > 1 or not (self.noise > 0.0).all():
             raise GainError("expected a positive number, or one per joint.", where="noise")
         self.forgetting = positive(forgetting, "forgetting", zero=True)
-        self.share = positive(share, "share", most=1.0)
+        self.share = positive(share, "share")
         self.interval = positive(interval, "interval", zero=True, most=1.0 / self.speed)
         self.unit = positive(unit, "unit")
         self.prior = None if prior is None else numbers(prior, "prior", error=GainError)
@@ -327,7 +327,8 @@ class CompositeMemory(Wrapper):
         S.flat[:: n + 1] += self._variance
         fading = self.forgetting / n * float(innovation @ np.linalg.solve(S, innovation))
         fading /= 1.0 + fading / self._bandwidth
-        return self.share * solved[:, 0], fading
+        trust = 1.0 - fading / self._bandwidth
+        return trust * self.share * solved[:, 0], fading
 
     def _empty(self, estimate: Estimate, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate with A = 0 and b = 0, its prior at ``start``."""

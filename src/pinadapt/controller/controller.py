@@ -664,7 +664,7 @@ class Controller(Doors):
         filtered_torque, residual = None, None
         if self._torque_filter is not None and (torque_filter or dt is not ...):
             tau = None  # what was commanded, unless a torque sensor is declared
-            if self.sensors.torque_offset is not None:
+            if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
                 tau = self._inputs.torque(measurement.tau)
             filtered_torque = self._torque_filter.observe_unchecked(torque_filter, q, v, tau)
             residual = empty(v.size)

@@ -260,8 +260,8 @@ class Law(Doors, ABC):
         adaptation_mode: default of the fastest mode of the adaptation of inertias, in bandwidths.
         memory_mode: the same beside a memory of all torques, with which the tracking error need not
             teach so fast: at most this.
-        remembers: whether its default adaptation has a memory of all torques, where the parameters
-            can explain them: where all bodies and the joints' friction are unknown.
+        remembers: whether its default adaptation has a memory of all torques, where parameters of
+            bodies are unknown.
         holds_inertia: whether it uses the mass matrix of the initial estimate beside the moving
             one, whose difference must stay below the true mass matrix.
         joint_mode: the same for the coefficients of the joints.

@@ -267,7 +267,8 @@ class Separation(Law):
         return np.asarray(s.v - qd_r)
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
-        """Return tau = Y a_d - K_D s, and the drives of both estimates."""
+        """Return tau = Y a_d - K_D s - d, and the drives of both estimates."""
+        M_0 = self.M_0(s.q) if self.M_0 is not None and self.lag else None
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
@@ -283,11 +284,11 @@ class Separation(Law):
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
         Y, feedforward = model.slotine_li(s.q, v, qd_r, qdd_r)
-        if self.M_0 is None or not self.lag:
+        if M_0 is None:
             kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         else:
             kernels.subtract_limited_damping(
-                feedforward, self.K_v, self.M_0(s.q), 1.0 / self.lag, s.v, qd_r, error, torque
+                feedforward, self.K_v, M_0, 1.0 / self.lag, s.v, qd_r, error, torque
             )
         torque -= s.filtered.disturbance
         return Command(torque, Drives(Drive(Y, error), kinematic), None, feedforward)

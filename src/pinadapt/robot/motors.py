@@ -106,11 +106,6 @@ class Actuators:
         return bool(np.any(self.delay) or np.isfinite(self.bandwidth).any())
 
     @property
-    def lateness(self) -> float:
-        """Delay and time constant of the slowest motor together [s]."""
-        return float(np.max(np.asarray(self.delay) + 1.0 / np.asarray(self.bandwidth)))
-
-    @property
     def elastic(self) -> bool:
         """Whether there are springs."""
         return bool(np.isfinite(self.stiffness).any())

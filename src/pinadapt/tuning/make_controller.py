@@ -121,8 +121,8 @@ def make_controller(
             or "none"; "natural-composite", "composite" or "least-squares", which also learn from
             the prediction error of the torque; "natural-memory" or "composite-memory", which learn
             from all of its past; or an adaptation of the dynamic estimate with its gains. By
-            default "natural-memory" with the law "separation" where all bodies and the friction of
-            the joints are unknown, else "natural".
+            default "natural-memory" with the law "separation" where the inertial parameters of
+            bodies are unknown, else "natural".
         kinematic_adaptation: "gradient", "least-squares" on the prediction error of position or
             velocity, "none", or an adaptation with its gains; by default none where ``adaptation``
             is, else least squares with the law "separation" where no lengths are unknown, else
@@ -190,7 +190,7 @@ def make_controller(
         tuned = _weighed(tuned, motion, adaptation_k, w, settings)
     if isinstance(kinematic_adaptation, Adaptation):
         adaptation_k = kinematic_adaptation
-    tuning = Tuning(tuned, motion, w, dt, quality, settings, applied.actuators.lateness)
+    tuning = Tuning(tuned, motion, w, dt, quality, settings)
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
         """Return the adaptation of the dynamics, at a share of its rate."""

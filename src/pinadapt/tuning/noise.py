@@ -99,7 +99,6 @@ class Tuning(NamedTuple):
         period: dt [s].
         quality: of the sensors.
         settings: of the filters for their noise.
-        late: by which the motors are declared to be late [s].
     """
 
     law: Law
@@ -108,7 +107,6 @@ class Tuning(NamedTuple):
     period: float
     quality: SensorQuality
     settings: NoiseSettings
-    late: float = 0.0
 
 
 def chosen_modifications(given: Given) -> dict[str, Any]:

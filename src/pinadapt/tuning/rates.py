@@ -75,6 +75,7 @@ _FORGETTING = 0.125
 _FORGOTTEN = 100.0  # rate at which a memory forgets when contradicted by its whole noise
 _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
 _INTERVAL = 0.5  # between evaluations, in 1 / rate
+_WIDTH = 30.0  # deviations of a body by the prior that a memory's P is wide
 _HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
@@ -102,7 +103,7 @@ def check_adaptation(kind: str, where: str, kinds: Sequence[str]) -> None:
 def default_adaptation(law: type[Law], dynamics: Dynamics) -> str:
     """Return the kind of adaptation of a controller that names none.
 
-    It is "natural-memory" with a law that ``remembers``, else "natural".
+    It is "natural-memory" with a law that ``remembers`` for parameters of bodies, else "natural".
     """
     return "natural-memory" if law.remembers and dynamics.per_body else "natural"
 
@@ -346,20 +347,21 @@ def predicting(
     if kind in MEMORIES:
         rate = _given(rates, "prediction_rate", mode * bandwidth)
         doubt = _given(rates, "forgetting", _FORGOTTEN * bandwidth)
-        variance, prior = _NOISE**2 * torques, None
+        unit = _WIDTH**2 * _unit(moved, motion)  # P = unit Gamma
+        variance, prior = _NOISE**2 * unit * torques, None
         if jitter:
-            shaken = shaken_torques(moved, motion, low_pass * jitter)
+            shaken = unit * shaken_torques(moved, motion, low_pass * jitter)
             variance += _HORIZON * shaken
-            prior = prior_information(moved, motion, low_pass * share * shaken / variance)
+            prior = prior_information(moved, motion, low_pass * shaken / variance) / unit
         return CompositeMemory(
             moved,
             low_pass,
             rate=rate,
-            noise=np.sqrt(variance / share + torque**2),
+            noise=np.sqrt(variance + torque**2),
             forgetting=doubt,
-            share=share,
+            share=1.0 / unit,
             interval=_INTERVAL / rate,
-            unit=_unit(moved, motion) * share,
+            unit=1.0 / _WIDTH**2,
             prior=prior,
         )
     if kind != LeastSquares.name:
