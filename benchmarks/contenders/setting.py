@@ -46,7 +46,7 @@ class Setting:
     @cached_property
     def w(self) -> float:
         """The default bandwidth [rad/s]."""
-        return bandwidth(self.nominal, PERIOD, pa.laws.Separation.least_bandwidth)
+        return bandwidth(self.nominal, PERIOD, pa.laws.Separation.own_bandwidth)
 
     @cached_property
     def model(self) -> NominalRobot:

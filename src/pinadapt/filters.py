@@ -263,7 +263,7 @@ class PositionObserver(Filters):
     error: Callable[[Signals], np.ndarray] | None = None
     bandwidth: float = math.inf
     lead: float = 0.0
-    lambda_d: float = 0.0
+    lambda_d: Any = 0.0
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
@@ -305,7 +305,7 @@ class PositionObserver(Filters):
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
         if s.residual is not None:
-            share = -math.expm1(-self.lambda_d * dt)
+            share = -np.expm1(-self.lambda_d * dt)
             disturbance = disturbance + share * (s.residual - disturbance)
         return ObserverState(after, s_f, disturbance)
 

@@ -266,7 +266,7 @@ class Law(Doors, ABC):
             one, whose difference must stay below the true mass matrix.
         joint_mode: the same for the coefficients of the joints.
         kinematic_mode: the same for the translations.
-        least_bandwidth: of its feedback, for robots of any size [rad/s].
+        own_bandwidth: w, for robots of every size [rad/s]; None: by the reach.
         prediction_mode: default rate at which the prediction error of the torque decays, in
             bandwidths, for adaptations that use it.
         units: of velocity and position gain, as printed.
@@ -302,7 +302,7 @@ class Law(Doors, ABC):
     holds_inertia: ClassVar[bool] = False
     joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
-    least_bandwidth: ClassVar[float] = 0.0
+    own_bandwidth: ClassVar[float | None] = None
     prediction_mode: ClassVar[float] = 0.5
     units: ClassVar[tuple[str, str]] = ("", "")
     sources: ClassVar[tuple[str, ...]] = ()

@@ -65,17 +65,17 @@ class Separation(Law):
     Closed loop:  M ds/dt + C s = -K_D s + Y da_d - d; dd/dt = lambda_d (W da_d - d);
                   d(dx_o)/dt = Y_k da_k - beta dx_o;
                   d(x_o - x_d)/dt = -alpha (x_o - x_d) + J_hat s - beta dx_o.
-    V:            V_d + V_k, V_d = s^T M s / 2 + d^T K_v^-1 d / (4 lambda_d) + D_d(a_d),
+    V:            V_d + V_k, V_d = s^T M s / 2 + d^T (lambda_d diag(K_v))^-1 d / 4 + D_d(a_d),
                   V_k = c dx_o^T dx_o / 2 + D_k(a_k),
                   dV_d/dt = -s^T K_D s - s^T (f(qd) - f(qd_r)) - s^T d
-                  - d^T K_v^-1 (d - W da_d) / 2 - what the adaptation adds, (rho / kappa) da^T H da
-                  with a memory; f the true friction of the joints: monotone.
+                  - d^T diag(K_v)^-1 (d - W da_d) / 2 - what the adaptation adds, with a memory
+                  (rho / kappa) da^T H da; f the true friction of the joints: monotone.
                   dV_k/dt = -c beta dx_o^T dx_o - epsilon^T R epsilon. Both are equalities.
-    Sign:         K_v^-1 / 2 may be any constant matrix B > 0. With B >= K_D(q)^-1 / 2 everywhere,
-                  dV_d/dt <= -(rho / kappa) da^T H da + (W da)^T B (W da) / 2: it is not positive
-                  where W^T B W <= 2 (rho / kappa) H, that is 4 K_D R >= 1 for a prediction error of
-                  weight R. A memory that is still empty does not pay for it; then V_d may rise, at
-                  most as fast as without an adaptation.
+    Sign:         diag(K_v)^-1 / 2 may be any constant diagonal B > 0. With B >= K_D(q)^-1 / 2
+                  everywhere dV_d/dt <= -(rho / kappa) da^T H da + (W da)^T B (W da) / 2. It is not
+                  positive where W^T B W <= 2 (rho / kappa) H, that is 4 K_D R >= 1 for a prediction
+                  error of weight R. A memory that is still empty does not pay for it: then V_d may
+                  rise, at most as fast as without an adaptation.
     Not proved:   friction that is no parameter (Stribeck): then d follows it at lambda_d;
                   motors that are late, beyond lag;
                   joints on springs;
@@ -104,11 +104,12 @@ class Separation(Law):
     Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
                   velocity, no acceleration, no M_hat^-1.
 
-    Default gains for the bandwidth w at the period dt: alpha = beta = lambda_d = w, K_v = 3 w
+    Default gains for the bandwidth w = 30 rad/s, at most 0.075 / dt: alpha = beta = w, K_v = 3 w
     diag(M) at home, with an assumed load of a tenth of the robot's mass a twentieth of its reach
     off the flange, and lag = 5 ms, or 2 dt where that is longer, but zero for a K_v of the user's
     own. What joints move together may be much lighter than what each moves by itself, as the elbow
-    of an arm whose shoulder axes align.
+    of an arm whose shoulder axes align. lambda_d = w, but no joint's is faster than K_D damps it
+    under that load: a light wrist with a heavy load would swing.
 
     Attributes:
         task: the controlled coordinates, m of them, m_p positions.
@@ -119,8 +120,8 @@ class Separation(Law):
         c: weight of the observation error; zero by default for pictures.
         R_k: (m_p, m_p) R, weight of the prediction error of the position.
         lambda_s: decorrelation [1/s], infinite for none.
-        lambda_d: of the low pass F_w on the prediction error of the torque [1/s]; zero: the torque
-            does not contain it.
+        lambda_d: (n) of the low pass F_w on the prediction error of the torque [1/s]; zero: the
+            torque does not contain it.
         lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
             exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
         M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag; the next call
@@ -143,7 +144,7 @@ class Separation(Law):
     c: float = 1.0
     R_k: Any = 1.0
     lambda_s: float = math.inf
-    lambda_d: float = 0.0
+    lambda_d: Any = 0.0
     lag: float = 0.0
     M_0: Callable[[np.ndarray], np.ndarray] | None = None
     lead: float = 0.0
@@ -160,9 +161,9 @@ class Separation(Law):
     remembers = True
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
     adaptation_mode = 8.0
-    # [rad/s]; 14: an unknown load displaces a UR10 by 22 mm at the start in place of 17; 40: motors
-    # that are 12 ms late make large arms ring
-    least_bandwidth = 28.0
+    # [rad/s] 15: four times the error under noise and at the start; 60: motors that are late by
+    # more than 2 ms make the loop ring
+    own_bandwidth = 30.0
     memory_mode = 1.0
     prediction_mode = 2.0
     joint_mode = 8.0
@@ -182,7 +183,8 @@ class Separation(Law):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
-        positive(self.lambda_d, "lambda_d", zero=True)
+        lambda_d = np.broadcast_to(np.asarray(self.lambda_d, dtype=float), len(K_D))
+        object.__setattr__(self, "lambda_d", lambda_d)
         if positive(self.lag, "lag", zero=True) and self.M_0 is None:
             raise GainError("a lag needs the mass matrix that it belongs to.", where="M_0")
 
@@ -206,19 +208,20 @@ class Separation(Law):
             "c": 1.0 if motion.kinematics.affine else 0.0,
             "R_k": 1.0,
             "lambda_s": math.inf,
-            "lambda_d": _DISTURBANCE * w,
             "lag": max(_LAG, dt / _STEP) if given.get("Kv") is None else 0.0,
         }
         kinematics = motion.kinematics
         turns = not kinematics.calibrated and kinematics.task.size > kinematics.positions
         posture = Posture.of(motion.robot, given.get("posture"), w)
-        return cls(
+        law = cls(
             motion.kinematics.task,
             posture,
             M_0=partial(_mass_matrix, motion.robot.model, motion.robot.model.createData()),
             lever=_LEVER * motion.robot.reach if turns else 0.0,
             **merged(defaults, given),
         )
+        damped = np.diag(law.K_D(motion.robot.q0)) / _loaded_inertia(motion.robot)
+        return replace(law, lambda_d=np.minimum(_DISTURBANCE * w, damped))
 
     def K_D(self, q: np.ndarray) -> np.ndarray:
         """Return K_D (n, n) [N m s/rad or N s/m] at q (nq)."""
@@ -308,14 +311,11 @@ class Separation(Law):
         return Drive(s.Y_k[:m], error, X_k, epsilon, self.R_k, g_k, observed=True)
 
     def storage(self, s: Signals, truth: Truth) -> float:
-        """Return s^T M s / 2 + d^T K_v^-1 d / (4 lambda_d) + c (|dx_o|^2 + lever^2 |eta|^2) / 2.
-
-        M is the true mass matrix, d the low-passed prediction error of the torque.
-        """
+        """Return V without the parts of the parameters; M is the true mass matrix."""
         error, d = self._reference_error(s), s.filtered.disturbance
         V = 0.5 * error @ (truth.M @ error) + 0.5 * self._observation(s)
-        if self.lambda_d:
-            V += 0.25 / self.lambda_d * d @ np.linalg.solve(self.K_v, d)
+        if self.lambda_d.any():
+            V += 0.25 * d @ (d / (self.lambda_d * np.diag(self.K_v)))
         return float(V)
 
     def _observation(self, s: Signals) -> float:
@@ -328,11 +328,11 @@ class Separation(Law):
         error, epsilon, d = self._reference_error(s), s.epsilon, s.filtered.disturbance
         f = truth.friction.torque
         joints = error @ (self.K_D(s.q) @ error) + error @ (f(s.v) - f(s.v - error)) + error @ d
-        if self.lambda_d:
+        if self.lambda_d.any():
             predicted = np.zeros(d.size)
             if s.filtered_torque is not None:
                 predicted = s.filtered_torque.W @ (s.a_d - truth.a_d)
-            joints += 0.5 * (d - predicted) @ np.linalg.solve(self.K_v, d)
+            joints += 0.5 * (d - predicted) @ (d / np.diag(self.K_v))
         task = self.beta * self._observation(s) + epsilon @ (self.R_k @ epsilon)
         return float(-joints - task)
 

@@ -1,7 +1,7 @@
 """The bandwidth of the default gains, and the prior covariance of the parameters.
 
-The bandwidth is w = 20 rad/s sqrt(2.2 m / reach), at least ``Law.least_bandwidth``, and at most
-0.075 / dt for slow loops: gravity and the centrifugal forces of similar motions accelerate a robot
+The bandwidth is w = 20 rad/s sqrt(2.2 m / reach), or the law's own, and at most 0.075 / dt for slow
+loops: gravity and the centrifugal forces of similar motions accelerate a robot
 of reach L at the rate sqrt(g / L), so that a model error then displaces every robot by the same
 fraction of its size. Each law states its own
 gains for a bandwidth (``Law.tuned``); where the check before a run finds the feedback too fast for
@@ -148,16 +148,17 @@ _LAG, _GIVING_WAY, _ELASTIC = 2.0, 1.0, 0.5
 PREDICTION_RATE = 0.125
 
 
-def bandwidth(robot: Robot, dt: float, least: float = 0.0) -> float:
+def bandwidth(robot: Robot, dt: float, own: float | None = None) -> float:
     """Return the default bandwidth w [rad/s] for a robot at sampling period dt [s].
 
     Args:
         robot: of some reach.
         dt: sampling period [s].
-        least: for robots of any size, see ``Law.least_bandwidth`` [rad/s].
+        own: that of the law, see ``Law.own_bandwidth`` [rad/s]; None: by the reach.
     """
-    own = _PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5
-    return min(max(own, least), _LARGEST_STEP / dt)
+    if own is None:
+        own = _PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5
+    return min(own, _LARGEST_STEP / dt)
 
 
 def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:

@@ -171,7 +171,7 @@ def make_controller(
     applied = limits_for(robot, kinematics, dynamics, limits, sensors, chosen)
     if adaptation is None and kind == "natural":
         kind = default_adaptation(chosen, dynamics)
-    w = bandwidth(robot, dt, chosen.least_bandwidth)
+    w = bandwidth(robot, dt, chosen.own_bandwidth)
     motion = TypicalMotion(robot, kinematics, dynamics, w, applied.torque)
     K_f = None if fast is None else fast.gain_for(robot, applied.actuators, dt)
     tuned, w = _tuned(law, motion, dt, gains, applied.actuators, K_f)

@@ -266,7 +266,7 @@ def _too_slow(controller: Controller, motion: TypicalMotion, dt: float) -> Findi
     robot, task = motion.robot, motion.kinematics.task
     feedback = controller.law.feedback(motion)
     if not feedback or motion.bandwidth >= _SLOWED * bandwidth(
-        robot, _SHORTEST * dt, controller.law.least_bandwidth
+        robot, _SHORTEST * dt, controller.law.own_bandwidth
     ):
         return None
     model, m = robot.model, task.positions or task.size

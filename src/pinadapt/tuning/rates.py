@@ -75,7 +75,7 @@ _FORGETTING = 0.125
 _FORGOTTEN = 100.0  # rate at which a memory forgets when contradicted by its whole noise
 _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
 _INTERVAL = 0.5  # between evaluations, in 1 / rate
-_WIDTH = 30.0  # deviations of a body by the prior that a memory's P is wide
+_WIDTH = 30.0  # of P in standard deviations of the prior
 _HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
