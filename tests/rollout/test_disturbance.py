@@ -91,3 +91,20 @@ def test_without_noise_the_band_is_empty_and_other_laws_have_no_disturbance():
     labels = [ax.get_ylabel() for ax in drawn]
     values = drawn[labels.index("disturbance [N m or N]")].lines[0].get_ydata()
     assert np.array_equal(values, rollout.disturbance[:, 0])
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_torque_that_was_not_given_is_a_disturbance_unless_the_state_is_told(told):
+    """The motors give 2 N m less than what is asked, and the arm yields."""
+    robot, less = catalogue_robot("panda"), np.full(7, 2.0)
+    controller, plant = pa.make_controller(robot, dt=DT), pa.plants.PinocchioPlant(robot)
+    motion = pa.reachable_circle(robot)
+    state, given = controller.init(plant.measure()).adapt(False), None
+    for k in range(150):
+        desired = motion.at(k * DT)
+        state = state.gave(given) if told else state
+        asked, state = controller.step(state, plant.measure()._replace(t=k * DT), desired, DT)
+        given = asked - less
+        plant.step(given, DT)
+    expected = 0.0 if told else -2.0
+    assert np.allclose(controller.disturbance(state), expected, atol=0.5)

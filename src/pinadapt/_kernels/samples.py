@@ -356,27 +356,6 @@ def limit_torque(
     return changed
 
 
-@compiled("f8(f8[:], f8[:], i8)", fills=0)
-def stop_errors(dx: np.ndarray, weight: np.ndarray, positions: int) -> float:
-    """Return the error dx (m) in stop errors, one over ``weight`` (m); the largest of the groups.
-
-    The groups are the norm of the positions, the first rows, and that of the other rows, a
-    rotation; or each joint by itself, where ``positions`` is negative.
-    """
-    if len(weight) < len(dx):
-        raise ArrayError
-    place, turn, joint = 0.0, 0.0, 0.0
-    for i in range(len(dx)):
-        share = abs(dx[i] * weight[i])
-        if positions < 0:
-            joint = max(joint, share)
-        elif i < positions:
-            place += share * share
-        else:
-            turn += share * share
-    return max(joint, np.sqrt(max(place, turn)))
-
-
 @compiled(
     "i8(f8[:], f8[:], i8, f8, f8, f8, f8, f8[:], f8[:], f8, f8[:], f8[:], f8[:], f8, f8[:], f8[:],"
     " f8[:,:], f8[:,:], f8[:], f8, f8, f8, f8[:])"

@@ -334,7 +334,6 @@ class RealtimeLoop:
         self._sent = np.zeros(n)
         self._given: np.ndarray | None = None
         self._before: np.ndarray | None = None
-        self._clipped = False
         self._state: ControllerState | None = None
         self._path: Trajectory | None = None
         self._begin = self._t = 0.0
@@ -615,7 +614,7 @@ class RealtimeLoop:
         if not np.isfinite(torque).all():
             self._answer(SafetyFinding("controller", "a torque is not finite", Answer.STOP))
             return None
-        safe, self._clipped = self._checks.limited(torque, self._sent, max(dt, self._facts.period))
+        safe, _ = self._checks.limited(torque, self._sent, max(dt, self._facts.period))
         self._sent = safe
         added = self._controller.compensation
         self._given = safe if added is None else safe + added(m.q)
@@ -629,11 +628,10 @@ class RealtimeLoop:
         assert state is not None and self._path is not None
         if self.stage is Stage.LOG:  # the torque is not that of the controller
             self._before, m = m.tau, m._replace(tau=None)
-        elif m.tau is None and self._clipped:
-            m = m._replace(tau=self._given)  # the checklist has sent another torque than was asked
         adapting = self._adapting and not self._resting and self._phase is Phase.RUNNING
         if state.adapting is not adapting:
             state = state.adapt(adapting)
+        state = state.gave(self._before)
         try:
             desired = controller.desired(state, self._path, m.t - self._begin)
             torque, after = controller.step(state, m, desired, self._facts.period)
