@@ -333,6 +333,11 @@ class PoseObserverState(NamedTuple):
     position: ObserverState
     R: np.ndarray
 
+    @property
+    def disturbance(self) -> np.ndarray:
+        """The low-passed prediction error of the torque (n) [N m or N]."""
+        return self.position.disturbance
+
 
 @dataclass(frozen=True, eq=False)
 class PoseObserver(Filters):

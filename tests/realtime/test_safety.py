@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.realtime import Answer, MomentumResidual, PlantArm, Safety
-from tests.support.arms import PERIOD, Loop, arm, controller, faulty, robot
+from pinadapt.realtime import Answer, PlantArm, Safety
+from tests.support.arms import PERIOD, Loop, arm, controller, faulty, heavy, robot
 
 
 def ended(loop):
@@ -119,6 +119,31 @@ def test_an_obstacle_is_distinguished_from_a_load_and_freezes_the_adaptation_fir
     assert any(words.startswith("the adaptation rests: contact") for words in loop.said)
 
 
+def test_without_an_observed_disturbance_there_is_no_contact_and_the_loop_says_so():
+    on = arm(kind=Wall)
+    on.angle = robot().q0[0] + 0.2
+    away = pa.trajectories.Waypoints(
+        [robot().position(robot().q0), robot().position(robot().q0 + np.array([0.5, 0.0]))], 0.8
+    )
+    loop = Loop(on, motion=away, seconds=1.2, of=controller(adaptation="natural"))
+    ending = loop.ended()
+    assert on.felt is not None and not ending.reason.startswith("contact")
+    assert loop.said[0].startswith("contact is not detected")
+
+
+@pytest.mark.parametrize("delay", [0.0, 24e-3])
+def test_the_report_says_that_the_torque_rings_and_what_to_declare(delay):
+    """Late motors are not declared; the checklist is told to let them ring."""
+    plant = pa.plants.PinocchioPlant(heavy(), actuators=pa.robot.Actuators(delay=delay))
+    easy = Safety(velocity=9.0, contact=9.0, error=9.0, saturated=9.0, torque_rate=np.inf)
+    of = controller(limits=None, lag=0.01)
+    ending = Loop(PlantArm(plant, PERIOD), of=of, safety=easy, seconds=1.5).ended()
+    words = [note for note in ending.notes if "rings at" in note]
+    assert len(words) == bool(delay) and all(note in str(ending) for note in words)
+    if words:
+        assert "limits.actuators), or take a longer lag, for example lag = " in words[0]
+
+
 def test_the_latch_stops_and_stays():
     def pressed(arm, m):
         loop.loop._checks.latched = "red button"
@@ -128,28 +153,6 @@ def test_the_latch_stops_and_stays():
     loop = Loop(on, seconds=3.0)
     reason, phases = ended(loop)
     assert reason == "latch: red button" and phases == ["running", "damping", "stopped"]
-
-
-def test_the_residual_is_the_torque_that_is_not_in_the_model():
-    """A constant external torque appears in full after the filter, less its slow part."""
-    dynamics = controller().dynamics
-    plant = pa.plants.PinocchioPlant(robot())
-    residual = MomentumResidual(dynamics, bandwidth=50.0, slow=1e-6)
-    dt = 2e-3
-    a, found = dynamics.value(robot()), []
-    gravity = pa.robot.Gravity(robot())
-    before = None
-    for k in range(400):
-        m = plant.measure()
-        if before is not None:
-            found.append(residual.step(m.q, m.v, before, a, dt))
-        external = np.array([0.4, -0.2]) if k > 200 else np.zeros(2)
-        before = gravity(m.q) + 0.3 * np.sin(0.02 * k)
-        plant.step(before + external, dt)
-    assert np.abs(found[199]).max() < 3e-2
-    assert np.allclose(found[-1], [-0.4, 0.2], atol=4e-2)
-    residual.reset()
-    assert not residual.settled
 
 
 @pytest.mark.parametrize(
@@ -194,7 +197,6 @@ def test_a_push_on_a_large_arm_is_contact_and_a_load_and_tool_that_are_learned_a
     sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.05), encoder=2.0 * np.pi / 2**17)
     of = pa.make_controller(
         described,
-        adaptation="natural",
         unknown=pa.Unknown(tool=True),
         sensors=sensors,
         dt=Touched.period,

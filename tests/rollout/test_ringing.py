@@ -8,8 +8,8 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.rollout import Ringing, ringing
-from pinadapt.rollout.recording import beyond_motion
-from pinadapt.simulation.simulate import _ringing
+from pinadapt.rollout.recording import beyond_motion, ringing_of
+from pinadapt.rollout.summary import ringing_words
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_at_home, with_tool_and_load
 
@@ -24,7 +24,7 @@ def tone(frequency, amplitude, start=0.0):
     return np.outer(wave, [0.0, 1.0])
 
 
-@pytest.mark.parametrize("frequency", [8.0, 27.0, 120.0, 333.3])
+@pytest.mark.parametrize("frequency", [8.0, 27.0, 46.0, 120.0, 333.3])
 def test_an_oscillation_is_found_with_its_joint_frequency_and_size(frequency):
     found = ringing(T, MOTION + tone(frequency, 2.0), NAMES)
     assert found is not None and found.joint == "wrist"
@@ -52,7 +52,7 @@ def test_a_slow_swing_is_found_where_the_motion_is_slower():
     robot = catalogue_robot("planar_2r")
     controller = pa.make_controller(robot, adaptation="none")
     assert ringing(T, torques, NAMES, controller.motion.bandwidth / (2.0 * np.pi)) is None
-    assert _ringing(T, circle, torques, controller, robot).frequency == pytest.approx(4.0)
+    assert ringing_of(T, circle, torques, controller).frequency == pytest.approx(4.0)
     assert ringing(T, MOTION, NAMES, slowest) is None
     square = MOTION + 3.0 * np.sign(np.sin(turn))
     assert ringing(T, square, NAMES, slowest) is None
@@ -74,6 +74,27 @@ def test_other_torques_do_not_ring(torques):
     assert ringing(T, torques, NAMES) is None
 
 
+def test_a_torque_that_jumps_between_its_limits_rings_without_a_single_frequency():
+    jumps = np.random.default_rng(0).choice([-1.0, 1.0], (T.size, 2)) * [50.0, 8.0]
+    assert ringing(T, MOTION + jumps, NAMES) is None
+    assert ringing(T, MOTION + jumps, NAMES, limits=np.array([100.0, 1e3])).joint == "shoulder"
+    assert ringing(T, MOTION + jumps, NAMES, limits=np.array([200.0, 1e3])) is None
+
+
+@pytest.mark.parametrize(
+    ("frequency", "lag"), [(4.0, 0.03), (20.0, 0.025), (46.0, 0.011), (250.0, 0.01)]
+)
+def test_the_words_name_joint_frequency_and_remedy(frequency, lag):
+    words = ringing_words(Ringing("wrist", frequency, 0.5), "separation")
+    assert words == (
+        f"the torque of wrist rings at {frequency:.0f} Hz, 50% of its rms: declare the motors' "
+        "delay or the joints' stiffness (limits.actuators), or take a longer lag, for example "
+        f"lag = {lag}"
+    )
+    other = ringing_words(Ringing("wrist", frequency, 0.5), "slotine-li")
+    assert "(limits.actuators), or lower the gains" in other and "lag" not in other
+
+
 def test_short_coarse_and_broken_records():
     torques = MOTION + tone(27.0, 5.0)
     assert ringing(T[:50], torques[:50], NAMES) is None
@@ -85,36 +106,43 @@ def test_short_coarse_and_broken_records():
     assert ringing(T[:0], torques[:0], NAMES) is None
 
 
-def loop(declared, **options):
-    """Return a run of a Panda whose motors are 6 ms late."""
-    robot, late = catalogue_robot("panda"), pa.robot.Actuators(delay=6e-3)
-    true = with_tool_and_load(robot)
-    controller = pa.make_controller(
-        robot.changed(inertial_scale=0.8),
-        adaptation="natural",
-        limits=pa.Limits(actuators=late if declared else None),
-    )
-    return pa.simulate(true, controller, circle_at_home(true), duration=1.0, engine=late, **options)
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the .* is too fast for motors")
-def test_a_loop_with_late_motors_rings_until_they_are_declared(tmp_path):
-    undeclared, declared = (loop(each, record_every=4) for each in (False, True))
+def test_a_loop_with_late_motors_rings_until_they_are_declared_or_the_lag_is_as_advised(tmp_path):
+    robot, late = catalogue_robot("panda"), pa.robot.Actuators(delay=15e-3)
+    true = with_tool_and_load(robot)
+
+    def run(**options):
+        """Return a run of a Panda whose motors are 15 ms late."""
+        controller = pa.make_controller(robot.changed(inertial_scale=0.8), **options)
+        path = circle_at_home(true)
+        return pa.simulate(true, controller, path, duration=2.0, engine=late, record_every=4)
+
+    undeclared = run()
     found = undeclared.ringing
-    assert found is not None and found.joint in undeclared.joint_names
-    assert 10.0 < found.frequency < 60.0 and found.share > 0.2
-    assert f"the torque rings, {found.joint} at " in undeclared.verdict
-    assert "pa.Limits(actuators=...)" in undeclared.verdict
-    assert "torque rings" in str(undeclared)
-    assert declared.ringing is None and "rings" not in declared.verdict
+    assert found is not None and 10.0 < found.frequency < 60.0 and found.share > 0.2
+    assert f"the torque of {found.joint} rings at {found.frequency:.0f} Hz" in undeclared.verdict
+    lag = float(undeclared.verdict.rpartition("lag = ")[2].rstrip("."))
+    for quiet in (run(limits=pa.Limits(actuators=late)), run(lag=lag)):
+        assert quiet.ringing is None and "rings" not in quiet.verdict
     undeclared.save(tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text())["ringing"] == found._asdict()
     loaded = pa.Rollout.load(tmp_path)
     assert loaded.ringing == found and loaded.verdict == undeclared.verdict
-    quiet = replace(undeclared, ringing=None)
-    assert quiet.summary()["ringing"] is None
-    assert isinstance(found, Ringing)
+    assert replace(undeclared, ringing=None).summary()["ringing"] is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("armature", [0.05, 0.1, 0.3])
+def test_undeclared_soft_springs_are_never_lost_in_silence(armature):
+    """The run diverges, or the torque jumps between its limits; either way the verdict says so."""
+    robot = catalogue_robot("ur10").changed(armature=armature)
+    springs = pa.robot.Actuators(stiffness=5e3)
+    true, controller = with_tool_and_load(robot), pa.make_controller(robot, dt=2e-3)
+    lost = pa.simulate(true, controller, pa.reachable_circle(true), duration=4.0, engine=springs)
+    assert not lost.verdict.startswith("follows:")
+    assert f"the torque of {lost.ringing.joint} rings at " in lost.verdict
+    assert "declare the motors' delay or the joints' stiffness" in lost.verdict
 
 
 @pytest.mark.slow

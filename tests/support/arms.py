@@ -40,8 +40,8 @@ def heavy():
 
 @cache
 def controller(**options):
-    """Return a controller of the described arm, without the memory of the default adaptation."""
-    given = {"adaptation": "natural", "limits": pa.Limits(torque=[120.0, 60.0]), **options}
+    """Return a controller of the described arm."""
+    given = {"limits": pa.Limits(torque=[120.0, 60.0]), **options}
     return pa.make_controller(robot(), dt=PERIOD, **given)
 
 

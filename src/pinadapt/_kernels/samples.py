@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from .._compiled import compiled
@@ -356,70 +354,6 @@ def limit_torque(
         limited[i] = min(max(x, -limit[i]), limit[i])
         changed |= limited[i] != torque[i]
     return changed
-
-
-@compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8, f8[:,:], f8[:,:], f8[:])",
-    fills=2,
-)
-def explain_torque(
-    Y_M: np.ndarray,
-    Y_0: np.ndarray,
-    p_0: np.ndarray,
-    tau_0: np.ndarray,
-    a: np.ndarray,
-    tau: np.ndarray,
-    bandwidth: float,
-    dt: float,
-    slow: float,
-    memory: np.ndarray,
-    after: np.ndarray,
-    residual: np.ndarray,
-) -> None:
-    """Write the memory (3, n) after dt [s], low pass, mean and smoothed rest, and the last (n).
-
-    The rest is smoothed at twice the bandwidth, as its noise is white. The mean is what it is now
-    if ``slow``, its bandwidth, is infinite. A memory of NaN begins at the present momentum.
-    """
-    n, m = len(tau), len(a)
-    if Y_M.shape != (n, m) or Y_0.shape != (n, m) or len(p_0) != n or len(tau_0) != n:
-        raise ArrayError
-    if memory.shape != (3, n) or after.shape != (3, n) or len(residual) != n:
-        raise ArrayError
-    share, mean_share = -math.expm1(-bandwidth * dt), -math.expm1(-slow * dt)
-    smooth = -math.expm1(-2.0 * bandwidth * dt)
-    for i in range(len(tau)):
-        p, beta = p_0[i], tau_0[i]
-        for j in range(len(a)):
-            p += Y_M[i, j] * a[j]
-            beta += Y_0[i, j] * a[j]
-        low = memory[0, i] if memory[0, i] == memory[0, i] else bandwidth * p
-        after[0, i] = low + share * (tau[i] + bandwidth * p - beta - low)
-        r = after[0, i] - bandwidth * p
-        after[1, i] = r if mean_share == 1.0 else memory[1, i] + mean_share * (r - memory[1, i])
-        rest = memory[2, i] if memory[2, i] == memory[2, i] else 0.0
-        residual[i] = after[2, i] = rest + smooth * (r - after[1, i] - rest)
-
-
-@compiled("f8(f8[:], f8[:], i8)", fills=0)
-def stop_errors(dx: np.ndarray, weight: np.ndarray, positions: int) -> float:
-    """Return the error dx (m) in stop errors, one over ``weight`` (m); the largest of the groups.
-
-    The groups are the norm of the positions, the first rows, and that of the other rows, a
-    rotation; or each joint by itself, where ``positions`` is negative.
-    """
-    if len(weight) < len(dx):
-        raise ArrayError
-    place, turn, joint = 0.0, 0.0, 0.0
-    for i in range(len(dx)):
-        share = abs(dx[i] * weight[i])
-        if positions < 0:
-            joint = max(joint, share)
-        elif i < positions:
-            place += share * share
-        else:
-            turn += share * share
-    return max(joint, np.sqrt(max(place, turn)))
 
 
 @compiled(

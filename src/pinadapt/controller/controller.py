@@ -371,6 +371,50 @@ class Controller(Doors):
             return state
         return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=())
 
+    def disturbance(self, state: ControllerState) -> np.ndarray | None:
+        """Return the torque (n) that acts on the joints and is not in the model [N m or N].
+
+        The low-passed prediction error of the torque that the law subtracts, a momentum observer at
+        the present estimate: contact, friction and lateness of motors that are not modelled, errors
+        of the estimate. None for a law without ``lambda_d``, or an adaptation that does not predict
+        the torque.
+        """
+        if self._torque_filter is None or not getattr(self.law, "lambda_d", 0.0):
+            return None
+        filters = state.filters if state.start is None else state.start.filters
+        return np.asarray(filters.disturbance)
+
+    def disturbance_noise(self, q: np.ndarray, dt: float) -> np.ndarray | None:
+        """Return the deviation (n) of ``disturbance`` by noise of the joint velocity [N m or N].
+
+        The noise n of v enters with the momentum M n and passes c / (p + c) of the senses,
+        a p / (p + a) of the prediction and b / (p + b) of the disturbance. White noise leaves
+
+            dt (a b c)^2 / (2 (a + b) (b + c) (c + a))
+
+        of its variance; differences n = p r of the counts of an encoder, rounded by r, leave a b +
+        b c + c a times as much of the variance of r, the square of a count over 12.
+
+        Args:
+            q: (nq) configuration.
+            dt: sampling period [s].
+
+        Returns:
+            None where there is no ``disturbance``.
+        """
+        a, b = self.adaptation_d.torque_bandwidth, getattr(self.law, "lambda_d", 0.0)
+        if not (a and b and dt < math.inf):
+            return None
+        low_pass, sensors = self.senses.low_pass, self.sensors
+        c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
+        with self.reserved():
+            M = np.triu(pin.crba(self.kinematics.robot.model, self._data, q))
+        M += np.triu(M, 1).T
+        counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
+        variance = sensors.deviation("v") ** 2 + (a * b + b * c + c * a) / 12.0 * counts**2
+        passed = 0.5 * dt * (a * b * c) ** 2 / ((a + b) * (b + c) * (c + a))
+        return np.sqrt(passed * (M * M) @ variance)
+
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
     ) -> tuple[np.ndarray, ControllerState]:

@@ -275,10 +275,6 @@ class PathGovernor:
         """Return the governor with other torque limits (n) [N m or N], None for none."""
         return replace(self, torque=np.full(self.lower.size, np.inf) if torque is None else torque)
 
-    def off_path(self, dx: np.ndarray) -> bool:
-        """Whether the error dx (m) [m or rad] is beyond the stop error."""
-        return bool(kernels.stop_errors(dx, self.weight, self.positions) >= 1.0)
-
     def step(self, path: PathTime, target: float, cause: str, dt: float) -> PathTime:
         """Return the time of the path after dt [s] with the target held: exact for any dt."""
         lag, rate, acceleration, before = path

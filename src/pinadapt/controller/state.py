@@ -112,6 +112,18 @@ class ControllerState(NamedTuple):
         """
         return self._replace(adapting=flag(adapting, "adapting"))
 
+    def gave(self, torque: np.ndarray | None) -> ControllerState:
+        """Return the state before a sample, where the motors gave a torque (n) that was not asked.
+
+        It is that of the last period [N m or N]; None: the one that was asked. Where motors are
+        declared late, nothing is changed.
+        """
+        memory = self.torque_filter
+        if torque is None or not memory or memory.underway or np.array_equal(torque, memory.tau):
+            return self
+        y = memory.y + memory.shares[1] * (torque - memory.tau)
+        return self._replace(torque_filter=memory._replace(y=y, tau=torque))
+
     def flat(self) -> np.ndarray:
         """Return what moves, estimates, filters with their memories, path time, as one array."""
         leaves: list[np.ndarray] = []

@@ -227,14 +227,16 @@ def _draw(ax: Any, t: np.ndarray, panel: _Panel, dashed: str, still: frozenset[s
 
 
 def torque_figure(run: Drawable) -> Picture:
-    """Return the figure of the motor torques, their shares of the limits, and an eigenvalue.
+    """Return the figure of motor torques, shares of the limits, disturbance, and an eigenvalue.
 
-    The limits are those of the description. The eigenvalue is the smallest of the estimated mass
-    matrix. Shading marks a torque at its limit, and a damped inverse of the Jacobian.
+    The limits are those of the description. The disturbance is drawn where the law observes it,
+    with what noise of the sensors explains, one standard deviation, as a band. The eigenvalue is
+    the smallest of the estimated mass matrix. Shading marks a torque at its limit, and a damped
+    inverse of the Jacobian.
     """
     bounds = run.effort_limits
     limited = np.flatnonzero(np.isfinite(bounds))
-    count = 2 + (limited.size > 0)
+    count = 2 + (limited.size > 0) + (run.disturbance is not None)
     figure = Picture(figsize=(9, 1.0 + 2.3 * count), layout="constrained")
     axes = figure.subplots(count, 1, sharex=True)
     for i, name in enumerate(run.joint_names):
@@ -250,9 +252,23 @@ def torque_figure(run: Drawable) -> Picture:
             axes[1].axhline(limit, color="black", ls="-.", lw=0.9)
         axes[1].set_ylabel("share of limit [%]")
         legend(axes[1], title="limit [N m or N]")
+    if run.disturbance is not None:
+        _disturbance(axes[-2], run, run.disturbance)
     _eigenvalue(axes[-1], run)
     finish(figure, axes, run)
     return figure
+
+
+def _disturbance(ax: Any, run: Drawable, values: np.ndarray) -> None:
+    """Draw the disturbance (N, nv), and what noise explains of it as a band around zero."""
+    noise = run.disturbance_noise
+    for i, name in enumerate(run.joint_names):
+        curve(ax, run.t, values[:, i], i, i, literal(name))
+        if noise is not None:
+            band = noise[:, i]
+            ax.fill_between(run.t, -band, band, color=colour(i), alpha=0.4, lw=0.0, zorder=3)
+    ax.set_ylabel("disturbance [N m or N]")
+    legend(ax, title=None if noise is None else "band: by noise")
 
 
 def _eigenvalue(ax: Any, run: Drawable) -> None:

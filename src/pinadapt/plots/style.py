@@ -237,6 +237,14 @@ class Drawable(Protocol):
         """Motor torques (N, nv) [N m or N]."""
 
     @property
+    def disturbance(self) -> np.ndarray | None:
+        """Torque (N, nv) that is not in the model [N m or N]; None: not observed."""
+
+    @property
+    def disturbance_noise(self) -> np.ndarray | None:
+        """Its standard deviation (N, nv) by noise of the sensors [N m or N]; None: unknown."""
+
+    @property
     def a_k(self) -> np.ndarray:
         """Kinematic estimates (N, p_k) [m]."""
 

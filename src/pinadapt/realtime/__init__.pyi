@@ -17,6 +17,5 @@ from .recorder import tell as tell
 from .recorder import watched as watched
 from .safety import Answer as Answer
 from .safety import Checklist as Checklist
-from .safety import MomentumResidual as MomentumResidual
 from .safety import Safety as Safety
 from .safety import SafetyFinding as SafetyFinding

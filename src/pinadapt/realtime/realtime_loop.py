@@ -20,6 +20,7 @@ import sys
 import threading
 import time
 from array import array
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -49,6 +50,7 @@ _ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest wher
 _HALT, _HOLD = 0.3, 0.5  # [s] until the path rests, and until the arm is damped
 _SWINGS = 0.2  # [rad/s or m/s] of an arm that is not coming to rest by damping
 _DAMP, _STILL, _QUIET = 1.5, 0.02, 50  # [s] longest, [rad/s or m/s], cycles below it
+_RINGING = 2.0  # [s] of the end of a run that are searched for ringing
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
 _FREE = 0.5  # [1/s] damping of a free drive
 _PATIENCE = 2.0  # [s] for the first frame of a camera
@@ -332,7 +334,6 @@ class RealtimeLoop:
         self._sent = np.zeros(n)
         self._given: np.ndarray | None = None
         self._before: np.ndarray | None = None
-        self._clipped = False
         self._state: ControllerState | None = None
         self._path: Trajectory | None = None
         self._begin = self._t = 0.0
@@ -341,6 +342,7 @@ class RealtimeLoop:
         self._resting, self._halted, self._quiet = False, False, 0
         self._frame: tuple[np.ndarray, float] | None = None
         self._signals, self._age, self._first = 0, 0.0, 0.0
+        self._sought: deque[tuple[np.ndarray, ...]] = deque(maxlen=round(_RINGING / facts.period))
         self._asked: np.ndarray | None = None
         self._goal: Desired | None = None
         self.ending = Ending()
@@ -379,6 +381,7 @@ class RealtimeLoop:
                     gc.enable()
                 self._arm.stop(self.ending.reason or "the loop has ended")
                 self.ending.state = self._state
+                self.ending.notes += self._ringing()
                 if recorder is not None and recorder.trouble:
                     self.ending.notes.append(recorder.trouble)
         return self.ending
@@ -423,6 +426,8 @@ class RealtimeLoop:
             known = {**self._start, "a_k": state.a_k}
             self._warmed(controller.init(m, **known), m, desired)
         self._checks = Checklist(self.safety, controller, self._facts)
+        if controller.disturbance(state) is None:
+            self._note("contact is not detected: law and adaptation observe no disturbance")
         gc.collect()
         gc.disable()
         arm.read()
@@ -450,7 +455,7 @@ class RealtimeLoop:
                 tau = torque if added is None else torque + added(m.q)
             self._checks.limited(torque, self._zero, self._facts.period)
             self._checks.of_arm(sample, self._facts.period)
-            self._watched(sample, self._facts.period, warm, desired, torque, torque)
+            self._watched(sample, self._facts.period, warm, desired, torque)
             controller.safe(warm, sample, damping=self.safety.damping)
 
     def _first_frame(self) -> Measurement:
@@ -609,7 +614,7 @@ class RealtimeLoop:
         if not np.isfinite(torque).all():
             self._answer(SafetyFinding("controller", "a torque is not finite", Answer.STOP))
             return None
-        safe, self._clipped = self._checks.limited(torque, self._sent, max(dt, self._facts.period))
+        safe, _ = self._checks.limited(torque, self._sent, max(dt, self._facts.period))
         self._sent = safe
         added = self._controller.compensation
         self._given = safe if added is None else safe + added(m.q)
@@ -623,11 +628,10 @@ class RealtimeLoop:
         assert state is not None and self._path is not None
         if self.stage is Stage.LOG:  # the torque is not that of the controller
             self._before, m = m.tau, m._replace(tau=None)
-        elif m.tau is None and self._clipped:
-            m = m._replace(tau=self._given)  # the checklist has sent another torque than was asked
         adapting = self._adapting and not self._resting and self._phase is Phase.RUNNING
         if state.adapting is not adapting:
             state = state.adapt(adapting)
+        state = state.gave(self._before)
         try:
             desired = controller.desired(state, self._path, m.t - self._begin)
             torque, after = controller.step(state, m, desired, self._facts.period)
@@ -637,8 +641,9 @@ class RealtimeLoop:
             self._answer(SafetyFinding("controller", words, Answer.DAMP))
             return None
         self._measured, self._asked, self._goal = m, torque, desired
+        self._sought.append((desired.x_d, torque))
         self._state = after
-        finding = self._watched(m, dt, after, desired, torque, self._given)
+        finding = self._watched(m, dt, after, desired, torque)
         resting = finding is not None and finding.answer is Answer.REST
         self._calm = 0 if resting else self._calm + 1
         if resting and not self._resting and finding is not None:
@@ -656,7 +661,6 @@ class RealtimeLoop:
         state: ControllerState,
         desired: Desired,
         torque: np.ndarray,
-        given: np.ndarray | None,
     ) -> SafetyFinding | None:
         """Return what the checklist finds in the motion."""
         sensed, task = state.sensed, self._controller.kinematics.task
@@ -665,7 +669,9 @@ class RealtimeLoop:
         self._age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
         added = self._controller.compensation
         motor = torque if added is None else torque + added(m.q)
-        return self._checks.of_motion(m, dt, x, dx, self._age, motor, given, state.a_d)
+        sent = self.stage is not Stage.LOG
+        disturbance = self._controller.disturbance(state) if sent else None
+        return self._checks.of_motion(dt, x, dx, self._age, motor, disturbance)
 
     def _safe(self, m: Measurement, damping: float, hold: bool = True) -> np.ndarray:
         """Return the torque (n) that compensates gravity and damps [1/s], even if sensors fail."""
@@ -757,6 +763,18 @@ class RealtimeLoop:
         if not words and self.ending.cycles % _ALIVE == 0 and not recorder.alive():
             words = "the process of the log has died"
         return SafetyFinding("log", words, Answer.HOLD) if words else None
+
+    def _ringing(self) -> list[str]:
+        """Return at which frequency the last torques of the controller ring, if they do."""
+        from ..rollout.recording import ringing_of  # not while the arm moves
+        from ..rollout.summary import ringing_words
+
+        if not self._sought:
+            return []
+        x_d, tau = (np.array(part) for part in zip(*self._sought, strict=True))
+        t = self._facts.period * np.arange(len(tau))
+        found = ringing_of(t, x_d, tau, self._controller)
+        return [] if found is None else [ringing_words(found, self._controller.law.name)]
 
     def _interrupted(self) -> SafetyFinding:
         """Return what a signal asks for: hold first, then damp, then stop."""

@@ -673,7 +673,8 @@ class CycleLog:
             m = row.measurement()
             if state is None:
                 state = controller.init(m, **start)
-            state = state.adapt(bool(row.adapting[0]))
+            given = row.given.copy() if np.isfinite(row.given).all() else None
+            state = state.adapt(bool(row.adapting[0])).gave(given)
             found[k], state = controller.step(state, m, row.desired(), period)
         return ReplayedTorques(cycles.t[:, 0], found, cycles.sent if sent else cycles.asked)
 

@@ -253,6 +253,8 @@ def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
 _WINDOW, _FEWEST = 1.0, 64  # [s] and samples, of which a spectrum is made
 _SLOWEST = 3.0  # [Hz] of ringing, where no bandwidth is known
 _RINGS, _PURE = 0.05, 0.85  # share of the joint's torque, and of what is fast in it
+# of the limits; half or twice: the same runs of late motors, springs and coarse encoders ring
+_VIOLENT = 0.33
 _NEAR_PEAK, _FEWEST_FREQUENCIES = 0.15, 8  # of its frequency; in a spectrum
 _CALM = 1.5  # [Hz] of ringing, at least
 _HARMONICS, _MOST = 4.0, 0.9  # of a motion that its torques have; of the power of its acceleration
@@ -273,20 +275,26 @@ class Ringing(NamedTuple):
 
 
 def ringing(
-    t: np.ndarray, tau: np.ndarray, joints: Sequence[str], slowest: float = _SLOWEST
+    t: np.ndarray,
+    tau: np.ndarray,
+    joints: Sequence[str],
+    slowest: float = _SLOWEST,
+    limits: np.ndarray | float = np.inf,
 ) -> Ringing | None:
     """Return the ringing of recorded torques in the second half of a run, or None.
 
     A loop that is at its limit of stability oscillates at one frequency, noise of sensors has all
     of them. A joint rings where what is faster than ``slowest`` has 5 % of its torque's rms,
-    and 85 % of the power of that lies within 15 % of one frequency. Spectra are means of windows of
-    a second. Frequencies above half of the rate of the record appear below it.
+    and 85 % of the power of that lies within 15 % of one frequency; or where it is a third of the
+    joint's limit: between its limits a torque has no single frequency. Spectra are means of windows
+    of a second. Frequencies above half of the rate of the record appear below it.
 
     Args:
         t: (N) time [s], in equal steps.
         tau: (N, nv) torque of the motors [N m or N].
         joints: their names.
         slowest: frequency above which torques are faster than motions of this robot [Hz].
+        limits: of the torques (nv) [N m or N].
     """
     finite = np.isfinite(tau).all(axis=1)
     count = len(t) if finite.all() else int(np.argmin(finite))
@@ -310,17 +318,31 @@ def ringing(
     # its sum over f is the mean square of what is fast
     power = np.mean(np.abs(spectra) ** 2, axis=0) / (0.5 * length * np.sum(window**2))
     total, size = power.sum(axis=0), np.sqrt(np.mean(tau[first:] ** 2, axis=0))
+    violent = np.sqrt(total) > _VIOLENT * limits
     found = None
     for joint, name in enumerate(joints):
         own, peak = power[:, joint], int(np.argmax(power[:, joint]))
         near = np.abs(f - f[peak]) <= max(_NEAR_PEAK * f[peak], 2.0 * frequencies[1])
-        rings = peak >= 2 and own[near].sum() > _PURE * total[joint]  # no edge of the motion's own
-        if not rings or np.sqrt(total[joint]) <= _RINGS * size[joint]:
+        pure = peak >= 2 and own[near].sum() > _PURE * total[joint]  # no edge of the motion's own
+        if not (violent[joint] or (pure and np.sqrt(total[joint]) > _RINGS * size[joint])):
             continue
         share = float(np.sqrt(total[joint]) / size[joint])
         if found is None or share > found.share:
             found = Ringing(name, float(f[peak]), share)
     return found
+
+
+def ringing_of(
+    t: np.ndarray, x_d: np.ndarray, tau: np.ndarray, controller: Controller
+) -> Ringing | None:
+    """Return the ringing of torques tau (N, nv) [N m or N] of a controller's run, or None.
+
+    That is what the desired motion x_d (N, .) does not ask for, or the feedback is too slow for.
+    """
+    robot, slowest = controller.kinematics.robot, _SLOWEST
+    if controller.motion is not None:
+        slowest = min(controller.motion.bandwidth / (2.0 * np.pi), beyond_motion(t, x_d))
+    return ringing(t, tau, robot.joint_names, slowest, effort_limits(robot.model))
 
 
 def beyond_motion(t: np.ndarray, x_d: np.ndarray) -> float:
@@ -594,6 +616,24 @@ class Recording:
         return self.evaluated().beside_picture if isinstance(self.task, ImageTask) else None
 
     @cached_property
+    def disturbance(self) -> np.ndarray | None:
+        """The torque (N, nv) [N m or N] that acts on the joints and is not in the model.
+
+        Of each sample, as ``Controller.disturbance``; None where that is.
+        """
+        run = self.evaluated()
+        return _rows([run.controller.disturbance(sample.state) for sample in run.samples])
+
+    @cached_property
+    def disturbance_noise(self) -> np.ndarray | None:
+        """The deviation (N, nv) [N m or N] of ``disturbance`` by the declared noise of sensors.
+
+        None where there is no disturbance, or no period.
+        """
+        controller = self.evaluated().controller
+        return _rows([controller.disturbance_noise(q, controller.period) for q in self.q])
+
+    @cached_property
     def limits(self) -> LimitExcess:
         """How far motion and desired motion of each joint exceeded the description's limits."""
         return self.evaluated().limits
@@ -626,6 +666,11 @@ class Recording:
                 if isinstance(attribute, cached_property):
                     getattr(self, name)
         return {**self.__dict__, "evaluation": None}
+
+
+def _rows(values: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    """Return the values as rows (N, .), or None where they are."""
+    return None if any(value is None for value in values) else np.array(values)
 
 
 def window(values: np.ndarray, first: bool) -> np.ndarray:

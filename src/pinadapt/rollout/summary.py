@@ -27,7 +27,7 @@ Run = TypeVar("Run", bound=Recording)
 
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
-COMPUTED = ("error", "a_k_true", "a_d_true", "lyapunov")
+COMPUTED = ("error", "a_k_true", "a_d_true", "lyapunov", "disturbance", "disturbance_noise")
 _WIDTH = 70  # characters of a long cell
 WATCHED = ("min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share")
 
@@ -250,8 +250,6 @@ def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str
         rows.append(("damped near a singularity", words))
     if numbers["saturated"]:
         rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
-    if rollout.ringing is not None:
-        rows.append(("torque rings", ringing_words(rollout.ringing)))
     if rollout.slowed:
         rows.append(("path slowed", slowed_words(rollout)))
     if rollout.step_time:
@@ -408,6 +406,7 @@ _READABLE = 1e6  # larger numbers are written with an exponent
 _MOTION = "desired"  # first word of the reason if the desired motion ended the loop
 _STOPPED = 0.01  # rate of the path, below which it stands
 _SHOWN = 2  # times at which the path was slowed, in words
+_LEAST_LAG, _MOST_LAG = 0.01, 0.03  # [s]; motors 15 ms late ring at 0.01, and not at 0.015 or 0.06
 _FALLING = 0.7  # error in the last third of a run relative to the second, below which it falls
 
 
@@ -433,7 +432,8 @@ def verdict(rollout: Recording) -> str:
     """Return the verdict in one line."""
     reason = str(rollout.reason or "").rstrip(".")
     slowed = f"path slowed {slowed_words(rollout)}" if rollout.slowed else ""
-    predicted, rings = _prediction_words(rollout), _rings(rollout)
+    predicted = _prediction_words(rollout)
+    rings = "" if rollout.ringing is None else ringing_words(rollout.ringing, rollout.law)
     parts = (reason, _error(rollout), slowed, _beyond(rollout), predicted, rings, _advice(rollout))
     return f"{grade(rollout)}: {'; '.join(part for part in parts if part)}."
 
@@ -479,20 +479,19 @@ def _prediction_words(rollout: Recording) -> str:
     )
 
 
-def ringing_words(ringing: Ringing) -> str:
-    """Return at which frequency which torque rings, and how much."""
-    return f"{ringing.joint} at {ringing.frequency:.0f} Hz, {ringing.share:.0%} of its torque"
+def ringing_words(ringing: Ringing, law: str) -> str:
+    """Return that a torque rings under a law of this name, and what to do about it.
 
-
-def _rings(rollout: Recording) -> str:
-    """Return that a torque rings, and what to do about it."""
-    if rollout.ringing is None:
-        return ""
+    A loop with damping at the rate 1 / lag and motors that are late by T rings at the frequency
+    1 / (4 T) at its limit of stability; the lag is to be 2 T.
+    """
+    lag = min(max(0.5 / ringing.frequency, _LEAST_LAG), _MOST_LAG)
+    longer = f"take a longer lag, for example lag = {lag:.2g}"
+    slower = longer if hasattr(LAWS.get(law), "lag") else "lower the gains"
     return (
-        f"the torque rings, {ringing_words(rollout.ringing)}: gains too high for the period, or "
-        "late motors or elastic joints beyond what was declared: lower the gains, "
-        "declare the actuators (controller.actuators, pa.Limits(actuators=...)), or take a larger "
-        "lag and a smaller gamma_d"
+        f"the torque of {ringing.joint} rings at {ringing.frequency:.0f} Hz, {ringing.share:.0%} "
+        "of its rms: declare the motors' delay or the joints' stiffness (limits.actuators), or "
+        f"{slower}"
     )
 
 

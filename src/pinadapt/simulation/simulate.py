@@ -34,10 +34,8 @@ from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
 from ..rollout.recording import (
     Evaluation,
-    Ringing,
-    beyond_motion,
     path_times,
-    ringing,
+    ringing_of,
     slowdowns,
 )
 from ..rollout.rollout import Rollout
@@ -449,21 +447,8 @@ def rollout_of(
         path_extent=extent,
         path_time=path_times(samples),
         slowed=slowdowns(samples),
-        ringing=_ringing(np.array([sample.t for sample in samples]), x_d, tau, controller, robot),
+        ringing=ringing_of(np.array([sample.t for sample in samples]), x_d, tau, controller),
     )
-
-
-def _ringing(
-    t: np.ndarray, x_d: np.ndarray, tau: np.ndarray, controller: Controller, robot: Robot
-) -> Ringing | None:
-    """Return the ringing of a run's torques (N, nv).
-
-    That is what the motion does not ask for, or what the feedback is too slow for.
-    """
-    if controller.motion is None:
-        return ringing(t, tau, robot.joint_names)
-    slow = controller.motion.bandwidth / (2.0 * np.pi)
-    return ringing(t, tau, robot.joint_names, min(slow, beyond_motion(t, x_d)))
 
 
 def _adaptation(controller: Controller) -> str:
