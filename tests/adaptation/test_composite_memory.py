@@ -512,7 +512,6 @@ def test_names_gains_and_sources():
         {"rate": 0.0},
         {"forgetting": -1.0},
         {"share": 0.0},
-        {"share": 1.5},
         {"interval": 2.0},
         {"unit": 0.0},
         {"prior": [1.0, 2.0]},

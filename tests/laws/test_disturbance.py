@@ -21,7 +21,7 @@ def test_lyapunov_equality_with_a_disturbance_that_is_no_small_part_of_v(name):
     true = robot.changed(payload=load, tool_translation=[0.0, 0.002, 0.0])
     controller = pa.make_controller(robot.changed(inertial_scale=0.98), gamma_d=20.0, unknown=RIGID)
     law = controller.law
-    assert controller.adaptation_d.name == "natural-memory" and law.lambda_d == law.alpha
+    assert controller.adaptation_d.name == "natural-memory" and (law.lambda_d <= law.alpha).all()
 
     def begin(state):
         d = 30.0 * np.diag(law.M_0(robot.q0)) * np.cos(np.arange(robot.model.nv))
@@ -33,8 +33,8 @@ def test_lyapunov_equality_with_a_disturbance_that_is_no_small_part_of_v(name):
         np.array([part(s) for s, _, _ in energy.samples])
         for part in (lambda s: s.filtered.disturbance, lambda s: s.residual)
     )
-    weighted = np.linalg.solve(law.K_v, d.T).T
-    stored = 0.25 / law.lambda_d * np.sum(d * weighted, axis=1)
+    weighted = d / np.diag(law.K_v)
+    stored = 0.25 * np.sum(d * weighted / law.lambda_d, axis=1)
     added, predicted = (0.5 * np.sum(each * weighted, axis=1) for each in (d, wrong))
     assert energy.mismatch(after=10) <= 2e-5
     assert stored[10:].max() > 0.05 * energy.V[0]
@@ -103,11 +103,9 @@ def test_torque_sensors_count_only_where_noise_and_offset_are_declared():
     """Off by 1 % of the limits, which would be learned as a mass."""
     robot = catalogue_robot("ur5")
     offset = 0.01 * robot.model.effortLimit
-    for sensors in (
-        None,
-        pa.Sensors(torque_offset=offset),
-        pa.Sensors(noise={"tau": 0.0}),
-    ):
+    with pytest.raises(pa.InputError, match="noise"):
+        pa.Sensors(torque_offset=offset)
+    for sensors in (None, pa.Sensors(noise={"tau": 0.0})):
         assert np.array_equal(felt(robot, None, sensors), felt(robot, offset, sensors))
     declared = pa.Sensors(noise={"tau": 0.0}, torque_offset=offset)
     exact, off = felt(robot, 0.0 * offset, declared), felt(robot, offset, declared)

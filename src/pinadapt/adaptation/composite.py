@@ -135,6 +135,8 @@ class CompositeMemory(Wrapper):
                 of the memory's own estimate a_hat - P H da; S = W (P^-1 + A)^-1 W^T is the part of
                 its covariance that comes from too little data. So data are forgotten when new ones
                 contradict them, at most at the bandwidth of the low pass; otherwise they are kept.
+                Meanwhile rho is reduced by the factor (1 - mu / bandwidth)^doubt: parameters that
+                cannot explain the torque would follow its errors.
     Prior:      where W is noisy, least squares is biased (errors in variables): E W^T R W grows by
                 the information N of the noise per second, E W^T R y does not, so that a direction
                 that no motion shows tends to N a = 0. With Pi for a prior, dA/dt gains Pi and db/dt
@@ -159,6 +161,7 @@ class CompositeMemory(Wrapper):
         noise: standard deviation of the torques, one number or (n) [N m or N].
         forgetting: [1/s] at an innovation as large as expected; zero never forgets.
         share: kappa.
+        doubt: exponent of the factor by which rho is reduced while data fade.
         interval: between evaluations of H da [s]; zero for every sample.
         unit: the parameters' covariance before any data is about ``unit`` P: P is the rate of a
             loop, and larger.
@@ -176,6 +179,7 @@ class CompositeMemory(Wrapper):
         noise: ArrayLike,
         forgetting: float = 0.0,
         share: float = 1.0,
+        doubt: float = 1.0,
         interval: float = 0.0,
         unit: float = 1.0,
         prior: ArrayLike | None = None,
@@ -188,13 +192,14 @@ class CompositeMemory(Wrapper):
             rate: rho [1/s].
             noise: standard deviation of the torques, one number or n [N m or N].
             forgetting: rate of fading at an innovation as large as expected [1/s].
-            share: kappa in (0, 1], Gamma / P.
+            share: kappa, Gamma / P.
+            doubt: exponent of the factor by which rho is reduced while data fade, zero for none.
             interval: between evaluations of H da [s], at most 1 / rho; zero: every sample.
             unit: of P, by which information of other data is multiplied.
             prior: Pi (p, p) [1/s], symmetric and positive semidefinite; None: zero.
 
         Raises:
-            GainError: gains that are not positive, a share above one, too long an interval, or a
+            GainError: gains that are not positive, too long an interval, or a
                 prior that is no square matrix.
         """
         super().__init__(inner)
@@ -206,6 +211,7 @@ class CompositeMemory(Wrapper):
             raise GainError("expected a positive number, or one per joint.", where="noise")
         self.forgetting = positive(forgetting, "forgetting", zero=True)
         self.share = positive(share, "share")
+        self.doubt = positive(doubt, "doubt", zero=True)
         self.interval = positive(interval, "interval", zero=True, most=1.0 / self.speed)
         self.unit = positive(unit, "unit")
         self.prior = None if prior is None else numbers(prior, "prior", error=GainError)
@@ -327,7 +333,7 @@ class CompositeMemory(Wrapper):
         S.flat[:: n + 1] += self._variance
         fading = self.forgetting / n * float(innovation @ np.linalg.solve(S, innovation))
         fading /= 1.0 + fading / self._bandwidth
-        trust = 1.0 - fading / self._bandwidth
+        trust = (1.0 - fading / self._bandwidth) ** self.doubt
         return trust * self.share * solved[:, 0], fading
 
     def _empty(self, estimate: Estimate, start: np.ndarray) -> Estimate:
