@@ -112,7 +112,7 @@ def test_least_squares_with_ten_parameters_a_body_keeps_forgetting():
         errors[directional] = rollout.distance[rollout.t > 4.0].max()
         (P,) = rollout.evaluation.samples[-1].state.dynamic.memory
         assert fit.size(P) > 0.999  # some combination is not excited
-    assert errors[True] < 0.1 * errors[False], errors
+    assert errors[True] < 0.15 * errors[False], errors  # the disturbance takes part of both
 
 
 @pytest.mark.parametrize(

@@ -7,21 +7,24 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.tuning.defaults import prior_variances
 from tests.support.chains import catalogue_robot
 
 MEMORY, NATURAL = "natural-memory", "natural"
 
 
 def test_the_tracking_error_adapts_slowly_with_a_memory():
-    """Gamma is kappa times that of the default rates, which is the memory's covariance."""
+    """Gamma is that of the default rates at a mode of w in place of 8 w, P 30 deviations wide."""
     robot = catalogue_robot("ur5")
     plain, made = (
         pa.make_controller(robot, adaptation=kind, dt=1e-4).adaptation_d
         for kind in (NATURAL, MEMORY)
     )
     start = pa.make_controller(robot).dynamics.initial
-    assert made.share == pytest.approx((1.0 / 8.0) ** 2)
-    assert np.allclose(made.gain(start), made.share * plain.gain(start), rtol=1e-9)
+    assert np.allclose(made.gain(start), plain.gain(start) / 64.0, rtol=1e-9)
+    motion = pa.make_controller(robot).motion
+    prior, P = prior_variances(robot, motion.dynamics), np.diag(made.gain(start)) / made.share
+    assert np.median(P[: prior.size] / prior) == pytest.approx(30.0**2, rel=0.1)
 
 
 def noise_for(encoder):
