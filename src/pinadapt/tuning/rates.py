@@ -75,9 +75,9 @@ _FORGETTING = 0.125
 _FORGOTTEN = 100.0  # rate at which a memory forgets when contradicted by its whole noise
 _NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
 _INTERVAL = 0.5  # between evaluations, in 1 / rate
-# of a memory that cannot explain all of the torque; 1.5: its parameters follow the errors of others
-# until loops at 1 kHz are unstable (xarm7, centauro); 6: some errors of 0.2 % are 0.4 %
-_DOUBT = 3.0
+# of a memory that cannot explain all of the torque; 3: its parameters follow the errors of others
+# until some loops at 1 kHz are unstable (human_left_arm); 12: errors of some arms are larger
+_DOUBT = 6.0
 _WIDTH = 30.0  # of P in standard deviations of the prior
 _HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
@@ -387,11 +387,12 @@ def predicting(
 def _unit(adaptation: Adaptation, motion: TypicalMotion) -> float:
     """Return the size of the prior covariance relative to Gamma, the median over the bodies.
 
-    One where there is none, or no body is unknown.
+    Where no body is unknown, the joints' coefficients are off by typical ones. One where there is
+    no prior.
     """
-    if not motion.dynamics.inertial.size:
-        return 1.0
-    prior = prior_variances(motion.robot, motion.dynamics)
+    prior: np.ndarray | None = motion.dynamics.typical**2
+    if motion.dynamics.inertial.size:
+        prior = prior_variances(motion.robot, motion.dynamics)
     if prior is None:
         return 1.0
     Gamma = adaptation.gain(typical_start(adaptation, motion))
