@@ -379,7 +379,7 @@ class Controller(Doors):
         of the estimate. None for a law without ``lambda_d``, or an adaptation that does not predict
         the torque.
         """
-        if self._torque_filter is None or not getattr(self.law, "lambda_d", 0.0):
+        if self._torque_filter is None or not np.any(getattr(self.law, "lambda_d", 0.0)):
             return None
         filters = state.filters if state.start is None else state.start.filters
         return np.asarray(filters.disturbance)
@@ -402,8 +402,8 @@ class Controller(Doors):
         Returns:
             None where there is no ``disturbance``.
         """
-        a, b = self.adaptation_d.torque_bandwidth, getattr(self.law, "lambda_d", 0.0)
-        if not (a and b and dt < math.inf):
+        a, b = self.adaptation_d.torque_bandwidth, np.asarray(getattr(self.law, "lambda_d", 0.0))
+        if not (a and b.any() and dt < math.inf):
             return None
         low_pass, sensors = self.senses.low_pass, self.sensors
         c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
@@ -411,9 +411,10 @@ class Controller(Doors):
             M = np.triu(pin.crba(self.kinematics.robot.model, self._data, q))
         M += np.triu(M, 1).T
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
-        variance = sensors.deviation("v") ** 2 + (a * b + b * c + c * a) / 12.0 * counts**2
+        white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
+        counted = (a * b + b * c + c * a) / 12.0 * ((M * M) @ counts**2)
         passed = 0.5 * dt * (a * b * c) ** 2 / ((a + b) * (b + c) * (c + a))
-        return np.sqrt(passed * (M * M) @ variance)
+        return np.sqrt(passed * (white + counted))
 
     def step(
         self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
