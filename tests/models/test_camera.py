@@ -150,7 +150,9 @@ def test_lyapunov_equality_with_an_unknown_camera(name, count):
     start = controller.kinematics.value(true)
     rng = np.random.default_rng(0)
     start = start + 0.05 * controller.kinematics.sizes * rng.standard_normal(start.size)
-    energy = energy_along(true, controller, circle_of(true).as_given(), seconds=0.012, a_k=start)
+    energy = energy_along(
+        true, controller, circle_of(true).as_given(), seconds=0.012, dt=1e-4, a_k=start
+    )
     assert energy.mismatch() <= 1e-4
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12

@@ -669,8 +669,8 @@ class Recording:
 
 
 def _rows(values: Sequence[np.ndarray | None]) -> np.ndarray | None:
-    """Return the values as rows (N, .), or None where they are."""
-    return None if any(value is None for value in values) else np.array(values)
+    """Return the values as rows (N, .), or None where they are, or there is none."""
+    return np.array(values) if values and all(v is not None for v in values) else None
 
 
 def window(values: np.ndarray, first: bool) -> np.ndarray:

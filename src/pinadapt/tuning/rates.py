@@ -177,7 +177,8 @@ def dynamic_adaptation(
     """
     if kind == "none" or not motion.dynamics.size:
         return Frozen()
-    moved = _tracking_adaptation(metric_of(kind), law, motion, bandwidth * share**0.5, rates, lmi)
+    w, load = bandwidth * share**0.5, _LOAD if kind in MEMORIES else 0.0
+    moved = _tracking_adaptation(metric_of(kind), law, motion, w, rates, lmi, load)
     if kind in _METRICS:
         mode = law.prediction_mode
         moved = predicting(kind, moved, motion, bandwidth, share, rates, mode, jitter, torque)
@@ -191,6 +192,7 @@ def _tracking_adaptation(
     w: float,
     rates: Mapping[str, Any],
     lmi: ArrayLike | MatrixInequality | None,
+    load: float,
 ) -> Adaptation:
     """Return the adaptation to the tracking error at a bandwidth w [rad/s]."""
     dynamics, effects = motion.dynamics, law.parameter_effects(motion)
@@ -198,7 +200,7 @@ def _tracking_adaptation(
     own = [Phi[:, : inertial.size] for Phi in effects]
     mode, gamma_d = law.adaptation_mode * w, rates.get("gamma_d")
     bare = dynamics.bare(motion.robot)
-    adaptation = _inertial_adaptation(kind, bare, inertial, own, mode, gamma_d, lmi)
+    adaptation = _inertial_adaptation(kind, bare, inertial, own, mode, gamma_d, lmi, load)
     if joints is None or not joints.size:
         return adaptation
     typical, gamma_joint = joints.typical, rates.get("gamma_joint")
@@ -230,6 +232,7 @@ def _inertial_adaptation(
     mode: float,
     gamma_d: ArrayLike | None,
     lmi: ArrayLike | MatrixInequality | None,
+    load: float,
 ) -> Adaptation:
     """Return the adaptation of the inertial parameters; by default its fastest mode is ``mode``."""
     if not dynamics.size:
@@ -241,7 +244,8 @@ def _inertial_adaptation(
             gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
         if isinstance(gamma_d, Iterable) and not isinstance(gamma_d, str):
             raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
-        return Natural(positive(gamma_d, "gamma_d"), cone, shares=_shares(robot, dynamics, unit))
+        shares = _shares(robot, dynamics, unit, load)
+        return Natural(positive(gamma_d, "gamma_d"), cone, shares=shares)
     if gamma_d is None:
         shape = gradient_shape(robot, dynamics, effects)
         gamma_d = shape * rate_for(mode, effects, Gradient(shape, dynamics.size), dynamics.initial)
@@ -249,12 +253,12 @@ def _inertial_adaptation(
     return MassMatrixProjection(gradient, dynamics, robot) if kind == "projected" else gradient
 
 
-def _shares(robot: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | None:
+def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.ndarray | None:
     """Return relative rates, one per body, where the last one may carry more than it is; else None.
 
     Mass and thickness of a body scale how far its parameters may move in the metric, but an unknown
     load may be on the last body whatever its description says: that body is learned as fast as if
-    it had a tenth of the robot's mass besides, or a thickness of a hundredth of the reach.
+    it had a load, a share of the robot's mass, besides, or a thickness of a hundredth of the reach.
     """
     last = robot.model.nv - 1
     if not dynamics.per_body or last not in dynamics.bodies:
@@ -265,7 +269,7 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural) -> np.ndarray | Non
     about_centre = P[:3, :3] / P[3, 3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3] ** 2
     radius = np.sqrt(max(np.linalg.eigvalsh(about_centre)[0], 0.0))
     shares[index] = max(1.0, (_THICKNESS * robot.reach / max(radius, _THINNEST)) ** 2)
-    shares[index] = max(shares[index], 1.0 + _LOAD * pin.computeTotalMass(robot.model) / P[3, 3])
+    shares[index] = max(shares[index], 1.0 + load * pin.computeTotalMass(robot.model) / P[3, 3])
     return shares if shares[index] > 1.0 else None
 
 
