@@ -161,8 +161,8 @@ class Separation(Law):
     remembers = True
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "lag": -1.0}
     adaptation_mode = 8.0
-    # [rad/s] 15: four times the error under noise and at the start; 60: motors that are late by
-    # more than 2 ms make the loop ring
+    # [rad/s] 15: two to four times the errors; 60: a third of them, but loops with motors that are
+    # 10 ms late ring. What half and twice of the other numbers do: docs/default_law.md
     own_bandwidth = 30.0
     memory_mode = 1.0
     prediction_mode = 2.0
