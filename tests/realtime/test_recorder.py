@@ -113,7 +113,7 @@ def test_a_replay_gives_the_same_torques_bit_for_bit(run):
 def test_a_replay_of_limited_torques_gives_the_same(tmp_path):
     of = controller()
     with Recorder(tmp_path / "slow.mcap", of) as recorder:
-        Loop(of=of, seconds=0.5, safety=Safety(torque_rate=300.0), recorder=recorder).ended()
+        Loop(of=of, seconds=0.5, safety=Safety(torque_rate=100.0), recorder=recorder).ended()
     log = CycleLog.read(tmp_path / "slow.mcap")
     asked = log.cycles.stepped[:, 0] == 1.0
     assert (log.cycles.sent != log.cycles.asked)[asked].any(axis=1).sum() > 5
