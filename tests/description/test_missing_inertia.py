@@ -212,6 +212,6 @@ def test_init_warns_and_its_scenario_runs(tmp_path, capsys):
     assert read_toml(file)["robot"]["mass"] == 30.0
     assert "# Total mass of the robot [kg]. These links are described without inertia" in text
     assert all(link in text for link in STEPS)
-    scenario = Scenario.read(file, ["simulation.duration=6.0", "simulation.dt=4e-3"])
+    scenario = Scenario.read(file, ["simulation.duration=4.0", "simulation.dt=2e-3"])
     radius = scenario.tables.reference.radius
-    assert scenario.run().distance[-150:].max() < 0.01 * radius
+    assert scenario.run().distance[-300:].max() < 0.005 * radius
