@@ -51,6 +51,10 @@ class Filters(ABC):
         """Return the filtered joint acceleration (n) [rad/s^2 or m/s^2], or None."""
         return None
 
+    def undisturbed(self, state: Any) -> Any:
+        """Return the state with no disturbance of the torque, if it holds one."""
+        return state
+
 
 class NoState(NamedTuple):
     """No memory."""
@@ -309,6 +313,10 @@ class PositionObserver(Filters):
             disturbance = disturbance + share * (s.residual - disturbance)
         return ObserverState(after, s_f, disturbance)
 
+    def undisturbed(self, state: ObserverState) -> ObserverState:
+        """Return the state with a disturbance of zero."""
+        return state._replace(disturbance=np.zeros(state.disturbance.size))
+
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
         """Return dx_o/dt (m_p), ds_f/dt (n) and the rate of the disturbance (n)."""
         dx_o, s_f = s.filtered.dx_o, state.s_f
@@ -387,6 +395,10 @@ class PoseObserver(Filters):
         R = turned(state.R, (memory[-1] + 0.5 * dt) * s.xd_hat[3:])
         R = turned(R, math.expm1(-self.positions.beta * dt) * eta)
         return PoseObserverState(self.positions.step(state.position, s, dt), R)
+
+    def undisturbed(self, state: PoseObserverState) -> PoseObserverState:
+        """Return the state with a disturbance of zero."""
+        return state._replace(position=self.positions.undisturbed(state.position))
 
     def rate(self, state: PoseObserverState, s: Signals) -> PoseObserverState:
         """Return the rates of the position's state and of R_o, half of (omega_o, 0) times R_o."""

@@ -255,7 +255,8 @@ def test_an_announced_load_is_exact_and_the_other_bodies_keep_what_they_learned(
     assert np.array_equal(after.a_0, truth(arm(payload=HEAVY))) and after.load is HEAVY
     again = told(controller, told(controller, after, payload=LIGHT), payload=None)
     assert np.array_equal(again.a_d[-10:], truth(arm())[-10:]) and again.load is None
-    assert after.a_k is state.a_k and after.filters is state.filters and after.t == state.t
+    assert after.a_k is state.a_k and after.t == state.t
+    assert after.filters.memory is state.filters.memory and not after.filters.disturbance.any()
 
 
 def test_joints_keep_what_they_learned():
@@ -486,8 +487,8 @@ def test_with_its_memory_it_errs_little_more_at_first_and_a_tenth_soon():
 def test_with_its_memory_an_announced_change_moves_it_less_than_another():
     told, untold = ran(TOLD, SLOWER).transients, ran(SLOWER).transients
     for transient, other in zip(told, untold, strict=True):
-        assert transient.worst < 0.85 * other.worst and transient.back < 0.2
-    assert told[1].worst < 0.3 * untold[1].worst and told[1].back == 0.0
+        assert transient.worst < 0.3 * other.worst and transient.back < 0.2
+    assert told[1].worst < 0.1 * untold[1].worst and told[1].back == 0.0
 
 
 def test_the_scenario_and_simulate_agree():

@@ -339,7 +339,12 @@ class Controller(Doors):
         Raises:
             InputError: the parameters cannot express it, or the load or tool is impossible.
         """
-        return announced_state(self, state, payload, tool_translation)
+        after = announced_state(self, state, payload, tool_translation)
+        if self._torque_filter is None or after.dynamic is state.dynamic:
+            return after
+        # what the low passes hold is of the load before
+        filters, (q, v, *_) = self._filters.undisturbed(after.filters), after.sensed
+        return after._replace(filters=filters, torque_filter=self._torque_filter.init(q, v))
 
     def learned(self, state: ControllerState, along: AlongExcited | None = None) -> Robot:
         """Return the robot with the estimates of a state: bodies, translations, joints.
