@@ -183,7 +183,7 @@ def test_a_silent_or_faulty_motor_stops_the_others(request, motors):
 
 def test_a_pulled_cable_is_reported(request, motors):
     arm = arm_of(motors, channel=channel_of(request))
-    arm._timeout = 0.02
+    arm._timeout = 0.1
 
     def pull(count):
         if count == 100:
