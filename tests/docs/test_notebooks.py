@@ -29,7 +29,7 @@ PRINTED = {
     "11_behind_a_protocol": [
         "log: the time is over, running -> stopped",
         "adapt: the time is over, running -> holding -> damping -> stopped",
-        "adaptation leaves a small part of the error: True",
+        "adaptation reduces the error: True",
         "the same torques, bit for bit: True",
         "True | does not answer",
     ],
