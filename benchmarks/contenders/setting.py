@@ -56,9 +56,10 @@ class Setting:
     @cached_property
     def damping(self) -> np.ndarray:
         """The diagonal (n) of the default's own K_D at home [N m s/rad]."""
-        law = self.controller(adaptation="none").law
+        controller = self.controller(adaptation="none")
+        law, a_d = controller.law, controller.dynamics.initial
         assert isinstance(law, pa.laws.Separation)
-        return np.diag(law.K_D(self.nominal.q0)).copy()
+        return np.diag(law.K_D(self.nominal.q0, a_d)).copy()
 
     def controller(self, *, compensate_delay: bool = True, **words: Any) -> pa.Controller:
         """Return a controller for the nominal model and the sensors."""

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 import pinadapt as pa
 from pinadapt import _compiled
@@ -89,22 +90,22 @@ def cones():
 
 @pytest.mark.parametrize("which", ["bodies", "planar", "offset", "blocks"])
 @pytest.mark.parametrize("size", [1e-6, 3e-3, 1.0, 1e3])
-def test_geodesics(which, size, rng):
+@pytest.mark.parametrize("most", [0.02, 1.0])
+def test_geodesics(which, size, most, rng):
     cone, a = cones()[which]
     g, h = size * rng.standard_normal(a.size), 7e-3
     P, L = cone.matrices(a), cone.covectors(g)
-    change, step = P @ L @ P, h
-    length = h * np.sqrt(sum(np.trace(ell @ c) for ell, c in zip(L, change, strict=True)))
-    if length > adaptation.LARGEST_STEP:
-        step *= adaptation.LARGEST_STEP / length
-    if length > 0.003:
-        change = change - 0.5 * step * P @ L @ change
-    after = cone.follow_geodesic(a, g, h)
-    assert close(after, a - step * cone.components(change)) and cone.contains(after)
+    length = h * np.sqrt(sum(np.trace(p @ ell @ p @ ell) for p, ell in zip(P, L, strict=True)))
+    h_cut = h * min(1.0, most / length)
+    exact = [expm(-h_cut * p @ ell) @ p for p, ell in zip(P, L, strict=True)]
+    after = cone.follow_geodesic(a, g, h, most)
+    error = cone.matrices(after) - np.array(exact)
+    assert cone.contains(after)
+    assert np.abs(error).max() <= 0.1 * min(length, most) ** 3 * np.abs(P).max() + 1e-12
     assert np.abs(after - a).max() > 0.0
-    assert close(cone.follow_geodesic(np.repeat(a, 2)[::2], g, h), after)
+    assert close(cone.follow_geodesic(np.repeat(a, 2)[::2], g, h, most), after)
     g[0] = NAN
-    assert np.isnan(cone.follow_geodesic(a, g, h)).any()
+    assert np.isnan(cone.follow_geodesic(a, g, h, most)).any()
 
 
 def test_gain_of_bodies(rng, laid):
@@ -662,7 +663,7 @@ SHORT = {  # of each a part of its arrays, one of which is too short
     "fit rate": lambda z: adaptation.fit_rate(
         z(2, 2), z(3, 2), z(2), z(3, 3), z(2), 1.0, z(1), z(2)
     ),
-    "bodies": lambda z: adaptation.follow_geodesic_of_bodies(z(20), z(10), 0.1, z(20)),
+    "bodies": lambda z: adaptation.follow_geodesic_of_bodies(z(20), z(10), 0.1, 1.0, z(20)),
     "posture": lambda z: laws.posture_offset(z(6), z(4, 7), z(7)),
     "reference": lambda z: laws.reference(z(3), z(2), z(3), z(3), z(3), 1.0, 1.0, z(3), z(3)),
     "right inverse": lambda z: linear_algebra.right_inverse(z(3, 7), z(3, 3), z(2), z(7), z(7)),

@@ -105,7 +105,7 @@ def task_feedback(law, s, error):
 
 def joint_feedback(law, s, error):
     """Of the separation law: the torque of its feedback."""
-    return law.K_D(s.q) @ error
+    return law.K_D(s.q, s.a_d) @ error
 
 
 def spring_and_brake(law, s, error):

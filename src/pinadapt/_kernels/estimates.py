@@ -9,9 +9,6 @@ import numpy as np
 from .._compiled import compiled
 from ..exceptions import ArrayError
 
-LARGEST_STEP = 0.02
-_ONE_TERM = 0.003
-
 
 @compiled("void(f8[:], f8[:,::1], f8[::1])")
 def descent(g: np.ndarray, Gamma: np.ndarray, rate: np.ndarray) -> None:
@@ -227,11 +224,12 @@ def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
     return within
 
 
-@compiled("void(f8[:], f8[:], f8, f8[:,:], i8[:,::1], f8[::1], f8[::1], f8[:])", allocates=True)
+@compiled("void(f8[:], f8[:], f8, f8, f8[:,:], i8[:,::1], f8[::1], f8[::1], f8[:])", allocates=True)
 def follow_geodesic(
     a: np.ndarray,
     g: np.ndarray,
     h: float,
+    most: float,
     F_0: np.ndarray,
     entries: np.ndarray,
     F: np.ndarray,
@@ -240,56 +238,64 @@ def follow_geodesic(
 ) -> None:
     """Write P+ = exp(-h P L) P of every block of a complete cone as parameters, h = gamma dt.
 
-    It goes so short a way that one or two terms of the series are right to 5e-6 of P and stay
-    positive definite; tr(L P L P), which is |S^T L S|^2, measures its length. F_0, entries, F and D
-    are the cone's ``tables``.
+    P+ = E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2: right but for the third order, and positive
+    definite for any h, as E is regular. The length of the step, the root of tr(Z Z) 4, is at most
+    ``most``; a longer one is shortened. F_0, entries, F and D are the cone's ``tables``.
     """
     n, p = len(F_0), entries[-1, 0] + 1
     if len(g) != len(a) or len(after) != len(a) or len(a) % p != 0:
         raise ArrayError
     k = len(a) // p
     work = np.zeros((2 + 2 * k, n, n))
-    P, L, A, change = work[0], work[1], work[2 : 2 + k], work[2 + k :]  # P, L, P L and P L P
+    L, E, P, A = work[0], work[1], work[2 : 2 + k], work[2 + k :]  # A = P L
     square = 0.0
     for b in range(k):
         for r in range(n):
             for s in range(n):
-                P[r, s], L[r, s] = F_0[r, s], 0.0
+                P[b, r, s], L[r, s] = F_0[r, s], 0.0
         for e in range(len(entries)):  # P = F_0 + sum a_i F_i, L = sum g_i D_i
             i, r, s = b * p + entries[e, 0], entries[e, 1], entries[e, 2]
-            P[r, s] += a[i] * F[e]
+            P[b, r, s] += a[i] * F[e]
             L[r, s] += g[i] * D[e]
-            P[s, r], L[s, r] = P[r, s], L[r, s]
+            P[b, s, r], L[s, r] = P[b, r, s], L[r, s]
         for r in range(n):
             for s in range(n):
                 for t in range(n):
-                    A[b, r, s] += P[r, t] * L[t, s]
+                    A[b, r, s] += P[b, r, t] * L[t, s]
         for r in range(n):
-            for s in range(r + 1):
-                for t in range(n):
-                    change[b, r, s] += A[b, r, t] * P[t, s]
-                change[b, s, r] = change[b, r, s]
-                square += (1.0 if r == s else 2.0) * L[r, s] * change[b, r, s]  # tr(L P L P)
+            for s in range(n):
+                square += A[b, r, s] * A[b, s, r]
     length = h * math.sqrt(abs(square))
-    if length > LARGEST_STEP:
-        h *= LARGEST_STEP / length
-    second = 0.5 * h if length > _ONE_TERM else 0.0
+    z = 0.5 * h * (most / length if length > most else 1.0)
     for i in range(len(a)):
         after[i] = a[i]
     for b in range(k):
         for r in range(n):
+            for s in range(n):
+                x = 0.0
+                for t in range(n):
+                    x += A[b, r, t] * A[b, t, s]
+                E[r, s] = (1.0 if r == s else 0.0) - z * A[b, r, s] + 0.5 * z * z * x
+        for r in range(n):
+            for s in range(n):
+                x = 0.0
+                for t in range(n):
+                    x += E[r, t] * P[b, t, s]
+                L[r, s] = x
+        for r in range(n):
             for s in range(r + 1):
-                step = change[b, r, s]  # P - P+ = h (1 - h P L / 2) P L P, symmetric
-                if second > 0.0:
-                    for t in range(n):
-                        step -= second * A[b, r, t] * change[b, t, s]
-                P[r, s] = h * step * (1.0 if r == s else 2.0)
+                x = 0.0
+                for t in range(n):
+                    x += L[r, t] * E[s, t]
+                A[b, r, s] = (x - P[b, r, s]) * (1.0 if r == s else 2.0)
         for e in range(len(entries)):
-            after[b * p + entries[e, 0]] -= D[e] * P[entries[e, 1], entries[e, 2]]
+            after[b * p + entries[e, 0]] += D[e] * A[b, entries[e, 1], entries[e, 2]]
 
 
-@compiled("void(f8[:], f8[:], f8, f8[:])", allocates=True)
-def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.ndarray) -> None:
+@compiled("void(f8[:], f8[:], f8, f8, f8[:])", allocates=True)
+def follow_geodesic_of_bodies(
+    a: np.ndarray, g: np.ndarray, h: float, most: float, after: np.ndarray
+) -> None:
     """Write P+ = exp(-h P L) P of every body's pseudo-inertia (10 k), as ``follow_geodesic``.
 
     P = [[tr(I)/2 1 - I, mc], [mc^T, m]] and L = [[tr(G) 1 - G, g_mc/2], [g_mc^T/2, g_m]], G the
@@ -298,8 +304,8 @@ def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.
     if len(g) != len(a) or len(after) != len(a) or len(a) % 10 != 0:
         raise ArrayError
     bodies, square = len(a) // 10, 0.0
-    L, work = np.empty((4, 4)), np.empty((3, bodies, 4, 4))
-    P, A, change = work[0], work[1], work[2]  # P, P L and P L P
+    L, E, work = np.empty((4, 4)), np.empty((4, 4)), np.empty((2, bodies, 4, 4))
+    P, A = work[0], work[1]  # P and P L
     for b in range(bodies):
         i = 10 * b
         xx, yy, zz = a[i + 4], a[i + 6], a[i + 9]
@@ -323,24 +329,29 @@ def follow_geodesic_of_bodies(a: np.ndarray, g: np.ndarray, h: float, after: np.
                     x += P[b, r, t] * L[t, s]
                 A[b, r, s] = x
         for r in range(4):
+            for s in range(4):
+                square += A[b, r, s] * A[b, s, r]  # tr(P L P L)
+    length = h * math.sqrt(abs(square))
+    z = 0.5 * h * (most / length if length > most else 1.0)
+    for b in range(bodies):
+        for r in range(4):
+            for s in range(4):
+                x = 0.0
+                for t in range(4):
+                    x += A[b, r, t] * A[b, t, s]
+                E[r, s] = (1.0 if r == s else 0.0) - z * A[b, r, s] + 0.5 * z * z * x
+        for r in range(4):
+            for s in range(4):
+                x = 0.0
+                for t in range(4):
+                    x += E[r, t] * P[b, t, s]
+                L[r, s] = x
+        for r in range(4):
             for s in range(r + 1):
                 x = 0.0
                 for t in range(4):
-                    x += A[b, r, t] * P[b, t, s]
-                change[b, r, s] = change[b, s, r] = x
-                square += (1.0 if r == s else 2.0) * L[r, s] * x  # tr(L P L P)
-    length = h * math.sqrt(abs(square))
-    if length > LARGEST_STEP:
-        h *= LARGEST_STEP / length
-    second = 0.5 * h if length > _ONE_TERM else 0.0
-    for b in range(bodies):
-        for r in range(4):
-            for s in range(r + 1):
-                x = change[b, r, s]
-                if second > 0.0:
-                    for t in range(4):
-                        x -= second * A[b, r, t] * change[b, t, s]
-                P[b, r, s] -= h * x  # P - P+ = h (1 - h P L / 2) P L P, symmetric
+                    x += L[r, t] * E[s, t]
+                P[b, r, s] = P[b, s, r] = x
         i = 10 * b
         xx, yy, zz = P[b, 0, 0], P[b, 1, 1], P[b, 2, 2]
         after[i] = P[b, 3, 3]

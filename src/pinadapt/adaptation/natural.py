@@ -10,6 +10,7 @@ descent*, PLoS ONE 2020.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from functools import partial
@@ -27,6 +28,12 @@ from ..models.basis import read_matrix
 from ..models.bodies import COEFFICIENTS, nearest_physical, unphysical_bodies
 from ..models.regressor import PER_BODY
 from .adaptation import Adaptation, Drive, Estimate
+
+# [1/s] in the log-det metric. A load on a light wrist is many lengths away from the wrist: 30 lets
+# it fall for 20 mm at the start of a UR10 in place of 16; 120: 12 mm, but an arm's estimate follows
+# a push at once, and errs by 40 mm in place of 14
+_FASTEST = 60.0
+_LONGEST = 0.5  # of a step inside the Dikin ellipsoid, whose radius is one
 
 
 class MatrixInequality(Doors):
@@ -159,14 +166,16 @@ class MatrixInequality(Doors):
         P = self.matrices_unchecked(a)
         return bool(np.isfinite(P).all() and (np.linalg.eigvalsh(P) > 0.0).all())
 
-    def follow_geodesic(self, a: np.ndarray, g: np.ndarray, h: float) -> np.ndarray:
+    def follow_geodesic(
+        self, a: np.ndarray, g: np.ndarray, h: float, most: float = math.inf
+    ) -> np.ndarray:
         """Return the parameters (k p) of P+ = exp(-h P L) P, tr(L P(da)) = g . da.
 
-        For complete sets only. A step longer than ``LARGEST_STEP`` in the log-det metric is
-        shortened to that length.
+        For complete sets only. A step longer than ``most`` in the log-det metric is shortened to
+        that length.
         """
         after = empty(a.size)
-        kernels.follow_geodesic(a, g, h, *self.tables, after)
+        kernels.follow_geodesic(a, g, h, most, *self.tables, after)
         return after
 
     follow_geodesic_unchecked = follow_geodesic
@@ -219,10 +228,12 @@ class BodyInequality(MatrixInequality):
             least_radius=positive(least_radius, "least_radius", error=InputError),
         )
 
-    def follow_geodesic(self, a: np.ndarray, g: np.ndarray, h: float) -> np.ndarray:
+    def follow_geodesic(
+        self, a: np.ndarray, g: np.ndarray, h: float, most: float = math.inf
+    ) -> np.ndarray:
         """Return the parameters (10 k) of P+ = exp(-h P L) P, by the explicit form of P and L."""
         after = empty(a.size)
-        kernels.follow_geodesic_of_bodies(a, g, h, after)
+        kernels.follow_geodesic_of_bodies(a, g, h, most, after)
         return after
 
     def metric_inverse_times(self, a: np.ndarray, X: np.ndarray, gamma: np.ndarray) -> np.ndarray:
@@ -258,10 +269,10 @@ class Natural(Adaptation):
 
     The estimate stays inside the cone for every step length. In a complete cone it moves along the
     geodesic P+ = S exp(-h gamma S^T L S) S^T, P = S S^T, in others by a step inside the Dikin
-    ellipsoid of log det. One step is limited to 0.02 in the log-det metric, which is two per cent
-    in any direction. Longer steps occur for example at a start far from the path, where a sampled
-    gradient is a poor approximation of the continuous-time law; without the limit the estimate
-    could diverge between two measurements. ``rate`` is not limited.
+    ellipsoid of log det. A sampled estimate moves at most at 60 / s in the log-det metric, which is
+    six per cent a millisecond in any direction: at a start far from the path a sampled gradient is
+    a poor approximation of the continuous-time law, and without the limit the estimate could
+    diverge between two measurements. ``rate`` is not limited.
 
     Attributes:
         cone: the set of the parameters.
@@ -329,11 +340,14 @@ class Natural(Adaptation):
         if self._scale is not None:
             g = g * self._scale
         if self.cone.complete:
-            return Estimate(self.cone.follow_geodesic_unchecked(a, g, self.gamma * dt))
+            return Estimate(
+                self.cone.follow_geodesic_unchecked(a, g, self.gamma * dt, _FASTEST * dt)
+            )
         metric = self._metric(self.cone.matrices_unchecked(a)[0])
         step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)
-        return Estimate(a + step * min(1.0, kernels.LARGEST_STEP / length if length else 1.0))
+        longest = min(_LONGEST, _FASTEST * dt)
+        return Estimate(a + step * min(1.0, longest / length if length else 1.0))
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p) at a value (p)."""
@@ -370,7 +384,9 @@ class Natural(Adaptation):
         return np.einsum("iab,jba->ij", G, G)
 
 
-_LARGEST_STEP = 0.02  # relative change of an estimate in one step
+# [1/s] relative change of an estimate; 10: friction is learned later, 60: a z1 is lost with motors
+# that are 12 ms late
+_FASTEST_JOINT = 20.0
 
 
 class ExponentiatedGradient(Adaptation):
@@ -378,7 +394,7 @@ class ExponentiatedGradient(Adaptation):
 
     The adaptation's part of V is the sum of (a_true log(a_true / a) + a - a_true) / (c gamma). It
     is the natural gradient of the relative entropy. A step is a+ = a exp(-gamma dt c g), positive
-    for every dt, and limited to a change of two per cent, as for bodies.
+    for every dt, and limited to a change at 20 / s.
 
     The log-det metric of bodies would give da/dt = -gamma a^2 g. That is positive too, but from a
     hundredth of the truth it learns a hundred times more slowly, and its V is undefined where the
@@ -434,7 +450,8 @@ class ExponentiatedGradient(Adaptation):
         """Return the estimate after dt [s] with the drive held."""
         a = estimate.value
         after = np.empty(a.size)
-        kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, _LARGEST_STEP, after)
+        longest = _FASTEST_JOINT * dt
+        kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, longest, after)
         return Estimate(after)
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:

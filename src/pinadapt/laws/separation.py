@@ -17,6 +17,7 @@ from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..exceptions import GainError
 from ..filters import PoseObserver, PositionObserver
+from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.changes import Payload
 from ..robot.robot import Robot
@@ -37,9 +38,9 @@ from .posture import Posture
 
 _DAMPING = 3.0  # K_v in bandwidths times inertia
 _STEP = 0.5  # K_D at most this times inertia / dt
-# [s] 2.5 ms: motors that are 10 ms late make unloaded wrists ring; 10 ms: motors may be 15 ms late,
-# and an unknown load displaces a UR10 by 25 mm at the start in place of 18
-_LAG = 5e-3
+# [s] 4 ms: motors that are 10 ms late make unloaded wrists ring; 16 ms: an unknown load displaces a
+# UR10 by 25 mm at the start in place of 16
+_LAG = 8e-3
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
 _OBSERVER = 1.0  # beta in bandwidths
 _DISTURBANCE = 1.0  # lambda_d in bandwidths
@@ -101,12 +102,12 @@ class Separation(Law):
                   adaptation alike: exact below lambda_s, free of noise above it, where M dqd/dt
                   dominates what is left out. dV/dt is then no equality.
     Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D and d.
-    Assumptions:  constant parameters; J_hat of full row rank. Needed are q, qd and x: no task
-                  velocity, no acceleration, no M_hat^-1.
+    Assumptions:  constant parameters; J_hat of full row rank; with a lag M_hat > 0, which natural
+                  adaptation keeps. Needed are q, qd and x: no task velocity, no acceleration.
 
     Default gains for the bandwidth w = 30 rad/s, at most 0.075 / dt: alpha = beta = w, K_v = 3 w
     diag(M) at home, with an assumed load of a tenth of the robot's mass a twentieth of its reach
-    off the flange, and lag = 5 ms, or 2 dt where that is longer, but zero for a K_v of the user's
+    off the flange, and lag = 8 ms, or 2 dt where that is longer, but zero for a K_v of the user's
     own. What joints move together may be much lighter than what each moves by itself, as the elbow
     of an arm whose shoulder axes align. lambda_d = w, but no joint's is faster than K_D damps it
     under that load: a light wrist with a heavy load would swing.
@@ -122,10 +123,10 @@ class Separation(Law):
         lambda_s: decorrelation [1/s], infinite for none.
         lambda_d: (n) of the low pass F_w on the prediction error of the torque [1/s]; zero: the
             torque does not contain it.
-        lag: [s], with which K_D(q)^-1 = K_v^-1 + lag M_0(q)^-1: no eigenvalue of M_0^-1 K_D then
-            exceeds 1 / lag, at no configuration. Zero: K_D = K_v.
-        M_0: returns the nominal mass matrix (n, n) at q (nq), where there is a lag; the next call
-            overwrites it.
+        lag: [s], with which K_D^-1 = K_v^-1 + lag M_hat(q)^-1: no eigenvalue of M_hat^-1 K_D then
+            exceeds 1 / lag, at no configuration and whatever load has been learned. Zero:
+            K_D = K_v. V is the same for any K_D > 0, which may change in time.
+        M_hat: returns the estimated mass matrix (n, n) of q (nq) and a_d (p), where there is a lag.
         lead: the time by which a low pass delays qd [s], see ``PositionObserver``.
         speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: it is as it
             is. With a governor they are those that the path may ask for. V has the same derivative
@@ -146,7 +147,7 @@ class Separation(Law):
     lambda_s: float = math.inf
     lambda_d: Any = 0.0
     lag: float = 0.0
-    M_0: Callable[[np.ndarray], np.ndarray] | None = None
+    M_hat: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     lead: float = 0.0
     speeds: np.ndarray | None = None
     lever: float = 0.0
@@ -185,8 +186,8 @@ class Separation(Law):
         object.__setattr__(self, "K_v", K_D)
         lambda_d = np.broadcast_to(np.asarray(self.lambda_d, dtype=float), len(K_D))
         object.__setattr__(self, "lambda_d", lambda_d)
-        if positive(self.lag, "lag", zero=True) and self.M_0 is None:
-            raise GainError("a lag needs the mass matrix that it belongs to.", where="M_0")
+        if positive(self.lag, "lag", zero=True) and self.M_hat is None:
+            raise GainError("a lag needs the mass matrix that it belongs to.", where="M_hat")
 
     @cached_property
     def filters(self) -> PositionObserver | PoseObserver:
@@ -216,18 +217,25 @@ class Separation(Law):
         law = cls(
             motion.kinematics.task,
             posture,
-            M_0=partial(_mass_matrix, motion.robot.model, motion.robot.model.createData()),
+            M_hat=partial(_mass_matrix, motion.dynamics),
             lever=_LEVER * motion.robot.reach if turns else 0.0,
             **merged(defaults, given),
         )
-        damped = np.diag(law.K_D(motion.robot.q0)) / _loaded_inertia(motion.robot)
+        K_D = law.K_D(motion.robot.q0, motion.dynamics.initial)
+        damped = np.diag(K_D) / _loaded_inertia(motion.robot)
         return replace(law, lambda_d=np.minimum(_DISTURBANCE * w, damped))
 
-    def K_D(self, q: np.ndarray) -> np.ndarray:
-        """Return K_D (n, n) [N m s/rad or N s/m] at q (nq)."""
-        if self.M_0 is None or not self.lag:
+    def K_D(self, q: np.ndarray, a_d: np.ndarray) -> np.ndarray:
+        """Return K_D (n, n) [N m s/rad or N s/m] at q (nq) and an estimate a_d (p)."""
+        if self.M_hat is None or not self.lag:
             return np.asarray(self.K_v)
-        return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(self.M_0(q)))
+        return self._limited(self.M_hat(q, a_d))
+
+    def _limited(self, M: np.ndarray) -> np.ndarray:
+        """Return (K_v^-1 + lag M^-1)^-1 (n, n)."""
+        if not self.lag:
+            return np.asarray(self.K_v)
+        return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(M))
 
     def within(self, speeds: np.ndarray) -> Separation:
         """Return the law with these speeds (n) [rad/s or m/s], unless it has some."""
@@ -271,7 +279,6 @@ class Separation(Law):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau = Y a_d - K_D s - d, and the drives of both estimates."""
-        M_0 = self.M_0(s.q) if self.M_0 is not None and self.lag else None
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
@@ -287,12 +294,13 @@ class Separation(Law):
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
         Y, feedforward = model.slotine_li(s.q, v, qd_r, qdd_r)
-        if M_0 is None:
-            kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
-        else:
+        if self.lag:
+            M_hat = model.mass_matrix(s.q)
             kernels.subtract_limited_damping(
-                feedforward, self.K_v, M_0, 1.0 / self.lag, s.v, qd_r, error, torque
+                feedforward, self.K_v, M_hat, 1.0 / self.lag, s.v, qd_r, error, torque
             )
+        else:
+            kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
         torque -= s.filtered.disturbance
         return Command(torque, Drives(Drive(Y, error), kinematic), None, feedforward)
 
@@ -327,7 +335,9 @@ class Separation(Law):
         """Return dV/dt."""
         error, epsilon, d = self._reference_error(s), s.epsilon, s.filtered.disturbance
         f = truth.friction.torque
-        joints = error @ (self.K_D(s.q) @ error) + error @ (f(s.v) - f(s.v - error)) + error @ d
+        joints = (
+            error @ (self.K_D(s.q, s.a_d) @ error) + error @ (f(s.v) - f(s.v - error)) + error @ d
+        )
         if self.lambda_d.any():
             predicted = np.zeros(d.size)
             if s.filtered_torque is not None:
@@ -349,7 +359,7 @@ class Separation(Law):
         )  # fmt: skip
         unit = W.swapaxes(1, 2)
         D, tracked = (
-            W @ np.array([self.K_D(q) for q in motion.states.q]) @ unit,
+            W @ np.array([self._limited(each) for each in M]) @ unit,
             W @ M @ inverse @ J @ unit,
         )
         null = self.posture.frequency * (np.eye(M.shape[1]) - tracked)
@@ -373,9 +383,10 @@ def _turning(s: Signals, beta: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return dx, xd, delta
 
 
-def _mass_matrix(model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
-    """Return M(q) (n, n) in the memory of ``data``."""
-    return np.asarray(pin.crba(model, data, q))
+def _mass_matrix(dynamics: Dynamics, q: np.ndarray, a_d: np.ndarray) -> np.ndarray:
+    """Return M_hat (n, n) at q (nq) and an estimate a_d (p)."""
+    dynamics.load(a_d)
+    return np.array(dynamics.mass_matrix(q))
 
 
 def _loaded_inertia(robot: Robot) -> np.ndarray:
