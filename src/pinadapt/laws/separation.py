@@ -37,13 +37,10 @@ from .law import (
 from .posture import Posture
 
 _DAMPING = 3.0  # K_v in bandwidths times inertia
-_STEP = 0.5  # K_D at most this times inertia / dt
 # [s] 4 ms: motors that are 10 ms late make unloaded wrists ring; 16 ms: an unknown load displaces a
 # UR10 by 25 mm at the start in place of 16
 _LAG = 8e-3
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
-_OBSERVER = 1.0  # beta in bandwidths
-_DISTURBANCE = 1.0  # lambda_d in bandwidths
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
 
 
@@ -205,11 +202,9 @@ class Separation(Law):
         defaults = {
             "Kv": _DAMPING * w * _loaded_inertia(motion.robot),
             "alpha": w,
-            "beta": _OBSERVER * w,
+            "beta": w,
             "c": 1.0 if motion.kinematics.affine else 0.0,
-            "R_k": 1.0,
-            "lambda_s": math.inf,
-            "lag": max(_LAG, dt / _STEP) if given.get("Kv") is None else 0.0,
+            "lag": max(_LAG, 2.0 * dt) if given.get("Kv") is None else 0.0,
         }
         kinematics = motion.kinematics
         turns = not kinematics.calibrated and kinematics.task.size > kinematics.positions
@@ -223,7 +218,7 @@ class Separation(Law):
         )
         K_D = law.K_D(motion.robot.q0, motion.dynamics.initial)
         damped = np.diag(K_D) / _loaded_inertia(motion.robot)
-        return replace(law, lambda_d=np.minimum(_DISTURBANCE * w, damped))
+        return replace(law, lambda_d=np.minimum(w, damped))
 
     def K_D(self, q: np.ndarray, a_d: np.ndarray) -> np.ndarray:
         """Return K_D (n, n) [N m s/rad or N s/m] at q (nq) and an estimate a_d (p)."""

@@ -70,15 +70,16 @@ _LOAD = 0.1  # load that the last body may have, as a share of the robot's mass
 
 # prediction of the torque; rates in bandwidths
 _LEAST_SQUARES = 1e3  # initial rate
-_FILTER = 1.25
 _FORGETTING = 0.125
-_FORGOTTEN = 100.0  # rate at which a memory forgets when contradicted by its whole noise
-_NOISE = 0.01  # that a memory assumes, in the roots of the units of the floor
+# noise that a memory assumes, of the torque that its covariance explains; half: Stribeck friction up
+# to 0.25 % of the radius in place of 0.09; twice: 0.06
+_NOISE = 0.01
 _INTERVAL = 0.5  # between evaluations, in 1 / rate
 # of a memory that cannot explain all of the torque; 3: its parameters follow the errors of others
 # until some loops at 1 kHz are unstable (human_left_arm); 12: errors of some arms are larger
 _DOUBT = 6.0
-_WIDTH = 30.0  # of P in standard deviations of the prior
+# of P in standard deviations of the prior; half and twice: as of the noise
+_WIDTH = 3.0
 _HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
@@ -312,7 +313,7 @@ def predicting(
 ) -> Adaptation:
     """Return an adaptation that also follows the prediction error of the torque.
 
-    That error decays at ``mode`` times the bandwidth w, after a low pass of bandwidth 1.25 w. Least
+    That error decays at ``mode`` times the bandwidth w, after a low pass of bandwidth w. Least
     squares, whose gain decreases as it learns, starts at 1000 w: this assumes noise of 3 % of the
     torque due to the initial uncertainty, independent after 1 / w. Each direction forgets by
     itself, at w / 8: no motion excites all ten parameters of every body, so that bounded-gain
@@ -322,7 +323,7 @@ def predicting(
 
     A memory moves the estimate at the same rate whatever the noise and the period are, because it
     averages the noise and is stable at any period. It assumes noise of 1 % of the torque due to the
-    initial uncertainty, and forgets at w where new data contradict it by a tenth of that noise. Its
+    initial uncertainty, and forgets at w where new data contradict it by that noise. Its
     covariance is that of the default rates, of which the tracking error has the given share.
 
     Noise of the joint velocity, behind its low pass, is noise of the acceleration in W, of the size
@@ -349,11 +350,11 @@ def predicting(
     """
     default = _LEAST_SQUARES if kind == LeastSquares.name else mode
     rate = _given(rates, "prediction_rate", default * bandwidth * share)
-    low_pass = _given(rates, "prediction_filter", _FILTER * bandwidth)
+    low_pass = _given(rates, "prediction_filter", bandwidth)
     torques = typical_torques(moved, motion)
     if kind in MEMORIES:
         rate = _given(rates, "prediction_rate", mode * bandwidth)
-        forgetting = _given(rates, "forgetting", _FORGOTTEN * bandwidth)
+        forgetting = _given(rates, "forgetting", bandwidth)
         unit = _WIDTH**2 * _unit(moved, motion)  # P = unit Gamma
         variance, prior = _NOISE**2 * unit * torques, None
         if jitter:
