@@ -71,8 +71,8 @@ _LOAD = 0.1  # load that the last body may have, as a share of the robot's mass
 # prediction of the torque; rates in bandwidths
 _LEAST_SQUARES = 1e3  # initial rate
 _FORGETTING = 0.125
-# noise that a memory assumes, of the torque that its covariance explains; half: Stribeck friction up
-# to 0.25 % of the radius in place of 0.09; twice: 0.06
+# noise that a memory assumes, of the torque that its covariance explains; half: errors of up to
+# 0.25 % of the radius with Stribeck friction in place of 0.09; twice: 0.06
 _NOISE = 0.01
 _INTERVAL = 0.5  # between evaluations, in 1 / rate
 # of a memory that cannot explain all of the torque; 3: its parameters follow the errors of others

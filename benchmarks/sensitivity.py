@@ -1,0 +1,108 @@
+"""What half and twice of each number of the default law do.
+
+``python -m benchmarks.sensitivity`` prints the table of docs/default_law.md: the errors of the last
+half turn in % of the radius, median / worst of four arms (one seed, 4 s), the largest error of a
+UR10's first second under an unknown load of 5 % of its mass [mm], and that of a push of 40 N [mm].
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from statistics import median
+from typing import Any
+
+import pinadapt as pa
+from pinadapt.adaptation import natural
+from pinadapt.laws import Separation, separation
+from pinadapt.tuning import rates
+
+from .realities import measure
+from .strangers import INERTIAS, LOAD, TOOL
+from .timing import markdown
+
+ARMS = "panda", "z1", "ur10", "kinova"
+REALITIES = "perfect", "17 bit declared", "motors 10 ms late", "dry friction", "warming up", "push"
+START, SECONDS = "start", 4.0
+NUMBERS: dict[str, tuple[Any, str]] = {
+    "w": (Separation, "own_bandwidth"),
+    "K_v in w M": (separation, "_DAMPING"),
+    "load assumed for K_v, its mass": (separation, "_LOAD"),
+    "its lever": (separation, "_ARM"),
+    "lag": (separation, "_LAG"),
+    "fastest mode of Gamma in w": (Separation, "memory_mode"),
+    "rho in w": (Separation, "prediction_mode"),
+    "noise of the memory": (rates, "_NOISE"),
+    "width of P": (rates, "_WIDTH"),
+    "doubt": (rates, "_DOUBT"),
+    "largest rate of a body": (natural, "_FASTEST"),
+    "largest rate of a joint": (natural, "_FASTEST_JOINT"),
+}
+Case = tuple[str | None, float, str, str]
+
+
+def figures(case: Case) -> dict[str, float | None]:
+    """Return error [%], largest error of the first second and of the push [mm] of one run."""
+    number, factor, reality, arm = case
+    owner, name = NUMBERS[number or "w"]
+    before = getattr(owner, name)
+    setattr(owner, name, before if number is None else factor * before)
+    try:
+        if reality == START:
+            return {"first": 1e3 * start(arm)}
+        row = measure(arm, reality, "default", duration=SECONDS)
+    finally:
+        setattr(owner, name, before)
+    error, pushed = row["error"], row.get("pushed")
+    return {
+        "error": None if error is None else 100.0 * error,
+        "pushed": None if pushed is None else 1e3 * pushed,
+    }
+
+
+def start(arm: str) -> float:
+    """Return the largest error [m] of the first second with an unknown load, tool and inertias."""
+    robot = pa.load(arm)
+    tool, circle = robot.reach * TOOL, pa.reachable_circle(robot)
+    load = pa.Payload(mass=LOAD * robot.mass, com=tool)
+    true = robot.changed(tool_translation=tool, payload=load)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=INERTIAS), unknown=pa.Unknown(tool=True)
+    )
+    motion = circle.starting_at(true.position(true.q0))
+    rollout = pa.simulate(true, controller, motion, duration=1.0, progress=False)
+    return float(rollout.distance.max())
+
+
+def cell(found: list[dict[str, float | None]], key: str) -> str:
+    """Return median / worst of the runs that are not lost, and how many are."""
+    values = [run[key] for run in found if run[key] is not None]
+    lost = len(found) - len(values)
+    words = [f"{median(values):.2g} / {max(values):.2g}"] if values else []
+    return ", ".join(words + [f"{lost} lost"] * bool(lost))
+
+
+def main() -> None:
+    """Run all cases and print the table."""
+    parser = argparse.ArgumentParser(description="What half and twice of each number do.")
+    parser.add_argument("--processes", type=int, default=2)
+    given = parser.parse_args()
+    variants = [(None, 1.0), *((name, factor) for name in NUMBERS for factor in (0.5, 2.0))]
+    cells = [(reality, arm) for reality in REALITIES for arm in ARMS] + [(START, "ur10")]
+    cases = [(*variant, *each) for variant in variants for each in cells]
+    with ProcessPoolExecutor(given.processes) as pool:
+        found = dict(zip(cases, pool.map(figures, cases), strict=True))
+    lines = []
+    for name, factor in variants:
+        runs = {
+            reality: [found[(name, factor, *each)] for each in cells if each[0] == reality]
+            for reality in (*REALITIES, START)
+        }
+        errors = [cell(runs[reality], "error") for reality in REALITIES[:-1]]
+        last = [cell(runs["push"], "pushed"), cell(runs[START], "first").split(" / ")[0]]
+        lines.append([name or "as it is", f"{factor:g}", *errors, *last])
+    print(markdown(["number", "times", *REALITIES[:-1], "push [mm]", "start [mm]"], lines))
+
+
+if __name__ == "__main__":
+    main()
