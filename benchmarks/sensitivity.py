@@ -35,8 +35,7 @@ NUMBERS: dict[str, tuple[Any, str]] = {
     "noise of the memory": (rates, "_NOISE"),
     "width of P": (rates, "_WIDTH"),
     "doubt": (rates, "_DOUBT"),
-    "largest rate of a body": (natural, "_FASTEST"),
-    "largest rate of a joint": (natural, "_FASTEST_JOINT"),
+    "largest rate of an estimate": (natural, "_FASTEST"),
 }
 Case = tuple[str | None, float, str, str]
 

@@ -26,7 +26,7 @@ def test_the_damping_is_for_torques_that_are_late_by_a_few_milliseconds(adaptati
         controller = pa.make_controller(robot, adaptation=adaptation, dt=dt)
         law, a_d = controller.law, controller.dynamics.initial
         assert law.lag == lag
-        M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+        M = law.M_hat(robot.q0, a_d)
         K_D = np.linalg.inv(np.linalg.inv(law.K_v) + lag * np.linalg.inv(M))
         assert np.allclose(law.K_D(robot.q0, a_d), K_D, rtol=1e-9)
         fastest = np.linalg.eigvals(np.linalg.solve(M, K_D)).real.max()
@@ -78,12 +78,13 @@ def test_links_that_swing_slower_than_the_feedback_are_not_lost_in_silence():
 
 
 def test_a_heavy_unannounced_load_does_not_spin_a_light_wrist():
-    """1 kg 0.1 m off the axis of a flange of 80 g, in the first half second, by a shorter lag."""
+    """1 kg 0.1 m off the axis of a flange of 80 g, in the first half second."""
     robot = light_wrist()
     true = robot.changed(payload=pa.Payload(1.0, (0.1, 0.0, 0.0)))
-    controller = pa.make_controller(robot, adaptation=MEMORY, lag=0.002)
-    rollout = pa.simulate(true, controller, pa.reachable_circle(robot), duration=0.5)
-    assert rollout.diverged is None and rollout.distance.max() < 0.099
+    controller = pa.make_controller(robot, adaptation=MEMORY)
+    rollout = pa.simulate(true, controller, pa.reachable_circle(robot), duration=0.8)
+    assert rollout.diverged is None and rollout.distance.max() < 0.11
+    assert rollout.distance[-50:].max() < 2e-3
 
 
 @pytest.mark.parametrize("name", ["panda", "so101"])

@@ -14,7 +14,7 @@ MEMORY, NATURAL = "natural-memory", "natural"
 
 
 def test_the_tracking_error_adapts_slowly_with_a_memory():
-    """Gamma is that of the default rates at a mode of w in place of 8 w, P 30 deviations wide."""
+    """Gamma is that of the default rates at a mode of w in place of 8 w, P 3 deviations wide."""
     robot = catalogue_robot("ur5")
     plain, made = (
         pa.make_controller(robot, adaptation=kind, dt=1e-4).adaptation_d
@@ -28,7 +28,7 @@ def test_the_tracking_error_adapts_slowly_with_a_memory():
     assert np.allclose(slow, fast, rtol=1e-9)
     motion = pa.make_controller(robot).motion
     prior, P = prior_variances(robot, motion.dynamics), np.diag(made.gain(start)) / made.share
-    assert np.median(P[: prior.size] / prior) == pytest.approx(30.0**2, rel=0.1)
+    assert np.median(P[: prior.size] / prior) == pytest.approx(3.0**2, rel=0.1)
 
 
 def noise_for(encoder):

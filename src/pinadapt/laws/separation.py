@@ -38,7 +38,7 @@ from .posture import Posture
 
 _DAMPING = 3.0  # K_v in bandwidths times inertia
 # [s] 4 ms: motors that are 10 ms late make unloaded wrists ring; 16 ms: an unknown load displaces a
-# UR10 by 25 mm at the start in place of 16
+# UR10 by 30 mm at the start in place of 21
 _LAG = 8e-3
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
