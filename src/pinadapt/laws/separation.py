@@ -204,6 +204,8 @@ class Separation(Law):
             "alpha": w,
             "beta": w,
             "c": 1.0 if motion.kinematics.affine else 0.0,
+            "R_k": 1.0,
+            "lambda_s": math.inf,
             "lag": max(_LAG, 2.0 * dt) if given.get("Kv") is None else 0.0,
         }
         kinematics = motion.kinematics
