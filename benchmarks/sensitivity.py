@@ -35,7 +35,7 @@ NUMBERS: dict[str, tuple[Any, str]] = {
     "noise of the memory": (rates, "_NOISE"),
     "width of P": (rates, "_WIDTH"),
     "doubt": (rates, "_DOUBT"),
-    "largest rate of an estimate": (natural, "_FASTEST"),
+    "largest step of an estimate": (natural, "_LONGEST"),
 }
 Case = tuple[str | None, float, str, str]
 

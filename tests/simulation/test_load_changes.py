@@ -471,10 +471,10 @@ def test_with_announcement_it_errs_less_than_a_quarter_as_much():
     for transient, other in zip(told, untold, strict=True):
         assert transient.what == f"{other.what}, announced"
         assert transient.worst < 0.25 * other.worst and transient.back == 0.0
-    assert told[0].worst < 0.5e-3 and told[1].worst < 0.12e-3
+    assert told[0].worst < 0.45e-3 and told[1].worst < 0.12e-3
 
 
-def test_with_its_memory_it_errs_little_more_at_first_and_a_tenth_soon():
+def test_with_its_memory_it_errs_little_more_at_first_and_a_seventh_soon():
     """A memory first has to fade: the new load displaces it a sixth more than without one."""
     settings = (changing("truth", 0.7, 1.4), "simulation.duration=3.0")
     with_one, without = ran(*settings), ran(*settings, NATURAL)
@@ -487,8 +487,8 @@ def test_with_its_memory_it_errs_little_more_at_first_and_a_tenth_soon():
 def test_with_its_memory_an_announced_change_moves_it_less_than_another():
     told, untold = ran(TOLD, SLOWER).transients, ran(SLOWER).transients
     for transient, other in zip(told, untold, strict=True):
-        assert transient.worst < 0.3 * other.worst and transient.back < 0.2
-    assert told[1].worst < 0.1 * untold[1].worst and told[1].back == 0.0
+        assert transient.worst < 0.4 * other.worst and transient.back < 0.2
+    assert told[1].worst < 0.15 * untold[1].worst and told[1].back == 0.0
 
 
 def test_the_scenario_and_simulate_agree():

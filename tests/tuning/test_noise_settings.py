@@ -144,7 +144,7 @@ def test_estimates_stay_where_the_inner_adaptation_keeps_them(inner):
 @pytest.mark.parametrize("inner", ["natural", "gradient"])
 def test_small_steps_follow_the_rate(inner):
     leak, a = leaking(inner)
-    drive = along(0.2 * np.random.default_rng(4).standard_normal(a.size))
+    drive = along(np.random.default_rng(4).standard_normal(a.size))
     estimate = leak.init(a).with_value(1.2 * a)
     rate, misses = leak.rate(estimate, drive), []
     for h in (1e-4, 5e-5):

@@ -29,12 +29,11 @@ from ..models.bodies import COEFFICIENTS, nearest_physical, unphysical_bodies
 from ..models.regressor import PER_BODY
 from .adaptation import Adaptation, Drive, Estimate
 
-# [1/s] of an estimate in its metric, that is relative to itself. A load on a light wrist is many
-# lengths away from the wrist, so that it falls for 0.1 s at the start: 10: 25 mm on a UR10; 20: 21;
-# 60: 16, but then a flange of 80 g that carries 1 kg is spun, z1 is lost with motors that are 12 ms
-# late, and 9 in place of 5 of 24 arms with encoders of 14 bits that were not declared
-_FASTEST = 20.0
-_LONGEST = 0.5  # of a step: the Dikin ellipsoid has the radius one, the series errs by 0.3 %
+# Of a sampled step in the metric, that is relative to the estimate. A load on a light wrist is many
+# lengths away from the wrist, so that it falls for 0.1 s at the start: 0.01: 23 mm on a UR10 at
+# 1 kHz; 0.02: 21; 0.06: 16, but then a flange of 80 g that carries 1 kg is spun, z1 is lost with
+# motors that are 12 ms late, and 9 in place of 5 of 24 arms with undeclared encoders of 14 bits
+_LONGEST = 0.02
 
 
 class MatrixInequality(Doors):
@@ -270,10 +269,10 @@ class Natural(Adaptation):
 
     The estimate stays inside the cone for every step length. In a complete cone it moves along the
     geodesic P+ = S exp(-h gamma S^T L S) S^T, P = S S^T, in others by a step inside the Dikin
-    ellipsoid of log det. A sampled estimate moves at most at 20 / s in the log-det metric, which is
-    two per cent a millisecond in any direction: at a start far from the path a sampled gradient is
-    a poor approximation of the continuous-time law, and without the limit the estimate could
-    diverge between two measurements. ``rate`` is not limited.
+    ellipsoid of log det. A sampled step is at most 0.02 long in the log-det metric, two per cent in
+    any direction: at a start far from the path a sampled gradient is a poor approximation of the
+    continuous-time law, and without the limit the estimate could diverge between two measurements.
+    ``rate`` is not limited.
 
     Attributes:
         cone: the set of the parameters.
@@ -340,13 +339,12 @@ class Natural(Adaptation):
         a, g = estimate.value, drive.gradient
         if self._scale is not None:
             g = g * self._scale
-        longest = min(_LONGEST, _FASTEST * dt)
         if self.cone.complete:
-            return Estimate(self.cone.follow_geodesic_unchecked(a, g, self.gamma * dt, longest))
+            return Estimate(self.cone.follow_geodesic_unchecked(a, g, self.gamma * dt, _LONGEST))
         metric = self._metric(self.cone.matrices_unchecked(a)[0])
         step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)
-        return Estimate(a + step * min(1.0, longest / length if length else 1.0))
+        return Estimate(a + step * min(1.0, _LONGEST / length if length else 1.0))
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p) at a value (p)."""
@@ -388,7 +386,7 @@ class ExponentiatedGradient(Adaptation):
 
     The adaptation's part of V is the sum of (a_true log(a_true / a) + a - a_true) / (c gamma). It
     is the natural gradient of the relative entropy. A step is a+ = a exp(-gamma dt c g), positive
-    for every dt, and limited to a change at 20 / s.
+    for every dt, and limited to a change of two per cent.
 
     The log-det metric of bodies would give da/dt = -gamma a^2 g. That is positive too, but from a
     hundredth of the truth it learns a hundred times more slowly, and its V is undefined where the
@@ -444,8 +442,7 @@ class ExponentiatedGradient(Adaptation):
         """Return the estimate after dt [s] with the drive held."""
         a = estimate.value
         after = np.empty(a.size)
-        longest = min(_LONGEST, _FASTEST * dt)
-        kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, longest, after)
+        kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, _LONGEST, after)
         return Estimate(after)
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
