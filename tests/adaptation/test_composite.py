@@ -102,6 +102,8 @@ def test_least_squares_with_ten_parameters_a_body_keeps_forgetting():
             robot.changed(inertial_scale=0.7),
             adaptation="least-squares",
             unknown="bodies",
+            prediction_filter=37.5,
+            lag=5e-3,
             dt=2.5e-3,
         )
         fit = controller.adaptation_d
@@ -112,7 +114,7 @@ def test_least_squares_with_ten_parameters_a_body_keeps_forgetting():
         errors[directional] = rollout.distance[rollout.t > 4.0].max()
         (P,) = rollout.evaluation.samples[-1].state.dynamic.memory
         assert fit.size(P) > 0.999  # some combination is not excited
-    assert errors[True] < 0.25 * errors[False], errors  # the disturbance takes part of both
+    assert errors[True] < 0.15 * errors[False], errors  # the disturbance takes part of both
 
 
 @pytest.mark.parametrize(

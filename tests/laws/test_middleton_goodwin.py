@@ -55,7 +55,7 @@ def test_the_parameters_part_of_v_falls_with_the_prediction_error(name, adaptati
 def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
     """d/dt (ed - zeta) = -K_v ed - K_P e + lambda zeta, with the estimate on its way."""
     true, controller, path = loop(name, adaptation)
-    controller, dt = controller.limited(None), 2e-4
+    controller, dt = controller.limited(None), 1e-4
     law, rate = controller.law, controller.adaptation_d.torque_bandwidth
     left, right, size = [], [], 0.0
     for sample in islice(
@@ -67,7 +67,7 @@ def test_the_error_is_driven_by_the_prediction_error_alone(name, adaptation):
         size = max(size, np.abs(rate * zeta(controller, s)).max())
     left, right = np.array(left), np.array(right)
     found = np.column_stack([sampled_derivative(column, dt) for column in left.T])
-    assert np.abs(found - right[2:-2]).max() <= 2e-5 * size
+    assert np.abs(found - right[2:-2]).max() <= 1e-5 * size
 
 
 @pytest.mark.parametrize("name", ROBOTS)

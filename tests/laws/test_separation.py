@@ -216,23 +216,22 @@ def test_the_observer_is_ahead_of_a_velocity_that_is_late(task, samples):
     assert errors[0] < 1e-12 and left[0.02] < 0.3 * left[0.0], left
 
 
-@pytest.mark.parametrize(("adaptation", "least"), [("natural", 0.9), ("natural-memory", 0.8)])
 @pytest.mark.parametrize("name", ["so101", "centauro_fr_leg", "tiago_arm", "panda"])
-def test_default_damping_leaves_no_direction_undamped_and_none_too_fast(name, adaptation, least):
+def test_default_damping_leaves_no_direction_undamped_and_none_too_fast(name):
     """Links that are light together have directions that caps of single joints do not damp."""
     robot, dt = catalogue_robot(name), 1e-3
-    controller = pa.make_controller(robot, adaptation=adaptation, dt=dt)
+    controller = pa.make_controller(robot, adaptation="natural-memory", dt=dt)
     law, motion = controller.law, controller.motion
     rates = [
         np.sort(np.linalg.eigvals(np.linalg.solve(M, law.K_D(q, motion.dynamics.initial))).real)
         for M, q in zip(motion.mass_matrices, motion.states.q, strict=True)
     ]
-    assert np.median(rates, axis=0)[0] > least * law.alpha
+    assert np.median(rates, axis=0)[0] > 0.8 * law.alpha
     assert 0.0 < np.max(rates) * dt < 0.51
 
 
 def test_the_elbow_of_aligned_shoulder_axes_is_not_damped_too_fast():
-    """On a vertical line the Panda's axes 1 and 3 align; a constant K_D reaches 1.4 there."""
+    """On a vertical line the Panda's axes 1 and 3 align; a constant K_D reaches 3 there."""
     robot = catalogue_robot("panda")
     true = with_tool_and_load(robot).changed(viscous=1.0, coulomb=0.5)
     start, down = true.position(true.q0), np.array([0.0, 0.0, -0.3])
@@ -240,12 +239,13 @@ def test_the_elbow_of_aligned_shoulder_axes_is_not_damped_too_fast():
     controller = pa.make_controller(robot, adaptation="natural")
     rollout = pa.simulate(true, controller, line, duration=4.0, record_every=5)
     law = controller.law
+    data = robot.model.createData()
     largest = [
-        1e-3 * np.linalg.eigvals(np.linalg.solve(law.M_hat(q, a_d), K_D)).real.max()
+        1e-3 * np.linalg.eigvals(np.linalg.solve(pin.crba(robot.model, data, q), K_D)).real.max()
         for q, a_d in zip(rollout.q[::20], rollout.a_d[::20], strict=True)
         for K_D in (law.K_v, law.K_D(q, a_d))
     ]
-    assert max(largest[::2]) > 1.2 and max(largest[1::2]) < 0.15
+    assert max(largest[::2]) > 2.0 and max(largest[1::2]) < 0.51
     assert rollout.distance[-400:].max() < 1e-3 and not rollout.saturated[100:].any()
 
 

@@ -239,7 +239,7 @@ def follow_geodesic(
     """Write P+ = exp(-h P L) P of every block of a complete cone as parameters, h = gamma dt.
 
     P+ = E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2: right but for the third order, and positive
-    definite for any h, as E is regular. The length of the step, the root of tr(Z Z) 4, is at most
+    definite for any h, as E is regular. The length of the step, 2 sqrt(tr(Z Z)), is at most
     ``most``; a longer one is shortened. F_0, entries, F and D are the cone's ``tables``.
     """
     n, p = len(F_0), entries[-1, 0] + 1

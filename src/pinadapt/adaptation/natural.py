@@ -31,8 +31,8 @@ from .adaptation import Adaptation, Drive, Estimate
 
 # Of a sampled step in the metric, that is relative to the estimate. A load on a light wrist is many
 # lengths away from the wrist, so that it falls for 0.1 s at the start: 0.01: 23 mm on a UR10 at
-# 1 kHz; 0.02: 21; 0.06: 16, but then a flange of 80 g that carries 1 kg is spun, z1 is lost with
-# motors that are 12 ms late, and 9 in place of 5 of 24 arms with undeclared encoders of 14 bits
+# 1 kHz; 0.02: 22; 0.04: 19; 0.06: 16, but then a flange of 80 g that carries 1 kg is spun, and 9 in
+# place of 5 of 24 arms are lost with encoders of 14 bits that were not declared
 _LONGEST = 0.02
 
 

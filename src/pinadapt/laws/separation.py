@@ -38,7 +38,7 @@ from .posture import Posture
 
 _DAMPING = 3.0  # K_v in bandwidths times inertia
 # [s] 4 ms: motors that are 10 ms late make unloaded wrists ring; 16 ms: an unknown load displaces a
-# UR10 by 30 mm at the start in place of 21
+# UR10 by 33 mm at the start in place of 22
 _LAG = 8e-3
 _LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
@@ -230,8 +230,6 @@ class Separation(Law):
 
     def _limited(self, M: np.ndarray) -> np.ndarray:
         """Return (K_v^-1 + lag M^-1)^-1 (n, n)."""
-        if not self.lag:
-            return np.asarray(self.K_v)
         return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(M))
 
     def within(self, speeds: np.ndarray) -> Separation:

@@ -72,13 +72,13 @@ _LOAD = 0.1  # load that the last body may have, as a share of the robot's mass
 _LEAST_SQUARES = 1e3  # initial rate
 _FORGETTING = 0.125
 # noise that a memory assumes, of the torque that its covariance explains; half: errors of up to
-# 0.25 % of the radius with Stribeck friction in place of 0.09; twice: 0.06
+# 0.11 % of the radius with Stribeck friction in place of 0.064; twice: 0.061
 _NOISE = 0.01
 _INTERVAL = 0.5  # between evaluations, in 1 / rate
 # of a memory that cannot explain all of the torque; 3: its parameters follow the errors of others
 # until some loops at 1 kHz are unstable (human_left_arm); 12: errors of some arms are larger
 _DOUBT = 6.0
-# of P in standard deviations of the prior; half and twice: as of the noise
+# of P in standard deviations of the prior; half: errors as there of up to 0.23 %; twice: 0.06
 _WIDTH = 3.0
 _HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
 _FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
