@@ -49,12 +49,9 @@ def test_links_to_files_resolve(page):
 
 def test_the_table_of_laws_has_every_law_measured():
     page = text_of("docs/laws.md")
-    measured = {row["law"] for row in table_rows("laws")}
-    assert measured == set(pinadapt.laws.LAWS)
+    assert {row["law"] for row in table_rows("laws")} == set(pinadapt.laws.LAWS)
     for law in pinadapt.laws.LAWS:
         assert f"| `{law}`" in page
-        for column in ("error", "cost"):
-            assert f'laws["{law}"].{column}' in page
 
 
 def test_the_theory_page_has_every_equation_that_names_a_law():
