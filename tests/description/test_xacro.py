@@ -58,20 +58,29 @@ def test_arguments_are_numbers_texts_and_booleans(arm, given):
 
 
 def test_no_ros_is_needed_and_xacro_is_left_unchanged(arm):
-    from xacro import parse, substitution_args
+    from xacro import substitution_args
 
-    before = substitution_args._eval_find, substitution_args._eval, parse
+    before = substitution_args._eval_find
     pa.load(arm, frame="tip")
-    assert before == (
-        substitution_args._eval_find,
-        substitution_args._eval,
-        sys.modules["xacro"].parse,
-    )
+    assert substitution_args._eval_find is before
     assert "ament_index_python" not in sys.modules
 
 
-def test_a_file_with_xacro_elements_is_expanded_whatever_its_name_but_urdf(arm):
-    assert forearm(pa.load(arm.rename(arm.with_name("arm.xml")), frame="probe")) == 0.3
+@pytest.mark.parametrize("name", ["arm.xml", "arm.urdf"])
+def test_a_file_is_a_program_only_by_its_name(arm, name):
+    with pytest.raises(pa.RobotError, match=r"whose name ends in \.xacro"):
+        pa.load(arm.rename(arm.with_name(name)))
+
+
+def test_expressions_are_those_of_python(arm):
+    words = "${[2 * x for x in (0.05,)][0]}"
+    arm.write_text(ARM.replace("${2 * 0.05}", words))
+    plain, comprehension = pa.load(arm, frame="tip"), pa.load(arm, frame="probe")
+    lengths = [
+        r.model.frames[r.model.getFrameId(r.frame)].placement.translation[0]
+        for r in (plain, comprehension)
+    ]
+    assert np.isclose(lengths[1] - lengths[0], 0.1)
 
 
 def test_init_and_scenarios_take_arguments(arm, tmp_path, monkeypatch):
@@ -91,9 +100,9 @@ def test_init_and_scenarios_take_arguments(arm, tmp_path, monkeypatch):
         ("parts)/macros", "parts)/macro", ["No such file", "macro.xacro"]),
         ('name="probe"', 'nam="probe"', ["Invalid parameter", "nam"]),
         ("2 * 0.05", "2 * width", ["width", "not defined"]),
-        ("$(arg tool)", "$(arg tol)", ["Undefined substitution argument", "init --xacro"]),
+        ("$(arg tool)", "$(arg tol)", ["Undefined substitution argument", "--xacro name=value"]),
         ("<xacro:tool ", "<xacro:tol ", ["unknown macro name", "xacro:tol"]),
-        ("</xacro:if>", "", ["not well-formed XML"]),
+        ("</xacro:if>", "", ["mismatched tag"]),
         ("$(arg reach) 0 0", "$(arg reach),0,0", ["joint 'joint4', <origin>", '"0.3,0,0"']),
     ],
 )
@@ -110,7 +119,7 @@ def test_errors_name_file_and_reason(arm, old, new, words, capsys):
 def test_an_error_in_an_included_file_names_that_file(arm):
     broken = arm.parents[1] / "parts" / "macros.xacro"
     broken.write_text(MACROS.replace("</link>", ""))
-    with pytest.raises(pa.RobotError, match=f"{arm}.* in {broken}: not well-formed XML"):
+    with pytest.raises(pa.RobotError, match=f"{arm}.* cannot expand {broken}: mismatched tag"):
         pa.load(arm)
 
 

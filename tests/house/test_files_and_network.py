@@ -1,8 +1,8 @@
 """Files that are damaged in a thousand ways: read, or refused with a typed error that names them.
 
-Further tests of files: what a xacro file cannot do, ``tests/description/test_expressions.py``;
-wrong numbers and words in scenarios, ``tests/house/test_hostile_input.py``; a process killed while
-it writes, ``tests/cli/test_interrupted.py`` and ``test_output_files.py``. The network:
+Further tests of files: wrong numbers and words in scenarios,
+``tests/house/test_hostile_input.py``; a process killed while it writes,
+``tests/cli/test_interrupted.py`` and ``test_output_files.py``. The network:
 ``tests/view/test_live.py`` and ``tests/realtime/test_recorder.py``.
 """
 
@@ -28,14 +28,6 @@ from tests.support.recorded import recorded
 
 pytestmark = pytest.mark.slow
 
-XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
-<xacro:arg name="length" default="0.3"/><xacro:property name="m" value="${2 * pi / 4}"/>
-<xacro:property name="y" value="${load_yaml('y.yaml')}"/>
-<xacro:macro name="box" params="name mass:=1.0 *origin"><link name="${name}"><inertial>
-<xacro:insert_block name="origin"/><mass value="${mass * y.k}"/>
-<inertia ixx="${mass / 3}" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></xacro:macro>
-<xacro:box name="more" mass="$(arg length)"><origin xyz="0 0 ${sin(m)}"/></xacro:box>
-<joint name="welded" type="fixed"><parent link="link4"/><child link="more"/></joint>"""
 NUMBERS = b"0 -1 1e308 nan inf 1e-320 999999999999 9e99 true 1,2 [1] null 0x10 1_0".split()
 MARKS = [*b"< > / \" ' \\ & \x00 \xff\xfe ${ } $( { [ ] # = ,".split(), b"\n", b"[" * 5000]
 
@@ -71,9 +63,6 @@ def whole(tmp_path_factory, robot, planar):
         table.save(folder / name)
     arm = (ROOT / "tests" / "data" / "arm4.urdf").read_text()
     (folder / "a.urdf").write_text(arm)
-    (folder / "x").mkdir()
-    (folder / "x" / "a.xacro").write_text(XACRO + arm.split('<robot name="arm4">')[1])
-    (folder / "x" / "y.yaml").write_text("k: 1.5\nj: [1, {a: 3}]\nangle: !degrees 30\n")
     (folder / "a.xml").write_text(planar.mjcf())
     readers = {
         "a.csv": lambda path: pa.read_log(path, robot),
@@ -86,7 +75,6 @@ def whole(tmp_path_factory, robot, planar):
         "table.csv": CaseTable.load,
         "table.parquet": CaseTable.load,
         "a.urdf": pa.load,
-        "x": lambda path: pa.load(path / "a.xacro"),
         "a.xml": pa.load,
     }
     return folder, readers
@@ -143,7 +131,6 @@ KINDS = {  # how many damaged files of each are read
     "table.csv": 25,
     "table.parquet": 15,
     "a.urdf": 12,
-    "x": 15,
     "a.xml": 15,
 }
 

@@ -49,7 +49,7 @@ class Mjcf:
 
     @classmethod
     def read(cls, path: Path, root: ElementTree.Element) -> Mjcf:
-        """Check the root element of a file.
+        """Check the root element of a file. It is data, which runs nothing.
 
         Raises:
             RobotError: an element that Pinocchio would ignore, or text in place of a number.
@@ -90,7 +90,7 @@ class Mjcf:
             complete = Path(folder) / self.path.name
             root = read_xml(self.path)
             _leave_out_missing_meshes(root, self.path)
-            complete.write_text(xml_text(root, str(self.path)), encoding="utf-8")
+            complete.write_text(xml_text(root), encoding="utf-8")
             try:
                 return pin.buildGeomFromMJCF(self.model(), str(complete), kind)
             except Exception as error:
@@ -246,7 +246,7 @@ def mjcf_text(
             ElementTree.SubElement(motors, "general", constant)
     root.extend([part for part in (tendons, motors) if len(part)])
     ElementTree.indent(root)
-    return xml_text(root, chain.name) + "\n"
+    return xml_text(root) + "\n"
 
 
 def _at(placement: pin.SE3) -> dict[str, str]:

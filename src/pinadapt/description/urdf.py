@@ -15,14 +15,12 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
-from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand, is_xacro
+from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand
 
-_DEEPEST = 3200  # links in one chain; the recursion of Pinocchio needs more stack than 8 MB beyond
 _BOUNDED = ("revolute", "prismatic")
 _LIMITS = ("effort", "velocity")  # attributes of <limit> that URDF requires
 _SHOWN = 3  # unreadable meshes that a warning lists
 _HINT = "Write numbers with a decimal point, and separate several numbers by spaces."
-_MOST_ATTRIBUTES = 1000  # of an element
 _UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 # element -> attribute -> count of its numbers
 _NUMBERS: dict[str, dict[str, int]] = {
@@ -68,7 +66,7 @@ class Urdf:
         xacro: XacroArguments | None = None,
         named: Mapping[str, str] | None = None,
     ) -> Urdf:
-        """Read a file.
+        """Read a file. A URDF is data, which runs nothing; a ``.xacro`` file is a program.
 
         Args:
             path: of a URDF or xacro file.
@@ -77,21 +75,26 @@ class Urdf:
 
         Raises:
             RobotError: no such file, not XML, not a URDF, a xacro file that cannot be expanded,
-                arguments for a URDF, a number that cannot be read, or too many links.
+                arguments for a URDF, or a number that cannot be read.
         """
         root, packages = read_xml(path), Packages(path.parent, named or {})
-        if is_xacro(path, root):
+        if path.suffix == ".xacro":
             root = parse_xml(expand(path, xacro or {}, packages), str(path))
         elif xacro:
             raise RobotError("a URDF takes no xacro arguments.", where=str(path))
+        elif any("xacro}" in str(each.tag) for each in root.iter()):
+            raise RobotError(
+                "it has xacro elements, which are expanded only in a file whose name ends in "
+                ".xacro, as such a file is a program.",
+                where=str(path),
+            )
         if root.tag != "robot":
             raise RobotError(
                 f"the root element is <{root.tag}>; that of a URDF is <robot>.", where=str(path)
             )
         check_urdf_numbers(root, str(path))
         fill_urdf_gaps(root, str(path))
-        _check_depth(root, str(path))
-        return cls(path, xml_text(root, str(path)), packages)
+        return cls(path, xml_text(root), packages)
 
     def model(self) -> pin.Model:
         """Build the model.
@@ -117,7 +120,7 @@ class Urdf:
             for shape in link.findall(other):
                 link.remove(shape)
         keep_readable_meshes(root, self.packages, loader, str(self.path))
-        text = xml_text(root, str(self.path))
+        text = xml_text(root)
         return pin.buildGeomFromUrdfString(self.model(), text, kind, mesh_loader=loader)
 
     def mimics(self) -> frozenset[str]:
@@ -168,26 +171,6 @@ class Origin:
             RobotError: the file is missing or not a URDF any more.
         """
         return self.source if isinstance(self.source, Urdf) else Urdf.read(self.source)
-
-
-def _check_depth(root: ElementTree.Element, where: str) -> None:
-    """Refuse chains of links that are too long for the recursion of Pinocchio.
-
-    Raises:
-        RobotError: more than 3200 links in one chain.
-    """
-    below: dict[str, list[str]] = {}
-    for joint in root.findall("joint"):
-        ends = [joint.find(end) for end in ("parent", "child")]
-        parent, child = ("" if end is None else end.get("link", "") for end in ends)
-        below.setdefault(parent, []).append(child)
-    children = {child for links in below.values() for child in links}
-    row = [parent for parent in below if parent not in children]
-    for _ in range(_DEEPEST):
-        row = [child for link in row for child in below.pop(link, ())]
-        if not row:
-            return
-    raise RobotError(f"more than {_DEEPEST} links in one chain.", where=where)
 
 
 # Numbers
@@ -341,25 +324,9 @@ def read_xml(path: Path) -> ElementTree.Element:
 def parse_xml(text: bytes | str, where: str) -> ElementTree.Element:
     """Return the root element of an XML document, without its comments.
 
-    The parser gets the document in one piece: in several, expat takes a time that is quadratic in
-    the length of a comment.
-
     Raises:
-        RobotError: not well-formed XML, or an element with more than a thousand attributes, which
-            libraries of C++ read in a time that is quadratic in their number.
+        RobotError: not well-formed XML.
     """
-    root = _parsed(text, where)
-    crowded = next((each for each in root.iter() if len(each.attrib) > _MOST_ATTRIBUTES), None)
-    if crowded is not None:
-        raise RobotError(
-            f"the element <{crowded.tag}> has {len(crowded.attrib)} attributes, more than "
-            f"{_MOST_ATTRIBUTES}.",
-            where=where,
-        )
-    return root
-
-
-def _parsed(text: bytes | str, where: str) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
@@ -389,16 +356,9 @@ def _without_namespaces(text: bytes | str) -> ElementTree.Element:
     return builder.close()
 
 
-def xml_text(root: ElementTree.Element, where: str) -> str:
-    """Return an XML document as text.
-
-    Raises:
-        RobotError: its elements are nested too deeply.
-    """
-    try:
-        return ElementTree.tostring(root, encoding="unicode")
-    except RecursionError as error:
-        raise RobotError("its elements are nested too deeply.", where=where) from error
+def xml_text(root: ElementTree.Element) -> str:
+    """Return an XML document as text."""
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _neighbours(path: Path) -> str | None:

@@ -94,7 +94,7 @@ def urdf_text(chain: WrittenChain, *, shapes: bool = True) -> str:
         )
     root.insert(0, ElementTree.Comment(note.replace("--", "- -")))
     ElementTree.indent(root)
-    return xml_text(root, chain.name) + "\n"
+    return xml_text(root) + "\n"
 
 
 def _change_text(changes: list[tuple[str, str]]) -> str:

@@ -39,7 +39,6 @@ from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
 JOINT = "joint"  # the name of the task of the joints
-_MOST_JOINTS = 100  # every one has ten unknown parameters and more
 _MOST_TRIED = 8  # ends of chains that are tried as the task frame
 _SUGGESTED = 4  # of them, named where a frame does not exist
 _LARGEST, PLANES = "xyz", ("xy", "xz", "yz")
@@ -116,12 +115,6 @@ def load(
         _check_frame(found.model, known, ends)
     frames = [known] if known else choose_frames(found.model, ends, task)
     robot = _first_able(frames, lambda name: _load_chain(found, name, ends, wanted))
-    if robot.model.nv > _MOST_JOINTS:
-        raise RobotError(
-            f"a chain of {robot.model.nv} joints to {robot.frame}, more than {_MOST_JOINTS}.",
-            where=robot.name,
-            hint="Lock joints: locked=[names].",
-        )
     chain = chain_joints(found.model, frame_id(found.model, robot.frame))
     if names := [str(found.model.names[index]) for index in chain if index in still]:
         warnings.warn(
