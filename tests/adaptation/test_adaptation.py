@@ -170,18 +170,3 @@ def test_unphysical_bodies_are_made_physical_with_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert pa.adaptation.Natural(1.0, cone).validate(valid) is valid
-
-
-def test_refusals():
-    with pytest.raises(pa.ParameterError, match="outside"):
-        pa.adaptation.Natural(1.0, pa.adaptation.MatrixInequality(PLANAR_LMI)).validate(
-            np.array([4.0, 5.0, 0.5])
-        )
-    with pytest.raises(pa.ParameterError, match="independent"):
-        pa.adaptation.MatrixInequality(np.stack([np.eye(2), 2 * np.eye(2)]))
-    with pytest.raises(pa.ParameterError, match="symmetric"):
-        pa.adaptation.MatrixInequality([[[0.0, 1.0], [0.0, 0.0]]])
-    with pytest.raises(pa.GainError, match="positive"):
-        pa.adaptation.Natural(-1.0, pa.adaptation.MatrixInequality(PLANAR_LMI))
-    with pytest.raises(pa.GainError, match="definite"):
-        pa.adaptation.Gradient([1.0, -1.0], 2)

@@ -1,20 +1,14 @@
 """Composite adaptation with memory: its part of V, its accuracy, and its forgetting."""
 
-import pickle
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 
 import pinadapt as pa
-from pinadapt.description.catalogue import robots_folder
-from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot, robot_of
 from tests.support.exciting import times_of_panda
 from tests.support.loops import circle_beside, energy_along, motion_at_home, with_tool_and_load
-from tests.support.snapshots import snapshot, unchanged
 
 # Slow enough for the constant metric to keep the estimates where the laws' hypotheses hold.
 RATES = {"natural-memory": 5.0, "composite-memory": 1e-5}
@@ -90,37 +84,6 @@ def test_lyapunov_equality_with_friction_and_rotors():
     energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.01)
     assert energy.mismatch(after=10) <= 1e-4
     assert energy.largest_rise() <= 1e-12
-
-
-@pytest.mark.slow
-def test_information_from_a_log_is_kept_while_the_rest_is_learned():
-    """Information of the truth: dV/dt is an equality and V falls, and its combinations stay."""
-    robot = catalogue_robot("ur5")
-    true = with_tool_and_load(robot)
-    unknown = pa.Unknown(friction=False, armature=False)
-    made = [
-        pa.make_controller(
-            robot, adaptation="natural-memory", gamma_d=5.0, unknown=unknown, dt=2e-3
-        )
-        for _ in range(2)
-    ]
-    truth = made[0].dynamics.value(true)
-    rows = np.random.default_rng(5).standard_normal((8, truth.size)) / np.abs(truth).max()
-    off = np.array([made[0].dynamics.initial - truth]).T
-    known = rows - (rows @ off) @ off.T / (off.T @ off)  # which the description has right
-    start = {"a_d": made[0].dynamics.initial, "information": 1e4 * known}
-    for controller in made:
-        with_share(controller, 1 / 16, forgetting=0.0)
-    energy = energy_along(true, made[0], circle_beside(true, "yz"), seconds=0.01, **start)
-    assert energy.mismatch(after=10) <= 1e-4
-    assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12
-    runs = [
-        pa.simulate(true, c, pa.reachable_circle(true), duration=1.0, start=given)
-        for c, given in zip(made, (start, {"a_d": start["a_d"]}), strict=True)
-    ]
-    moved = [np.linalg.norm(known @ (run.a_d[-1] - truth)) for run in runs]
-    assert moved[0] < 0.1 * moved[1]
-    assert runs[0].distance[-100:].max() < 0.1 * runs[0].distance.max()
 
 
 def remembering(p=6, n=2, **gains):
@@ -270,37 +233,6 @@ def predicting(W, y, estimate, Y=None, e=None):
     return pa.adaptation.Drive(Y, e).with_prediction_error(W, W @ estimate.value - y)
 
 
-def test_a_saturated_motor_adds_nothing():
-    """The missing torque may be an obstacle's: memory and estimate wait, and V with them."""
-    adaptation, estimate, truth = excited(forgetting=2.0)
-    W = np.random.default_rng(6).standard_normal((2, 6))
-    drive = predicting(W, W @ truth + 1.0, estimate, np.ones((1, 6)), np.ones(1))
-    still = drive.without_tracking()
-    after, rate = adaptation.step(estimate, still, 1e-3), adaptation.rate(estimate, still)
-    assert unchanged(after, snapshot(estimate))
-    assert not rate.value.any() and not any(part.any() for part in rate.memory)
-    assert adaptation.dissipation(estimate, still, truth) == 0.0
-    assert not unchanged(adaptation.step(estimate, drive, 1e-3), snapshot(estimate))
-
-
-def test_memory_is_evaluated_at_intervals():
-    """Two thirds of the samples cost no solution; data count by the time they stand for."""
-    adaptation, estimate, truth = remembering(interval=3e-3)
-    always, same, _ = remembering()
-    rng, dt, changes, first = np.random.default_rng(4), 1e-3, [], estimate.value - truth
-    for _ in range(300):
-        W, before = rng.standard_normal((2, 6)), estimate.memory[0]
-        estimate = adaptation.step(estimate, shown(truth, W, estimate), dt)
-        same = always.step(same, shown(truth, W, same), dt)
-        changes.append(not np.array_equal(estimate.memory[0], before))
-    assert changes == [True, False, False] * 100
-    traces = np.trace(estimate.memory[0]), np.trace(same.memory[0])
-    assert traces[0] == pytest.approx(traces[1], rel=0.2)
-    errors = [np.abs(each.value - truth).max() for each in (estimate, same)]
-    assert errors[0] == pytest.approx(errors[1], rel=0.05)
-    assert errors[1] < 0.5 * np.abs(first).max()
-
-
 def test_sampled_it_tends_to_its_differential_equation():
     """Steps of Euler a hundred times as fine; halving the period halves the difference."""
     inner = pa.adaptation.ExponentiatedGradient(2.0, np.ones(6))
@@ -332,23 +264,6 @@ def test_sampled_it_tends_to_its_differential_equation():
         errors = [np.abs(each - exact).max() for each in (coarse, fine)]
         assert 0.0 < errors[1] < 0.6 * errors[0] < 0.03 * np.abs(exact).max()
     assert np.abs(ends[2][0] - start).max() > 0.1
-
-
-def test_a_start_is_empty_informed_announced_or_recorded():
-    adaptation, estimate, truth = excited(unit=0.5, forgetting=1.0)
-    fresh, H = adaptation.init(truth), np.diag(np.arange(6.0))
-    assert not any(part.any() for part in fresh.memory)
-    told = adaptation.informed(fresh, H)
-    assert np.array_equal(told.memory[0], 0.5 * H)
-    assert np.array_equal(told.memory[1], 0.5 * H @ truth)
-    assert unchanged(adaptation.reset_to(estimate, truth, estimate.value), snapshot(fresh))
-    before = snapshot(estimate)
-    kept = adaptation.recorded(estimate)
-    assert np.array_equal(kept.value, estimate.value) and not any(p.size for p in kept.memory)
-    assert adaptation.storage(kept, truth) == adaptation.storage(estimate, truth) > 0.0
-    adaptation.step(estimate, shown(truth, np.ones((2, 6)), estimate), 1e-3)
-    adaptation.rate(estimate, shown(truth, np.ones((2, 6)), estimate))
-    assert unchanged(estimate, before)
 
 
 def test_bodies_stay_physical_with_any_memory():
@@ -427,93 +342,3 @@ def test_memory_follows_a_change_of_load():
         left[kept] = rollout.distance[-500:].max()
     assert left[False] < 2e-5, left
     assert left[True] > 5.0 * left[False], left
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("announced", [False, True])
-def test_fixed_mass_matrix_must_include_the_load(announced):
-    """The improved law assumes M + M_0 - M_hat > 0; an M_0 without the load does not keep it."""
-    robot, true, path = circling("panda")
-    load = {"payload": LOAD} if announced else {}
-    controller = pa.make_controller(
-        robot.changed(inertial_scale=0.7, **load),
-        law="adaptive-inverse-dynamics-improved",
-        adaptation="natural-memory",
-        unknown=pa.Unknown(friction=False, armature=False),
-        dt=2e-3,
-    )
-    rollout = pa.simulate(true, controller, path, duration=3.0)
-    plant, dynamics, largest = pa.plants.PinocchioPlant(true), controller.dynamics, []
-    for sample in rollout.evaluation.samples[::10]:
-        M, matrices = plant.mass_matrix(sample.truth.q), []
-        for a in (sample.state.a_d, sample.state.a_0):
-            dynamics.load(a)
-            matrices.append(dynamics.mass_matrix(sample.truth.q).copy())
-        change = matrices[0] - matrices[1]
-        largest.append(eigh(change, M, eigvals_only=True)[-1])
-    last = rollout.distance[-150:].max()
-    assert (
-        (max(largest) < 0.6 and last < 1e-4) if announced else (max(largest) > 1.0 and last > 5e-3)
-    )
-
-
-def test_memory_is_empty_after_an_announced_load():
-    robot, true, path = circling("ur5")
-    controller = pa.make_controller(
-        robot, adaptation="natural-memory", unknown=pa.Unknown(friction=False, armature=False)
-    )
-    last = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))[-1].state
-    assert np.abs(last.dynamic.memory[0]).max() > 0.0
-    before = snapshot(last)
-    announced = controller.announce(last, payload=pa.Payload(2.0))
-    assert unchanged(last, before)
-    assert not any(part.any() for part in announced.dynamic.memory[:3])
-
-
-def test_a_step_is_pure_and_a_copy_gives_the_same_torques():
-    robot, true, path = circling("ur5", friction=True)
-    controller = pa.make_controller(
-        robot, adaptation="natural-memory", sensors=pa.Sensors(encoder=1e-5)
-    )
-    run = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))
-    copied = pickle.loads(pickle.dumps(controller))
-    for sample in run:
-        for other in (controller, copied):
-            torque, _ = other.step(sample.state, sample.measurement, sample.desired, 1e-3)
-            assert np.array_equal(torque, sample.torque)
-
-
-def test_names_gains_and_sources():
-    robot = catalogue_robot("ur5")
-    made = pa.make_controller(
-        robot,
-        adaptation="natural-memory",
-        unknown=pa.Unknown(friction=False, armature=False),
-        prediction_filter=25.0,
-        prediction_rate=3.0,
-        forgetting=0.5,
-    )
-    adaptation = made.adaptation_d
-    assert (adaptation.name, adaptation.torque_bandwidth) == ("natural-memory", 25.0)
-    assert (adaptation.speed, adaptation.forgetting) == (3.0, 0.5)
-    assert "PanYu2018" in pa.citation(made) and "LeeKwonPark2018" in pa.citation(made)
-    lumped = pa.make_controller(
-        robot, unknown=pa.Unknown(lengths=True), adaptation="composite-memory"
-    )
-    assert lumped.adaptation_d.name == "composite-memory"
-    planar = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
-    words = ['controller.adaptation="natural-memory"', "controller.forgetting=2.0"]
-    assert Scenario.read(planar, words).controller.adaptation_d.forgetting == 2.0
-    inner = pa.adaptation.Gradient(1.0, 2)
-    for wrong in (
-        {"noise": 0.0},
-        {"noise": [[1.0]]},
-        {"rate": 0.0},
-        {"forgetting": -1.0},
-        {"share": 0.0},
-        {"interval": 2.0},
-        {"unit": 0.0},
-        {"prior": [1.0, 2.0]},
-    ):
-        with pytest.raises(pa.GainError):
-            pa.adaptation.CompositeMemory(inner, 10.0, **{"rate": 1.0, "noise": 1.0, **wrong})

@@ -1,15 +1,9 @@
 """Least squares on the prediction error of the position: its V, and its speed."""
 
-import math
-import pickle
-from itertools import islice
-
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.catalogue import robots_folder
-from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_beside, energy_along, with_tool_and_load
 from tests.support.paper import BASIS, CIRCLE, LMI
@@ -185,99 +179,3 @@ def test_box_projects_in_the_metric_of_the_present_gain():
             assert box.contains(after.value)
             assert box.storage(after, truth) <= box.storage(free, truth) + 1e-12
             estimate = after
-
-
-def test_announced_tool_resets_the_gain():
-    true, controller, path, _ = arm("panda")
-    sample = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 100))[-1]
-    P = sample.state.kinematic.memory[0]
-    assert np.linalg.eigvalsh(P)[-1] < 0.5 * controller.adaptation_k.gain(sample.state.a_k)[0, 0]
-    announced = controller.announce(sample.state, tool_translation=[0.0, 0.0, 0.05])
-    assert np.array_equal(announced.kinematic.memory[0], controller.adaptation_k.inner.P_0)
-
-
-def test_a_copy_gives_the_same_torques():
-    true, controller, path, _ = arm("ur5")
-    run = list(islice(pa.run(pa.plants.PinocchioPlant(true), controller, path), 30))
-    copied = pickle.loads(pickle.dumps(controller))
-    for sample in run:
-        torque, _ = copied.step(sample.state, sample.measurement, sample.desired, 1e-3)
-        assert np.array_equal(torque, sample.torque)
-
-
-def test_names_and_gains():
-    robot = catalogue_robot("ur5")
-    made = pa.make_controller(robot, **FIT, kinematic_rate=7.0, kinematic_forgetting=0.5)
-    fit = made.adaptation_k.inner
-    assert fit.name == "least-squares" and (fit.forgetting, fit.directional) == (0.5, True)
-    assert "SalgadoGoodwinMiddleton1988" in pa.citation(made)
-    own = pa.make_controller(robot, kinematic_adaptation=pa.adaptation.Gradient(0.1, 3))
-    assert isinstance(own.adaptation_k, pa.adaptation.Gradient)
-    still = pa.make_controller(robot, kinematic_adaptation="none")
-    assert still.adaptation_k.name == "none" and still.adaptation_d.name == "natural-memory"
-    alone = pa.make_controller(robot, adaptation="none", **FIT)
-    assert alone.adaptation_k.inner.name == "least-squares" and alone.adaptation_d.name == "none"
-    for unused in (
-        {**SLOPE, "kinematic_rate": 5.0},
-        {**FIT, "unknown": pa.Unknown(tool=False), "gamma_k": 1.0},
-    ):
-        with pytest.warns(pa.UnusedGainWarning):
-            pa.make_controller(robot, **unused)
-    with pytest.raises(pa.InputError, match="Did you mean 'least-squares'"):
-        pa.make_controller(robot, kinematic_adaptation="least-square")
-    with pytest.raises(pa.InputError, match="kinematic_adaptation"):
-        pa.make_controller(robot, kinematic_adaptation=3.0)
-    for rate in (-1.0, math.nan):
-        with pytest.raises(pa.GainError):
-            pa.make_controller(robot, **FIT, kinematic_rate=rate)
-    with pytest.raises(pa.GainError, match="weight"):
-        pa.adaptation.LeastSquares(1.0, 2, 10.0, weight=None)
-
-
-def test_default_by_what_is_unknown():
-    """Least squares on positions for tool and base; gradient for lengths and published laws."""
-    panda = catalogue_robot("panda")
-
-    def kind(**words):
-        return pa.make_controller(panda, **words).adaptation_k.name
-
-    assert kind() == kind(adaptation="natural") == "least-squares"
-    assert kind(unknown=pa.Unknown(base=True)) == "least-squares"
-    lengths = pa.Unknown(lengths=True, friction=True, armature=True)
-    assert kind(unknown=lengths, adaptation="composite") == "gradient"
-    assert kind(law="adaptive-jacobian") == "gradient"
-    assert kind(adaptation="none") == kind(unknown=pa.Unknown(tool=False)) == "none"
-
-
-@pytest.mark.parametrize("p", [3, 40])
-def test_small_and_large_problems_take_the_same_step(p):
-    """Loops up to 32 parameters, LAPACK beyond: both against inverses as they are written."""
-    rng = np.random.default_rng(3)
-    root = rng.standard_normal((p, p))
-    P, W, R_0 = root @ root.T + np.eye(p), rng.standard_normal((3, p)), 2.0 * np.eye(3)
-    residual, g = rng.standard_normal(3), rng.standard_normal(p)
-    options = {"weight": None, "rate": 5.0, "floor": 0.7, "forgetting": 3.0, "directional": True}
-    fit = pa.adaptation.LeastSquares(P, p, **options)
-    drive = pa.adaptation.Drive(np.zeros((3, p)), None, W, residual, R_0, g)
-    now = 0.5 * P
-    R = 5.0 * np.linalg.inv(W @ now @ W.T + 0.7 * np.eye(3))
-    gradient = g + W.T @ (R - R_0) @ residual
-    estimate = pa.adaptation.Estimate(np.ones(p), (now,))
-    assert np.allclose(fit.weight(drive, now), R, rtol=1e-9)
-    assert np.allclose(fit.rate(estimate, drive).value, -now @ gradient, rtol=1e-9)
-    assert np.allclose(fit.value_rate(estimate, drive), -now @ gradient, rtol=1e-9)
-    information = np.linalg.inv(now) + 0.01 * W.T @ R @ W
-    after, kept = fit.step(estimate, drive, 0.01), math.exp(-0.03)
-    value = 1.0 - 0.01 * np.linalg.solve(information, gradient)
-    assert np.allclose(after.value, value, rtol=1e-9, atol=1e-9)
-    gain = np.linalg.inv(kept * information + (1.0 - kept) * np.linalg.inv(P))
-    assert np.allclose(after.memory[0], gain, rtol=1e-8, atol=1e-8 * np.abs(gain).max())
-
-
-def test_scenario_with_the_name():
-    scenario = robots_folder() / "panda" / "tool_and_load.toml"
-    words = ['controller.kinematic_adaptation="least-squares"', "controller.kinematic_rate=9.0"]
-    fit = Scenario.read(scenario, words).controller.adaptation_k.inner
-    assert fit.name == "least-squares"
-    with pytest.raises(pa.ScenarioError, match="kinematic_adaptation"):
-        Scenario.read(scenario, ['controller.kinematic_adaptation="least-square"'])

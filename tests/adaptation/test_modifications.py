@@ -1,18 +1,13 @@
 """Modifications of an adaptation: their effect on dV/dt, composition, and names."""
 
 import math
-import pickle
-from itertools import islice, permutations
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
 from benchmarks.modifications import measure
-from pinadapt.description.catalogue import robots_folder
-from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
-from tests.support.drives import along
 from tests.support.loops import circle_beside, energy_along, with_tool_and_load
 
 pytestmark = pytest.mark.slow
@@ -104,22 +99,6 @@ def test_dissipation_states_the_change_of_the_rate_of_v(wrapper, inner):
     assert change == pytest.approx(claimed, rel=1e-5, abs=1e-8)
     if wrapper != "box":
         assert abs(claimed - plain) > 1e-3  # the modification has an effect here
-
-
-@pytest.mark.parametrize("first", WRAPPERS)
-@pytest.mark.parametrize("second", WRAPPERS)
-@pytest.mark.parametrize("inner", ["natural", "directional", "composite"])
-def test_modifications_compose_in_any_order(inner, first, second):
-    adaptation = WRAPPERS[first](WRAPPERS[second](INNER[inner]()))
-    estimate = adaptation.init(START)
-    for k in range(6):
-        drive = drive_at(estimate.value, k, noise=0.1)
-        rate, after = adaptation.rate(estimate, drive), adaptation.step(estimate, drive, 1e-6)
-        assert np.allclose((after.value - estimate.value) / 1e-6, rate.value, rtol=2e-3, atol=1e-4)
-        estimate = adaptation.step(estimate, drive, 0.02)
-        assert adaptation.contains(estimate.value) and np.isfinite(estimate.value).all()
-    same = pickle.loads(pickle.dumps(adaptation)).step(estimate, drive, 0.02)
-    assert np.array_equal(same.value, adaptation.step(estimate, drive, 0.02).value)
 
 
 LOOPS = [
@@ -221,121 +200,6 @@ def test_normalised_adaptation_is_bounded_for_large_regressors():
     assert np.allclose(
         small, slow.inner.rate(start, pa.adaptation.Drive(1e-4 * np.ones((2, 3)), e)).value
     )
-
-
-def test_saturation_leaves_the_prediction_part():
-    robot = catalogue_robot("ur5", task="joint")
-    true = robot.changed(payload=pa.Payload(2.0))
-    weak = pa.make_controller(
-        robot,
-        law="slotine-li",
-        adaptation="natural-composite",
-        unknown=pa.Unknown(friction=False, armature=False),
-        modifications={"normalised": 0.5, "dead-zone": 1e-4},
-    ).limited(np.full(6, 1e-3))
-    path = pa.trajectories.Sinusoid(robot.home_angles + 0.1, 0.1, 2.0)
-    rollout = pa.simulate(true, weak, path.as_given(), duration=0.2)
-    V = [weak.adaptation_d.divergence(a, weak.dynamics.value(true)) for a in rollout.a_d]
-    assert V[-1] < V[0] and (np.diff(V) <= 1e-9 * V[0]).all()
-
-
-def chain(adaptation):
-    """Return the names of the classes from the outermost wrapper to the inner adaptation."""
-    names = []
-    while isinstance(adaptation, pa.adaptation.Wrapper):
-        names.append(type(adaptation).__name__)
-        adaptation = adaptation.inner
-    return names
-
-
-def test_names_and_gains():
-    robot = catalogue_robot("ur5")
-
-    def made(modifications, **options):
-        options = {"adaptation": "natural"} | options
-        return pa.make_controller(robot, modifications=modifications, **options).adaptation_d
-
-    classes = {"sigma": "Leak", "e1": "ErrorLeak", "normalised": "Normalised"}
-    for order in permutations(classes):
-        assert chain(made(order)) == [classes[name] for name in reversed(order)]
-    assert chain(made("projection")) == ["MassMatrixProjection"]
-    assert made({"sigma": 0.3}).bandwidth == 0.3
-    assert chain(made({"sigma": True, "e1": False})) == ["Leak"]
-    noisy = {"sensors": pa.Sensors(encoder=2.0 * np.pi / 2**17)}
-    assert chain(made(None, **noisy)) == ["Leak"]  # the default for noise
-    assert chain(made({"sigma": 0.3}, **noisy)) == ["Leak"]  # instead of the default
-    assert not chain(made({"sigma": False}, **noisy))
-    assert chain(made(None, **noisy, adaptation=None)) == ["CompositeMemory"]  # it averages
-    assert chain(made("sigma", adaptation=None)) == ["Leak", "CompositeMemory"]
-    zone = made("dead-zone", **noisy)
-    assert chain(zone) == ["Leak", "DeadZone"] and 0.0 < zone.inner.size < 0.1
-    own = made(["sigma"], adaptation=pa.adaptation.Gradient(1e-3, 78))
-    assert chain(own) == ["Leak"] and isinstance(own.inner, pa.adaptation.Gradient)
-    assert made("sigma", adaptation="none").name == "none"
-    cited = pa.citation(pa.make_controller(robot, modifications=["e1", "normalised"]))
-    assert "NarendraAnnaswamy1987" in cited and "IoannouSun1996" in cited
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ("sigmma", "Did you mean 'sigma'"),
-        (["e1", "deadzone"], "Did you mean 'dead-zone'"),
-        (3.0, "modifications"),
-        ("dead-zone", "no noise"),
-        ({"projection": 2.0}, "no gain"),
-        ({"sigma": -1.0}, "leak"),
-        ({"e1": 0.0}, "leak"),
-        ({"normalised": -1.0}, "normalised"),
-        ({"dead-zone": [0.1, -0.1]}, "positive"),
-    ],
-)
-def test_invalid_modifications_are_refused(given, message):
-    with pytest.raises(pa.InputError, match=message):
-        pa.make_controller(catalogue_robot("ur5"), modifications=given)
-
-
-def test_laws_with_another_error_have_no_default_size():
-    robot, law = catalogue_robot("ur5"), "adaptive-inverse-dynamics"
-    for given in ("e1", "dead-zone"):
-        with pytest.raises(pa.GainError, match="another error"):
-            pa.make_controller(
-                robot, law=law, modifications=given, sensors=pa.Sensors(encoder=1e-4)
-            )
-    made = pa.make_controller(robot, law=law, modifications={"dead-zone": 0.1})
-    assert chain(made.adaptation_d) == ["DeadZone"]
-
-
-def test_scenario_with_the_names():
-    path = robots_folder() / "panda" / "tool_and_load.toml"
-    natural = "controller.adaptation=natural"
-    words = [natural, 'controller.modifications=["e1", "normalised"]']
-    assert chain(Scenario.read(path, words).controller.adaptation_d) == ["Normalised", "ErrorLeak"]
-    table = [natural, "controller.modifications={sigma=0.3, dead-zone=0.02}"]
-    made = Scenario.read(path, table).controller.adaptation_d
-    assert chain(made) == ["DeadZone", "Leak"] and made.inner.bandwidth == 0.3
-    for wrong in ('"sigmaa"', "{sigma=-1.0}", "{normalized=true}"):
-        with pytest.raises(pa.InputError):
-            Scenario.read(path, [f"controller.modifications={wrong}"])
-
-
-def test_a_copy_gives_the_same_torques():
-    robot = catalogue_robot("ur5")
-    true = with_tool_and_load(robot)
-    controller = pa.make_controller(
-        robot, modifications={"dead-zone": 0.01, "sigma": 0.1, "e1": 1.0}
-    )
-    run = list(
-        islice(pa.run(pa.plants.PinocchioPlant(true), controller, circle_beside(true, "yz")), 20)
-    )
-    copied = pickle.loads(pickle.dumps(controller))
-    for sample in run:
-        torque, _ = copied.step(sample.state, sample.measurement, sample.desired, 1e-3)
-        assert np.array_equal(torque, sample.torque)
-    announced = controller.announce(run[-1].state, payload=pa.Payload(1.0))
-    assert np.isfinite(
-        controller.adaptation_d.step(announced.dynamic, along(np.zeros(78)), 1.0).value
-    ).all()
 
 
 @pytest.mark.parametrize(("kind", "factor"), [("none", 1.0), ("normalised", 3.0)])

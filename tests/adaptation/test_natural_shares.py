@@ -65,9 +65,3 @@ def test_the_last_body_is_adapted_as_if_it_carried_a_load_or_were_thick():
         assert shares[-1] == pytest.approx(max(loaded, thick), rel=1e-3)
         found.append(shares[-1] / loaded)
     assert found[0] > 5.0 and found[1:] == pytest.approx([1.0, 1.0])
-
-
-@pytest.mark.parametrize("shares", [[1.0, 2.0], [1.0, -1.0, 1.0], "thick"])
-def test_invalid_shares_are_refused(shares):
-    with pytest.raises(pa.InputError, match="shares"):
-        pa.adaptation.Natural(1.0, bodies()[0], shares=shares)

@@ -3,10 +3,8 @@
 import re
 import threading
 import time
-from contextlib import nullcontext
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -15,7 +13,6 @@ from pinadapt.realtime import CycleLog, PlantArm, franka, tell
 from pinadapt.realtime.franka import at_task_frame
 from pinadapt.robot import Gravity
 from tests.support.arms import ORDINARY
-from tests.support.paths import ROOT
 
 SCENARIO = """
 [robot]
@@ -108,19 +105,6 @@ def test_a_franka_compensates_the_load_that_is_set_on_it(folder, capsys, monkeyp
     assert main(["replay", str(log)]) == 0 and "bit for bit" in capsys.readouterr().out
 
 
-def test_the_load_of_a_franka_is_given_once_and_in_the_axes_of_its_flange():
-    robot, load = pa.load("panda"), pa.Payload(1.0, [0.1, 0.0, 0.2], [3e-3, 0, 2e-3, 0, 0, 1e-3])
-    seen, data = at_task_frame(load, robot), robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.q0)
-    places = data.oMf[robot.model.getFrameId("panda_link8")], data.oMf[robot.frame_id]
-    flange, task = (
-        place.act(each.spatial_inertia()) for place, each in zip(places, (load, seen), strict=True)
-    )
-    assert np.allclose(flange.toDynamicParameters(), task.toDynamicParameters(), atol=1e-12)
-    with pytest.raises(pa.InputError, match=r"has no frame '\.\.\._link8'"):
-        at_task_frame(load, pa.load("ur5"))
-
-
 @pytest.mark.slow
 def test_a_simulated_arm_is_commanded_from_another_process(folder, capsys):
     """The plant has a process of its own; commands come by the port that is printed."""
@@ -142,44 +126,3 @@ def test_a_simulated_arm_is_commanded_from_another_process(folder, capsys):
     assert said == [0] and log.about["stage"] == "hold"
     assert [event["phase"] for event in log.events if "phase" in event][-1] == "stopped"
     assert np.abs(log.cycles.v[-1]).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["drive", "simulated"], "--scenario: is needed"),
-        (["drive", "spot"], "there is no arm 'spot'"),
-        (["drive", "{}/none.py:Mine"], "none.py: no such file"),
-        (["drive", "{}/mine.py:Yours"], "has no class 'Yours'"),
-        (
-            ["drive", "{}/mine.py:nothing", "--scenario", "{}/arm.toml"],
-            "is not a pinadapt.realtime",
-        ),
-        (["drive", "simulated", "--safety", "x=1"], "expected one of"),
-        (["drive", "simulated", "--safety", "error=x"], "is not a number"),
-        (["drive", "moteus", "--scenario", "{}/arm.toml"], "[[motors.joint]]"),
-        (["drive", "franka"], "ADDRESS: is needed"),
-        (["drive", "franka", "here", "--load", "{"], "--load: is not valid JSON"),
-        (["drive", "franka", "here", "--load", "null"], "--load: expected a table"),
-        (["drive", "simulated", "--load", "1"], "--load: is set on a Franka only"),
-        (["replay", "{}/arm.toml"], "is not an MCAP file"),
-        (["tell", "9", "state", "{"], "value: is not valid JSON"),
-    ],
-)
-def test_wrong_input_is_refused(folder, capsys, monkeypatch, arguments, words):
-    monkeypatch.setattr("pinadapt.cli.drive.Recorder", lambda *_, **__: nullcontext())
-    log = ["--log", str(folder / "refused.mcap")] if arguments[0] == "drive" else []
-    assert main([each.replace("{}", str(folder)) for each in arguments] + log) == 2
-    assert words in capsys.readouterr().err
-
-
-def test_the_page_names_every_finding_command_and_stage():
-    page = (ROOT / "docs" / "hardware.md").read_text()
-    checks = (ROOT / "src/pinadapt/realtime/safety.py").read_text()
-    loop = (ROOT / "src/pinadapt/realtime/realtime_loop.py").read_text()
-    for name in re.findall(r'Finding\("([\w ]+)"', checks + loop):
-        assert name == "stop" or f"| `{name}` |" in page, name
-    from pinadapt.realtime.recorder import COMMANDS
-
-    for name in COMMANDS:
-        assert re.search(rf"^\| .*`{name}", page, re.M), name

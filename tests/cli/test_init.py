@@ -9,8 +9,6 @@ import pinadapt as pa
 from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import example_path
-from pinadapt.description.urdf import Urdf
-from pinadapt.robot.loading import end_links
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.scenario.template import three_digits
 from tests.support.paths import ARM4
@@ -58,31 +56,6 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
     assert last < 0.4 * fixed.distance[late].max()
 
 
-@pytest.mark.parametrize("source", [ARM4, "solo8_fl_leg", "centauro_rr_leg"])
-def test_the_unknown_tool_moves_the_task_by_all_its_length(tmp_path, source):
-    scenario = Scenario.read(written(tmp_path, source))
-    robot, true = scenario.estimated, scenario.true
-    assert np.isclose(
-        np.linalg.norm(true.position(robot.q0) - robot.position(robot.q0)),
-        0.05 * robot.reach,
-        rtol=0.02,
-    )
-
-
-def test_q0_and_the_circle_are_those_of_the_library(tmp_path):
-    file = written(tmp_path, "ur5")
-    tables, robot = read_toml(file), pa.load("ur5")
-    assert np.allclose(tables["robot"]["q0"], robot.home_angles, atol=1e-4)
-    circle = pa.reachable_circle(robot.at(tables["robot"]["q0"]))
-    reference = tables["reference"]
-    assert (reference["radius"], reference["period"], reference["plane"]) == (
-        circle.radius,
-        circle.period,
-        circle.plane,
-    )
-    assert np.isclose(reference["phase"], circle.phase, atol=2e-5)
-
-
 def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     """A lag and rates of the user's own take the place of those that change after the start."""
     file = written(tmp_path, "solo8_fl_leg")
@@ -100,59 +73,6 @@ def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
     assert f"\n# gamma_d = {three_digits(bodies.gamma)} " in text
     gains = ", ".join(f"{gain:.3g}" for gain in np.diag(law.K_v))
     assert f"\n# Kv = [{gains}] " in text and f"\n# lag = {law.lag:g} " in text
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [["ur10"], ["kinova", "--task", "pose"]],
-    ids=lambda words: words[0],
-)
-def test_an_arm_with_a_light_wrist_holds_an_unmodelled_load(arguments, tmp_path):
-    file = written(tmp_path, *arguments)
-    tables = read_toml(file)
-    assert tables["controller"]["law"] == "separation" and "belief" not in tables
-    beside = f"truth.payload.com={(0.6 * np.roll(tables['truth']['tool_translation'], 1)).tolist()}"
-    for mass in (1e-3, tables["truth"]["payload"]["mass"]):
-        rollout = Scenario.read(
-            file, ["simulation.duration=1.6", FOUR_MS, f"truth.payload.mass={mass}", beside]
-        ).run()
-        assert rollout.diverged is None
-        assert rollout.distance[-100:].max() < 0.02 * tables["reference"]["radius"]
-
-
-def test_the_given_frame_and_task_are_used(tmp_path):
-    robot = read_toml(written(tmp_path, ARM4, "--frame", "link4", "--task", "xy"))["robot"]
-    assert (robot["frame"], robot["task"], len(robot["q0"])) == ("link4", "xy", 4)
-
-
-def test_a_relative_urdf_is_found_from_the_files_folder(tmp_path, monkeypatch):
-    (tmp_path / "arms").mkdir()
-    (tmp_path / "arms" / "arm4.urdf").write_text(ARM4.read_text())
-    monkeypatch.chdir(tmp_path)
-    assert main(["init", "arms/arm4.urdf", "--out", "scenarios/mine.toml"]) == 0
-    assert read_toml(Path("scenarios/mine.toml"))["robot"]["source"] == "../arms/arm4.urdf"
-    assert Scenario.read("scenarios/mine.toml").estimated.frame == "tip"
-    assert main(["init", "arms/arm4.urdf"]) == 0
-    assert Path("arm4.toml").is_file()
-
-
-def floating(folder):
-    """Write arm4 on a floating base and return its path."""
-    joint = '<joint name="free" type="floating"><parent link="world"/><child link="base"/></joint>'
-    path = folder / "floating.urdf"
-    path.write_text(
-        ARM4.read_text().replace(
-            '<link name="base"/>', f'<link name="world"/><link name="base"/>{joint}'
-        )
-    )
-    return path
-
-
-def test_a_floating_base_is_fixed_and_reported(tmp_path):
-    file = written(tmp_path, floating(tmp_path))
-    assert read_toml(file)["robot"]["weld_root"] is True
-    assert "The base floats" in file.read_text()
-    assert Scenario.read(file).estimated.model.nv == 4
 
 
 def test_an_existing_file_is_kept_unless_forced(tmp_path, capsys):
@@ -209,29 +129,6 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
     assert not list(tmp_path.glob("*.toml"))
 
 
-@pytest.mark.parametrize(
-    ("origin", "first"),
-    [
-        ("panda", "panda_hand_tcp"),
-        ("tiago_pro", "gripper_left_base_link"),
-        ("g1_with_hands", "left_hand_palm_link"),
-        ("talos", "left_sole_link"),
-    ],
-)
-def test_the_most_likely_end_frame_comes_first(origin, first):
-    path = example_path(origin)
-    urdf = Urdf.read(path)
-    ends = end_links(urdf.model(), urdf.mimics())
-    assert ends[0] == first
-
-
-def test_links_behind_mimic_joints_are_not_end_frames():
-    path = example_path("tiago_pro")
-    urdf = Urdf.read(path)
-    assert "gripper_left_fingertip_left_link" in end_links(urdf.model())
-    assert "gripper_left_fingertip_left_link" not in end_links(urdf.model(), urdf.mimics())
-
-
 @pytest.mark.parametrize("law", [name for name, law in pa.laws.LAWS.items() if law.set_point])
 def test_a_set_point_law_gets_a_reachable_set_point(tmp_path, law):
     file = written(tmp_path, "scara", "--law", law)
@@ -261,49 +158,3 @@ def test_a_joint_task_gets_sines_of_its_joints(tmp_path, arguments, law):
     fixed = Scenario.read(file, [*short, "controller.adaptation='none'"]).run()
     assert rollout.diverged is None and not rollout.limits.exceeded
     assert rollout.distance[-250:].max() < 0.4 * fixed.distance[-250:].max()
-
-
-def test_a_set_point_law_of_a_joint_task_gets_a_pose_to_reach(tmp_path):
-    file = written(tmp_path, ARM4, "--task", "joint", "--law", "bounded-torque")
-    scenario = Scenario.read(file, ["simulation.duration=4.5", TWO_MS])
-    assert scenario.trajectory.settles is not None and scenario.findings() == []
-    rollout = scenario.run()
-    assert rollout.diverged is None and rollout.distance[-100:].max() < 0.02 * rollout.extent
-
-
-TELESCOPE = """<robot name="telescope"><link name="base"/>{links}
-<joint name="lift" type="prismatic"><parent link="base"/><child link="mast"/><axis xyz="0 0 1"/>
-<limit lower="0" upper="1.1" effort="100" velocity="1"/></joint>
-<joint name="arm" type="prismatic"><parent link="mast"/><child link="boom"/><axis xyz="0 -1 0"/>
-<limit lower="0" upper="0.5" effort="100" velocity="1"/></joint>
-<joint name="wrist" type="revolute"><parent link="boom"/><child link="hand"/>
-<origin xyz="0 -0.2 0"/><axis xyz="0 0 -1"/>
-<limit lower="-1.8" upper="3" effort="100" velocity="1"/></joint>
-<joint name="fixed" type="fixed"><parent link="hand"/><child link="tip"/>
-<origin xyz="0 -0.08 0"/></joint><link name="tip"/></robot>"""
-LINK = """<link name="{}"><inertial><mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01"
- iyz="0" izz="0.01"/></inertial></link>"""
-
-
-def test_a_chain_without_a_circle_in_space_gets_the_best_plane(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(
-        "pinadapt.robot.workspace._SIZES", 4
-    )  # of circles: at these sizes none is possible in space
-    links = "".join(LINK.format(name) for name in ("mast", "boom", "hand"))
-    arm = tmp_path / "telescope.urdf"
-    arm.write_text(TELESCOPE.format(links=links))
-    file = written(tmp_path, arm)
-    assert "the task is the plane yz" in capsys.readouterr().out
-    tables = read_toml(file)
-    assert (tables["robot"]["task"], tables["reference"]["plane"]) == ("yz", "yz")
-    assert "can follow no circle in space" in " ".join(file.read_text().split("\n# "))
-    assert main(["init", str(arm), "--task", "xyz", "--out", str(tmp_path / "other.toml")]) == 2
-    assert 'take a plane as the task, such as "yz"' in capsys.readouterr().err
-
-
-def test_the_true_robot_has_friction_that_the_controller_learns(tmp_path):
-    scenario = Scenario.read(written(tmp_path, ARM4))
-    true, model = scenario.true.friction, scenario.estimated.friction
-    assert (true.viscous > 0.0).all() and (true.coulomb > 0.0).all() and not model.present
-    names = scenario.controller.dynamics.names
-    assert all(any(kind in name for name in names) for kind in ("viscous", "coulomb"))

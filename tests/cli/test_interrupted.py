@@ -1,18 +1,14 @@
 """Interrupts by Ctrl-C or signals: results are kept, the status is 130."""
 
 import json
-import os
-import pickle
 import signal
 import sys
-import threading
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.command_line import main, stopped_by_signals
+from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.simulation.simulate import record
 from tests.support.loops import circle_at_home
@@ -96,26 +92,6 @@ def test_a_signal_ends_a_run_with_its_outputs_and_130(number, tmp_path, monkeypa
     assert (tmp_path / "animation.html").is_file() and (tmp_path / "learned.json").is_file()
 
 
-def test_an_interrupt_while_outputs_are_written_keeps_the_rollout(tmp_path, monkeypatch, capsys):
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("pinadapt.plots.figures.draw_all", stop)
-    assert main(["run", PLANAR, "--out", str(tmp_path), *SETTINGS]) == 130
-    out, err = capsys.readouterr()
-    assert "error, last 10 %" in out and "interrupted" in err
-    assert {path.name for path in tmp_path.iterdir()} == {"rollout.npz", "summary.json"}
-
-
-def test_records_are_saved_before_they_are_evaluated(tmp_path, monkeypatch):
-    def stop(_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("pinadapt.rollout.recording.Evaluation.storage", lambda *_: stop(_))
-    assert main(["run", PLANAR, "--out", str(tmp_path), *SETTINGS]) == 130
-    assert np.load(tmp_path / "rollout.npz")["q"].shape == (100, 2)
-
-
 @pytest.mark.usefixtures("blank_pictures")
 def test_an_interrupted_comparison_keeps_the_laws_that_ran(tmp_path, monkeypatch, capsys):
     laws = ["resolved-acceleration", "adaptive-jacobian", "adaptive-inverse-dynamics"]
@@ -129,56 +105,3 @@ def test_an_interrupted_comparison_keeps_the_laws_that_ran(tmp_path, monkeypatch
     assert [row["steps"] for row in table] == [100, 50]
     kept = {path.parent.name for path in tmp_path.glob("*/*")}  # nothing of the one before
     assert kept == set(laws[:2])
-
-
-@pytest.mark.usefixtures("blank_pictures")
-def test_a_failed_comparison_keeps_the_previous_one(tmp_path, monkeypatch):
-    arguments = ["compare", PLANAR, "--out", str(tmp_path), "--set", "simulation.duration=0.1"]
-    assert main([*arguments, "--laws", "adaptive-jacobian"]) == 0
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-
-    def fail(_):
-        raise OSError("no space left")
-
-    monkeypatch.setattr("pinadapt.cli.compare.overlay_figure", fail)
-    assert main([*arguments, "--laws", "resolved-acceleration,adaptive-jacobian"]) != 0
-    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-
-
-def test_an_interrupt_can_be_sent_to_another_process():
-    run = SimpleNamespace(interrupted=0.01)
-    stop = pickle.loads(pickle.dumps(pa.Interrupted(run)))
-    assert str(stop) == "interrupted at 0.010 s" and stop.rollout == run
-
-
-@pytest.mark.usefixtures("blank_pictures")
-def test_an_interrupted_demo_keeps_what_ran(tmp_path, monkeypatch, capsys):
-    stop_run(monkeypatch, 1)
-    assert main(["demo", "--out", str(tmp_path)]) == 130
-    assert "interrupted at 0.049 s" in capsys.readouterr().out
-    assert {path.parent.name for path in tmp_path.glob("*/*")} == {"planar_known"}
-
-
-@pytest.mark.usefixtures("blank_pictures")
-def test_an_interrupt_stops_the_adapted_and_the_unadapted_run(tmp_path, monkeypatch):
-    stop_run(monkeypatch, 1)
-    arguments = ["run", PLANAR, "--unadapted", "--no-html", "--out", str(tmp_path), *SETTINGS]
-    assert main(arguments) == 130
-    assert json.loads((tmp_path / "summary.json").read_text())["adaptation"] == "none"
-
-
-def test_an_interrupt_before_anything_ran_is_130_too(tmp_path, monkeypatch, capsys):
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("pinadapt.scenario.scenario.make_controller", stop)
-    assert main(["run", PLANAR, "--out", str(tmp_path / "out"), *SETTINGS]) == 130
-    assert capsys.readouterr().err == "pinadapt: interrupted.\n" and not list(tmp_path.iterdir())
-
-
-def test_signal_handlers_are_restored():
-    before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(KeyboardInterrupt), stopped_by_signals():
-        os.kill(os.getpid(), signal.SIGTERM)
-        threading.Event().wait(5.0)
-    assert signal.getsignal(signal.SIGTERM) == before

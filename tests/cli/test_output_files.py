@@ -1,7 +1,6 @@
 """Output files: complete and of one run, however writing ends; refused before the run."""
 
 import errno
-import io
 import json
 import os
 import signal
@@ -12,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinadapt._output import UNFINISHED, check_writable, one_run, whole_file, write_text
+from pinadapt._output import UNFINISHED, one_run, write_text
 from pinadapt.cli.command_line import main
 from pinadapt.cli.run import RUN_FILES
 from pinadapt.description.catalogue import robots_folder
-from pinadapt.exceptions import InputError
 from pinadapt.simulation.simulate import record
 from tests.support.loops import run
 
@@ -129,32 +127,6 @@ def test_a_killed_run_leaves_the_files_of_the_previous_one(tmp_path, monkeypatch
     }
 
 
-def test_an_animation_of_another_run_does_not_stay(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    assert main(command(tmp_path)) == 0
-    assert (tmp_path / "animation.html").stat().st_size > 1e5
-    assert main(command(tmp_path, "--no-html")) == 0
-    assert shown(tmp_path) == {*PLOTS, *LUMPED, "rollout.npz", "summary.json", "notes.txt"}
-
-
-def test_a_failed_file_leaves_the_previous_one(tmp_path):
-    write_text(tmp_path / "a", "old")
-    with pytest.raises(OSError), whole_file(tmp_path / "a") as file:
-        file.write(b"ne")
-        raise OSError(errno.ENOSPC, "No space left on device")
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
-
-
-def test_files_left_by_killed_processes_are_removed_later(tmp_path):
-    for age in (0.0, 1e4):
-        left = tmp_path / f"{UNFINISHED}{age:g}"
-        left.mkdir()
-        os.utime(left, (left.stat().st_atime, left.stat().st_mtime - age))
-    with one_run(tmp_path, ["a"]) as beside:
-        write_text(beside / "a", "a")
-    assert {path.name for path in tmp_path.iterdir()} == {"a", f"{UNFINISHED}0"}
-
-
 # --- a place that cannot be written ---
 
 
@@ -182,20 +154,6 @@ def test_an_out_that_cannot_be_written_is_refused_before_anything_runs(
     assert main([*arguments, "--out", str(place)]) == 2
     error = capsys.readouterr().err
     assert str(place) in error and "--out" in error and "Traceback" not in error
-
-
-def test_init_refuses_a_place_that_cannot_be_written(tmp_path, capsys):
-    (tmp_path / "file").write_text("in the way")
-    assert main(["init", "planar_2r", "--out", str(tmp_path / "file" / "a.toml")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
-
-
-def test_checking_a_folder_leaves_no_files(tmp_path):
-    check_writable(tmp_path / "new")
-    assert not list(tmp_path.iterdir())
-    (tmp_path / "summary.json").mkdir()
-    with pytest.raises(InputError, match="is a folder"):
-        check_writable(tmp_path, RUN_FILES)
 
 
 # --- a full disk ---
@@ -230,28 +188,4 @@ def test_a_full_disk_keeps_complete_files(full, kept, tmp_path, capsys, monkeypa
     assert "Traceback" not in err and shown(tmp_path) == kept
 
 
-def test_a_full_disk_sends_the_rollout_elsewhere(tmp_path, capsys, monkeypatch):
-    place, elsewhere = tmp_path / "out", tmp_path / "tmp"
-    elsewhere.mkdir()
-    monkeypatch.setattr("tempfile.tempdir", str(elsewhere))
-    assert main(command(place, "--no-html", steps=10)) == 0
-    with monkeypatch.context() as patch:
-        full_disk(patch, [str(place)])
-        assert main(command(place, "--no-html")) == 2
-    saved = Path(capsys.readouterr().err.split("The rollout is in ")[1].strip().rstrip("."))
-    assert saved.parent == elsewhere and len(np.load(saved / "rollout.npz")["t"]) == 20
-    assert json.loads((place / "summary.json").read_text())["steps"] == 10  # whole, as it was
-
-
 # --- signs ---
-
-
-def test_an_ascii_pipe_gets_printable_text_and_no_progress_bar(tmp_path, monkeypatch):
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict") for _ in "oe")
-    monkeypatch.setattr("sys.stdout", out)
-    monkeypatch.setattr("sys.stderr", err)
-    assert main(command(tmp_path / "ö", "--no-html", title="Größe机")) == 0
-    monkeypatch.undo()
-    written, told = ((stream.seek(0), stream.read())[1] for stream in (out, err))
-    assert told == "" and written.splitlines()[0] == "Gr??e?"
-    assert not any(sign in written for sign in ("\r", "it/s", "%|"))

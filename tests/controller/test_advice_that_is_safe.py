@@ -42,47 +42,6 @@ def test_the_safe_torque_needs_no_measurement_at_all(moving):
             loop.controller.safe(state, damping=wrong)
 
 
-@pytest.mark.parametrize(
-    "fault", ["v not a number", "q of a joint not a number", "q not a number", "x not given"]
-)
-def test_any_part_of_q_and_v_suffices_to_rest_the_arm(moving, fault):
-    loop = moving[0][False].lying(fault)
-    start, drift = loop.plant.measure().q, 0.0
-    for truth in loop.rest(0.8):
-        drift = max(drift, _apart(loop.true.model, start, truth.q))
-        assert not loop.state.unseen.any()
-    assert drift < 1.0 and np.abs(truth.v).max() < 0.01
-
-
-@pytest.mark.parametrize(
-    ("lost", "said"),
-    [("nothing comes", [True] * 6), ("a joint", [True] + [False] * 5)],
-)
-def test_unmeasured_joints_need_brakes_after_15_ms(moving, lost, said):
-    """The joint is no longer reported once it is measured again."""
-    loop = moving[0][False]
-    first, state, after = loop.sample, loop.state, []
-    blind = np.where(said, math.nan, 1.0)
-    for k in range(1, 12):
-        seen = first._replace(t=state.t + DT, q=first.q + k * DT * first.v)
-        sample = seen._replace(q=seen.q * blind, v=seen.v * blind)
-        _, state = loop.controller.safe(state, None if lost == "nothing comes" else sample)
-        after.append(state.unseen)
-    assert [each.any() for each in after] == 8 * [False] + 3 * [True]
-    assert after[-1].tolist() == said
-    seen = seen._replace(t=state.t + DT, q=seen.q + DT * first.v)
-    assert not loop.controller.safe(state, seen)[1].unseen.any()
-
-
-def test_without_guards_no_joint_is_reported_as_unseen():
-    robot = pa.load("planar_2r")
-    controller = pa.make_controller(robot, adaptation="natural", limits=pa.Limits(guards=False))
-    state = controller.init(pa.plants.PinocchioPlant(robot).measure())
-    for _ in range(30):
-        _, state = controller.safe(state)
-    assert not state.unseen.any() and state.unseen.size == 2
-
-
 @pytest.mark.parametrize(("lost", "rests"), [("x", True), ("v", True), ("qv", False)])
 def test_a_run_brings_an_arm_to_rest_or_leaves_it_to_its_own_stop(lost, rests):
     robot = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from tests.house.test_exceptions import example, kinds, same
 from tests.support.chains import catalogue_robot
 from tests.support.loops import motion_at_home, with_tool_and_load
 from tests.support.paper import BASIS, CIRCLE, LMI
-from tests.support.replays import compiled, fails, raised, record, replay
+from tests.support.replays import fails, record, replay
 from tests.support.snapshots import snapshot, unchanged
 
 
@@ -69,12 +68,6 @@ def pool():
         yield pool
 
 
-def test_a_new_process_has_machine_code_once_a_controller_is_made(pool):
-    """Kernels wait, without numba, until then."""
-    (waiting, numba), after = pool.submit(compiled, catalogue_robot("planar_2r")).result(100)
-    assert waiting and not numba and after == (0, True)
-
-
 def pickled(thing):
     return pickle.loads(pickle.dumps(thing))
 
@@ -108,17 +101,6 @@ def test_another_process_gives_the_same_torques(loop, pool):
     again, end = pool.submit(replay, controller, samples).result(timeout=100)
     assert again.tobytes() == torques.tobytes()
     assert unchanged(end, snapshot(state))
-
-
-@COPIES
-def test_a_copied_state_continues_like_the_original(loop, copied):
-    controller, samples, _, state = loop
-    assert unchanged(copied(state), snapshot(state))
-    (torque, after), (again, after_again) = (
-        controller.step(each, *samples[-1], 1e-3) for each in (state, copied(state))
-    )
-    assert again.tobytes() == torque.tobytes()
-    assert unchanged(after_again, snapshot(after))
 
 
 @pytest.mark.parametrize(
@@ -178,34 +160,3 @@ def test_a_second_thread_gets_an_error_never_a_wrong_torque(monkeypatch):
 
     monkeypatch.setattr(controller, "law", SimpleNamespace(command_unchecked=command))
     assert np.array_equal(torque(0), alone) and len(refused) == 5
-
-
-def test_an_estimator_belongs_to_one_thread_like_its_controller():
-    robot = catalogue_robot("planar_2r")
-    estimator = pa.make_estimator(robot)
-    sample = pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.zeros(2))
-    state = estimator.init(sample._replace(tau=np.zeros(2)))
-    later = sample._replace(t=1e-3, tau=np.zeros(2))
-    for use in (estimator.init, lambda sample: estimator.step(state, sample)):
-        with estimator.controller.reserved(), pytest.raises(pa.InputError, match="another thread"):
-            use(later)
-        use(later)
-
-
-def test_a_refused_sample_does_not_block_the_controller():
-    ur5 = catalogue_robot("ur5")
-    controller = pa.make_controller(ur5, adaptation="natural")
-    sample = pa.plants.PinocchioPlant(ur5).measurement(ur5.q0, np.zeros(6))
-    state, still = controller.init(sample), np.zeros(3)
-    desired = pa.Desired(sample.x, still, still)
-    with pytest.raises(pa.MeasurementError):
-        controller.step(state, sample._replace(q=np.full(6, np.nan)), desired, 1e-3)
-    with pytest.raises(pa.PinadaptError):
-        controller.init(None)
-    controller.step(state, sample, desired, 1e-3)
-
-
-@pytest.mark.slow
-def test_every_error_can_be_pickled(pool):
-    for kind in kinds():
-        assert same(pool.submit(raised, example(kind)).exception(timeout=60), example(kind))

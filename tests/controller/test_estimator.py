@@ -1,7 +1,5 @@
 """An estimator beside any controller learns what a controller would, never from nonsense."""
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -101,22 +99,6 @@ def test_torques_with_loads_and_wrong_inertias_are_accepted():
         assert states[100].filters and states[-1].filters == ()
 
 
-def test_the_estimator_uses_the_filtered_regressor():
-    measurements = samples("ur5", duration=1.0)
-    estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
-    states = learned(estimator, measurements)
-    controller = estimator.controller
-    regressor = pa.filters.FilteredRegressor(
-        controller.dynamics, controller.adaptation_d.torque_bandwidth
-    )
-    t, q, v = (np.array([m[i] for m in measurements]) for i in range(3))
-    held = np.array([m.tau for m in measurements[1:]] + [measurements[-1].tau])
-    W, y = regressor.along(t, q, v, held)
-    for k in (1, 7, -1):
-        assert np.allclose(states[k].torque_filter.W, W[k], atol=1e-9)
-        assert np.allclose(states[k].torque_filter.y, y[k], atol=1e-9)
-
-
 def test_steps_are_pure():
     measurements = samples("ur5", duration=1.0)
     estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
@@ -124,34 +106,6 @@ def test_steps_are_pure():
     again = estimator.step(states[99], measurements[100])
     assert np.array_equal(again.a_d, states[100].a_d)
     assert np.array_equal(again.a_k, states[100].a_k)
-
-
-def unbelievable(measurement):
-    """Return samples that no controller would take, by what is wrong with them."""
-    q, v, tau = (part.copy() for part in (measurement.q, measurement.v, measurement.tau))
-    q[1], v[2], tau[3] = np.nan, np.inf, np.nan
-    return {
-        "q": measurement._replace(q=q),
-        "v": measurement._replace(v=v),
-        "tau": measurement._replace(tau=tau),
-        "x": measurement._replace(x=np.full(3, np.nan)),
-        "back": measurement._replace(t=measurement.t - 1.0),
-        "no tau": measurement._replace(tau=None),
-        "short": measurement._replace(v=v[:2]),
-    }
-
-
-def test_an_implausible_sample_changes_nothing():
-    measurements = samples("ur5", duration=1.5)
-    estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
-    states = learned(estimator, measurements[:150])
-    before = states[-1].flat().copy()
-    for words, sample in unbelievable(measurements[150]).items():
-        with pytest.raises(pa.MeasurementError):
-            estimator.step(states[-1], sample)
-        assert np.array_equal(states[-1].flat(), before), words
-    after = estimator.step(states[-1], measurements[153])  # as if they had been dropped
-    assert np.isfinite(after.flat()).all() and not np.array_equal(after.a_d, states[-1].a_d)
 
 
 def test_a_pause_resets_filters_and_keeps_estimates():
@@ -162,43 +116,3 @@ def test_a_pause_resets_filters_and_keeps_estimates():
     assert np.array_equal(after.a_d, before.a_d) and np.array_equal(after.a_k, before.a_k)
     assert not after.torque_filter.W.any() and not after.torque_filter.y.any()
     assert not np.array_equal(estimator.step(after, measurements[251]).a_d, before.a_d)
-
-
-def test_nothing_is_learned_from_an_arm_at_rest():
-    robot = catalogue_robot("ur5")
-    estimator = pa.make_estimator(robot, dt=4e-3)
-    still, push = np.zeros(6), np.full(6, 5.0)
-    x = robot.position(robot.q0)
-    rest = [pa.Measurement(4e-3 * k, robot.q0, still, x, tau=push) for k in range(50)]
-    states = learned(estimator, rest)
-    assert np.array_equal(states[-1].a_d, states[0].a_d)
-
-
-def test_the_frame_may_be_seen_late_or_never():
-    measurements = [m._replace(x=None) for m in samples("ur5", duration=1.5)]
-    estimator = pa.make_estimator(catalogue_robot("ur5"), dt=4e-3)
-    unseen = learned(estimator, measurements)
-    assert np.array_equal(unseen[-1].a_k, unseen[0].a_k)
-    late = measurements[:200] + samples("ur5", duration=1.5)[200:]
-    seen = learned(estimator, late)
-    assert np.array_equal(seen[199].a_k, seen[0].a_k)
-    assert np.allclose(seen[-1].a_d, unseen[-1].a_d) and not np.allclose(seen[-1].a_k, seen[0].a_k)
-
-
-def test_parts_that_never_adapt_are_refused():
-    robot = catalogue_robot("ur5")
-    with pytest.raises(pa.GainError, match="learns from tracking errors alone"):
-        pa.make_estimator(robot, adaptation="natural")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        law = pa.make_controller(robot, law="adaptive-jacobian", adaptation="natural-composite")
-    with pytest.raises(pa.GainError, match="separation"):
-        pa.Estimator(law)
-
-
-def test_joints_alone_are_estimated_with_a_memory():
-    joints = pa.Unknown(tool=False, bodies="none", friction="viscous", armature=False)
-    robot, measurements = catalogue_robot("ur5"), samples("ur5", duration=1.0)
-    estimator = pa.make_estimator(robot, unknown=joints, dt=4e-3)
-    state = learned(estimator, measurements)[-1]
-    assert state.a_d.shape == (6,) and np.isfinite(state.a_d).all()

@@ -1,14 +1,10 @@
 """The governor: the rate of the path's time, its factors, and what it does to a loop."""
 
-import copy
-import pickle
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.controller.governor import PathTime, explained_age
+from pinadapt.controller.governor import PathTime
 from pinadapt.models.right_inverse import RightInverse
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_at_home, with_tool_and_load
@@ -69,13 +65,6 @@ def test_a_step_is_exact_for_any_period(governor):
             )
 
 
-def test_at_full_rate_the_path_time_is_time(governor):
-    path = PathTime()
-    for _ in range(1000):
-        path = governor[0].step(path, 1.0, "", 1e-3)
-    assert path == PathTime() and path.at(3.0) == 3.0
-
-
 def test_it_slows_down_quickly_and_recovers_slowly(governor):
     found = governor[0]
     down = found.step(PathTime(), 0.0, "effort", 0.3)
@@ -107,41 +96,6 @@ def test_velocity_and_acceleration_are_derivatives_along_the_slowed_path(governo
 # --- its factors ---
 
 
-def test_each_factor_has_a_name(governor):
-    robot = catalogue_robot("panda")
-    one, still = np.eye(7), np.zeros(3)
-    assert target(governor) == (1.0, "")
-    e = 0.05 * robot.reach  # the stop error
-    assert target(governor, dx=np.array([0.29 * e, 0.0, 0.0])) == (1.0, "")
-    rate, cause = target(governor, dx=np.array([0.0, 0.65 * e, 0.0]))
-    assert cause == "error" and rate == pytest.approx(1.0 - 0.8 * 0.5)
-    assert target(governor, dx=np.array([0.0, 0.0, 1.5 * e])) == (0.2, "error")
-    assert target(governor, dx=np.array([6.5 * e, 0.0, 0.0])) == (0.0, "error")
-    rate, cause = target(governor, torque=-47.5 * one[3])
-    assert cause == "effort of panda_joint4" and rate == pytest.approx(0.5)
-    assert target(governor, torque=50.0 * one[3])[0] == 0.0
-    fast = 2.0 * robot.model.velocityLimit[2] * one[2, :3]
-    rate, cause = target(governor, desired=(fast, still))
-    assert cause == "joint speed of panda_joint3" and rate == pytest.approx(0.425**3)
-    slowed = target(governor, desired=(0.25 * fast, still), path=PathTime(0.0, 0.25))
-    assert slowed == (pytest.approx(0.425), cause)  # of the path at full rate
-    slowing = target(
-        governor, desired=(0.25 * fast, -2.0 * fast), path=PathTime(0.0, 0.25, -2.0, "error")
-    )
-    assert slowing == slowed  # whatever the rate does
-    soon = target(governor, desired=(still, 10.0 * fast))  # and a tenth of a second ahead
-    assert soon == (pytest.approx(rate), cause)
-    near = robot.q0.copy()
-    near[1] = robot.model.upperPositionLimit[1] - 0.15
-    rate, cause = target(governor, q=near, desired=(one[1, :3], still))
-    assert cause == "joint stop of panda_joint2" and rate == pytest.approx(0.5)
-    assert target(governor, q=near, desired=(-one[1, :3], still)) == (1.0, "")
-    assert target(governor, age=0.09) == (1.0, "")
-    rate, cause = target(governor, age=0.06 + 1 / 30 + 0.05 + 0.125)
-    assert cause == "frames" and rate == pytest.approx(0.5)
-    assert target(governor, age=0.5)[0] == 0.0
-
-
 def test_laws_without_speed_bounds_stop_before_a_singularity():
     """By the distance of J_hat from a singularity, of home's; joint and set-point laws never."""
     robot, near = catalogue_robot("ur5"), {}
@@ -162,13 +116,6 @@ def test_laws_without_speed_bounds_stop_before_a_singularity():
         assert cause == ("" if expected == 1.0 else "singularity")
 
 
-def test_lost_frames_are_explained_by_the_camera_that_loses_them():
-    assert explained_age(pa.Sensors()) == 0.0
-    assert explained_age(pa.Sensors(camera=pa.Camera(rate=20.0))) == pytest.approx(0.05)
-    often = explained_age(pa.Sensors(camera=pa.Camera(rate=20.0, delay=0.1, dropout=0.1)))
-    assert often == pytest.approx(0.1 + 7 / 20)
-
-
 def test_errors_of_rotations_and_of_joints_are_angles():
     robot = catalogue_robot("panda", task="pose")
     found = pa.Governor().of(robot, robot.task, pa.Sensors(), None)
@@ -182,41 +129,6 @@ def test_errors_of_rotations_and_of_joints_are_angles():
     rest = robot.q0.copy(), still, inverse, np.zeros(7), 0.0
     assert found.target(PathTime(), np.full(7, 0.08), *rest) == (1.0, "")
     assert found.target(PathTime(), np.full(7, 0.31), *rest) == (0.2, "error")
-
-
-def test_continuous_joints_have_no_stop():
-    robot = catalogue_robot("kinova")
-    found = pa.Governor().of(robot, robot.task, pa.Sensors(), None)
-    fast, inverse = (np.full(3, 0.5), np.zeros(3)), RightInverse(np.eye(3, 6))
-    rest = robot.q0, fast, inverse, np.zeros(6), 0.0
-    assert found.target(PathTime(), np.zeros(3), *rest) == (1.0, "")
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"slow": 1.0},
-        {"hold": 1.0},
-        {"singular": 0.8},
-        {"creep": 0.0},
-        {"quick": -1.0},
-        {"effort": "high"},
-    ],
-)
-def test_invalid_settings_of_a_governor_are_refused(wrong):
-    with pytest.raises(pa.GainError, match=f"governor.{next(iter(wrong))}"):
-        pa.Governor(**wrong)
-
-
-def test_limits_take_a_governor_or_a_flag():
-    with pytest.raises(pa.InputError, match="governor"):
-        pa.Limits(governor="yes")
-    robot = catalogue_robot("planar_2r")
-    assert pa.make_controller(robot, adaptation="natural").limits.governor is None
-    given = pa.make_controller(
-        robot, adaptation="natural", limits=pa.Limits(governor=pa.Governor(creep=0.3))
-    )
-    assert given.limits.governor.settings.creep == 0.3
 
 
 # --- the state ---
@@ -239,23 +151,6 @@ def test_a_run_that_goes_well_is_the_same_to_the_bit():
     assert "slowed" not in with_one.verdict and with_one.summary()["slowed"] == []
 
 
-def test_the_state_can_be_copied_and_flattened():
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, adaptation="natural", limits=GOVERNED)
-    state = controller.init(pa.plants.PinocchioPlant(robot).measure())
-    slowed = state._replace(path=PathTime(0.2, 0.5, -1.0, "frames"))
-    flat = slowed.flat()
-    assert flat[-3:].tolist() == [0.2, 0.5, -1.0]
-    assert slowed.with_flat(flat).path == slowed.path
-    for copied in (copy.deepcopy(slowed), pickle.loads(pickle.dumps(slowed))):
-        assert copied.path == slowed.path
-    motion = circle_at_home(robot)
-    desired = controller.desired(slowed, motion, 1.0)
-    assert np.array_equal(desired.x_d, motion.at(0.8).x_d)
-    plain = slowed._replace(path=None)
-    assert np.array_equal(controller.desired(plain, motion, 1.0).xd_d, motion.at(1.0).xd_d)
-
-
 def test_sampled_and_continuous_loops_slow_down_equally():
     """With a governor that takes the first errors for large ones.
 
@@ -268,13 +163,3 @@ def test_sampled_and_continuous_loops_slow_down_equally():
     assert late[0] > 0.02
     assert late[1] == pytest.approx(late[0], rel=0.05)
     assert whole.slowed[0].cause == sampled.slowed[0].cause == "error"
-
-
-def test_other_torque_limits_are_those_of_the_governor_too():
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, adaptation="natural", limits=GOVERNED).limited(
-        np.full(6, 3.0)
-    )
-    assert (controller.limits.governor.torque == 3.0).all()
-    assert np.isinf(controller.limited(None).limits.governor.torque).all()
-    assert replace(controller.limits).governor is controller.limits.governor

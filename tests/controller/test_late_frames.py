@@ -2,7 +2,6 @@
 
 import copy
 import math
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.models.delay_compensation import DelayCompensator
 from tests.support.chains import catalogue_robot
-from tests.support.loops import circle_at_home, with_tool_and_load
+from tests.support.loops import with_tool_and_load
 from tests.support.snapshots import snapshot, unchanged
 
 pytestmark = pytest.mark.slow
@@ -171,13 +170,6 @@ def test_repeated_and_older_frames_change_nothing(panda):
     assert unchanged(end, snapshot(state))
 
 
-def test_each_new_frame_is_used(panda):
-    torques, _ = panda.torques({10: 6 * DT}, 40)
-    others, _ = panda.torques({10: 6 * DT, 25: 20 * DT}, 40)
-    assert np.array_equal(torques[:25], others[:25])
-    assert not np.array_equal(torques[25], others[25])
-
-
 def test_frames_from_the_future_are_refused(panda):
     _, state = panda.torques({10: 6 * DT}, 20)
     before = snapshot(state)
@@ -201,52 +193,7 @@ def test_samples_too_long_without_frames_are_refused_until_one_arrives(panda):
     assert after.sensed.frame.t == pytest.approx(last * DT)
 
 
-def test_history_stays_bounded(panda):
-    """By the age of the last frame: its delay and the time to the next one."""
-    frames = {k: (k - 60) * DT for k in range(60, 1500, 33)}
-    state, lengths = panda.start(), []
-    for k in range(1500):
-        sample = panda.sample(k, frames.get(k))
-        _, state = panda.controller.step(state, sample, panda.desired, DT)
-        lengths.append(len(state.sensed.history))
-    assert max(lengths[150:]) == 60 + 33 and min(lengths[150:]) == 60 + 1
-
-
-def test_only_the_first_sample_must_have_a_frame(panda):
-    with pytest.raises(pa.MeasurementError, match="'x' is missing, and the first sample"):
-        panda.controller.init(panda.sample(0))
-
-
 # --- controllers and states ---
-
-
-def test_controllers_without_a_declared_camera_accept_late_frames(panda):
-    told = copy.copy(panda)
-    told.controller = pa.make_controller(
-        panda.robot, sensors=pa.Sensors(camera=CAMERA), **panda.options
-    )
-    torques, _ = panda.torques(FRAMES, 130)
-    assert told.torques(FRAMES, 130)[0].tobytes() == torques.tobytes()
-
-
-@pytest.mark.parametrize("name", ["panda", "pose"])
-@pytest.mark.parametrize("smoothing", [None, {"x": 1e-3}])
-def test_a_state_can_be_copied_between_two_frames(name, smoothing):
-    stream = STREAMS[name](sensors=pa.Sensors(noise=smoothing))
-    torques, _ = stream.torques(FRAMES, 60)
-    _, state = stream.torques(FRAMES, 35)
-    assert state.sensed.frame is not None
-    for copied in (copy.deepcopy(state), pickle.loads(pickle.dumps(state))):
-        rest, _ = stream.torques(FRAMES, 25, copied, 35)
-        assert rest.tobytes() == torques[35:].tobytes()
-
-
-def test_without_compensation_frames_are_used_as_current(panda):
-    held = STREAMS["panda"](sensors=pa.Sensors(compensate_delay=False))
-    for k, s in held.signals({5: 0.0, 30: 25 * DT}, count=60):
-        x = held.x(25 * DT if k >= 30 else 0.0)
-        assert np.array_equal(s.x, x)
-        assert np.abs(s.epsilon - (held.controller.kinematics.x_hat - x)).max() <= 1e-15
 
 
 # --- noise of the frames ---
@@ -324,28 +271,3 @@ def test_every_task_space_law_tolerates_a_slow_and_late_camera(rollout):
     assert end < ERRORS[rollout.law]
     if rollout.law == "adaptive-inverse-dynamics-velocity":
         assert end > 1.0  # it is as bad as is said above
-
-
-def test_storage_is_defined_at_samples_without_frames(rollout):
-    """It falls, for laws that adapt and need no measured velocity."""
-    seen = [sample.measurement.x is not None for sample in rollout.evaluation.samples]
-    assert 0 < sum(seen) < 0.1 * len(seen)
-    V = rollout.lyapunov
-    assert V.shape == rollout.t.shape and np.isfinite(V).all() and (V >= 0.0).all()
-    if rollout.law not in ("resolved-acceleration", "adaptive-inverse-dynamics-velocity"):
-        assert V[-1] < 0.7 * V[0]
-
-
-def test_without_compensation_the_error_is_larger():
-    rollout = closed_loop("separation", duration=1.0, compensate_delay=False)
-    assert rollout.diverged is None and rollout.window(first=False).max() > 5e-3
-
-
-def test_a_loop_that_loses_its_camera_ends_with_the_reason():
-    robot = catalogue_robot("ur5")
-    path, camera = circle_at_home(robot), {"rate": 30.0, "dropout": 0.999}
-    controller = pa.make_controller(robot, adaptation="natural", sensors=pa.Sensors(camera=camera))
-    rollout = pa.simulate(robot, controller, path, duration=1.2)
-    assert rollout.diverged == pytest.approx(controller.senses.compensator.longest_gap, abs=2e-3)
-    assert "'x' has not been seen for" in rollout.reason
-    assert len(rollout.t) == round(1e3 * rollout.diverged)

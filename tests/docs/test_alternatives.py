@@ -4,19 +4,15 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from benchmarks import alternatives
 from benchmarks.contenders import (
     CONTENDERS,
     SENSORS,
-    InverseKinematics,
     NominalRobot,
     Setting,
 )
-from pinadapt.sweep.table import flat_row
 from tests.support.chains import catalogue_robot
 
 OFFSET = np.array([0.0, 0.02, 0.03])  # [m] of the tool, in the frame's axes
-W = 20.0  # [rad/s], about the bandwidth of these arms
 
 
 def setting(true, nominal, sensors="perfect"):
@@ -105,54 +101,3 @@ def test_the_observer_approaches_at_its_rate(arm, loaded):
 def test_the_observer_of_a_true_model_observes_no_disturbance(arm):
     _, r = observed(setting(arm, arm), 0.2)
     assert np.abs(r).max() < 1e-6
-
-
-def test_inverse_kinematics_follow_a_circle_with_the_nominal_tool(arm):
-    nominal = NominalRobot(arm)
-    circle = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz").starting_at(arm.position(arm.q0))
-    follow, q, dt = InverseKinematics(nominal, W), arm.q0, 2e-3
-    for t in np.arange(0.0, 2.0, dt):
-        desired = circle.at(t)
-        q = q + dt * follow.rate(q, desired.x_d, desired.xd_d)
-    assert np.linalg.norm(nominal.position(q) - circle.at(2.0).x_d) < 1e-4
-
-
-def test_the_integral_torque_stops_at_the_effort_limit(arm):
-    """With the arm held from outside, the integral grows to the limit and no further."""
-    at = setting(arm, arm)
-    law = CONTENDERS["PID + gravity"].make(at).law
-    z = at.model.limits.copy()
-    full = law._rates(_signals(at, law, z)).torque
-    assert (full == 0.0).all()
-    assert (law._rates(_signals(at, law, -z)).torque > 0.0).all()
-
-
-def _signals(at, law, z):
-    """Return signals of an arm that is 0.1 rad beyond its reference in each joint."""
-    controller = pa.make_controller(at.nominal, law=law, adaptation="none")
-    q = at.true.q0
-    measurement = pa.Measurement(0.0, q, np.zeros(q.size), at.true.position(q))
-    state = controller.init(measurement)
-    memory = state.filters._replace(q_r=q - 0.1, torque=z)
-    desired = pa.Desired(measurement.x, np.zeros(3), np.zeros(3))
-    return controller.observe(state._replace(filters=memory), measurement, desired)
-
-
-def test_a_case_of_the_table_has_the_figures_of_each_run(monkeypatch):
-    """Gains are those of the grid with the least error, and the rows are taken apart again."""
-
-    def figures(run):
-        error = None if run.gains["k_x"] == 0.5 else abs(run.gains["k_x"] - 0.4) + run.period
-        known = {"radius": 0.1, "bandwidth": 20.0}
-        return known | dict.fromkeys(alternatives.FIGURES) | {"rms": error}
-
-    monkeypatch.setattr(alternatives, "figures", figures)
-    name = "PD + gravity, task integral"
-    found = alternatives.measure("ur5", "perfect", name)
-    assert found["gains"] == {"k_x": 0.25} and found["bandwidth"] == 20.0
-    words = {"robot": "ur5", "sensors": "perfect", "contender": name}
-    runs = list(alternatives.runs_of([flat_row(words | found)]))
-    assert [(run["period"], run["rms"]) for run in runs] == [
-        (period, pytest.approx(period + 0.15)) for period in (1.0, 2.0, 5.0)
-    ]
-    assert all(run["gains"] == {"k_x": 0.25} and not run["informed"] for run in runs)

@@ -244,17 +244,6 @@ def test_a_controller_of_ros2_control_that_is_not_safe_is_refused(ros, changed, 
         loaded("ros2", "RosArm")("/arm", robot())
 
 
-def test_a_silent_ros_topic_is_reported(ros):
-    ros.mute = 80
-    ending = hold(joints(), loaded("ros2", "RosArm")("/arm", robot()))
-    assert ending.failed and "no joint state came for 0.5 s" in ending.reason
-
-
-def test_nothing_in_the_library_imports_ros():
-    for path in (ROOT / "src").rglob("*.py"):
-        assert "import rclpy" not in path.read_text()
-
-
 def test_the_arm_of_ur_rtde_runs_and_is_marked_untested(monkeypatch):
     plant = pa.plants.PinocchioPlant(robot(), compensation=pa.robot.Gravity(robot()))
     said = {"now": None, "stopped": False, "script": True}

@@ -103,18 +103,3 @@ def test_an_observer_sees_a_disturbance_at_its_rate(robot):
     share = 1.0 - np.exp(-0.05 * controller.k)
     assert seen[-1] == pytest.approx(share * pushed, abs=0.05 * np.abs(pushed).max())
     assert np.abs(seen[99]).max() < 0.05 * np.abs(pushed).max()
-
-
-def test_a_run_without_an_adaptation_of_the_dynamics_learns_its_kinematics():
-    zoo = realities.case_of("ur5")
-    for contender in ("none", "observer 3 w"):
-        controller = realities.controller_of(contender, zoo.estimated)
-        default = realities.controller_of("default", zoo.estimated)
-        assert type(controller.adaptation_k) is type(default.adaptation_k)
-        assert controller.adaptation_d.name == "none"
-
-
-def test_the_table_counts_lost_runs_and_takes_the_farthest_mass():
-    row = dict.fromkeys(realities.FIGURES, 0.01)
-    rows = [row | {"mass": mass} for mass in (0.4, 1.0, 2.0)] + [row | {"error": None}]
-    assert realities.cells(rows, ("error", "mass")) == ["1 of 4", "1", "1 / 0.4"]

@@ -39,8 +39,3 @@ def test_asymmetry_above_rounding_is_refused(scale, row, column):
 def test_a_matrix_that_is_not_definite_is_refused(matrix):
     with pytest.raises(GainError, match="positive definite"):
         definite_matrix(matrix, 2, "K")
-
-
-def test_numbers_and_lists_become_diagonal():
-    assert np.array_equal(definite_matrix(2.0, 2, "K"), 2.0 * np.eye(2))
-    assert np.array_equal(definite_matrix([1.0, 2.0], 2, "K"), np.diag([1.0, 2.0]))

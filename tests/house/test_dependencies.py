@@ -5,8 +5,6 @@ import re
 import sys
 from functools import cache
 
-import pytest
-
 from pinadapt._output import toml
 from tests.support.parsed import FILES, parsed
 from tests.support.paths import ROOT
@@ -63,32 +61,3 @@ def test_imported_packages_are_declared():
 def test_declared_packages_are_imported():
     for name in modules(PROJECT["dependencies"]) - {"llvmlite", "IPython"}:
         assert name in imported()
-
-
-def test_every_dependency_has_a_reason():
-    lines = [line for line in TEXT.splitlines() if re.match(r' +"[\w-]+(\[\w+\])?[>="]', line)]
-    assert len(lines) > 30
-    plain = ("numpy", "pytest>=", "ruff", "mypy", "pinadapt[")
-    for line in lines:
-        assert re.search(r'",? +# \w', line) or line.strip().startswith(
-            tuple(f'"{p}' for p in plain)
-        )
-
-
-@pytest.mark.parametrize("folder", ["src", "docs", "README.md"])
-def test_every_extra_that_is_named_exists(folder):
-    paths = [p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md")]
-    for path in paths or [ROOT / folder]:
-        for names in re.findall(r"pinadapt\[([\w,]+)\]", path.read_text()):
-            assert set(names.split(",")) <= set(EXTRAS), path
-
-
-def test_the_tests_have_the_packages_of_the_extras_that_need_no_network():
-    assert {
-        "pinadapt[mujoco]",
-        "pinadapt[bags]",
-        "pinadapt[sweep]",
-        "pinadapt[dask]",
-        "pinadapt[tune]",
-        "pinadapt[camera]",
-    } <= set(EXTRAS["dev"])

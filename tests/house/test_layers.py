@@ -4,8 +4,6 @@ Imports inside functions count, and so do those for the type checker alone.
 """
 
 import ast
-import importlib
-from collections import Counter
 from functools import cache
 
 from tests.support.parsed import FILES, SOURCE, parsed
@@ -103,18 +101,3 @@ def test_no_rooms_import_each_other_in_a_circle():
         room = module.split(".")[1]
         imports[room] |= {name.split(".")[1] for name in imports_of(MODULES[module])} - {room}
     assert not circles(imports), [sorted(circle) for circle in circles(imports)]
-
-
-def test_every_folder_has_a_layer():
-    assert {module.split(".")[1] for module in set(MODULES) - ENTRIES} == set(LAYER)
-
-
-def test_every_module_imports():
-    for module in set(MODULES) - {"pinadapt.__main__"}:
-        importlib.import_module(module)
-
-
-def test_no_name_of_a_class_or_file_is_used_twice():
-    stems = Counter(path.stem for path in FILES if path.stem != "__init__")
-    classes = Counter(name for path in FILES for name in parsed(path).classes)
-    assert [name for name, count in (stems + classes).items() if count > 1] == []

@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot, robot_of
-from tests.support.loops import circle_beside, energy_along, with_tool_and_load
+from tests.support.loops import circle_beside, energy_along
 
 RIGID = pa.Unknown(friction=False, armature=False)
 
@@ -77,41 +77,3 @@ def test_a_torque_of_others_is_estimated_and_leaves_no_error(name):
     assert np.allclose(found, push, rtol=1e-6, atol=0.0)
     assert largest > 1e-4 and last < 1e-9
     assert not none.any() and left > 5e-4  # without a prediction of the torque
-
-
-class Felt(pa.plants.PinocchioPlant):
-    """A robot with torque sensors that have an offset (n) [N m or N], or without any."""
-
-    offset, _tau = None, None
-
-    def step(self, torque, dt):
-        super().step(torque, dt)
-        self._tau = np.array(torque)
-
-    def measure(self):
-        tau = None if self.offset is None or self._tau is None else self._tau + self.offset
-        return super().measure()._replace(tau=tau)
-
-
-def felt(robot, offset, sensors):
-    """Return torques and estimates of 200 samples (200, n + p), with an offset (n) or None."""
-    plant, true = Felt(with_tool_and_load(robot)), with_tool_and_load(robot)
-    plant.offset = offset
-    controller = pa.make_controller(robot, sensors=sensors)
-    stream = pa.run(plant, controller, circle_beside(true, "yz"), dt=1e-3)
-    samples = islice(stream, 200)
-    return np.array([[*s.torque, *s.state.a_d, *s.state.a_k] for s in samples])
-
-
-def test_torque_sensors_count_only_where_noise_and_offset_are_declared():
-    """Off by 1 % of the limits, which would be learned as a mass."""
-    robot = catalogue_robot("ur5")
-    offset = 0.01 * robot.model.effortLimit
-    with pytest.raises(pa.InputError, match="noise"):
-        pa.Sensors(torque_offset=offset)
-    for sensors in (None, pa.Sensors(noise={"tau": 0.0})):
-        assert np.array_equal(felt(robot, None, sensors), felt(robot, offset, sensors))
-    declared = pa.Sensors(noise={"tau": 0.0}, torque_offset=offset)
-    exact, off = felt(robot, 0.0 * offset, declared), felt(robot, offset, declared)
-    assert np.allclose(exact, felt(robot, None, declared), rtol=1e-6, atol=1e-6)
-    assert np.abs(off - exact)[-1, :6].max() > 0.05

@@ -1,9 +1,5 @@
 """Fast feedback of elastic joints: boundary layer, closed loops, what is refused."""
 
-import copy
-import pickle
-import warnings
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -132,88 +128,6 @@ def test_it_is_the_law_where_link_and_motor_move_alike():
 def start(robot):
     """Return the first measurement of a robot at rest."""
     return pa.plants.PinocchioPlant(robot).measure()
-
-
-def test_copies_give_the_same_torques():
-    robot = geared("ur5")
-    controller = made(robot, FastFeedback("separation"), SOFT)
-    at = start(robot)._replace(w=np.full(6, 0.1))
-    desired = circle_at_home(robot).at(0.0)
-    torque, _ = controller.step(controller.init(at), at, desired, 1e-3)
-    for other in (copy.deepcopy(controller), pickle.loads(pickle.dumps(controller))):
-        assert np.array_equal(other.step(other.init(at), at, desired, 1e-3)[0], torque)
-
-
-def test_noisy_and_counted_motors():
-    """w has the noise of v, and where v is a difference of counts, w is in whole counts."""
-    robot = geared("ur5")
-    truth = pa.plants.ElasticPlant(robot, actuators=SOFT).measure()._replace(w=np.full(6, 0.0123))
-    count, dt = 2.0 * np.pi / 2**14, 1e-3
-    for sensors in (pa.Sensors(noise={"v": 0.01}), pa.Sensors(encoder=count)):
-        simulated = pa.plants.SimulatedSensors(robot, dt, sensors)
-        w = np.array([simulated.measure(truth).w for _ in range(300)])
-        if sensors.noise.get("v"):
-            assert w.std() == pytest.approx(0.01, rel=0.1)
-            assert w.mean() == pytest.approx(0.0123, abs=1e-3)
-        else:
-            assert np.allclose(w * dt / count, np.rint(w * dt / count)) and (w == 0.0).all()
-    assert pa.plants.SimulatedSensors(robot, dt, pa.Sensors()).measure(start(robot)).w is None
-
-
-@pytest.mark.parametrize(
-    ("w", "words"),
-    [
-        (None, "w.*missing"),
-        (np.zeros(5), "w.*6 numbers"),
-        (np.full(6, np.nan), "w"),
-        (["fast"] * 6, "w.*6 numbers"),
-    ],
-)
-def test_fast_feedback_needs_measured_motor_velocities(w, words):
-    robot = catalogue_robot("ur5")
-    controller, at = made(robot, FastFeedback("separation", 30.0)), start(robot)
-    state, desired = controller.init(at), circle_at_home(robot).at(0.0)
-    with pytest.raises(pa.MeasurementError, match=words):
-        controller.step(state, at._replace(w=w), desired, 1e-3)
-    torque, _ = controller.step(state, at._replace(w=[0] * 6), desired, 1e-3)  # converted
-    assert np.isfinite(torque).all()
-
-
-def test_invalid_fast_feedback_is_refused():
-    robot = catalogue_robot("ur5")
-    for gain in (-1.0, 0.0, np.nan, np.inf, "high", [[1.0]]):
-        with pytest.raises(pa.GainError, match="gain"):
-            FastFeedback("separation", gain)
-    with pytest.raises(pa.GainError, match="6 numbers"):
-        made(robot, FastFeedback("separation", [1.0, 2.0]))
-    for law in (FastFeedback("separation"), 3, None):
-        with pytest.raises(pa.InputError, match="expected a name or a law"):
-            FastFeedback(law)
-    with pytest.raises(pa.InputError, match="Did you mean 'separation'"):
-        made(robot, FastFeedback("seperation", 30.0))
-    with pytest.raises(pa.InputError, match="none are declared"):
-        made(robot, FastFeedback("separation"))
-    with pytest.raises(pa.InputError, match="encoders at the links"):
-        made(geared("ur5"), FastFeedback("separation"), Actuators(stiffness=5e3))
-    with pytest.raises(pa.RobotError, match="armature"):
-        made(robot.changed(armature=0.0), FastFeedback("separation"), SOFT)
-    ours = made(robot)
-    with pytest.raises(pa.InputError, match="not made yet"):
-        pa.Controller(
-            FastFeedback("separation", 30.0),
-            ours.kinematics,
-            ours.dynamics,
-            adaptation_k=ours.adaptation_k,
-            adaptation_d=ours.adaptation_d,
-        )
-
-
-def test_encoders_at_the_links_alone_are_warned_of():
-    with pytest.warns(UserWarning, match=r"pa\.laws\.FastFeedback"):
-        made(geared("ur5"), "separation", SOFT)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        made(geared("ur5"), FastFeedback("separation"), SOFT)
 
 
 def test_it_has_the_energy_of_its_law():

@@ -153,17 +153,6 @@ def test_an_unknown_load_is_tracked(law):
     assert adapted < 0.2 * unadapted and adapted < np.radians(0.5)
 
 
-def test_a_straight_arm_is_not_singular():
-    robot = pa.load("ur5", task="joint", q0=np.zeros(6))
-    rollout = pa.simulate(
-        robot,
-        pa.make_controller(robot, law="slotine-li"),
-        pa.trajectories.Hold(np.zeros(6)),
-        duration=0.1,
-    )
-    assert rollout.diverged is None and rollout.distance.max() < 1e-3
-
-
 def test_the_two_link_arm_of_slotine_and_li():
     """Example 9.3 of *Applied Nonlinear Control*, in numbers of an independent simulation."""
     scenario = robots_folder() / "two_link" / "slotine_li_1991.toml"
@@ -180,21 +169,3 @@ def test_the_two_link_arm_of_slotine_and_li():
 
 
 # --- what is refused ---
-
-
-def test_joint_laws_need_joint_tasks():
-    for law in [*ADAPTIVE, "computed-torque"]:
-        with pytest.raises(pa.InputError, match=r'joint tasks.*task = "joint"'):
-            pa.make_controller(catalogue_robot("ur5"), law=law)
-
-
-def test_what_a_joint_task_cannot_use_is_refused():
-    robot = catalogue_robot("ur5", task="joint")
-    with pytest.raises(pa.ParameterError, match="no effect on a joint task"):
-        pa.make_controller(robot, law="slotine-li", unknown=pa.Unknown(tool=True))
-    with pytest.raises(pa.GainError, match="no position gain"):
-        pa.make_controller(robot, law="slotine-li", Kp=400.0)
-    with pytest.raises(pa.RobotError, match="needs a task of the frame"):
-        pa.reachable_circle(robot)
-    with pytest.raises(pa.RobotError, match="Did you mean 'joint'"):
-        pa.load("ur5", task="joints")

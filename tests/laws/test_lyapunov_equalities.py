@@ -83,18 +83,3 @@ def test_resolved_acceleration_obeys_its_linear_closed_loop():
     )
     decay = (1 + 20 * rollout.t) * np.exp(-20 * rollout.t)
     assert np.abs(rollout.error - decay[:, None] * start).max() < 1e-8
-
-
-def test_rollout_knows_v():
-    true, controller, path, _ = ROBOTS["panda"]("adaptive-inverse-dynamics", "natural")
-    rollout = pa.simulate(
-        true,
-        controller,
-        path,
-        duration=0.1,
-        engine=pa.Engine(continuous=True, ideal_acceleration=True),
-    )
-    assert rollout.lyapunov.shape == rollout.t.shape
-    assert (np.diff(rollout.lyapunov) < 0.0).all()
-    unknowable = true.changed(link_translation={"panda_joint4": [0.01, 0.0, 0.0]})
-    assert pa.simulate(unknowable, controller, path, duration=0.01).lyapunov is None

@@ -126,17 +126,3 @@ def test_an_unknown_load_is_tracked(name, adaptation):
     ]
     adapted, unadapted = (run.summary()["max_error_last"] for run in runs)
     assert runs[0].diverged is None and adapted < 0.15 * unadapted
-
-
-def test_it_predicts_in_the_metric_that_is_named():
-    robot = catalogue_robot("ur5", task="joint")
-    for kind, name in (("natural", "natural-composite"), ("gradient", "composite")):
-        assert pa.make_controller(robot, law=LAW, adaptation=kind).adaptation_d.name == name
-    with pytest.raises(pa.InputError, match=r"learns from the prediction of the torque alone"):
-        pa.make_controller(robot, law=LAW, adaptation="projected")
-    still = pa.make_controller(robot, law=LAW, adaptation="none")
-    plain = pa.make_controller(robot, law="computed-torque")
-    at = pa.Measurement(0.0, robot.q0, np.full(6, 0.1))
-    desired = swinging(robot).at(0.3)
-    torques = [c.command(c.init(at), at, desired)[1].torque for c in (still, plain)]
-    assert np.allclose(*torques)

@@ -22,16 +22,6 @@ def limited(robot):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_far_from_limits_the_offset_is_the_way_from_rest(name):
-    robot = catalogue_robot(name)
-    posture, rng = pa.laws.Posture(robot), np.random.default_rng(0)
-    assert not posture.offset(robot.q0).any()
-    way = 1e-2 * rng.standard_normal(robot.model.nv)
-    q = pin.integrate(robot.model, robot.q0, way)
-    assert np.allclose(posture.offset(q), way, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
 def test_the_offset_pushes_away_from_limits(name):
     """At a limit it is the way and twice the margin more, which grows from nothing inside of it."""
     robot = catalogue_robot(name)
@@ -78,63 +68,6 @@ def test_the_rate_of_the_null_motion_is_its_derivative(name):
     assert pushed > 3
 
 
-def test_a_continuous_joint_goes_the_short_way():
-    robot = catalogue_robot("kinova")
-    there, _, _ = limited(robot)
-    i = np.flatnonzero(~there)[0]
-    way = np.zeros(robot.model.nv)
-    way[i] = 2 * np.pi - 0.3
-    q = pin.integrate(robot.model, robot.q0, way)
-    assert pa.laws.Posture(robot).offset(q)[i] == pytest.approx(-0.3, abs=1e-9)
-
-
-@pytest.mark.parametrize("law", ["separation", "adaptive-inverse-dynamics", "adaptive-jacobian"])
-def test_the_frequency_is_half_of_the_bandwidth_and_home_is_rest(law):
-    robot = catalogue_robot("panda")
-    controller = pa.make_controller(robot, law=law, dt=1e-4)
-    posture = controller.law.posture
-    rate = 0.25 if law == "adaptive-jacobian" else 1.0  # of the task error, in bandwidths
-    assert posture.frequency == pytest.approx(0.5 * rate * controller.motion.bandwidth)
-    assert np.array_equal(posture.offset(robot.q0), np.zeros(7))
-    M = pin.crba(robot.model, robot.model.createData(), robot.q0)
-    assert np.allclose(posture.damping, posture.frequency * np.diag(M))
-
-
-def test_a_slowed_feedback_has_a_slowed_posture():
-    """A long period reduces the bandwidth of both by the same share."""
-    robot = catalogue_robot("xarm7", task="pose")
-    laws = [pa.make_controller(robot, law="adaptive-jacobian", dt=dt).law for dt in (1e-3, 1e-4)]
-    ratios = [laws[0].alpha / laws[1].alpha, laws[0].posture.frequency / laws[1].posture.frequency]
-    assert ratios[0] < 0.8 and np.isclose(*ratios)
-
-
-REST = [0.3, -0.5, 0.2, -2.0, 0.1, 1.8, 0.9]
-
-
-@pytest.mark.parametrize(
-    ("given", "rest", "frequency"),
-    [
-        (REST, REST, None),
-        (np.array(REST), REST, None),
-        (6.0, None, 6.0),
-        ({"rest": REST}, REST, None),
-        ({"frequency": 6.0}, None, 6.0),
-        ({"rest": REST, "frequency": 6.0}, REST, 6.0),
-    ],
-    ids=str,
-)
-def test_a_user_may_give_rest_pose_and_rate(given, rest, frequency):
-    robot = catalogue_robot("panda")
-    default, posture = (
-        pa.make_controller(robot, law="adaptive-inverse-dynamics", posture=each).law.posture
-        for each in (None, given)
-    )
-    assert posture.frequency == (default.frequency if frequency is None else frequency)
-    at = robot.q0 if rest is None else np.array(rest)
-    assert not posture.offset(at).any()
-    assert rest is None or posture.offset(robot.q0).all()
-
-
 def test_the_arm_goes_to_the_rest_that_it_was_given():
     """The hand stays where it is, the elbow goes where the rest pose has it."""
     robot = catalogue_robot("panda")
@@ -149,19 +82,3 @@ def test_the_arm_goes_to_the_rest_that_it_was_given():
     assert np.abs(ends[0] - robot.q0).max() < 1e-3
     assert np.linalg.norm(ends[1] - rest) < 0.6 * np.linalg.norm(ends[0] - rest)
     assert abs(ends[1][6] - rest[6]) < 0.05  # turning the hand does not move it
-
-
-@pytest.mark.parametrize(
-    ("given", "kind", "words"),
-    [
-        ({"rets": REST}, pa.GainError, r"no 'rets'.*Did you mean 'rest'"),
-        ({"frequency": -1.0}, pa.GainError, "posture frequency"),
-        (0.0, pa.GainError, "posture frequency"),
-        ([0.0, 1.0], pa.InputError, "rest: expected 7 numbers"),
-        ({"rest": [np.nan] * 7}, pa.InputError, "rest"),
-    ],
-    ids=str,
-)
-def test_an_invalid_posture_is_refused_by_name(given, kind, words):
-    with pytest.raises(kind, match=words):
-        pa.make_controller(catalogue_robot("panda"), posture=given)

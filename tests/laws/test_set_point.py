@@ -7,13 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.command_line import main
-from pinadapt.cli.compare import _laws as compared
-from pinadapt.description.catalogue import robots_folder
-from pinadapt.scenario.scenario import Scenario
-from pinadapt.tuning.preflight import jacobian_finding
 from tests.support.chains import catalogue_robot, mixed_robot
-from tests.support.differences import derivative
 from tests.support.loops import circle_at_home, energy_along
 
 pytestmark = pytest.mark.slow
@@ -134,25 +128,6 @@ def test_a_known_robot_gets_its_gravity_and_a_spring(law, name, task):
         assert (np.abs(brake) < gains.brake_limit).all()
 
 
-def test_the_spring_is_the_gradient_of_its_potential():
-    task, rng = catalogue_robot("ur5", task="pose").task, np.random.default_rng(0)
-    saturation = pa.laws.Saturation(task, [0.1, 0.2, 0.3, 0.4, 0.4, 0.4])
-    weights = np.array([2.0, 3.0, 4.0, 5.0, 5.0, 5.0])
-
-    def check(dx, dxd):
-        rate = derivative(lambda t: weights @ saturation.potential(dx + t * dxd))
-        assert np.isclose(weights * saturation.of(dx) @ dxd, rate, rtol=1e-6)
-        moved = derivative(lambda t: saturation.of(dx + t * dxd))
-        assert np.allclose(saturation.rate(dx, dxd), moved, rtol=1e-6, atol=1e-9)
-
-    for scale in (1e-3, 0.1, 2.0):
-        check(*scale * rng.standard_normal((2, 6)))
-    far = saturation.of(1e6 * np.ones(6))
-    assert np.allclose(far[:3], [0.1, 0.2, 0.3]) and np.isclose(np.linalg.norm(far[3:]), 0.4)
-    assert not saturation.of(np.zeros(6)).any() and not saturation.rate(*np.zeros((2, 6))).any()
-    assert np.isfinite(saturation.potential(1e100 * np.ones(6))).all()
-
-
 # --- at work ---
 
 
@@ -170,28 +145,6 @@ def test_the_set_point_is_reached(law, name):
     )
     unadapted = pa.simulate(true, alone, goal, duration=1.0)
     assert unadapted.distance[-25:].max() > 10.0 * rollout.distance[-125:].max()
-
-
-def test_wrong_links_are_no_obstacle():
-    robot = catalogue_robot("ur5")
-    true = unlike(robot).changed(link_translation={"wrist_1_joint": [0.02, 0.0, 0.03]})
-    goal = pa.trajectories.Hold(true.position(true.q0) - 0.05)
-    controller = pa.make_controller(
-        robot, law=ROUGH, unknown=pa.Unknown(tool=True, translations=["wrist_1_joint"]), dt=4e-3
-    )
-    assert controller.dynamics.per_body  # natural adaptation, in spite of unknown lengths
-    rollout = pa.simulate(true, controller, goal, duration=4.0)
-    assert rollout.distance[-100:].max() < 1e-3
-
-
-def test_a_motion_that_comes_to_rest_ends_in_its_set_point():
-    robot = catalogue_robot("panda")
-    true = unlike(robot)
-    start = true.position(true.q0)
-    path = pa.trajectories.Waypoints([start, start + 0.05, start - 0.05], 1.0)
-    assert path.settles == 2.0 and pa.trajectories.Hold(start).settles == 0.0
-    rollout = pa.simulate(true, pa.make_controller(robot, law=EXACT, dt=4e-3), path, duration=5.0)
-    assert rollout.distance[-125:].max() < 5e-4
 
 
 # --- the bound ---
@@ -309,24 +262,6 @@ def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
 # --- how wrong a Jacobian may be ---
 
 
-def test_a_wrong_jacobian_is_reported_before_a_run():
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, law=EXACT, dt=4e-3)
-    J = np.eye(3, 6)
-    assert controller.law.mismatch(J, J)[0] == 0.0
-    found, borne = controller.law.mismatch(J, 1.5 * J)
-    assert np.isclose(found, 0.5) and np.isclose(borne, 2.0 * np.sqrt(0.6 * 0.85) - 0.6)
-    assert jacobian_finding(controller, unlike(robot)) is None
-    wrong = robot.changed(tool_translation=[0.0, 0.0, -0.8])
-    assert "relative error of the model's Jacobian" in str(jacobian_finding(controller, wrong))
-    with pytest.warns(UserWarning, match=r"relative error of the model's Jacobian at home is"):
-        goal = pa.trajectories.Hold(wrong.position(wrong.q0) + 0.05)
-        rollout = pa.simulate(wrong, controller, goal, duration=2.0)
-    assert rollout.grade != "follows" and "does not adapt the kinematics" in rollout.verdict
-    learning = pa.make_controller(robot)
-    assert jacobian_finding(learning, wrong) is None
-
-
 # --- what is refused ---
 
 
@@ -350,56 +285,3 @@ def test_a_motion_that_never_rests_is_refused_before_anything_moves(law):
             with pytest.raises(pa.InputError, match=r"does not come to rest.*hold.*separation"):
                 start(path)
     assert pa.trajectories.PoseTrajectory(Drift()).settles is None
-
-
-def test_gains_that_break_a_hypothesis_are_refused():
-    robot = catalogue_robot("ur5")
-    coupled = np.array([[900.0, 100.0, 0.0], [100.0, 900.0, 0.0], [0.0, 0.0, 900.0]])
-    for gains, words in (
-        ({"Kp": coupled}, "diagonal"),
-        ({"weight": 2.0}, "below 2"),
-        ({"width": 0.0}, "positive"),
-        ({"width": [0.1, 0.1]}, "one number or 3"),
-        ({"Kv": -1.0}, "positive"),
-    ):
-        with pytest.raises(pa.GainError, match=words):
-            pa.make_controller(robot, law=EXACT, **gains)
-    with pytest.raises(pa.GainError, match="must be one number on the rotation rows"):
-        pa.laws.Saturation(catalogue_robot("ur5", task="pose").task, [0.1] * 5 + [0.2])
-
-
-def test_impossible_bounds_are_refused():
-    robot = catalogue_robot("panda")
-    with pytest.raises(pa.GainError, match=r"does not hold the robot at home: panda_joint4"):
-        pa.make_controller(robot, law=BOUNDED, bound=10.0)
-    with pytest.raises(pa.GainError, match="nothing is left for damping"):
-        pa.make_controller(robot, law=BOUNDED, Kp=1e5)
-    with pytest.raises(pa.GainError, match="a positive number or 7 of them"):
-        pa.make_controller(robot, law=BOUNDED, gravity=[1.0, 2.0])
-    with pytest.raises(pa.InputError, match="updates its gain"):
-        pa.make_controller(robot, law=BOUNDED, adaptation="least-squares")
-    # a slide without limits, carried by a revolute joint
-    model = pin.Model()
-    turn = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "turn")
-    slide = model.addJoint(turn, pin.JointModelPX(), pin.SE3.Identity(), "slide")
-    for joint in (turn, slide):
-        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
-    model.addFrame(pin.Frame("tip", slide, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    sliding = pa.load(model, frame="tip", task="xy", q0=[0.3, 0.5])
-    with pytest.raises(pa.GainError, match=r"no torque bound of \['turn'\] exists"):
-        pa.make_controller(sliding, law=BOUNDED)
-
-
-@pytest.mark.usefixtures("blank_pictures")
-def test_compare_leaves_them_out_of_a_motion_and_runs_them_in_a_set_point(tmp_path, capsys):
-    circle = robots_folder() / "panda" / "tool_and_load.toml"
-    assert not set(LAWS) & set(compared(Scenario.read(circle)))
-    told = ["run", str(circle), "--set", 'controller.law="bounded-torque"']
-    assert main([*told, "--out", str(tmp_path / "b")]) == 2
-    assert "reference.kind: the law 'bounded-torque' is for a set point" in capsys.readouterr().err
-    held, short = tmp_path / "held.toml", ["simulation.duration=0.02"]
-    held.write_text('[robot]\nsource = "ur5"\n[reference]\nkind = "hold"\n')
-    assert set(LAWS) < set(compared(Scenario.read(held)))
-    told = ["compare", str(held), "--laws", "bounded-torque", "--set", *short]
-    assert main([*told, "--out", str(tmp_path / "c")]) == 0
-    assert "bounded-torque" in capsys.readouterr().out

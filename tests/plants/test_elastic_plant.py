@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.catalogue import robots_folder
-from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
-from tests.support.loops import circle_at_home, circle_beside, with_tool_and_load
+from tests.support.loops import circle_beside, with_tool_and_load
 
 pytestmark = pytest.mark.slow
 
@@ -70,17 +68,6 @@ def test_stiff_springs_give_the_rigid_robot():
     assert np.abs(ends[3].x - ends[0].x).max() < 1e-5
 
 
-def test_encoders_measure_motor_or_link():
-    """At rest under gravity the motors are ahead by g / K; x is that of the links."""
-    robot = robot_with_motors()
-    sides = {side: elastic(robot, 1000.0, encoders=side).measure() for side in ("motor", "link")}
-    rigid = pa.plants.PinocchioPlant(robot).measure()
-    assert np.array_equal(sides["link"].q, rigid.q)
-    assert np.allclose(sides["motor"].x, rigid.x) and np.allclose(sides["link"].x, rigid.x)
-    bent = sides["motor"].q - rigid.q
-    assert np.allclose(1000.0 * bent, pa.robot.Gravity(robot)(robot.q0), atol=1e-9)
-
-
 def test_a_joint_oscillates_at_the_frequency_of_its_spring():
     """A motor and a link on a spring: w^2 = K (1 / B + 1 / M)."""
     robot, K, B = catalogue_robot("planar_2r"), 800.0, 0.4
@@ -120,31 +107,3 @@ def test_a_loop_holds_an_elastic_robot_that_changes():
         true, controller, circle_beside(true, "yz"), duration=0.1, engine=springs, record_every=5
     )
     assert np.array_equal(again.q, rollout.q[: len(again.q)])
-
-
-def test_impossible_springs_are_refused():
-    robot = robot_with_motors()
-    for springs in ({"stiffness": [1.0, 2.0]}, {"stiffness": 1.0, "damping": [1.0, 2.0]}):
-        with pytest.raises(pa.InputError, match="6 numbers"):
-            pa.plants.ElasticPlant(robot, actuators=pa.robot.Actuators(**springs))
-    with pytest.raises(pa.RobotError, match="armature"):
-        elastic(catalogue_robot("ur5").changed(armature=0.0), 1.0)
-    with pytest.raises(pa.InputError, match="mode"):
-        pa.simulate(
-            robot,
-            pa.make_controller(robot, adaptation="natural"),
-            circle_at_home(robot),
-            duration=0.1,
-            engine=pa.Engine(actuators=pa.robot.Actuators(stiffness=1e4), continuous=True),
-        )
-
-
-def test_a_scenario_states_springs():
-    path = robots_folder() / "panda" / "tool_and_load.toml"
-    words = ["simulation.elasticity={stiffness=2e4, damping=5.0}", "truth.armature=0.1"]
-    engine = Scenario.read(path, words).engine
-    assert engine.actuators == pa.robot.Actuators(stiffness=2e4, damping=5.0)
-    with pytest.raises(pa.InputError, match="armature"):
-        Scenario.read(path, words[:1])
-    with pytest.raises(pa.ScenarioError, match="elasticity"):
-        Scenario.read(path, [*words, 'simulation.engine="mujoco"'])

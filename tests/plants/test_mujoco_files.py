@@ -5,7 +5,6 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot as load
 from tests.support.loops import circle_at_home
 
@@ -58,15 +57,6 @@ def test_the_same_robot_in_a_file_moves_alike(path):
     assert np.array_equal(plant.measure().q, robot.q0) and plant.data.body("ball").xpos[2] == 9.0
 
 
-def test_equal_names_need_no_table_and_a_body_may_be_the_frame(tmp_path):
-    robot = load("panda", frame="panda_link7")
-    own = own_file(robot, tmp_path / "own.xml")
-    plant = pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(own, frame="link7"))
-    assert np.allclose(plant.measure().x, robot.position(robot.q0), atol=1e-9)
-    assert plant.steps_in(4e-3) == 4
-    assert np.allclose(swing(plant).q, swing(pa.plants.MujocoPlant(robot)).q, atol=1e-9)
-
-
 def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_path):
     robot, path = load("panda"), tmp_path / "own.xml"
     own_file(robot, path, rename=short)
@@ -79,19 +69,6 @@ def test_actuators_and_gravity_compensation_of_the_file_are_switched_off(tmp_pat
         plant.step(np.zeros(7), 0.02)
         fallen.append(plant.measure().v)
     assert np.abs(fallen[1]).max() > 0.1 and np.allclose(*fallen, atol=1e-9)
-
-
-def test_a_joint_task_needs_no_frame(path):
-    robot = load("panda", task="joint")
-    mjcf = pa.plants.MujocoFile(path, joints=TABLE, base="stand")
-    controller, motion = (
-        pa.make_controller(robot, adaptation="natural"),
-        pa.trajectories.Sinusoid(robot.home_angles + 0.05, 0.05, 2.0).as_given(),
-    )
-    ours, theirs = (
-        pa.simulate(robot, controller, motion, duration=0.1, engine=e) for e in ("mujoco", mjcf)
-    )
-    assert np.allclose(ours.x, theirs.x, rtol=0.0, atol=1e-6) and np.ptp(ours.x[:, 6]) > 1e-4
 
 
 def test_the_adaptive_controller_tracks_a_robot_that_differs_from_its_description(tmp_path):
@@ -110,38 +87,6 @@ def test_the_adaptive_controller_tracks_a_robot_that_differs_from_its_descriptio
     assert ends[0] < 1e-3 and ends[1] > 5.0 * ends[0]
     assert runs[0].a_k_true is None and runs[0].a_d_true is None and runs[0].lyapunov is None
     assert "error, last 10 %" in str(runs[0])
-
-
-def test_a_scenario_names_a_file_in_its_folder(path):
-    table = ", ".join(f'{ours} = "{theirs}"' for ours, theirs in TABLE.items())
-    scenario = path.parent / "scenario.toml"
-    scenario.write_text(
-        '[robot]\nsource = "panda"\n[simulation]\nduration = 0.1\n[simulation.engine]\n'
-        f'mjcf = "own.xml"\nframe = "flange"\nbase = "stand"\njoints = {{ {table} }}\n'
-    )
-    assert Scenario.read(scenario, ["simulation.dt=2e-3"]).run().diverged is None
-    for setting, words in (
-        ("simulation.engine.frame=flang", r"simulation\.engine\.frame: .*Did you mean 'flange'"),
-        ("simulation.engine.mjcf=no.xml", r"no\.xml: no such file"),
-        ("truth.armature=0.1", "truth: the model file"),
-        ("simulation.engine.base=3", r"simulation\.engine\.base: input should be a valid string"),
-    ):
-        with pytest.raises(pa.InputError, match=words):
-            Scenario.read(scenario, [setting])
-
-
-def test_the_robot_of_a_file_cannot_change(path):
-    robot, mjcf = load("panda"), pa.plants.MujocoFile(path, **MATCH)
-    with pytest.raises(pa.InputError, match=r"changes: .* model file"):
-        pa.simulate(
-            robot,
-            pa.make_controller(robot, adaptation="natural"),
-            circle_at_home(robot),
-            engine=mjcf,
-            events=pa.Events(changes={1.0: robot.changed(viscous=1.0)}),
-        )
-    with pytest.raises(pa.InputError, match="cannot become"):
-        pa.plants.MujocoPlant(robot, mjcf=mjcf).become(robot)
 
 
 @pytest.mark.parametrize(
@@ -167,51 +112,3 @@ def test_mismatches_are_named(path, options, words):
         pa.plants.MujocoPlant(
             load("panda"), mjcf=pa.plants.MujocoFile(path, **{**MATCH, **options})
         )
-
-
-def test_mixed_up_parallel_joints_are_refused(tmp_path):
-    own, mixed = own_file(load("ur5"), tmp_path / "own.xml"), ("shoulder_lift_joint", "elbow_joint")
-    table = dict(zip(mixed, reversed(mixed), strict=True))
-    with pytest.raises(pa.InputError, match=r"'shoulder_lift_joint' .* does not come after"):
-        pa.plants.MujocoPlant(
-            load("ur5"), mjcf=pa.plants.MujocoFile(own, joints=table, frame="flange")
-        )
-
-
-def test_a_reversed_joint_is_refused(tmp_path):
-    own = own_file(load("ur5"), tmp_path / "own.xml", turned=["elbow_joint"])
-    with pytest.raises(pa.InputError, match=r"'elbow_joint' .* different axes at home"):
-        pa.plants.MujocoPlant(load("ur5"), mjcf=pa.plants.MujocoFile(own, frame="flange"))
-
-
-def test_a_rotated_frame_is_refused_for_a_pose_task_only(tmp_path):
-    real = pa.load("ur5")
-    frame = real.model.frames[real.frame_id]
-    frame.placement = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(1.0, 0.0, 0.0), np.zeros(3))
-    mjcf = pa.plants.MujocoFile(own_file(real, tmp_path / "own.xml"), frame="flange")
-    pa.plants.MujocoPlant(load("ur5"), mjcf=mjcf)
-    with pytest.raises(pa.InputError, match="rotated by 57 degrees"):
-        pa.plants.MujocoPlant(load("ur5", task="pose"), mjcf=mjcf)
-
-
-def test_files_other_than_models_are_refused(tmp_path):
-    own, robot = tmp_path / "own.xml", load("ur5")
-    own.write_text("<mujoco><worldbody><bdy/></worldbody></mujoco>")
-    with pytest.raises(pa.InputError, match="cannot read it"):
-        pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(own))
-    own_file(robot, own)
-    own.write_text(own.read_text().replace('mass="', 'mass="-'))
-    with pytest.raises(pa.InputError, match=r"own\.xml: MuJoCo cannot"):
-        pa.plants.MujocoPlant(robot, mjcf=pa.plants.MujocoFile(own, frame="flange"))
-
-
-def test_another_gravity_causes_a_warning(tmp_path):
-    own = own_file(load("ur5", gravity=(0.0, 0.0, -1.6)), tmp_path / "own.xml")
-    with pytest.warns(UserWarning, match="gravity in the file"):
-        pa.plants.MujocoPlant(load("ur5"), mjcf=pa.plants.MujocoFile(own, frame="flange"))
-
-
-def test_a_torque_that_is_not_finite_is_refused(path):
-    plant = pa.plants.MujocoPlant(load("panda"), mjcf=pa.plants.MujocoFile(path, **MATCH))
-    with pytest.raises(pa.DivergedError, match="not finite"):
-        plant.step(np.full(7, np.nan), 1e-3)

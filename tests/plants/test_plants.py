@@ -1,7 +1,5 @@
 """Plants: the interface that a loop needs, and the integration of the motion."""
 
-import pickle
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -64,17 +62,6 @@ def test_a_loop_runs_on_a_custom_plant():
     assert again.t == 0.0 and again.truth.q[0] == 0.4  # a run resets its plant
 
 
-def test_a_plant_without_acceleration_says_so():
-    with pytest.raises(pa.InputError, match="Pendulum does not provide the acceleration"):
-        Pendulum().acceleration(np.zeros(1))
-
-
-@pytest.mark.parametrize("option", [{"integrator": "midpont"}, {"substeps": 0}])
-def test_impossible_plants_are_refused(option):
-    with pytest.raises(pa.InputError, match=r"midpoint|at least 1"):
-        pa.plants.PinocchioPlant(load("ur5"), **option)
-
-
 def test_measurements_agree_with_the_motion():
     plant = pa.plants.PinocchioPlant(load("panda"))
     torque = np.linspace(5.0, 1.0, 7)
@@ -85,16 +72,6 @@ def test_measurements_agree_with_the_motion():
     assert np.allclose(now.x, plant.robot.position(now.q))
     plant.reset()
     assert plant.measure().t == 0.0 and np.array_equal(plant.measure().q, plant.robot.q0)
-
-
-@pytest.mark.parametrize("integrator", ["midpoint", "runge-kutta"])
-def test_a_pickled_plant_moves_alike(integrator):
-    plant = pa.plants.PinocchioPlant(load("ur5").changed(coulomb=0.5), integrator=integrator)
-    plant.step(np.ones(6), 1e-3)
-    copy = pickle.loads(pickle.dumps(plant))
-    for one in (plant, copy):
-        one.step(np.full(6, -2.0), 5e-3)
-    assert np.array_equal(plant.measure().v, copy.measure().v)
 
 
 # --- integration ---
@@ -184,16 +161,6 @@ def test_a_joint_in_stiction_creeps_at_the_velocity_of_the_torque_balance(inerti
     assert np.isclose(v[0], 0.01 * np.arctanh(0.2 / 0.5), rtol=1e-6)
 
 
-def test_the_longest_step_bounds_the_substeps():
-    robot, torque = load("scara"), np.ones(4)
-    ends = []
-    for substeps in (None, 5, 1):
-        plant = pa.plants.PinocchioPlant(robot, substeps=substeps)
-        plant.step(torque, 5e-3)
-        ends.append(plant.measure().q)
-    assert np.array_equal(ends[0], ends[1]) and not np.array_equal(ends[0], ends[2])
-
-
 @pytest.mark.parametrize("name", ["panda", "tiago_arm"])
 @pytest.mark.slow
 def test_integration_errors_are_below_a_hundredth_of_the_tracking_error(name):
@@ -257,13 +224,6 @@ def test_a_spring_offset_moves_a_mass_as_in_closed_form():
     plant.step(tau, 0.5)
     assert np.allclose(plant.measure().v, 0.0, atol=1e-12)  # held against the offset
     assert plant.acceleration(np.zeros(model.nv))[j] < 0.0
-
-
-def test_mujoco_refuses_friction_that_it_does_not_have():
-    robot = load("ur5")
-    special = robot.changed(friction=pa.Friction(np.ones(6), np.ones(6), offset=1.0))
-    with pytest.raises(pa.RobotError, match="MuJoCo has viscous and Coulomb friction alone"):
-        pa.plants.MujocoPlant(special)
 
 
 def test_motors_apply_what_their_limits_allow():

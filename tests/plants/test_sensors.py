@@ -1,7 +1,5 @@
 """Simulated sensors: noise, cameras with rate, delay and dropout, encoders with counts."""
 
-import gc
-import tracemalloc
 from itertools import pairwise
 from math import pi
 
@@ -11,11 +9,9 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.description.chain import angles_from_configuration
-from pinadapt.scenario.scenario import Scenario
-from pinadapt.scenario.schema import SimulationSection
 from tests.support.chains import catalogue_robot as load
 from tests.support.chains import random_state
-from tests.support.loops import circle_at_home, motion_at_home, same
+from tests.support.loops import circle_at_home
 
 DT = 1e-3
 
@@ -86,14 +82,6 @@ def test_delay_affects_only_the_measured_position():
     assert np.array_equal([sample.v for sample in samples], [v for _, v in states])
 
 
-def test_noise_of_joints_does_not_depend_on_the_camera():
-    robot, noise = load("scara"), {"q": 1e-3, "v": 1e-2, "x": 1e-3}
-    _, often = seen(robot, 50, noise=noise, seed=5)
-    _, rare = seen(robot, 50, noise=noise, seed=5, camera={"rate": 100.0})
-    assert np.array_equal([s.q for s in often], [s.q for s in rare])
-    assert np.array_equal([s.v for s in often], [s.v for s in rare])
-
-
 # --- cameras ---
 
 
@@ -112,31 +100,6 @@ def test_frames_are_taken_at_multiples_of_the_interval_and_arrive_late():
         assert sample.t == truth.t and sample.q is truth.q and sample.v is truth.v
 
 
-def test_frames_do_not_drift_in_a_long_run():
-    robot = load("planar_2r")
-    truth, sensors = (
-        pa.plants.PinocchioPlant(robot).measure(),
-        pa.plants.SimulatedSensors(robot, DT, pa.Sensors(camera=pa.Camera(rate=30))),
-    )
-    with_frame = [k for k in range(20_000) if sensors.measure(truth).x is not None]
-    assert with_frame == [round(j / 30.0 / DT) for j in range(600)]
-
-
-@pytest.mark.parametrize("rate", [None, 1.0 / DT, 1e9])
-def test_no_camera_is_faster_than_the_samples(rate):
-    _, samples = seen(load("planar_2r"), 10, camera={"rate": rate, "delay": 2 * DT})
-    assert arrivals(samples) == (list(range(10)), [max(k - 2, 0) for k in range(10)])
-    tells_velocity = rate is None
-    assert all((s.xd is not None) == tells_velocity for s in samples)
-
-
-def test_no_frame_is_skipped_if_the_delay_exceeds_the_interval():
-    _, samples = seen(load("planar_2r"), 400, camera={"rate": 100.0, "delay": 0.105})
-    at, of = arrivals(samples)
-    assert at == [0, *range(5, 400, 10)]
-    assert of == [0] + [max(k - 105, 0) for k in range(5, 400, 10)]
-
-
 def test_the_stated_share_of_frames_is_lost_but_never_the_first():
     robot, share, count = load("planar_2r"), 0.3, 1400
     truth = pa.plants.PinocchioPlant(robot).measure()
@@ -153,23 +116,6 @@ def test_the_stated_share_of_frames_is_lost_but_never_the_first():
     deviation = np.sqrt(share * (1.0 - share) / (3 * count))
     assert np.mean(shares) == pytest.approx(share, abs=4.0 * deviation)
     assert len(set(shares)) > 1  # other seeds lose other frames
-
-
-def test_a_camera_that_loses_nearly_all_frames_shows_the_first():
-    for seed in range(20):
-        sensors = pa.plants.SimulatedSensors(
-            load("planar_2r"), DT, pa.Sensors(camera=pa.Camera(dropout=0.999)), seed=seed
-        )
-        assert sensors.measure(moving(load("planar_2r"), 1)[0]).x is not None
-
-
-def test_noise_is_of_frames_not_of_samples():
-    robot = load("panda")
-    truths, samples = seen(robot, 3000, camera={"rate": 100.0, "delay": 0.02}, noise={"x": 0.01})
-    at, of = arrivals(samples)
-    errors = np.array([samples[k].x - truths[i].x for k, i in zip(at, of, strict=True)])
-    assert len(errors) == 300 and np.unique(errors[:, 0]).size == len(errors)
-    assert np.isclose(errors.std(), 0.01, rtol=0.1) and abs(errors.mean()) < 2e-3
 
 
 def test_runs_of_the_same_sensors_repeat_after_reset():
@@ -200,49 +146,6 @@ def test_a_pose_is_seen_frame_by_frame():
     assert np.isclose(errors[:, :3].std(), 1e-3, rtol=0.1)
     assert np.isclose(errors[:, 3:].std(), 0.02, rtol=0.1)
     assert np.allclose([np.linalg.norm(samples[k].x[3:]) for k in at], 1.0)
-
-
-@pytest.mark.parametrize(
-    "faults",
-    [
-        {"camera": {"delay": 5e-3}},
-        {"camera": {"rate": 30.0}},
-        {"encoder": 1e-3},
-    ],
-)
-def test_a_joint_task_has_no_camera_measurement(faults):
-    robot = pa.load("ur5", task="joint")
-    _, samples = seen(robot, 40, **faults)
-    assert all(s.x is None and s.x_time is None and s.xd is None for s in samples)
-
-
-def test_a_plant_without_task_coordinates_has_no_camera_measurement():
-    robot = load("planar_2r")
-    truth = pa.Measurement(0.0, np.zeros(2), np.zeros(2))
-    seen = pa.plants.SimulatedSensors(
-        robot, DT, pa.Sensors(camera=pa.Camera(rate=30.0), noise={"x": 0.1})
-    ).measure(truth)
-    assert seen.x is None and seen.x_time is None
-
-
-@pytest.mark.slow
-def test_more_samples_need_no_more_memory():
-    robot = load("planar_2r")
-    truth = pa.plants.PinocchioPlant(robot).measure()
-    camera = {"rate": 100.0, "delay": 0.5, "dropout": 0.1}
-    sensors = pa.plants.SimulatedSensors(robot, DT, pa.Sensors(camera=camera, encoder=1e-4))
-    for _ in range(1000):
-        sensors.measure(truth)
-    tracemalloc.start()
-    for _ in range(3_000):
-        sensors.measure(truth)
-    gc.collect()
-    # other threads allocate, too, as that of progress bars does
-    ours = [tracemalloc.Filter(True, name) for name in ("*pinadapt*", "<string>")]
-    kept = tracemalloc.take_snapshot().filter_traces(ours)
-    tracemalloc.stop()
-    grown = sum(trace.size for trace in kept.traces)
-    assert grown < 3_000  # a byte a sample would be as much
 
 
 # --- encoders ---
@@ -281,108 +184,7 @@ def test_the_angle_of_continuous_joints_is_counted():
     assert np.allclose(v.mean(axis=0), 1.0, atol=count / (2249 * dt))
 
 
-def test_joints_without_encoder_are_unchanged():
-    robot, count = load("scara"), np.array([0.0, 1e-3, 0.0, 1e-3])
-    truths, samples = seen(robot, 20, encoder=count)
-    for truth, sample in zip(truths, samples, strict=True):
-        off = angles_of(robot, [sample.q]) - angles_of(robot, [truth.q])
-        assert np.allclose(off[:, count == 0.0], 0.0, atol=1e-15)
-        assert np.array_equal(truth.v[count == 0.0], sample.v[count == 0.0])
-    assert not np.array_equal([t.q for t in truths], [s.q for s in samples])
-
-
-def test_noise_comes_before_counting():
-    robot, count = load("ur5"), 1e-3
-    truths, samples = seen(robot, 3000, encoder=count, noise={"q": 3e-3})
-    q = np.array([s.q for s in samples])
-    assert np.allclose(q / count, np.rint(q / count), atol=1e-6)
-    assert np.isclose((q - [t.q for t in truths]).std(), 3e-3, rtol=0.05)
-
-
 # --- in a loop and in a file ---
-
-
-@pytest.mark.parametrize("task", ["joint", "xyz"])
-def test_encoders_reach_the_loop(task):
-    robot = pa.load("ur5", task=task)
-    control, path = pa.make_controller(robot, adaptation="natural"), motion_at_home(robot)
-    perfect = pa.simulate(robot, control, path, duration=0.05)
-    coarse = pa.simulate(
-        robot, control, path, duration=0.05, sensors=pa.Sensors(encoder=2 * pi / 2**17)
-    )
-    assert same(
-        perfect, pa.simulate(robot, control, path, duration=0.05, sensors=pa.Sensors(encoder=0.0))
-    )
-    assert not same(perfect, coarse) and np.allclose(perfect.q, coarse.q, atol=1e-3)
-
-
-def test_a_camera_reaches_the_loop():
-    robot = load("ur5")
-    control, path = pa.make_controller(robot, adaptation="natural"), circle_at_home(robot)
-    late = pa.simulate(
-        robot, control, path, duration=0.05, sensors=pa.Sensors(camera=pa.Camera(delay=3e-3))
-    )
-    camera = pa.Camera(rate=1.0 / DT, delay=3e-3)
-    assert same(
-        late, pa.simulate(robot, control, path, duration=0.05, sensors=pa.Sensors(camera=camera))
-    )
-    assert not same(late, pa.simulate(robot, control, path, duration=0.05))
-
-
-def test_a_scenario_states_camera_and_encoder(tmp_path):
-    path = tmp_path / "scenario.toml"
-    path.write_text(
-        '[robot]\nsource = "ur5"\ntask = "joint"\n[reference]\nkind = "hold"\n[simulation]\n'
-        "duration = 0.02\ncamera = { rate = 30.0, delay = 0.06, dropout = 0.1 }\nencoder = 1e-4\n"
-    )
-    scenario = Scenario.read(path)
-    camera = scenario.tables.simulation.camera
-    assert (camera.rate, camera.delay, camera.dropout) == (30.0, 0.06, 0.1)
-    for sample in scenario.run().evaluation.samples:
-        counts = sample.measurement.q / 1e-4
-        assert np.allclose(counts, np.rint(counts), atol=1e-6) and sample.measurement.x is None
-    assert SimulationSection().camera is None and SimulationSection().encoder == 0.0
-
-
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("camera.rate=0.0", r"simulation\.camera\.rate"),
-        ("camera.delay=-0.1", r"simulation\.camera\.delay"),
-        ("camera.dropout=1.0", r"simulation\.camera\.dropout"),
-        ("camera.dropuot=0.1", r"simulation\.camera\.dropuot.*Did you mean 'dropout'"),
-        ("encoder=-1e-3", r"simulation\.encoder"),
-        ("encoder=[1e-3]", r"simulation\.encoder: expected 6 numbers"),
-        ("mode=continuous", "sampled mode only"),
-    ],
-)
-def test_scenarios_refuse_impossible_sensors(tmp_path, setting, words):
-    path = tmp_path / "scenario.toml"
-    path.write_text('[robot]\nsource = "ur5"\n[simulation]\ncamera = { rate = 30.0 }\n')
-    with pytest.raises(pa.InputError, match=words):
-        Scenario.read(path, [f"simulation.{setting}"]).run()
-
-
-@pytest.mark.parametrize(
-    ("faults", "words"),
-    [
-        ({"camera": {"rate": 0.0}}, r"camera\.rate: must be positive"),
-        ({"camera": {"rate": -30.0}}, r"camera\.rate"),
-        ({"camera": {"rate": np.nan}}, r"camera\.rate"),
-        ({"camera": {"delay": -0.01}}, r"camera\.delay"),
-        ({"camera": {"dropout": -0.1}}, r"camera\.dropout"),
-        ({"camera": {"dropout": 1.0}}, r"camera\.dropout.*below 1"),
-        ({"camera": {"rat": 30.0}}, "Did you mean 'rate'"),
-        ({"camera": 30.0}, "expected a Camera or a mapping"),
-        ({"encoder": -1e-3}, "encoder.*not be negative"),
-        ({"encoder": [1e-3, 1e-3]}, "encoder: expected 6 numbers"),
-        ({"encoder": np.nan}, "encoder"),
-        ({"noise": {"p": 1e-3}}, "'p'"),
-    ],
-)
-def test_impossible_sensors_are_refused(faults, words):
-    with pytest.raises(pa.InputError, match=words):
-        pa.plants.SimulatedSensors(load("ur5"), DT, pa.Sensors(**faults))
 
 
 @pytest.mark.parametrize(

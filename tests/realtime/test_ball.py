@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.realtime import BallCamera, ball_centre
+from pinadapt.realtime import ball_centre
 
 cv2 = pytest.importorskip("cv2", reason='no OpenCV: pip install "pinadapt[camera]"')
 
@@ -51,16 +51,6 @@ def test_a_ball_that_is_not_whole_is_not_seen():
             ball_centre(wrong, GREEN)
     with pytest.raises(pa.InputError, match="0 to 360"):
         ball_centre(hidden, (90.0, 400.0))
-
-
-def test_frames_have_the_time_of_their_picture():
-    coming = [None, (drawn((100.0, 80.0)), 0.3), (drawn((5.0, 80.0)), 0.4), None]
-    camera = BallCamera(lambda: coming.pop(0), GREEN, 0.002)
-    frames = [camera() for _ in range(4)]
-    assert [frame is None for frame in frames] == [True, False, True, True]
-    x, t = frames[1]
-    assert x == pytest.approx([0.2, 0.16], abs=2e-4) and t == 0.3
-    assert (camera.seen, camera.unseen) == (1, 1)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli import main
 from pinadapt.exceptions import ArmError
-from pinadapt.realtime import ArmFacts, CycleLog, RealtimeLoop, Recorder, Safety, tell
+from pinadapt.realtime import ArmFacts, CycleLog, RealtimeLoop, Recorder, Safety
 from tests.support.arms import ORDINARY
 from tests.support.franka_server import MASS, TOOL, Franka
 
@@ -119,23 +119,6 @@ def test_tool_and_load_are_learned_on_a_circle(franka, tmp_path):
     )
 
 
-def test_a_limit_stops_it(franka):
-    ending, said, q, _ = drive(franka, "adapt", 5.0, error=1e-5)
-    assert ending.failed and ending.reason.startswith("error: ")
-    assert said[-1].startswith("stopped") and np.abs(q[-1] - q[-20]).max() < 5e-3
-
-
-def test_the_latch_stops_it(franka):
-    with Recorder(None, controller(), port=0) as recorder:
-
-        def press(count, m):
-            if count == 100:
-                tell(recorder.port, "latch", "red button", timeout=20.0)
-
-        ending, *_ = drive(franka, "adapt", 5.0, recorder=recorder, each=press)
-    assert ending.reason == "latch: red button" and ending.phases[-1][1] == "stopped"
-
-
 def test_a_push_beyond_the_collision_behaviour_is_a_reflex_that_is_acknowledged(franka):
     """Below the thresholds nothing happens; the reflex and its recovery are those of our server."""
 
@@ -181,15 +164,6 @@ def test_commands_that_do_not_reach_the_robot_hold_it(franka, tmp_path):
     assert np.isnan(logged[:99]).all() and np.allclose(logged[120:250], 0.97)
 
 
-def test_a_robot_that_its_user_has_stopped_is_refused(franka):
-    franka.tell(stopped=True)
-    try:
-        with pytest.raises(ArmError, match=r"its mode is UserStopped.*Release the user stop"):
-            drive(franka, "gravity", 0.2)
-    finally:
-        franka.tell(stopped=False)
-
-
 def test_a_load_that_is_set_on_the_robot_is_carried_by_it(franka):
     """com in the axes of the flange there, in those of the tool in the description."""
     turn = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]]) / np.sqrt(2.0)
@@ -209,33 +183,6 @@ def test_a_load_that_is_set_on_the_robot_is_carried_by_it(franka):
     with FrankaArm(franka.address, robot()) as plain:
         plain._robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
     assert moved["set"] < 2e-3 < 5e-3 < moved["unset"], moved
-
-
-def test_a_real_time_server_killed_during_motion_is_reported():
-    """A machine that stalls for ten periods is reported as well, then once more."""
-    for attempt in range(4):  # each at an address that no connection of before keeps busy
-        server = Franka(f"127.0.0.{3 + attempt}", realtime=True)
-        try:
-            kill = server.process.kill
-            each = lambda count, m, kill=kill: kill() if count == 200 else None  # noqa: E731
-            ending, said, q, _ = drive(server, "adapt", 60.0, each=each)
-        finally:
-            server.close()
-        assert ending.failed and said[-1].startswith("stopped")
-        if not ending.reason.startswith("late: "):
-            break
-    assert len(q) > 150 and "does not answer" in ending.reason
-    assert "Is the cable in" in ending.reason
-
-
-def test_a_silent_address_and_another_robot_are_refused(franka):
-    with pytest.raises(pa.InputError, match=r"127\.0\.0\.77: cannot be reached: .*FCI"):
-        FrankaArm("127.0.0.77", robot())
-    with pytest.raises(pa.InputError, match="a Franka has 7 joints"):
-        FrankaArm(franka.address, pa.load("ur5"))
-    plain = pa.make_controller(robot(), adaptation="none")
-    with pytest.raises(pa.InputError, match="adds its gravity torque by itself"):
-        drive(franka, "hold", 0.1, of=plain)
 
 
 def test_one_command_identifies_the_load(franka, tmp_path, capsys):

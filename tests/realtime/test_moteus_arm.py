@@ -179,32 +179,3 @@ def test_a_silent_or_faulty_motor_stops_the_others(request, motors):
     arm = arm_of(motors, channel=channel_of(request))
     ending, _ = drive(arm, seconds=9.0, each=fault)
     assert ending.failed and "the motor of joint1 has fault 33" in ending.reason
-
-
-def test_a_pulled_cable_is_reported(request, motors):
-    arm = arm_of(motors, channel=channel_of(request))
-    arm._timeout = 0.1
-
-    def pull(count):
-        if count == 100:
-            motors.silent.add(1)
-
-    ending, _ = drive(arm, seconds=9.0, each=pull)
-    assert ending.failed
-    assert "the motor of joint2 has not answered for 3 cycles" in ending.reason
-
-
-def test_wrong_tables_are_refused(request, motors):
-    place = {"channel": channel_of(request)}
-    with pytest.raises(pa.InputError, match=r"the motors are of \['joint1'\]"):
-        arm_of(motors, MOTORS[:1], **place)
-    with pytest.raises(pa.InputError, match="two motors have the same id"):
-        arm_of(motors, [Motor("joint1", 3), Motor("joint2", 3)], **place)
-    with pytest.raises(pa.InputError, match=r"no answer from the motors of \['joint2'\]"):
-        motors.silent.add(1)
-        MoteusArm(robot(), MOTORS, interface="virtual", timeout=0.05, **place)
-    with pytest.raises(pa.InputError, match="the bus cannot be opened"):
-        MoteusArm(robot(), MOTORS, interface="socketcan", channel="none0")
-    for given in ({"id": 127}, {"id": 1, "sign": 0}, {"id": 1, "ratio": 0.0}):
-        with pytest.raises(pa.InputError, match=r"motors\."):
-            Motor("joint1", **given)

@@ -1,10 +1,6 @@
 """The loop on an arm: stages, phases, late cycles, signals, faults of drivers."""
 
-import copy
-import dataclasses
-import gc
 import itertools
-import os
 import re
 import signal
 import time
@@ -15,15 +11,10 @@ import pytest
 import pinadapt as pa
 from pinadapt.exceptions import ArmError
 from pinadapt.realtime import (
-    ArmFacts,
     PlantArm,
     RealtimeLoop,
     Safety,
-    Scheduling,
-    Stage,
-    realtime_loop,
 )
-from pinadapt.realtime.realtime_loop import Histogram
 from tests.support.arms import (
     ORDINARY,
     PERIOD,
@@ -67,13 +58,6 @@ def test_in_unknown_axes_the_joints_are_held():
         assert waits is held
 
 
-def test_without_adaptation_a_motion_in_unknown_axes_is_refused():
-    unknown = controller(unknown=pa.Unknown(tracker=True))
-    with pytest.raises(pa.InputError, match="without adaptation"):
-        Loop(stage="slow", of=unknown)
-    Loop(stage="slow", of=unknown, start={"a_k": unknown.kinematics.initial})
-
-
 def test_gravity_compensation_lets_the_arm_be_moved_by_hand():
     """A push moves it on, and with the right model it neither falls nor returns."""
 
@@ -99,19 +83,6 @@ def test_gravity_compensation_holds_what_was_learned():
         assert (moved(loop) < 1e-3) is holds
 
 
-def test_a_hold_stays_and_does_not_learn():
-    loop = Loop(arm(robot()), "hold")
-    ending = loop.ended()
-    assert moved(loop) < 1e-4 and loop.phases == OUT
-    assert np.array_equal(ending.state.a_d, controller().dynamics.initial)
-
-
-def test_a_slow_motion_is_the_motion_and_slower():
-    slow, quick = (Loop(arm(robot()), stage, 0.3) for stage in ("slow", "adapt"))
-    slow.ended(), quick.ended()
-    assert 0.0 < moved(slow) < 0.5 * moved(quick)
-
-
 def test_adaptation_learns_the_load():
     loop = Loop(stage="adapt", seconds=1.5)
     ending = loop.ended()
@@ -119,12 +90,6 @@ def test_adaptation_learns_the_load():
     before = np.abs(controller().dynamics.initial - truth).max()
     assert np.abs(ending.state.a_d - truth).max() < before
     assert "adapt" in ending.phases[0][2] and "the time is over" in str(ending)
-
-
-def test_the_stages_are_checked():
-    with pytest.raises(pa.InputError, match="must be one of log, gravity, hold, slow, adapt"):
-        Loop(stage="fly")
-    assert [stage.value for stage in Stage] == ["log", "gravity", "hold", "slow", "adapt"]
 
 
 # --- lateness ---
@@ -156,66 +121,6 @@ def test_many_late_cycles_hold_damp_and_stop_in_this_order():
     assert np.abs(loop.arm.plant.measure().v).max() < 1e-2
 
 
-def test_a_very_late_cycle_damps_at_once():
-    loop = Loop(faulty(late(15)))
-    assert "15 periods" in loop.ended().reason and loop.phases == ["running", "damping", "stopped"]
-
-
-class Wall(PlantArm):
-    """An arm on the wall clock of ``Time``, whose own time goes on by a period whatever happens."""
-
-    clock, took = None, staticmethod(lambda count: PERIOD)
-
-    def __init__(self, *arguments):
-        super().__init__(*arguments)
-        self.facts = dataclasses.replace(self.facts, clock="arm")
-        self.count, self.due = 0, 0.0
-
-    def read(self):
-        self.count += 1
-        self.due += self.took(self.count)
-        self.clock.now = max(self.clock.now, self.due)
-        return super().read()
-
-
-@pytest.mark.parametrize(
-    ("took", "phases", "words"),
-    [
-        (lambda count: PERIOD, OUT, "the time is over"),
-        (lambda count: PERIOD * (4.0 if count % 100 == 0 else 0.97), OUT, "the time is over"),
-        (
-            lambda count: 3.0 if count == 80 else PERIOD,
-            ["running", "damping", "stopped"],
-            r"late: 3 s passed between two measurements, 750 periods; by the arm's clock 0\.004 s",
-        ),
-        (lambda count: 2.0 * PERIOD, OUT, "late: 10 cycles in a short while were late"),
-    ],
-)
-def test_this_computers_clock_is_compared_with_the_period(took, phases, words, monkeypatch):
-    clock = Time()
-    monkeypatch.setattr(realtime_loop, "time", clock)
-    on = arm(kind=Wall)
-    on.clock, on.took = clock, took
-    loop = Loop(on, "hold", 1.0)
-    ending = loop.ended()
-    late = sum(took(count) > 1.5 * PERIOD for count in range(1, on.count + 1))
-    assert loop.phases == phases and re.match(words, ending.reason)
-    assert ending.late == pytest.approx(late, abs=4)  # of which some reads came before the loop
-    assert ending.arm_period.worst == pytest.approx(PERIOD)
-    assert ending.period.worst == pytest.approx(max(map(took, range(5, on.count))), abs=1e-3)
-    assert "period, here" in str(ending) and "period, arm" in str(ending)
-
-
-def test_a_simulated_arm_takes_any_time(monkeypatch):
-    clock = Time()
-    monkeypatch.setattr(realtime_loop, "time", clock)
-    on = arm(kind=Wall)
-    on.clock, on.took = clock, lambda count: 5.0
-    on.facts = arm().facts
-    ending = Loop(on, "hold").ended()
-    assert on.facts.clock == "simulated" and not ending.failed and ending.late == 0
-
-
 def test_torques_that_do_not_reach_the_arm_hold_it():
     class Deaf(PlantArm):
         def read(self):
@@ -231,18 +136,6 @@ def test_torques_that_do_not_reach_the_arm_hold_it():
     assert np.isnan(silent.received) and "received" not in str(silent)
 
 
-def test_a_histogram_has_the_shares_of_its_times():
-    times = np.random.default_rng(1).exponential(2e-4, 5000)
-    histogram = Histogram()
-    for each in times:
-        histogram.add(each)
-    for share in (0.5, 0.99, 0.999):
-        assert histogram.share(share) == pytest.approx(np.quantile(times, share), abs=3e-5)
-    assert histogram.worst == times.max() and histogram.above(1e-3) == (times >= 1e-3).sum()
-    histogram.add(3.0)
-    assert histogram.row()[-1] == "3000000"
-
-
 def test_an_arm_without_a_cycle_is_paced_by_deadlines():
     """The plant follows the clock, so measurements would reveal a loop that drifts."""
     follower = arm(clock=time.monotonic)
@@ -251,72 +144,6 @@ def test_an_arm_without_a_cycle_is_paced_by_deadlines():
     ending = loop.ended()
     assert not follower.facts.paced and 0.2 < time.monotonic() - began < 20.0
     assert ending.cycles <= (ending.phases[-1][0]) / PERIOD + 3
-
-
-class Time:
-    """A clock that advances by 10 us when it is read, and by sleeping."""
-
-    now = 0.0
-
-    def perf_counter(self):
-        self.now += 1e-5
-        return self.now
-
-    def sleep(self, seconds):
-        self.now += seconds
-
-
-@pytest.mark.parametrize("waits", [True, False])
-def test_a_step_is_rehearsed_while_the_loop_waits_and_changes_nothing(waits, monkeypatch):
-    """An arm that does not wait for the clock leaves no time for it."""
-    clock, kept, of = Time(), [], copy.deepcopy(controller())
-    step = of.step
-
-    def kept_step(state, m, desired, dt):
-        found = step(state, m, desired, dt)
-        kept.append((state, m, desired, found[0]))
-        return found
-
-    monkeypatch.setattr(realtime_loop, "time", clock)
-    monkeypatch.setattr(of, "step", kept_step)
-    options = {"clock": lambda: clock.now} if waits else {}
-    Loop(arm(**options), of=of, seconds=0.2).ended()
-    pairs = list(itertools.pairwise(kept[60:]))  # after those by which all code has run
-    rehearsed = [pair for pair in pairs if pair[0][0] is pair[1][0]]
-    assert (len(rehearsed) > 0.45 * len(pairs)) is waits and (waits or not rehearsed)
-    for (_, before, _, _), (state, m, desired, torque) in rehearsed:
-        assert before.t == pytest.approx(m.t) and np.abs(before.q - m.q).max() < 1e-4
-        assert np.array_equal(step(state, m, desired, PERIOD)[0], torque)
-
-
-def test_denied_system_settings_are_reported(monkeypatch):
-    def refused(*arguments):
-        raise PermissionError(1, "Operation not permitted")
-
-    monkeypatch.setattr(os, "sched_setscheduler", refused, raising=False)
-    monkeypatch.setattr(os, "sched_setaffinity", refused, raising=False)
-    with Scheduling(80, 0, False).applied() as notes:
-        assert len(notes) == 2 and "rtprio" in notes[0] and "core 0" in notes[1]
-
-
-def test_the_scheduling_is_restored():
-    before = os.sched_getaffinity(0), os.sched_getscheduler(0)
-    with Scheduling(1, min(before[0]), False).applied():
-        assert os.sched_getaffinity(0) == {min(before[0])}
-    assert (os.sched_getaffinity(0), os.sched_getscheduler(0)) == before
-
-
-def test_the_loop_disables_and_restores_the_garbage_collector():
-    seen, frozen = [], gc.get_freeze_count()
-    Loop(faulty(lambda arm, m: seen.append(gc.isenabled()) or m)).ended()
-    assert not any(seen) and gc.isenabled()
-    assert frozen - 100 < gc.get_freeze_count() <= frozen  # a few may have died meanwhile
-    gc.disable()
-    try:
-        Loop(seconds=0.02).ended()
-        assert not gc.isenabled()
-    finally:
-        gc.enable()
 
 
 # --- signals ---
@@ -352,13 +179,6 @@ def test_an_interrupt_in_each_state_ends_in_rest(stage, cycles, phases):
     assert loop.phases == phases and "interrupt" in ending.reason and not ending.failed
     assert np.abs(loop.arm.plant.measure().v).max() < 1e-2
     assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_an_interrupt_before_the_first_cycle_is_one(monkeypatch):
-    loop = Loop(faulty(interrupts(0), at=1))
-    with pytest.raises(KeyboardInterrupt), loop.arm:
-        loop.run()
-    assert loop.arm.stopped and not loop.arm.sent
 
 
 # --- faults of drivers ---
@@ -454,37 +274,6 @@ def test_an_arm_in_error_refuses_before_anything_moves():
     assert loop.loop.ending.failed and moved(loop) == 0.0
 
 
-def test_engaged_brakes_are_detected():
-    class Braked(PlantArm):
-        def send(self, torque):
-            super().send(torque)
-            self._sent = None  # it does not move
-
-        def begin(self):
-            self.plant.step = lambda torque, dt: None
-
-    ending = Loop(arm(kind=Braked), seconds=3.0).ended()
-    assert ending.failed and ending.phases[-1][0] < 2.9
-    words = r"torque: joint\d at its limit for 0\.3 s; brakes, or a heavy load\?"
-    assert re.fullmatch(words, ending.reason)
-
-
-@pytest.mark.parametrize(
-    ("facts", "words"),
-    [
-        ({"joints": ("a", "b", "c"), "torque": 9.0, "velocity": 9.0}, "3 joints .* robot 2"),
-        ({"side": "motor"}, "before its gears"),
-        ({"period": 1e-3}, "made for 0.004 s"),
-        ({"compensation": lambda q: 0.0 * q}, 'adds its gravity .*compensated="nominal"'),
-    ],
-)
-def test_an_arm_that_does_not_match_the_controller_is_refused(facts, words):
-    other = arm()
-    other.facts = ArmFacts.of(robot(), **{"period": PERIOD, **facts})
-    with pytest.raises(pa.InputError, match=words):
-        RealtimeLoop(other, controller(), circle(), scheduling=ORDINARY)
-
-
 def test_an_arm_that_compensates_gravity_is_sent_the_difference():
     plant = pa.plants.PinocchioPlant(robot(), compensation=pa.robot.Gravity(robot()))
     sent = []
@@ -500,65 +289,11 @@ def test_an_arm_that_compensates_gravity_is_sent_the_difference():
     assert np.abs(sent[:20]).max() < 1e-6 and moved(loop) < 1e-6
 
 
-def test_a_missing_camera_is_reported():
-    class Blind(PlantArm):
-        def read(self):
-            return super().read()._replace(x=None, xd=None)
-
-    with pytest.raises(ArmError, match="no position of the task frame came for 2 s"):
-        Loop(arm(kind=Blind)).ended()
-
-
 def test_torques_change_at_most_at_their_rate():
     loop = Loop(faulty(None), safety=Safety(torque_rate=50.0))
     loop.ended()
     changes = [np.abs(b - a).max() for a, b in itertools.pairwise(loop.arm.sent)]
     assert 0.0 < max(changes) <= 50.0 * PERIOD * (1.0 + 1e-9)
-
-
-@pytest.mark.parametrize("ratio", [20.0, -50.0, np.nan])
-def test_a_driver_that_writes_into_what_it_gets_changes_no_later_torque(ratio):
-    class Scaling(PlantArm):
-        def __init__(self, *arguments):
-            super().__init__(*arguments)
-            self.got = []
-
-        def send(self, torque):
-            self.got.append(torque.copy())
-            super().send(torque)
-            torque *= ratio
-
-    def run(kind):
-        loop = Loop(arm(robot(), kind), "hold", of=controller(), safety=Safety(torque_rate=100.0))
-        loop.ended()
-        return loop
-
-    scaled = run(Scaling)
-    got, limits = np.array(scaled.arm.got), scaled.loop._checks.limit
-    assert len(got) > 100 and (np.abs(got) <= limits).all()
-    assert np.abs(np.diff(got, axis=0)).max() <= 100.0 * PERIOD * (1.0 + 1e-9)
-    assert moved(scaled) == moved(run(PlantArm))
-
-
-class Writing(pa.plants.PinocchioPlant):
-    """A plant that writes into its torque once it has moved."""
-
-    def step(self, torque, dt):
-        super().step(torque, dt)
-        torque[:] = np.nan
-
-
-def test_a_plant_that_writes_into_its_torque_changes_no_other():
-    now, on = [0.0], PlantArm(Writing(robot()), PERIOD, clock=lambda: now[0])
-    on.read()
-    torque = np.array([1.0, -2.0])
-    on.send(torque)
-    for periods in (1, 3):
-        now[0] += periods * PERIOD
-        assert np.isfinite(on.read().q).all() and torque.tolist() == [1.0, -2.0]
-    of = controller(limits=pa.Limits())
-    samples = list(itertools.islice(pa.run(Writing(robot()), of, circle(), dt=PERIOD), 5))
-    assert np.isfinite([sample.torque for sample in samples]).all()
 
 
 def test_two_loops_do_not_drive_one_arm():
@@ -579,13 +314,6 @@ def test_two_loops_do_not_drive_one_arm():
     for _ in range(2):
         assert not Loop(once_more, "log", 0.02).run().failed
         once_more.stopped = ""  # as if it were switched on again
-
-
-def test_lists_and_integers_from_a_driver_are_numbers():
-    def listed(arm, m):
-        return m._replace(t=np.float32(m.t), q=m.q.tolist(), v=tuple(m.v), x=m.x.tolist())
-
-    assert not Loop(faulty(listed, at=1)).ended().failed
 
 
 NONSENSE = {

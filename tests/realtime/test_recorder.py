@@ -4,12 +4,10 @@ The processes of arm and log are copies of the test's own, but where a loop is k
 they are new ones there, as in ``tests/cli/test_drive.py``.
 """
 
-import errno
 import json
 import os
 import resource
 import signal
-import socket
 import time
 from functools import partial
 
@@ -17,8 +15,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.exceptions import ArmError
-from pinadapt.logs.mcap import McapWriter, Topic, pose_message, read_mcap, text_message
+from pinadapt.logs.mcap import McapWriter, Topic, read_mcap
 from pinadapt.realtime import (
     CycleLog,
     ProcessArm,
@@ -28,12 +25,10 @@ from pinadapt.realtime import (
     tell,
     watched,
 )
-from pinadapt.realtime.recorder import _CLOSED
 from tests.support.arms import (
     ORDINARY,
     PERIOD,
     Loop,
-    arm,
     circle,
     controller,
     faulty,
@@ -110,16 +105,6 @@ def test_a_replay_gives_the_same_torques_bit_for_bit(run):
     assert found.same and found.asked.sum() > 200 and not found.difference.any()
 
 
-def test_a_replay_of_limited_torques_gives_the_same(tmp_path):
-    of = controller()
-    with Recorder(tmp_path / "slow.mcap", of) as recorder:
-        Loop(of=of, seconds=0.5, safety=Safety(torque_rate=100.0), recorder=recorder).ended()
-    log = CycleLog.read(tmp_path / "slow.mcap")
-    asked = log.cycles.stepped[:, 0] == 1.0
-    assert (log.cycles.sent != log.cycles.asked)[asked].any(axis=1).sum() > 5
-    assert log.replay(of).same
-
-
 def test_a_replay_by_another_controller_shows_its_torques(run):
     path, of, *_ = run
     log = CycleLog.read(path)
@@ -131,14 +116,6 @@ def test_a_replay_by_another_controller_shows_its_torques(run):
         assert not found.same and (found.difference > 1e-3).any()
     with pytest.raises(pa.LogError, match="has 2 joints; the controller is for 7"):
         log.replay(pa.make_controller(pa.load("panda"), adaptation="none"))
-
-
-def test_bags_and_identification_read_it(run):
-    path, *_ = run
-    log = pa.read_log(path, robot())
-    cycles = CycleLog.read(path).cycles
-    assert np.array_equal(log.q, cycles.q) and np.array_equal(log.v, cycles.v)
-    assert np.array_equal(log.tau[5:50], cycles.sent[4:49])
 
 
 def test_mcap_reads_it(run):
@@ -176,25 +153,6 @@ def test_mcap_reads_it(run):
     assert events == CycleLog.read(run[0]).events and "begun" in events[0]
 
 
-def test_a_frame_of_the_camera_is_a_point_or_a_pose(tmp_path):
-    reader = pytest.importorskip("mcap.reader", reason="mcap-ros2-support is not installed")
-    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is missing")
-    path, pose = tmp_path / "frames.mcap", [0.1, 0.2, 0.3, 0.5, -0.5, 0.5, 0.5]
-    with path.open("wb") as file:
-        kinds = "geometry_msgs/msg/PointStamped", "geometry_msgs/msg/PoseStamped"
-        writer = McapWriter(file, [Topic(f"/{k}", kind) for k, kind in enumerate(kinds)])
-        for k, size in enumerate((3, 7)):
-            writer.add(k, 10**9 + k, pose_message(10**9 + k, np.array(pose[:size])))
-        writer.close()
-    with path.open("rb") as file:
-        made = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
-        (_, _, _, point), (_, _, _, placed) = made.iter_decoded_messages()
-    p, o = placed.pose.position, placed.pose.orientation
-    assert [p.x, p.y, p.z, o.x, o.y, o.z, o.w] == pose
-    assert [point.point.x, point.point.y, point.point.z] == pose[:3]
-    assert (point.header.stamp.sec, placed.header.stamp.nanosec) == (1, 1)
-
-
 def test_a_file_without_its_end_is_read_up_to_there(run, tmp_path):
     content, cut = read_mcap(run[0]), tmp_path / "cut.mcap"
     topic, rows = "/pinadapt/cycle", content.messages["/pinadapt/cycle"]
@@ -217,33 +175,6 @@ def test_a_file_without_its_end_is_read_up_to_there(run, tmp_path):
     cut.write_bytes(b"table")
     with pytest.raises(pa.LogError, match="not an MCAP file"):
         CycleLog.read(cut)
-
-
-def test_a_full_disk_leaves_complete_chunks(tmp_path):
-    class Full:
-        """A file of which the disk is full after some bytes."""
-
-        def __init__(self, file):
-            self.file, self.left = file, 4000
-
-        def write(self, raw):
-            part = raw[: self.left]
-            self.left -= len(part)
-            self.file.write(part)
-            if len(part) < len(raw):
-                raise OSError(errno.ENOSPC, "No space left on device")
-
-        def __getattr__(self, name):
-            return getattr(self.file, name)
-
-    path = tmp_path / "full.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(Full(file), [Topic("/e", "std_msgs/msg/String")])
-        with pytest.raises(OSError, match="No space"):
-            for k in range(100):
-                writer.add(0, k, text_message("x" * 100))
-                writer.flush()
-    assert path.stat().st_size == writer.size and len(read_mcap(path).messages["/e"]) > 10
 
 
 @pytest.mark.usefixtures("forked")
@@ -290,41 +221,6 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
     assert log.replay(controller()).same
 
 
-@pytest.mark.usefixtures("forked")
-def test_a_full_ring_reports_dropped_cycles_and_writes_the_last_events(tmp_path):
-    """The process of the log gets no time until all is over."""
-    path = tmp_path / "stalled.mcap"
-    recorder = Recorder(path, controller(), rows=4)
-    try:
-        os.kill(recorder.pid, signal.SIGSTOP)
-        for number in range(10):
-            recorder.commit()
-            recorder.event(number=number)
-        assert "6 cycles are not in the log" in recorder.trouble
-        recorder._head[_CLOSED] = 1
-    finally:
-        os.kill(recorder.pid, signal.SIGCONT)
-        recorder.close()
-    log = CycleLog.read(path)
-    assert log.whole and [event["number"] for event in log.events] == list(range(10))
-    assert len(log) == 4
-
-
-def test_missing_shared_memory_is_reported(monkeypatch):
-    def full(*arguments):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("multiprocessing.heap.Arena", full)
-    with pytest.raises(pa.InputError, match=r"no memory can be shared: No space left.*/dev/shm"):
-        Recorder(None, controller(), rows=10**6)
-
-
-def test_a_place_that_cannot_be_written_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(pa.InputError, match=r"cannot be written.*--log"):
-        Recorder(tmp_path / "file" / "run.mcap", controller())
-
-
 # --- commands ---
 
 
@@ -343,16 +239,6 @@ def test_commands_come_by_the_loopback(run):
         "refused: go: not while running",
     ):
         assert words in said, words
-
-
-def test_a_silent_port_and_a_port_in_use_are_reported():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
-        with pytest.raises(pa.InputError, match=f"port {port} cannot be used: Address already"):
-            Recorder(None, controller(), port=port)
-        with pytest.raises(pa.InputError, match="no answer"):
-            tell(port, "state", timeout=0.05)
 
 
 # --- processes that are killed ---
@@ -465,19 +351,3 @@ def test_a_plant_in_a_process_of_its_own_that_dies_is_noticed(tmp_path):
         ending = loop.run()
     assert ending.failed and loop.phases[-1] == "stopped"
     assert "the connection broke" in ending.reason or "has ended its connection" in ending.reason
-
-
-def test_an_arm_without_torques_stops_by_itself():
-    on = arm()
-    on.read()
-    on.send(np.zeros(2))
-    with pytest.raises(ArmError, match=r"no torque came for 0\.1 s"):
-        for _ in range(60):
-            on.read()
-    assert np.abs(on.plant.measure().v).max() < 1e-2
-
-
-@pytest.mark.usefixtures("forked")
-def test_a_plant_that_cannot_be_made_is_reported():
-    with pytest.raises(pa.InputError, match="expected a Robot, got None"):
-        ProcessArm(partial(pa.plants.PinocchioPlant, None), PERIOD)

@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.realtime import Answer, PlantArm, Safety
-from tests.support.arms import PERIOD, Loop, arm, controller, faulty, heavy, robot
+from pinadapt.realtime import PlantArm, Safety
+from tests.support.arms import PERIOD, Loop, arm, controller, faulty, robot
 
 
 def ended(loop):
@@ -62,24 +62,10 @@ def test_an_error_that_is_too_large_is_damped():
     assert phases[1] == "damping" and "error: coordinate" in reason
 
 
-def test_a_position_that_jumps_is_damped_before_it_is_an_error():
-    away = lambda arm, m: m._replace(x=m.x + 0.3)  # noqa: E731
-    reason, phases = ended(Loop(faulty(away)))
-    assert phases[1] == "damping" and "'x' has jumped" in reason
-
-
 def test_a_motor_that_stays_at_its_limit_holds_the_path():
     of = controller(limits=pa.Limits(torque=[35.0, 10.0]))
     reason, _ = ended(Loop(of=of, safety=Safety(saturated=0.05, error=1.0), seconds=3.0))
     assert reason.startswith(("torque: ", "contact: ", "error: "))
-
-
-def test_a_missing_camera_holds_the_path():
-    blind = lambda arm, m: m._replace(x=None, xd=None)  # noqa: E731
-    on = faulty(blind)
-    reason, phases = ended(Loop(on, safety=Safety(camera=0.1), seconds=3.0))
-    assert phases == ["running", "holding", "damping", "stopped"]
-    assert reason.startswith("camera: no frame for 0.1")
 
 
 def test_an_unknown_load_does_not_sink_while_the_arm_is_damped():
@@ -119,31 +105,6 @@ def test_an_obstacle_is_distinguished_from_a_load_and_freezes_the_adaptation_fir
     assert any(words.startswith("the adaptation rests: contact") for words in loop.said)
 
 
-def test_without_an_observed_disturbance_there_is_no_contact_and_the_loop_says_so():
-    on = arm(kind=Wall)
-    on.angle = robot().q0[0] + 0.2
-    away = pa.trajectories.Waypoints(
-        [robot().position(robot().q0), robot().position(robot().q0 + np.array([0.5, 0.0]))], 0.8
-    )
-    loop = Loop(on, motion=away, seconds=1.2, of=controller(adaptation="natural"))
-    ending = loop.ended()
-    assert on.felt is not None and not ending.reason.startswith("contact")
-    assert loop.said[0].startswith("contact is not detected")
-
-
-@pytest.mark.parametrize("delay", [0.0, 24e-3])
-def test_the_report_says_that_the_torque_rings_and_what_to_declare(delay):
-    """Late motors are not declared; the checklist is told to let them ring."""
-    plant = pa.plants.PinocchioPlant(heavy(), actuators=pa.robot.Actuators(delay=delay))
-    easy = Safety(velocity=9.0, contact=9.0, error=9.0, saturated=9.0, torque_rate=np.inf)
-    of = controller(limits=None, lag=0.01)
-    ending = Loop(PlantArm(plant, PERIOD), of=of, safety=easy, seconds=1.5).ended()
-    words = [note for note in ending.notes if "rings at" in note]
-    assert len(words) == bool(delay) and all(note in str(ending) for note in words)
-    if words:
-        assert "limits.actuators), or take a longer lag, for example lag = " in words[0]
-
-
 def test_the_latch_stops_and_stays():
     def pressed(arm, m):
         loop.loop._checks.latched = "red button"
@@ -153,24 +114,6 @@ def test_the_latch_stops_and_stays():
     loop = Loop(on, seconds=3.0)
     reason, phases = ended(loop)
     assert reason == "latch: red button" and phases == ["running", "damping", "stopped"]
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"velocity": 0.0}, "safety.velocity"),
-        ({"torque_rate": -1.0}, "safety.torque_rate"),
-        ({"box": [[1.0, 1.0], [0.0, 2.0]]}, "lower and upper corner"),
-        ({"box": [1.0, 2.0]}, "lower and upper corner"),
-    ],
-)
-def test_impossible_numbers_are_refused(given, words):
-    with pytest.raises(pa.InputError, match=words):
-        Safety(**given)
-
-
-def test_the_answers_are_in_order():
-    assert sorted(Answer) == [Answer.NONE, Answer.REST, Answer.HOLD, Answer.DAMP, Answer.STOP]
 
 
 class Touched(PlantArm):

@@ -61,20 +61,3 @@ def test_an_approach_goes_straight_and_the_short_way(task, motion, start):
         assert np.isclose(np.linalg.norm(ways[0][3:]), turn[0].angularDistance(turn[1]))
     if task is TURNING:
         assert np.isclose(ways[0][0], -0.4 - (6.8 - 2 * np.pi))
-
-
-def test_the_motion_after_an_approach_is_delayed():
-    rest = pa.trajectories.Waypoints([[0.0, 0.0], [0.1, 0.0]], 0.8)
-    later = Approach(rest, [0.1, 0.1], 0.5, pa.tasks.TASKS["xy"])
-    assert later.settles == later.at_rest_from() == 1.3
-    assert later.extent == rest.extent and later.repeats is None
-    circling = Approach(CIRCLE.from_rest(0.7), [0.1, 0.1, 0.1], 0.5, XYZ)
-    assert circling.repeats == (1.2, 3.0)
-    assert repr(circling) == "approach of 0.5 s, Circle, from rest within 0.7 s"
-
-
-def test_approaches_that_do_not_fit_are_refused():
-    with pytest.raises(pa.InputError, match="start: expected 3 numbers"):
-        Approach(CIRCLE, [0.1, 0.2], 0.5, XYZ)
-    with pytest.raises(pa.InputError, match="duration: must be positive"):
-        Approach(CIRCLE, [0.1, 0.2, 0.3], 0.0, XYZ)

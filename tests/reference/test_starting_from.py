@@ -6,9 +6,9 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.description.chain import effort_limits, velocity_limits
-from pinadapt.reference import Approach, joint_motion, starting_from
+from pinadapt.reference import joint_motion, starting_from
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.trajectories import AsGiven, Hold, Retimed
+from pinadapt.trajectories import AsGiven, Hold
 from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative
 from tests.support.paths import ROOT
@@ -26,20 +26,6 @@ def circle(robot, by=0.0):
     """Return a circle of 10 cm in 3 s that starts beside home."""
     path = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 3.0)
     return path.starting_at(robot.position(robot.q0) + by)
-
-
-@pytest.mark.parametrize("name", ["planar_2r", "panda"])
-def test_a_motion_that_begins_at_the_robot_gets_no_approach(name):
-    robot = catalogue_robot(name)
-    begun = starting_from(circle(robot), robot, resting(robot))
-    assert isinstance(begun, Retimed) and not begun.at(0.0).xdd_d.any()
-    close = circle(robot, by=0.9e-3 * robot.reach)
-    assert isinstance(starting_from(close, robot, resting(robot)), Retimed)
-    further = circle(robot, by=1.1e-3 * robot.reach)
-    approach = starting_from(further, robot, resting(robot))
-    assert isinstance(approach, Approach) and approach.duration == 0.3
-    given = further.as_given()
-    assert starting_from(given, robot, resting(robot)) is given
 
 
 @pytest.mark.parametrize(
@@ -70,14 +56,6 @@ def test_an_approach_keeps_the_limits(name, by):
     ).all()
 
 
-@pytest.mark.parametrize(("scale", "by"), [(1e3, 0.0), (1.0, 0.9)], ids=["millimetres", "away"])
-def test_a_first_point_out_of_reach_is_warned_of(scale, by):
-    robot = catalogue_robot("ur5")
-    point = scale * robot.position(robot.q0) + np.array([by, 0.0, 0.0])
-    with pytest.warns(UserWarning, match="does not reach the first point.* in metres"):
-        starting_from(Hold(point), robot, resting(robot), duration=4.0)
-
-
 @pytest.mark.parametrize("task", ["xyz", "joint"])
 def test_the_motion_of_the_joints_is_that_of_the_task(task):
     robot = catalogue_robot("panda", task=task)
@@ -104,17 +82,6 @@ def test_the_motion_of_the_joints_is_that_of_the_task(task):
         assert np.allclose(a, slope, atol=0.05 * np.abs(joints.a).max())
 
 
-def test_a_path_through_an_unreachable_point_is_recognised():
-    robot = catalogue_robot("panda")
-    away = robot.position(robot.q0) + np.array([1.0, 0.0, 0.0])
-    joints = joint_motion(
-        pa.trajectories.Waypoints([robot.position(robot.q0), away], 2.0),
-        robot,
-        np.linspace(0.0, 2.0, 201),
-    )
-    assert joints.off[0] < 1.0 < joints.off[-1]
-
-
 def test_a_run_begins_where_the_robot_is_and_at_rest():
     robot = catalogue_robot("panda")
     true = robot.changed(tool_translation=[0.03, -0.02, 0.08])
@@ -132,39 +99,6 @@ def test_a_run_begins_where_the_robot_is_and_at_rest():
         assert beyond[0] < beyond[1]
 
 
-def test_a_set_point_far_from_the_joints_is_a_motion():
-    """0.3 rad away a step asks for all that the motors have."""
-    robot = catalogue_robot("panda", task="joint")
-    controller = pa.make_controller(
-        robot.changed(inertial_scale=0.7), adaptation="natural", dt=2e-3
-    )
-    goal = robot.home_angles + 0.3
-    rollout = pa.simulate(robot, controller, Hold(goal), duration=2.0)
-    assert rollout.diverged is None and not rollout.saturated.any()
-    assert np.abs(rollout.q[-1] - goal).max() < 2e-3
-    assert rollout.path_extent == 0.0  # still a set point to the verdict
-
-
-@pytest.mark.parametrize(
-    "law", ["approximate-jacobian", "approximate-jacobian-gravity", "bounded-torque"]
-)
-def test_laws_for_set_points_take_a_point_beside_the_robot(law):
-    robot = catalogue_robot("planar_2r")
-    controller = pa.make_controller(robot, law=law)
-    point = robot.position(robot.q0) + np.array([-0.1, 0.1])
-    rollout = pa.simulate(robot, controller, Hold(point), duration=0.1)
-    assert rollout.diverged is None and np.allclose(rollout.x_d[0], rollout.x[0], atol=1e-12)
-    with pytest.raises(pa.InputError, match="does not come to rest"):
-        pa.simulate(robot, controller, circle(robot), duration=0.1)
-
-
-def test_an_approach_longer_than_the_run_is_warned_of():
-    robot = catalogue_robot("panda")
-    point = robot.position(robot.q0) + np.array([0.0, 0.2, 0.0])
-    with pytest.warns(UserWarning, match=r"needs .* s to the first point .* ends after 0.1 s"):
-        pa.simulate(robot, pa.make_controller(robot), Hold(point), duration=0.1)
-
-
 def test_a_scenario_starts_from_rest_unless_it_says_otherwise():
     file = ROBOTS / "panda" / "tool_and_load.toml"
     short = "simulation.duration=0.05"
@@ -180,8 +114,3 @@ def test_a_scenario_starts_from_rest_unless_it_says_otherwise():
         Scenario.read(file, ['reference.start="moving"', "reference.ramp=1.0"])
     with pytest.raises(pa.ScenarioError, match=r"reference\.start"):
         Scenario.read(file, ['reference.start="running"'])
-
-
-@pytest.mark.parametrize("path", ["planar_2r/wang_xie_2009.toml", "two_link/slotine_li_1991.toml"])
-def test_published_motions_start_as_published(path):
-    assert isinstance(Scenario.read(ROBOTS / path).trajectory, AsGiven)

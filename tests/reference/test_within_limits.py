@@ -10,7 +10,6 @@ import pytest
 import pinadapt as pa
 from pinadapt.description.chain import effort_limits, velocity_limits
 from pinadapt.reference import joint_motion
-from pinadapt.trajectories import Retimed
 from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative
 
@@ -120,72 +119,6 @@ def test_a_robot_that_follows_the_slowed_motion_keeps_its_limits():
     assert (np.abs(rollout.v) <= 0.83 * velocity_limits(robot.model)).all()
     assert (np.abs(rollout.tau) <= 0.8 / 1.3 * 1.05 * effort_limits(robot.model)).all()
     assert not rollout.saturated.any()
-
-
-def test_a_motion_that_ends_ends_later_and_one_as_given_starts_at_speed():
-    robot = catalogue_robot("panda")
-    home = robot.position(robot.q0)
-    aside = home + np.array([0.0, 0.3, 0.0])
-    legs = pa.trajectories.Waypoints([home, aside], 0.3)
-    slowed = pa.within_limits(legs, robot)
-    assert slowed.settles > 0.32
-    assert np.allclose(slowed.at(slowed.settles).x_d, aside)
-    assert slowed.at_rest_from() == slowed.settles
-    given = pa.within_limits(fast_circle(robot, 0.5).as_given(), robot)
-    assert np.linalg.norm(given.at(0.0).xd_d) > 0.3
-    begun = pa.within_limits(fast_circle(robot, 0.5), robot)
-    assert not begun.at(0.0).xd_d.any() and not begun.at(0.0).xdd_d.any()
-    assert begun.from_rest() is begun
-
-
-def test_beyond_the_horizon_a_motion_of_unknown_period_goes_on_at_the_slowest_rate():
-    robot = catalogue_robot("panda")
-    home = robot.position(robot.q0)
-    slowed = pa.within_limits(
-        lambda t: home + 0.2 * np.sin(11.0 * t) * np.sin(0.9 * t) * np.eye(3)[1],
-        robot,
-        horizon=6.0,
-    )
-    assert slowed.repeats is None
-    least = min(stretch.rate for stretch in slowed.law.slowed)
-    assert least < 0.9
-    assert slowed.law.at(30.0)[1:] == pytest.approx((least, 0.0), rel=1e-6)
-
-
-def test_violations_that_time_scaling_cannot_remove_are_warned_of():
-    robot = catalogue_robot("panda")
-    home = robot.position(robot.q0)
-    with pytest.warns(UserWarning, match=r"leaves the workspace from [12]\.\d+ s on, at \["):
-        away = pa.within_limits(
-            pa.trajectories.Waypoints([home, home + 0.8 * np.eye(3)[0], home], 2.0), robot
-        )
-    assert isinstance(away, Retimed) and away.settles < 60.0
-    joints = catalogue_robot("panda", task="joint")
-    swing = pa.trajectories.Sinusoid(
-        joints.home_angles + 1.4 * np.eye(7)[1], 1.4 * np.eye(7)[1], 9.0
-    )
-    with pytest.warns(UserWarning, match=r"'panda_joint2' beyond its range from .* by up to 0\.25"):
-        pa.within_limits(swing, joints)
-    with pytest.warns(UserWarning, match=r"gravity alone takes .* % of the effort limit"):
-        pa.within_limits(fast_circle(robot, 3.0), robot, efforts=5.0)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"share": 0.0}, "share: must be positive"),
-        ({"margin": -0.1}, "margin: must be"),
-        ({"acceleration": -1.0}, "acceleration: must be positive"),
-        ({"acceleration": [1.0, 2.0]}, "acceleration: expected 7 numbers"),
-        ({"horizon": float("nan")}, "horizon"),
-        ({"q": [0.0]}, "q: expected 7 numbers"),
-        ({"efforts": -1.0}, "torque_limits: must be positive"),
-    ],
-)
-def test_meaningless_settings_are_refused(options, words):
-    robot = catalogue_robot("panda")
-    with pytest.raises(pa.InputError, match=words):
-        pa.within_limits(fast_circle(robot, 3.0), robot, **options)
 
 
 def test_a_pose_and_a_prismatic_joint_are_slowed_too():

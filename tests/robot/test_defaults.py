@@ -1,6 +1,5 @@
 """What ``load`` and ``pinadapt init`` choose by default: frame, task, home pose and circle."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,9 +13,7 @@ from pinadapt.description.catalogue import example_path
 from pinadapt.description.chain import position_limits
 from pinadapt.robot.home import find_home
 from pinadapt.robot.loading import end_links
-from pinadapt.robot.workspace import find_circle
 from pinadapt.scenario.scenario import Scenario
-from tests.support.followed import followed
 from tests.support.paths import ARM4
 
 pytestmark = pytest.mark.slow
@@ -58,18 +55,6 @@ def test_the_home_is_inside_the_limits_and_away_from_the_mounting_plane(path):
         assert robot.mounting.distance(robot.model, data, robot.frame_id, robot.q0) > 0.0
 
 
-def heights(robot):
-    """Return the heights of the joints and of the frame at home [m]."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.q0)
-    return np.array([place.translation[2] for place in [*data.oMi[1:], data.oMf[robot.frame_id]]])
-
-
-def test_arms_stand_and_legs_hang():
-    assert heights(pa.load(example_path("ur10"))).min() > 0.0
-    assert heights(pa.load(example_path("a1"))).max() < 1e-12  # from the hips, at the body's height
-
-
 def test_the_elbow_stays_above_the_floor():
     robot = pa.load(example_path("ur10"))
     model, frame, rows = robot.model, robot.frame_id, robot.frame_task.rows
@@ -77,10 +62,6 @@ def test_the_elbow_stays_above_the_floor():
     without = find_home(model, frame, rows, [neutral])
     assert robot.mounting.distance(model, data, frame, without) < -0.3
     assert robot.mounting.distance(model, data, frame, robot.q0) > 0.05 * robot.reach
-
-
-def test_a_chain_that_moves_horizontally_has_no_mounting_plane():
-    assert pa.load(FILES["arm4"].parents[2] / "robots/planar_2r/planar_2r.urdf").mounting is None
 
 
 def with_links(folder, *names):
@@ -117,21 +98,6 @@ def test_a_tool_is_taken_before_cameras_and_fingers(tmp_path, names, chosen):
     assert set(names) - {robot.frame} <= set(robot.ends)
 
 
-def test_an_operational_frame_can_be_the_end():
-    model = pin.buildModelFromUrdf(str(ARM4))
-    parent = model.frames[model.getFrameId("tip")]
-    model.addFrame(
-        pin.Frame(
-            "my_tcp",
-            parent.parentJoint,
-            model.getFrameId("tip"),
-            parent.placement,
-            pin.FrameType.OP_FRAME,
-        )
-    )
-    assert pa.load(model).frame == "my_tcp"
-
-
 def test_a_floating_base_is_fixed_for_a_file_and_refused_for_an_object(tmp_path):
     text = ARM4.read_text().replace(
         '<link name="base"/>',
@@ -149,40 +115,6 @@ def test_a_floating_base_is_fixed_for_a_file_and_refused_for_an_object(tmp_path)
         pa.load(pin.buildModelFromUrdf(str(path)))
 
 
-def test_a_home_outside_the_limits_causes_a_warning():
-    words = r"joint 'joint2' at 2\.5 rad, limits -2 to 2\.$"
-    with pytest.warns(UserWarning, match=words):
-        robot = pa.load(ARM4, q0=[0.0, 2.5, 0.5, 0.0])
-    assert robot.home_angles[1] == 2.5
-    with pytest.warns(UserWarning, match=words):
-        pa.load(ARM4).at([0.0, 2.5, 0.5, 0.0])
-
-
-def test_a_given_task_and_home_are_used():
-    robot = pa.load(ARM4, task="xz", q0=[0.1, 0.2, 0.3, 0.4])
-    assert robot.task.name == "xz"
-    np.testing.assert_allclose(robot.home_angles, [0.1, 0.2, 0.3, 0.4])
-
-
-def test_one_joint_allows_only_a_joint_task(tmp_path):
-    path = tmp_path / "one.urdf"
-    path.write_text(
-        '<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>'
-        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
-        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'
-    )
-    with pytest.raises(pa.RobotError, match="two independent joints"):
-        pa.load(path)
-    assert pa.load(path, task="joint").joint_names == ["j"]
-
-
-def test_mass_and_reach_are_those_of_the_moving_bodies():
-    robot = pa.load("planar_2r")
-    assert robot.mass == pytest.approx(sum(body.mass for body in robot.model.inertias[1:]))
-    stretched = robot.at([0.3, 0.0])
-    assert robot.reach == pytest.approx(np.linalg.norm(stretched.position(stretched.q0)))
-
-
 def test_the_circle_of_a_pose_task_can_be_tracked():
     robot = pa.load("ur5", task="pose")
     circle = pa.reachable_circle(robot)
@@ -194,15 +126,3 @@ def test_the_circle_of_a_pose_task_can_be_tracked():
     true = robot.changed(tool_translation=[0.0, 0.0, 0.05])
     moved = circle.starting_at(true.position(true.q0))
     assert (moved.radius, moved.period, moved.plane) == (circle.radius, circle.period, circle.plane)
-
-
-def test_the_circle_stays_on_its_side_of_the_mounting_plane():
-    robot = pa.load(ARM4)
-    data, free = robot.model.createData(), find_circle(replace(robot, mounting=None))
-    room = robot.mounting.distance(robot.model, data, robot.frame_id, robot.q0)
-    near = replace(robot.mounting, level=robot.mounting.level + 0.7 * room)
-    found = find_circle(replace(robot, mounting=near))
-    assert (found.radius, found.plane, found.phase) != (free.radius, free.plane, free.phase)
-    configurations, _ = followed(robot, found, robot.position(robot.q0))
-    model, frame = robot.model, robot.frame_id
-    assert min(near.distance(model, data, frame, q) for q in configurations[::20]) > 0.0

@@ -1,6 +1,5 @@
 """Arms that compensate gravity by themselves."""
 
-import pickle
 from functools import partial
 
 import numpy as np
@@ -8,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot as load
 from tests.support.chains import random_state
 from tests.support.loops import motion_at_home, with_tool_and_load
@@ -46,21 +44,6 @@ def test_the_joint_torque_is_the_same_with_and_without_compensation(task, law):
     robot = pa.load("panda", task=task)
     true = robot.changed(payload=pa.Payload(1.5), viscous=0.2)
     check_alike(*loops(robot, true, "nominal", law=law, duration=0.3))
-
-
-@pytest.mark.parametrize("continuous", [False, True], ids=["sampled", "continuous"])
-def test_the_arm_may_add_any_torque(continuous):
-    robot = load("ur5")
-    pull = np.array([3.0, -20.0, 10.0, 1.0, 0.5, -0.5])
-    check_alike(
-        *loops(
-            robot,
-            with_tool_and_load(robot),
-            lambda q: pull * np.cos(q),
-            continuous=continuous,
-            duration=0.1,
-        )
-    )
 
 
 def test_motors_limit_the_sum_of_command_and_compensation():
@@ -106,48 +89,3 @@ def test_a_plant_adds_the_compensation():
     )
     assert np.array_equal(clipped.motors(np.full(7, 40.0)), np.full(7, 50.0))
     assert np.array_equal(clipped.motors(np.full(7, -40.0)), np.full(7, -10.0))
-
-
-def test_a_controller_is_copied_with_its_compensation():
-    robot = load("ur5")
-    controller = pa.make_controller(
-        robot, adaptation="natural", compensated="nominal", limits=pa.Limits(torque=True)
-    )
-    measured = pa.plants.PinocchioPlant(robot).measure()
-    state, desired = controller.init(measured), motion_at_home(robot).at(0.0)
-    torque, _ = controller.step(state, measured, desired, 1e-3)
-    for other in (pickle.loads(pickle.dumps(controller)), controller.limited(None)):
-        assert np.array_equal(other.step(state, measured, desired, 1e-3)[0], torque)
-
-
-def test_a_scenario_compensates_the_description_without_the_believed_load(tmp_path):
-    path = tmp_path / "scenario.toml"
-    path.write_text(
-        '[robot]\nsource = "ur5"\n[belief]\npayload = { mass = 2.0 }\n[truth]\n'
-        "payload = { mass = 3.0 }\n[simulation]\nduration = 0.05\n"
-    )
-    plain, own = (
-        Scenario.read(path, settings) for settings in ([], ['simulation.compensated="nominal"'])
-    )
-    described, q = load("ur5"), own.true.q0
-    assert np.allclose(own.controller.compensation(q), pa.robot.Gravity(described)(q))
-    assert not np.allclose(pa.robot.Gravity(own.estimated)(q), pa.robot.Gravity(described)(q))
-    assert plain.controller.compensation is None
-    check_alike(plain.run(), own.run())
-    with pytest.raises(pa.InputError, match=r"simulation\.compensated.*Did you mean 'nominal'"):
-        Scenario.read(path, ["simulation.compensated=nominl"])
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ("nominl", "Did you mean 'nominal'"),
-        (3.0, "function"),
-        (lambda q: np.zeros(3), "returns 6 torques"),
-        (lambda q: np.full(6, np.nan), "returns 6 torques"),
-        (lambda q: None, "returns 6 torques"),
-    ],
-)
-def test_impossible_compensations_are_refused(given, words):
-    with pytest.raises(pa.InputError, match=words):
-        pa.make_controller(load("ur5"), adaptation="natural", compensated=given)

@@ -1,7 +1,5 @@
 """The meshes of a robot are read once, when it is drawn; copies that are not drawn read none."""
 
-import pickle
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -26,13 +24,6 @@ def test_loading_reads_no_mesh_and_drawing_reads_them_once(monkeypatch):
     assert robot.undrawn().visual is None and not read
     assert robot.visual is true.visual and len(robot.visual.geometryObjects) > 5
     assert len(read) == 1
-
-
-def test_a_pickled_robot_is_drawn_alike():
-    robot = pa.load("planar_2r")
-    names = [thing.name for thing in robot.visual.geometryObjects]
-    copied = pickle.loads(pickle.dumps(robot))
-    assert names and [thing.name for thing in copied.visual.geometryObjects] == names
 
 
 @pytest.mark.parametrize("origin", ["talos_arm", "human", "solo8"])

@@ -2,7 +2,6 @@
 
 import re
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
 import example_robot_data
@@ -19,7 +18,6 @@ from tests.support.descriptions import arm4
 from tests.support.loops import check_holds_home
 from tests.support.paths import ARM4
 
-HOME = [0.1, -0.5, 0.8, 0.3]  # of arm4
 described = cache(example_robot_data.load)
 
 
@@ -57,28 +55,6 @@ def test_every_source_gives_the_same_chain(kind):
     assert np.allclose(tau, tau_expected, atol=1e-10)
 
 
-def test_the_model_of_the_user_is_not_changed():
-    wrapper = described("ur5")
-    model, before = wrapper.model, wrapper.model.copy()
-    robot = pa.load(wrapper, frame="tool0", gravity=[0.0, 0.0, 1.0], locked=["wrist_3_joint"])
-    loaded = robot.model.copy()
-    true = robot.changed(
-        inertial_scale=2.0,
-        payload=pa.Payload(1.0),
-        tool_translation=[0.1, 0.0, 0.0],
-        link_translation={"elbow_joint": [0.1] * 3},
-    )
-    start = true.position(true.q0)
-    pa.simulate(
-        true,
-        pa.make_controller(robot, adaptation="natural"),
-        pa.trajectories.Hold(start),
-        duration=0.005,
-    )
-    assert model == before
-    assert robot.model == loaded
-
-
 # --- the chain is kept, the rest is locked ---
 
 
@@ -92,31 +68,12 @@ def test_panda_keeps_seven_joints_and_locks_its_fingers():
     )  # the fingers still weigh
 
 
-def test_a_prismatic_joint_is_kept():
-    robot = load("tiago_arm")
-    assert robot.joint_names[0] == "torso_lift_joint"
-    up = pin.integrate(robot.model, robot.q0, 0.05 * np.eye(8)[0])
-    assert np.allclose(robot.position(up) - robot.position(robot.q0), [0.0, 0.0, 0.05], atol=1e-12)
-
-
 @pytest.mark.parametrize(("name", "nq", "nv"), [("kinova", 9, 6), ("scara", 5, 4)])
 def test_continuous_joints_are_set_and_read_as_angles(name, nq, nv):
     angles = np.linspace(-1.2, 1.1, nv)
     robot = load(name).at(angles)
     assert (robot.model.nq, robot.model.nv, robot.q0.size) == (nq, nv, nq)
     assert np.allclose(robot.home_angles, angles, atol=1e-12)
-
-
-def test_q0_of_load_is_one_angle_per_joint():
-    angles = [0.5, 0.8, -0.02, 2.0]
-    assert np.allclose(pa.load("scara", q0=angles).home_angles, angles, atol=1e-12)
-
-
-def test_a_description_without_joints_is_refused(tmp_path):
-    table = tmp_path / "table.urdf"
-    table.write_text('<robot name="table"><link name="top"/></robot>')
-    with pytest.raises(pa.RobotError, match="table: no link is moved"):
-        pa.load(table)
 
 
 def test_a_joint_with_equal_limits_is_locked_there(tmp_path):
@@ -137,66 +94,6 @@ def test_a_joint_with_equal_limits_is_locked_there(tmp_path):
     np.testing.assert_allclose(robot.position(robot.q0)[: there.size], there, atol=1e-12)
 
 
-def test_locked_locks_another_joint():
-    robot = pa.load(ARM4, frame="tip", locked=["joint4"])
-    assert robot.joint_names == ["joint1", "joint2", "joint3"]
-    q = np.array(HOME)
-    assert np.allclose(
-        robot.position(q[:3]),
-        pa.load(ARM4, frame="tip").position(np.append(q[:3], 0.0)),
-        atol=1e-12,
-    )
-
-
-def test_locked_works_on_a_catalogue_robot_with_a_home_of_its_own():
-    assert pa.load("panda", locked=["panda_joint3"]).model.nv == 6
-
-
-def test_an_inner_frame_works_on_a_catalogue_robot_with_a_home_of_its_own():
-    assert pa.load("ur5", frame="wrist_1_link").model.nv == 4
-
-
-def test_gravity_can_be_set():
-    robot = pa.load("planar_2r", gravity=[0.0, -9.81, 0.0])
-    torque = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), np.zeros(2))
-    assert np.allclose(torque, [9.81 * (1.0 * 0.5 + 2.0 * (1.0 + 0.6)), 9.81 * 2.0 * 0.6])
-
-
-ARMS = [
-    "planar_2r",
-    "scara",
-    "panda",
-    "ur3",
-    "ur5",
-    "ur10",
-    "kinova",
-    "xarm7",
-    "z1",
-    "talos_arm",
-    "finger_edu",
-    "bravo7_no_ee",
-    "tiago_arm",
-    "baxter_left",
-    "double_pendulum",
-    "so100",
-    "pr2_left_arm",
-    "hextilt_arm",
-    "romeo_right_arm",
-    "icub_left_leg",
-    "centauro_rr_leg",
-    "human_left_arm",
-    "anymal_lf_leg",
-    "solo8_hr_leg",
-    "quadruped_fl_leg",
-    "allegro_left_thumb",
-]
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_catalogue_robots_start_away_from_singularities(name):
-    assert conditioning(load(name)) >= 0.05
-
-
 def test_a_home_is_searched_if_that_of_the_description_is_singular(tmp_path):
     robot = pa.load(ARM4, frame="tip")  # the neutral pose is stretched out
     assert conditioning(robot.at(np.zeros(4))) < 0.05
@@ -213,17 +110,6 @@ def test_a_limb_with_a_fixed_base_is_an_arm(name, frame, joints):
     robot = pa.load(described(name), frame=frame, weld_root=True)
     assert robot.model.nv == joints
     check_holds_home(robot)
-
-
-def test_a_link_that_shares_its_joints_name_is_a_frame(tmp_path):
-    path = arm4(
-        tmp_path, ('link="link4"', 'link="joint4"'), ('<link name="link4">', '<link name="joint4">')
-    )
-    q = np.array(HOME)
-    assert np.allclose(
-        pa.load(path, frame="joint4", q0=q).position(q),
-        pa.load(ARM4, frame="link4", q0=q).position(q),
-    )
 
 
 # --- refusals ---
@@ -264,28 +150,6 @@ def test_errors_name_the_cause_and_suggest_the_closest_name(action, words):
         assert word in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("<robot name='arm'><link name='base'/>", "not well-formed XML"),
-        ("", "not well-formed XML"),
-        ("<sdf/>", "<sdf>"),
-        ("<mujoco/>", "Pinocchio cannot read this MJCF"),
-        ("<robot name='arm'/>", "not a valid URDF"),
-        (
-            ARM4.read_text().replace('<child link="link3"/>', '<child link="link33"/>'),
-            "not a valid URDF",
-        ),
-    ],
-)
-def test_files_other_than_urdf_are_refused(tmp_path, text, words):
-    path = tmp_path / "arm.urdf"
-    path.write_text(text)
-    with pytest.raises(pa.RobotError, match=words) as error:
-        pa.load(path)
-    assert str(path) in str(error.value)
-
-
 MIMIC = (
     '<axis xyz="0 0 1"/><limit lower="-2"',
     '<axis xyz="0 0 1"/><mimic joint="joint3"/><limit lower="-2"',
@@ -295,35 +159,6 @@ MIMIC = (
 def test_a_mimic_joint_in_the_chain_is_refused(tmp_path):
     with pytest.raises(pa.RobotError, match=r"\['joint4'\] mimic"):
         pa.load(arm4(tmp_path, MIMIC), frame="tip")
-
-
-def test_a_mimic_joint_is_fine_when_locked(tmp_path):
-    assert pa.load(arm4(tmp_path, MIMIC), frame="tip", locked=["joint4"]).model.nv == 3
-
-
-def test_a_mimic_joint_off_the_chain_is_fine():
-    assert pa.load(ARM4, frame="tip").joint_names == ["joint1", "joint2", "joint3", "joint4"]
-
-
-def spherical_model():
-    model = pin.Model()
-    shoulder = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
-    model.appendBodyToJoint(shoulder, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    elbow = model.addJoint(
-        shoulder, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), "elbow"
-    )
-    model.appendBodyToJoint(elbow, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    model.addFrame(
-        pin.Frame(
-            "tip", elbow, 0, pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), pin.FrameType.BODY
-        )
-    )
-    return model
-
-
-def test_a_spherical_joint_is_refused():
-    with pytest.raises(pa.RobotError, match="'ball' is of type Spherical"):
-        pa.load(spherical_model(), frame="tip")
 
 
 def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
@@ -336,18 +171,6 @@ def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
     *others, last = [body.mass for body in robot.model.inertias[1:]]
     assert last == pytest.approx(0.01 * sum(others))
     assert pa.load(path, frame="tip", locked=["joint4"]).model.nv == 3
-
-
-def test_other_moving_bodies_without_mass_are_refused(tmp_path):
-    text = ARM4.read_text()
-    names = ("link3", "link4", "finger1")
-    for first, after in pairwise(names):
-        body = text[text.index(f'<link name="{first}">') : text.index(f'<link name="{after}">')]
-        text = text.replace(body, f'<link name="{first}"/>')
-    path = tmp_path / "arm4.urdf"
-    path.write_text(text.replace('mass value="0.1"', 'mass value="0"').replace("0.0001", "0"))
-    with pytest.raises(pa.RobotError, match=r"mass matrix is singular.*'joint4'"):
-        pa.load(path, frame="tip")
 
 
 def spoilt(what):
@@ -384,29 +207,6 @@ def test_inertial_scale_scales_all_torques():
     heavier = robot.changed(inertial_scale=1.7)
     tau, tau_heavier = (pin.rnea(r.model, r.model.createData(), q, v, a) for r in (robot, heavier))
     assert np.allclose(tau_heavier, 1.7 * tau, atol=1e-12)
-
-
-def test_links_without_mass_can_be_scaled():
-    robot = pa.load("human_left_leg")
-    massless = robot.joint_names[0]
-    assert robot.model.inertias[1].mass == 0.0
-    changed = robot.changed(inertial_scale={massless: 0.7})
-    assert np.array_equal(
-        changed.model.inertias[1].toDynamicParameters(),
-        0.7 * robot.model.inertias[1].toDynamicParameters(),
-    )
-
-
-def test_inertial_scale_table_scales_the_named_bodies_only():
-    robot = load("ur5")
-    changed = robot.changed(inertial_scale={"elbow_joint": 0.5, "wrist_3_joint": 3.0})
-    factors = [1.0, 1.0, 0.5, 1.0, 1.0, 3.0]
-    for factor, before, after in zip(
-        factors, robot.model.inertias[1:], changed.model.inertias[1:], strict=True
-    ):
-        assert np.allclose(
-            after.toDynamicParameters(), factor * before.toDynamicParameters(), atol=1e-12
-        )
 
 
 LOAD = pa.Payload(
@@ -447,14 +247,6 @@ def test_link_translation_is_in_the_parent_joints_axes():
     assert np.allclose(moved, data.oMi[3].rotation @ shift, atol=1e-12)
 
 
-def test_friction_is_a_number_or_one_per_joint():
-    assert np.allclose(load("scara").changed(viscous=2.0).friction.torque(np.ones(4)), 2.0)
-    assert np.allclose(
-        load("scara").changed(coulomb=[1.0, 2.0, 3.0, 4.0]).friction.torque(-np.ones(4)),
-        [-1.0, -2.0, -3.0, -4.0],
-    )
-
-
 def test_changed_models_share_no_data():
     robot = pa.load("planar_2r")
     other, before = robot.changed(), robot.model.copy()
@@ -464,38 +256,7 @@ def test_changed_models_share_no_data():
     assert robot.model == before
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"inertial_scale": 0.0}, "inertial_scale"),
-        ({"inertial_scale": np.nan}, "inertial_scale"),
-        ({"inertial_scale": {"elbow_jont": 1.0}}, "Did you mean 'elbow_joint'"),
-        ({"inertial_scale": {"elbow_joint": -1.0}}, r"inertial_scale\.elbow_joint"),
-        ({"payload": pa.Payload(-1.0)}, "payload.mass"),
-        ({"payload": pa.Payload(np.nan)}, "payload.mass"),
-        ({"payload": pa.Payload(1.0, [0.0, 1.0])}, "payload.com"),
-        ({"payload": pa.Payload(1.0, inertia=[1.0])}, "payload.inertia"),
-        ({"payload": pa.Payload(1.0, inertia=[-1.0, 0.0, 1.0, 0.0, 0.0, 1.0])}, "payload.inertia"),
-        ({"tool_translation": [0.0, 1.0]}, "tool_translation"),
-        ({"tool_translation": [np.nan, 0.0, 0.0]}, "tool_translation"),
-        ({"link_translation": {"elbow_jont": [0.0, 0.0, 0.0]}}, "Did you mean 'elbow_joint'"),
-        ({"link_translation": {"elbow_joint": [0.0, 0.0]}}, r"link_translation\.elbow_joint"),
-        ({"viscous": -1.0}, "friction"),
-        ({"viscous": [1.0, 2.0]}, r"friction\.viscous"),
-        ({"coulomb": [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]}, "friction"),
-        ({"coulomb": np.nan}, r"friction\.coulomb"),
-    ],
-)
-def test_impossible_changes_are_refused(change, words):
-    with pytest.raises(pa.RobotError, match=words):
-        load("ur5").changed(**change)
-
-
 def test_effort_limits_of_zero_and_infinity_mean_no_limit():
     model = described("ur5").model.copy()
     model.effortLimit = np.array([0.0, np.inf, np.finfo(float).max, 1e308, 5.0, 28.0])
     assert effort_limits(pa.load(model, frame="tool0").model).tolist() == [np.inf] * 4 + [5.0, 28.0]
-
-
-def test_a_urdf_effort_of_zero_means_no_limit():
-    assert effort_limits(pa.load(ARM4, frame="tip").model).tolist() == [50.0, 50.0, np.inf, 10.0]

@@ -48,13 +48,6 @@ def mobile_arm(folder, effort=100.0, limits=""):
     return path
 
 
-def test_a_slide_without_limits_does_not_count_as_reach(tmp_path):
-    arm = 0.5 + 1.0 + 1.0
-    assert pa.load(mobile_arm(tmp_path), task="xz").reach == pytest.approx(arm)
-    limited = mobile_arm(tmp_path, limits='lower="-1" upper="2"')
-    assert pa.load(limited, task="xz").reach == pytest.approx(arm + 3.0)
-
-
 def test_a_load_that_the_motors_cannot_hold_causes_a_warning_before_the_run(tmp_path):
     robot = pa.load(mobile_arm(tmp_path), task="xz", q0=[0.0, -0.3, 0.6])
     heavy = robot.changed(payload=pa.Payload(mass=40.0))

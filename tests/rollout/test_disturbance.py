@@ -6,7 +6,6 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.controller.controller import Controller
-from pinadapt.plots.figures import torque_figure
 from tests.support.chains import catalogue_robot
 
 pytestmark = pytest.mark.slow
@@ -73,24 +72,6 @@ def test_noise_explains_the_disturbance_of_a_known_robot(name, sensors, monkeypa
     ratio = np.sqrt(np.mean(seen**2, axis=0) / np.mean(told**2, axis=0))
     assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.2)
     assert ratio.min() > 0.7 and ratio.max() < 1.5
-
-
-def test_without_noise_the_band_is_empty_and_other_laws_have_no_disturbance():
-    rollout = run("planar_2r", 0.1)
-    assert rollout.disturbance.shape == (50, 2) and not rollout.disturbance_noise.any()
-    drawn = torque_figure(rollout).axes
-    robot = catalogue_robot("planar_2r")
-    circle = pa.reachable_circle(robot)
-    for given in ({"adaptation": "natural"}, {"law": "slotine-li", "adaptation": "natural"}):
-        if "law" in given:
-            robot = pa.load("planar_2r", task="joint")
-            circle = pa.trajectories.Sinusoid(robot.home_angles, 0.1, 1.0).as_given()
-        without = pa.simulate(robot, pa.make_controller(robot, **given), circle, duration=0.05)
-        assert without.disturbance is None and without.disturbance_noise is None
-        assert len(torque_figure(without).axes) == len(drawn) - 1
-    labels = [ax.get_ylabel() for ax in drawn]
-    values = drawn[labels.index("disturbance [N m or N]")].lines[0].get_ydata()
-    assert np.array_equal(values, rollout.disturbance[:, 0])
 
 
 @pytest.mark.parametrize("told", [True, False])

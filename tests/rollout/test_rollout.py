@@ -1,15 +1,13 @@
 """A rollout: its arrays, the quantities computed on demand, and its files."""
 
 import json
-import pickle
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
 from pinadapt.models.right_inverse import RightInverse
-from pinadapt.plots.figures import draw_errors
 from pinadapt.rollout.recording import Evaluation, Slowdown
 from pinadapt.rollout.summary import COMPUTED, RECORDED, WATCHED
 from tests.support.chains import catalogue_robot as load
@@ -41,24 +39,6 @@ def test_rollouts_have_one_row_a_sample(name):
     assert rollout.diverged is None and "DIVERGED" not in str(rollout)
 
 
-def test_continuous_mode_also_records_the_end():
-    assert np.allclose(
-        run(duration=0.05, engine=pa.Engine(continuous=True)).t, 1e-3 * np.arange(51), atol=1e-12
-    )
-
-
-def test_a_truth_outside_the_model_is_none(tmp_path):
-    rollout = run(
-        "ur5",
-        truth={"inertial_scale": 1.1},
-        control={"unknown": pa.Unknown(bodies="payload")},
-        duration=0.01,
-    )
-    assert rollout.a_d_true is None and rollout.lyapunov is None and rollout.a_k_true is not None
-    rollout.save(tmp_path)
-    assert {"a_d_true", "lyapunov"}.isdisjoint(np.load(tmp_path / "rollout.npz").files)
-
-
 def test_save_and_plot_write_files(tmp_path, blank_pictures):
     rollout = run(duration=0.02)
     rollout.save(tmp_path / "new" / "folder")
@@ -70,36 +50,6 @@ def test_save_and_plot_write_files(tmp_path, blank_pictures):
     assert (
         json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == rollout.summary()
     )
-
-
-def test_plots_of_a_run_without_unknowns_are_drawn(tmp_path, unpainted):
-    assert (
-        len(
-            run(control={"unknown": pa.Unknown(tool=False, bodies="none")}, duration=0.01).plot(
-                tmp_path
-            )
-        )
-        == 3
-    )
-
-
-def test_a_law_that_adapts_from_torques_alone_names_its_adaptation():
-    robot = load("planar_2r", task="joint")
-    controller = pa.make_controller(robot, law="middleton-goodwin", adaptation="natural")
-    assert "natural-composite" in str(controller)
-    rollout = pa.simulate(
-        robot, controller, pa.trajectories.Hold(robot.home_angles), duration=0.002
-    )
-    assert rollout.summary()["adaptation"] == "natural-composite"
-    assert "natural-composite: 0 kinematic" in str(rollout)
-
-
-def test_the_summary_names_the_adaptation_that_ran():
-    for adaptation in ("natural", "gradient", "none"):
-        assert (
-            run(control={"adaptation": adaptation}, duration=0.002).summary()["adaptation"]
-            == adaptation
-        )
 
 
 # --- quantities computed on demand ---
@@ -143,14 +93,6 @@ def test_a_record_is_without_memory_and_filters_and_has_the_same_v(modifications
         controller.step(before.state, before.measurement, before.desired, 1e-3)
 
 
-def test_nothing_is_evaluated_before_it_is_read():
-    rollout, _ = tracked()
-    record = {"controller", "true", "samples"}
-    assert rollout.distance.max() > 0.0 and vars(rollout.evaluation).keys() == record
-    assert rollout.min_eig_M_hat.min() > 0.0
-    assert vars(rollout.evaluation).keys() == record | {"smallest_eigenvalues"}
-
-
 @pytest.mark.parametrize("task", ["xyz", "pose"])
 def test_eigenvalues_and_singular_values_are_those_of_the_estimates(task):
     rollout, controller = tracked(task, singular=1.0)
@@ -166,26 +108,6 @@ def test_eigenvalues_and_singular_values_are_those_of_the_estimates(task):
         assert np.isclose(rollout.damping[k], inverse.damping, rtol=1e-6, atol=1e-12)
         share = inverse.damping / (sigma**2 + inverse.damping)
         assert np.isclose(rollout.damping_share[k], share, rtol=1e-6, atol=1e-12)
-
-
-def test_first_and_last_v_are_those_of_the_whole_run():
-    rollout, _ = tracked()
-    assert np.array_equal(rollout.lyapunov_ends, rollout.lyapunov[[0, -1]])
-    assert f"{rollout.lyapunov[-1]:.4g}" in str(rollout)
-    evaluation = rollout.evaluated()
-    first = evaluation.samples[0]
-    wild = first.measurement._replace(v=np.full(first.measurement.v.size, 1e3))
-    V = evaluation.storage([first, first._replace(measurement=wild)])  # the second was bridged
-    assert V[0] == rollout.lyapunov[0] and np.isnan(V[1])
-
-
-def test_a_pickled_rollout_has_the_same_numbers_and_no_controller():
-    rollout, _ = tracked()
-    copy = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(rollout))))
-    assert copy.evaluation is None and rollout.evaluation is not None
-    for name in RECORDED + COMPUTED + WATCHED:
-        assert np.array_equal(getattr(copy, name), getattr(rollout, name)), name
-    assert copy.summary() == rollout.summary() and str(copy) == str(rollout)
 
 
 def joint_run():
@@ -219,43 +141,3 @@ def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, un
         assert len(loaded.plot(tmp_path / "plots")) == 3
     with pytest.raises(pa.InputError, match="no robots"):
         loaded.learned()
-
-
-def test_a_folder_without_a_run_is_not_loaded(tmp_path):
-    with pytest.raises(pa.InputError, match=r"has no summary\.json"):
-        pa.Rollout.load(tmp_path)
-    (tmp_path / "summary.json").write_text('{"title": "of an older version"}')
-    (tmp_path / "rollout.npz").write_bytes(b"nothing")
-    with pytest.raises(pa.InputError, match="does not hold a run of this version"):
-        pa.Rollout.load(tmp_path)
-
-
-def test_joint_errors_are_in_radians_and_shown_in_degrees():
-    """The rollout of a joint task, from given arrays."""
-    rollout, _ = tracked()
-    task = pa.tasks.JointTask.of_chain(load("panda").model)
-    q_d = rollout.q + np.radians(2.0) * np.eye(7)[3]
-    joints = pa.Rollout(
-        **{
-            **{f.name: getattr(rollout, f.name) for f in fields(rollout)},
-            "task": task,
-            "x": rollout.q,
-            "x_d": q_d,
-        }
-    )
-    assert np.allclose(joints.distance, np.radians(2.0)) and joints.angle is None
-    assert "2.000 deg" in str(joints) and " mm" not in str(joints)
-    assert joints.summary()["max_error_last"] == pytest.approx(np.radians(2.0))
-    _, axes = draw_errors(joints)
-    assert [ax.get_ylabel() for ax in axes][:2] == ["joints error [deg]", "|q - q_d| [deg]"]
-    assert np.allclose(axes[1].lines[0].get_ydata(), 2.0)
-
-
-def test_a_figure_draws_v_at_some_samples_of_the_run():
-    """At most a thousand, the first and the last among them, each as in V of all samples."""
-    robot = load("planar_2r")
-    controller = pa.make_controller(robot, adaptation="natural", unknown="tool")
-    rollout = pa.simulate(robot, controller, pa.reachable_circle(robot), duration=1.1)
-    t, V = rollout.lyapunov_curve
-    assert len(t) == len(V) == 1000 and t[0] == rollout.t[0] and t[-1] == rollout.t[-1]
-    assert np.array_equal(V, rollout.lyapunov[np.searchsorted(rollout.t, t)])

@@ -6,14 +6,10 @@ import pytest
 import pinadapt as pa
 from pinadapt.plots.figures import draw_errors
 from pinadapt.robot.robot import difference
-from pinadapt.rollout.rollout import Rollout
-from pinadapt.scenario.parts import check_in_picture, trajectory_of, true_robot
-from pinadapt.scenario.scenario import Scenario, described_robot
-from pinadapt.scenario.schema import check_tables, tables_with
-from pinadapt.scenario.template import Template, scenario_text
+from pinadapt.scenario.scenario import Scenario
+from pinadapt.scenario.schema import check_tables
 from pinadapt.sweep.execution import numbers_of
 from pinadapt.tasks import pinhole_camera
-from tests.support.paths import ARM4
 
 PIXEL, EYE = 0.004, [1.0, 0.3, 4.0]
 RAW = {
@@ -83,46 +79,6 @@ def test_the_error_at_the_tool_is_that_of_its_picture(scenario, rollout):
     assert rollout.beside_picture == pytest.approx(max(found[-len(last) :]), rel=0.02)
 
 
-def test_a_loaded_run_knows_its_pixels(rollout, tmp_path):
-    rollout.save(tmp_path)
-    loaded = Rollout.load(tmp_path)
-    assert loaded.verdict == rollout.verdict
-    assert loaded.summary()["pixel"] == PIXEL
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"truth.camera": []}, 'truth.camera: the task "image" needs a camera'),
-        (
-            {"truth.camera.0.target": [1.0, 0.3, 9.0]},
-            "camera.0: it does not see the tool.*behind it",
-        ),
-        (
-            {"truth.camera.0.target": [5.0, 0.0, 0.0]},
-            "does not see the tool.*outside of its 1280 x 960 pixels",
-        ),
-        ({"truth.camera.0.target": EYE}, "truth.camera.0.target: .*where it stands"),
-        ({"truth.camera": [{"position": EYE}] * 2}, "stand in one place.*Move one"),
-        ({"truth.tracker": {}}, "needs a camera, and no tracker"),
-        ({"robot.pixel": 1.0}, "robot.pixel: a pixel of camera 1 covers 0.004.* m at the arm"),
-        ({"reference.radius": 900.0}, "outside of the 1280 x 960 pixels of camera 1"),
-        ({"reference.radius": 0.1}, "moves by 0.2 pixels"),
-        ({"reference.plane": "xy"}, "a picture is a plane by itself"),
-        ({"robot.task": "xy"}, "pixel: has a use only with"),
-    ],
-)
-def test_pictures_outside_of_a_camera_are_refused(settings, words, tmp_path):
-    raw = {name: dict(table) for name, table in RAW.items()}
-    raw["truth"]["camera"] = [dict(RAW["truth"]["camera"][0])]
-    tables = tables_with(raw, settings, "test")
-    with pytest.raises(pa.InputError, match=words), pa.scenario.schema.prefix_errors("truth"):
-        true = true_robot(described_robot(tables, tmp_path), tables.truth)
-        with pa.scenario.schema.prefix_errors("reference"):
-            motion = trajectory_of(tables.reference, true)
-        check_in_picture(motion, true, tables.truth, 3.0)
-
-
 def test_two_cameras_fix_the_tool_in_space():
     robot = pa.load("ur5")
     at = robot.placement(robot.q0).translation
@@ -138,18 +94,3 @@ def test_two_cameras_fix_the_tool_in_space():
         pa.load("ur5", task="image")
     with pytest.raises(pa.ParameterError, match="of measured positions"):
         pa.make_controller(filmed, unknown=pa.Unknown(geometry=True))
-
-
-@pytest.mark.parametrize("words", [{"task": "image"}, {"tracker": True}])
-def test_a_written_scenario_is_complete(words, tmp_path):
-    """What `init` writes for a camera and for a tracker is read, and its path is in the picture."""
-    path = tmp_path / "mine.toml"
-    template = Template.of("planar_2r" if "task" in words else str(ARM4), **words)
-    path.write_text(scenario_text(template, tmp_path))
-    scenario = Scenario.read(path, ["simulation.dt=0.004", "controller.adaptation='natural'"])
-    assert not scenario.controller.kinematics.calibrated
-    if "task" not in words:
-        return
-    assert scenario.tables.robot.pixel is not None
-    with pytest.raises(pa.InputError, match="positions"):
-        Template.of("planar_2r", task="image", law="adaptive-jacobian")

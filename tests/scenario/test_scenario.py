@@ -113,15 +113,6 @@ def test_every_key_of_the_interface_is_accepted(tmp_path):
     assert np.allclose(law.Q, np.eye(6))
 
 
-def test_basis_and_dynamic_belief_of_the_interface_are_accepted():
-    assert (
-        planar(
-            "belief.dynamic=[4.0, 0.5, 0.5]", 'unknown.basis="basis.csv"'
-        ).controller.dynamics.size
-        == 3
-    )
-
-
 def test_defaults(tmp_path):
     scenario = Scenario.read(write(tmp_path, '[robot]\nsource = "ur5"'))
     simulation, reference = scenario.tables.simulation, scenario.tables.reference
@@ -185,41 +176,6 @@ def test_relative_waypoints_are_offsets_from_the_start(tmp_path):
     )
 
 
-def test_lissajous_starts_at_the_initial_position(tmp_path):
-    sizes = "amplitude = [0.1, 0.05, 0.0]\ncycles = [1, 2, 3]\nphase = [0.3, 0.0, 0.0]"
-    text = f'[reference]\nkind = "lissajous"\n{sizes}'
-    scenario = scara(tmp_path, text)
-    assert np.allclose(
-        scenario.trajectory.at(0.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12
-    )
-
-
-def test_hold_holds_the_initial_position_or_a_point(tmp_path):
-    scenario = scara(tmp_path, '[reference]\nkind = "hold"')
-    assert np.allclose(
-        scenario.trajectory.at(3.0).x_d, scenario.true.position(scenario.true.q0), atol=1e-12
-    )
-    scenario = scara(tmp_path, '[reference]\nkind = "hold"\ncenter = [0.4, 0.1, 0.3]')
-    assert np.allclose(scenario.trajectory.at(3.0).x_d, [0.4, 0.1, 0.3])
-
-
-def test_beliefs_are_the_initial_estimates():
-    rollout = planar(
-        "simulation.duration=0.01", "belief.kinematic=[1.3, 1.6]", "belief.dynamic=[3.9, 0.6, 0.7]"
-    ).run()
-    assert np.allclose(rollout.a_k[0], [1.3, 1.6])
-    assert np.allclose(rollout.a_d[0], [3.9, 0.6, 0.7])
-
-
-def test_belief_inertial_scale_is_the_initial_estimate(tmp_path):
-    scenario = scara(
-        tmp_path, "[belief]\ninertial_scale = { slide_joint = 0.5 }\n[simulation]\nduration = 0.002"
-    )
-    truth = pa.models.BodyDynamics(pa.load("scara")).initial
-    factors = np.repeat([1.0, 1.0, 0.5, 1.0], 10)
-    assert np.allclose(scenario.run().a_d[0, :40], factors * truth, atol=1e-12)
-
-
 JOINTS = """
 [truth]
 armature = 0.1
@@ -271,23 +227,6 @@ def test_effects_of_the_joints_are_true_believed_and_adapted(tmp_path):
     assert "slide_joint.offset" not in found
 
 
-def test_described_friction_stays_unless_the_table_replaces_it(tmp_path):
-    """``robot.joint_effects`` takes it from the description, for both robots."""
-    described = pa.load("z1", joint_effects=True)
-    assert described.friction.viscous.all()
-    text = '[robot]\nsource = "z1"\njoint_effects = true\n'
-    scenario = Scenario.read(write(tmp_path, text), ["truth.friction.coulomb={ joint2 = 9.0 }"])
-    expected = described.friction.coulomb.copy()
-    expected[1] = 9.0
-    for robot in (scenario.true, scenario.estimated):
-        assert np.array_equal(robot.friction.viscous, described.friction.viscous)
-        assert np.array_equal(robot.model.armature, described.model.armature)
-    assert np.array_equal(scenario.true.friction.coulomb, expected)
-    assert np.array_equal(scenario.estimated.friction.coulomb, described.friction.coulomb)
-    plain = Scenario.read(write(tmp_path, text), ["belief.friction={ viscous = 0.0, coulomb = 0 }"])
-    assert not plain.estimated.friction.present
-
-
 def test_paths_are_relative_to_the_scenario_file(tmp_path, monkeypatch):
     folder = tmp_path / "somewhere"
     (folder / "robots").mkdir(parents=True)
@@ -311,42 +250,6 @@ def test_settings_take_dotted_keys_and_toml_values():
     assert scenario.tables.simulation.noise.x == 1e-3
 
 
-def test_settings_make_tables_that_are_missing_and_reach_into_inline_ones():
-    scenario = planar("truth.payload.mass=0.3", "truth.friction.viscous=0.1")
-    assert np.isclose(pin.computeTotalMass(scenario.true.model), 3.3)
-    assert np.allclose(scenario.true.friction.viscous, 0.1)
-
-
-def test_another_kind_of_reference_drops_the_keys_of_the_files_kind():
-    reference = planar("reference.kind=hold").tables.reference
-    kept = {"kind": "hold", "center": [0.8, 0.0], "start": "moving"}
-    assert reference.model_dump(exclude_defaults=True) == kept
-    turned = planar(
-        "reference.kind=lissajous", "reference.amplitude=[0.1, 0.1]", "reference.cycles=[1, 2]"
-    ).tables.reference
-    assert turned.period == planar().tables.reference.period  # a key of both kinds
-    with pytest.raises(pa.exceptions.ScenarioError, match=r"--set reference\.amplitude=VALUE"):
-        planar("reference.kind=lissajous")
-    with pytest.raises(pa.exceptions.ScenarioError, match="radius: unknown key"):  # not of the file
-        planar("reference.kind=hold", "reference.radius=0.1")
-
-
-@pytest.mark.parametrize("setting", ["robot.frame=panda_link5", "robot.task=joint"])
-def test_another_chain_says_what_else_to_set(setting, tmp_path):
-    with pytest.raises(pa.exceptions.InputError) as caught:
-        Scenario.read(write(tmp_path, INTERFACE), [setting])
-    words = str(caught.value)
-    assert f"--set has changed {setting.partition('=')[0]}" in words
-    assert "robot.q0" in words and "pinadapt init panda --frame" in words
-
-
-def test_a_misspelt_frame_is_not_taken_for_another_chain():
-    with pytest.raises(pa.exceptions.RobotError) as caught:
-        Scenario.read(robots_folder() / "panda/tool_and_load.toml", ["robot.frame=panda_hnd"])
-    assert "Did you mean 'panda_hand'?" in str(caught.value)
-    assert "--set has changed" not in str(caught.value)
-
-
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.xml", "arm.urdf.xacro", "panda"])
 def test_a_robot_in_place_of_a_scenario_is_sent_to_init(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -354,24 +257,6 @@ def test_a_robot_in_place_of_a_scenario_is_sent_to_init(name, tmp_path, monkeypa
         pa.exceptions.ScenarioError, match=f"not a scenario.*`pinadapt init {name}`"
     ):
         Scenario.read(name)
-
-
-def test_bare_words_are_strings():
-    assert (
-        planar("controller.adaptation=gradient", "title=A first try").tables.title == "A first try"
-    )
-
-
-def test_later_settings_win():
-    assert planar("simulation.seed=1", "simulation.seed=2").tables.simulation.seed == 2
-
-
-@pytest.mark.parametrize(
-    "setting", ["simulation.duration", "=3", "controller..Kv=3", "simulation.duration.x=3"]
-)
-def test_malformed_settings_are_refused(setting):
-    with pytest.raises(pa.ScenarioError, match="--set"):
-        planar(setting)
 
 
 # --- refusals ---
@@ -481,89 +366,3 @@ def test_a_wrong_value_names_its_dotted_key(setting, key):
     with pytest.raises(pa.InputError) as error:
         planar("simulation.duration=0.002", setting).run()
     assert key in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("setting", "suggestion"),
-    [
-        ("robot.source=planr_2r", "planar_2r"),
-        ("robot.frame=tp", "tip"),
-        ("robot.locked=['jont1']", "joint1"),
-        ("robot.task=xyzz", "xyz"),
-        ("truth.inertial_scale={ jont1 = 1.0 }", "joint1"),
-        ("truth.link_translation={ jont1 = [0.0, 0.0, 0.0] }", "joint1"),
-        ("truth.friction.offset={ jont1 = 1.0 }", "joint1"),
-        ("truth.friction.shafts=[{ joints = ['joint1', 'jont2'] }]", "joint2"),
-        ("unknown.kinematic=['tol']", "tool"),
-        ("controller.law=adaptive-invers-dynamics", "adaptive-inverse-dynamics"),
-        ("controller.adaptation=natrual", "natural"),
-        ("controller.acceleration=idel", "ideal"),
-        ("reference.kind=circel", "circle"),
-        ("reference.plane=zy", "yz"),
-        ("simulation.mode=sampld", "sampled"),
-        ("simulation.engine=pinochio", "pinocchio"),
-    ],
-)
-def test_a_misspelt_word_gets_a_suggestion(setting, suggestion):
-    with pytest.raises(pa.InputError, match=f"Did you mean '{suggestion}'"):
-        planar(setting)
-
-
-@pytest.mark.parametrize(
-    ("setting", "key", "allowed"),
-    [
-        ("robot.task=joint", "unknown.kinematic", "xyz"),
-        ("controller.law=slotine-li", "controller.law", 'task = "joint"'),
-        ("simulation.engine=bullet", "simulation.engine", "mujoco"),
-        ("controller.law=composite", "controller.law", "adaptive-jacobian"),
-        ("controller.law=adaptive-jacobean", "controller.law", "adaptive-jacobian"),
-    ],
-)
-def test_unusable_values_are_refused_with_the_alternatives(setting, key, allowed):
-    with pytest.raises(pa.InputError) as error:
-        planar(setting)
-    assert key in str(error.value)
-    assert allowed in str(error.value)
-
-
-def test_an_inequality_without_basis_is_refused(tmp_path):
-    (tmp_path / "lmi.csv").write_text("1, 0, 0, 1\n")
-    with pytest.raises(pa.InputError, match=r"unknown\.lmi.*basis"):
-        scara(tmp_path, '[unknown]\nlmi = "lmi.csv"')
-
-
-def test_a_basis_with_natural_adaptation_needs_an_inequality(tmp_path):
-    text = f'[robot]\nsource = "planar_2r"\n[unknown]\nbasis = "{PLANAR.parent / "basis.csv"}"'
-    with pytest.raises(pa.InputError, match=r"unknown\.lmi.*gradient"):
-        Scenario.read(write(tmp_path, text))
-
-
-def test_continuous_mode_refuses_noise_and_delay():
-    for setting in ("simulation.noise.q=1e-3", "simulation.delay=0.01"):
-        with pytest.raises(pa.InputError, match="sampled mode only"):
-            planar("simulation.mode=continuous", setting).run()
-
-
-def test_a_delay_alone_is_a_camera_with_a_frame_at_every_sample():
-    short = "simulation.duration=0.1"
-    late, camera, punctual = (
-        planar(short, *setting).run()
-        for setting in (["simulation.delay=0.01"], ["simulation.camera={delay = 0.01}"], [])
-    )
-    assert np.array_equal(late.q, camera.q) and np.array_equal(late.a_k, camera.a_k)
-    assert not np.array_equal(late.q, punctual.q)
-
-
-@pytest.mark.parametrize("text", ["[robot\nsource = 'ur5'", "title = ", "\xff"])
-def test_files_that_are_no_toml_are_refused(tmp_path, text):
-    path = tmp_path / "scenario.toml"
-    path.write_bytes(text.encode("latin-1"))
-    with pytest.raises(pa.ScenarioError, match="not valid TOML"):
-        Scenario.read(path)
-
-
-def test_missing_files_and_tables_are_refused(tmp_path):
-    with pytest.raises(pa.ScenarioError, match="no such file"):
-        Scenario.read(tmp_path / "nothing.toml")
-    with pytest.raises(pa.ScenarioError, match="robot: this key is required"):
-        Scenario.read(write(tmp_path, 'title = "no robot"'))

@@ -1,10 +1,8 @@
 """Changes of the true robot during a run, announced or not: loads, tools, friction."""
 
-import copy
 import re
 import warnings
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -12,13 +10,9 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.description.catalogue import robots_folder
-from pinadapt.plants.plant import Plant
-from pinadapt.plots.figures import error_figure, parameter_figure
-from pinadapt.robot.robot import difference
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.view.scene import motion_in_time
 from tests.support.chains import catalogue_robot, random_state
-from tests.support.loops import ARRAYS, circle_at_home, run
+from tests.support.loops import ARRAYS, circle_at_home
 from tests.support.paper import BASIS
 from tests.support.snapshots import snapshot, unchanged
 
@@ -80,65 +74,6 @@ def test_a_plant_moves_as_the_robot_it_became_from_that_instant_to_the_bit(integ
     assert plant.robot is first and np.array_equal(plant.measure().x, first.position(first.q0))
 
 
-class Bench(Plant):
-    """A plant without a method for becoming another robot."""
-
-    nv = 1
-
-    def reset(self):
-        """Do nothing."""
-
-    def measure(self):
-        """Return rest."""
-        return pa.Measurement(0.0, np.zeros(1), np.zeros(1))
-
-    def step(self, torque, dt):
-        """Do nothing."""
-
-
-def test_a_plant_that_cannot_change_raises_an_error():
-    with pytest.raises(pa.InputError, match="changes: Bench cannot become"):
-        Bench().become(arm())
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        lambda: arm("ur5"),
-        lambda: pa.load("z1", task="xy"),
-        lambda: pa.load("z1", frame="link05"),
-        lambda: "z1",
-    ],
-)
-def test_another_chain_frame_or_task_cannot_take_its_place(other):
-    other = other()
-    with pytest.raises(pa.RobotError):
-        pa.plants.PinocchioPlant(arm()).become(other)
-    with pytest.raises(pa.RobotError, match=re.escape("changes[1]")):
-        pa.robot.Succession.of(arm(), {1.0: other})
-
-
-@pytest.mark.parametrize("changes", [{0.0: arm}, {-1.0: arm}, {np.inf: arm}, {"1": arm}, [1.0]])
-def test_times_are_positive_and_finite(changes):
-    for make in (lambda: pa.robot.Succession.of(arm(), changes), lambda: pa.Events(None, changes)):
-        with pytest.raises(pa.InputError, match=r"times must be|expected a mapping"):
-            make()
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"payload": LIGHT}, "+0.4 kg"),
-        ({"payload": HEAVY, "tool_translation": TOOL}, "+1.2 kg, tool"),
-        ({"viscous": 0.1, "armature": 0.7}, "friction, rotors"),
-        ({"link_translation": {"joint3": [0.0, 0.0, 0.01]}}, "links"),
-        ({}, "nothing"),
-    ],
-)
-def test_a_change_is_described_in_words(change, words):
-    assert difference(arm(), arm(**change)) == words
-
-
 # --- the loop ---
 
 
@@ -170,13 +105,6 @@ def test_a_run_is_the_same_until_the_change_and_another_after_it(mode):
         assert np.array_equal(getattr(idle, name), getattr(plain, name)), name
         assert np.array_equal(getattr(changed, name)[:31], getattr(plain, name)[:31]), name
     assert not np.allclose(changed.q[32], plain.q[32], rtol=0.0, atol=1e-9)
-
-
-def test_a_change_between_two_samples_takes_effect_at_the_later_one():
-    at_sample, between = (loop({at: arm(payload=HEAVY)}) for at in (0.03, 0.0295))
-    assert np.array_equal(at_sample.q, between.q)
-    assert np.array_equal(at_sample.a_d_true, between.a_d_true)
-    assert at_sample.marks[0][0] == 0.03 and between.marks[0][0] == 0.0295
 
 
 def test_several_changes_come_in_order_of_their_time_and_a_new_tool_moves_the_tip():
@@ -218,25 +146,6 @@ def test_v_falls_on_either_side_of_a_change_and_jumps_there():
     assert np.delete(rises, 29).max() < 1e-9 * rollout.lyapunov[0]
 
 
-def test_events_after_the_end_are_warned_of():
-    with pytest.warns(UserWarning, match=re.escape("before the events at [0.06, 2.0] s")):
-        loop({2.0: arm()}, {0.06: {"payload": None}})
-
-
-def test_a_plant_of_ones_own_is_changed_by_events():
-    true, heavy = arm(payload=LIGHT), arm(payload=HEAVY)
-    controller = pa.make_controller(
-        arm(inertial_scale=0.9), unknown=pa.Unknown(friction=False, armature=False)
-    )
-    plant, path = pa.plants.PinocchioPlant(true), circle_at_home(true)
-    events = pa.Events({0.03: heavy}, {0.03: {"payload": HEAVY}})
-    for _ in range(2):  # a run begins with the first robot again
-        stream = list(pa.run(plant, controller, path, duration=0.06, events=events))
-        expected = loop({0.03: heavy}, {0.03: {"payload": HEAVY}})
-        assert np.array_equal([sample.truth.q for sample in stream], expected.q)
-        assert np.array_equal([sample.state.a_d for sample in stream], expected.a_d)
-
-
 # --- what a controller is told ---
 
 
@@ -257,27 +166,6 @@ def test_an_announced_load_is_exact_and_the_other_bodies_keep_what_they_learned(
     assert np.array_equal(again.a_d[-10:], truth(arm())[-10:]) and again.load is None
     assert after.a_k is state.a_k and after.t == state.t
     assert after.filters.memory is state.filters.memory and not after.filters.disturbance.any()
-
-
-def test_joints_keep_what_they_learned():
-    controller = pa.make_controller(
-        arm(viscous=0.2), law="separation", unknown=pa.Unknown(friction=True, armature=True)
-    )
-    state = started(controller, arm())
-    after = told(controller, state, payload=HEAVY)
-    assert np.array_equal(after.a_d[60:], state.a_d[60:]) and state.a_d.size == 78
-    assert np.allclose(after.a_d[:60], pa.models.BodyDynamics(arm()).value(arm(payload=HEAVY)))
-
-
-def test_a_believed_load_is_replaced_and_not_added_to():
-    controller = pa.make_controller(
-        arm(), unknown=pa.Unknown(friction=False, armature=False), payload=LIGHT
-    )
-    state = started(controller, arm())
-    truth = pa.models.BodyDynamics(arm()).value
-    assert state.load is LIGHT and np.allclose(state.a_d, truth(arm(payload=LIGHT)))
-    assert np.allclose(told(controller, state, payload=HEAVY).a_d, truth(arm(payload=HEAVY)))
-    assert np.allclose(told(controller, state, payload=None).a_d, truth(arm()))
 
 
 LENGTHS = ("joint2", "joint3:length")
@@ -398,38 +286,6 @@ def test_announcements_that_the_parameters_cannot_express_are_refused(make, news
         )
 
 
-def test_a_tool_of_unknown_length_is_announced_along_its_direction_only():
-    panda = arm("panda")
-    controller = pa.make_controller(
-        panda, unknown=pa.Unknown(tool=False, translations="tool:length")
-    )
-    state = started(controller, panda)
-    longer = told(controller, state, tool_translation=[0.0, 0.0, 0.05])
-    assert np.allclose(longer.a_k - state.a_k, 0.05)
-    with pytest.raises(pa.ParameterError, match="cannot express this tool"):
-        told(controller, state, tool_translation=[0.01, 0.0, 0.05])
-
-
-def test_an_empty_announcement_changes_nothing():
-    controller = pa.make_controller(arm(), unknown=pa.Unknown(bodies=["joint2"]))
-    state = started(controller, arm())
-    assert controller.announce(state) is state
-    assert np.array_equal(told(controller, state, payload=None).a_d, state.a_d)
-
-
-def test_an_unknown_announcement_is_refused_with_the_nearest():
-    with pytest.raises(pa.InputError, match=r"announcements\[1\].*Did you mean 'payload'"):
-        loop(events=pa.Events(announcements={1.0: {"paylod": None}}))
-
-
-def test_a_copy_takes_the_same_announcement():
-    controller = pa.make_controller(arm(), law="separation")
-    state, other = started(controller, arm()), copy.deepcopy(controller)
-    for news in ({"payload": HEAVY}, {"tool_translation": TOOL}):
-        ours, theirs = (c.announce(state, **news) for c in (controller, other))
-        assert np.array_equal(ours.flat(), theirs.flat())
-
-
 # --- the panda of the example, its changes sooner ---
 
 
@@ -442,7 +298,6 @@ def changing(table, drop=1.2, lift=2.2):
 
 
 TOLD, NATURAL = changing("belief"), 'controller.adaptation="natural"'
-SLOWER = "simulation.dt=2e-3"
 
 
 def panda(*settings):
@@ -484,13 +339,6 @@ def test_with_its_memory_it_errs_little_more_at_first_and_less_soon():
     assert with_one.distance[last].max() < without.distance[last].max()
 
 
-def test_with_its_memory_an_announced_change_moves_it_less_than_another():
-    told, untold = ran(TOLD, SLOWER).transients, ran(SLOWER).transients
-    for transient, other in zip(told, untold, strict=True):
-        assert transient.worst < other.worst and transient.back < 0.2
-    assert told[1].back == 0.0
-
-
 def test_the_scenario_and_simulate_agree():
     scenario = panda(changing("truth", 0.1), changing("belief", 0.1), "simulation.duration=0.12")
     described = pa.load("panda")
@@ -527,100 +375,4 @@ def test_the_scenario_and_simulate_agree():
     assert ours.marks == theirs.marks
 
 
-def test_changes_add_up_in_order_of_time_and_replace_whole_keys():
-    changes = (
-        "truth.change=[{ at = 4.0, payload = { mass = 0.0 } }, "
-        "{ at = 2.0, friction = { viscous = 0.3 }, payload = { mass = 2.0 } }, "
-        "{ at = 6.0, tool_translation = [0.0, 0.0, 0.1] }]"
-    )
-    scenario = Scenario.read(CHANGES, [changes])
-    robots = [scenario.true, *scenario.events.changes.values()]
-    assert list(scenario.events.changes) == [2.0, 4.0, 6.0]
-    words = [difference(*pair) for pair in pairwise(robots)]
-    assert words == ["+0.5 kg, friction", "-2 kg", "tool"]
-    assert np.allclose(robots[-1].friction.viscous, 0.3)
-
-
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ("truth.change=[{ at = 5.0, paylod = 1 }]", "change.0.paylod: unknown.*'payload'"),
-        ("truth.change=[{ at = 5.0, payload = { mas = 1.0 } }]", "payload.mas: unknown.*'mass'"),
-        ("truth.change=[{ payload = { mass = 1.0 } }]", "truth.change.0.at: this key is required"),
-        ("truth.change=[{ at = 0.0 }]", "truth.change.0.at: input should be greater than 0"),
-        ("truth.change=[{ at = inf }]", "truth.change.0.at: input should be a finite"),
-        ("truth.change=[{ at = 2.0 }, { at = 2.0 }]", "truth.change.1.at: there is another"),
-        (
-            "truth.change=[{ at = 2.0, inertial_scale = { joint1 = 2.0 } }]",
-            r"truth.change.0.inertial_scale: there is no joint.*'panda_joint1'",
-        ),
-        (
-            "truth.change=[{ at = 2.0, payload = { mass = 0.0, inertia = [1, 0, 1, 0, 0, 1] } }]",
-            "truth.change.0.payload.mass: must be positive",
-        ),
-        ("belief.change=[{ at = 5.0 }]", "belief.change.0: must name payload or tool_trans"),
-        ("belief.change=[{ at = 5.0, friction = 1 }]", "belief.change.0.friction: unknown key"),
-    ],
-)
-def test_changes_of_a_scenario_are_refused_by_name(setting, message):
-    with pytest.raises(pa.InputError, match=message):
-        Scenario.read(CHANGES, [setting])
-
-
-def test_a_belief_that_the_parameters_cannot_express_is_refused_before_the_run():
-    with pytest.raises(pa.ParameterError, match=r"belief.change.payload: the 31 dynamic"):
-        panda(TOLD, 'unknown.dynamic=["panda_joint2"]')
-    tool = "belief.change=[{ at = 1.0, tool_translation = [0.0, 0.0, 0.1] }]"
-    with pytest.raises(pa.ParameterError, match=r"belief.change.tool_translation: the kinematic"):
-        panda(tool, "unknown.kinematic=[]")
-
-
 # --- what is shown ---
-
-
-def test_plots_mark_the_changes_and_step_the_truth():
-    rollout = ran(TOLD, SLOWER)
-    parameters = parameter_figure(rollout).axes
-    for axes in (error_figure(rollout).axes, parameters):
-        assert [text.get_text() for text in axes[0].texts] == [
-            "-1.5 kg, announced",
-            "+3 kg, announced",
-        ]
-        for ax in axes:
-            marks = [line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":"]
-            assert marks == [1.2, 2.2]
-    masses = parameters[1]
-    truth = [line for line in masses.lines if line.get_linestyle() == "--"][-1].get_ydata()
-    steps = np.flatnonzero(np.diff(truth))
-    assert list(steps) == [599, 1099] and np.allclose(np.diff(truth)[steps], [-1.5, 3.0])
-
-
-def test_the_table_and_the_summary_tell_of_each_change(tmp_path):
-    light, heavy = (arm(payload=pa.Payload(mass)) for mass in (0.5, 3.0))
-    events = pa.Events(changes={0.4: light, 0.8: heavy})
-    truth = {"payload": pa.Payload(2.0)}
-    rollout = run("z1", truth=truth, control={"dt": 2e-3}, duration=1.2, events=events)
-    assert "+2.5 kg at 0.8 s" in str(rollout) and "under 1 mm after" in str(rollout)
-    first, second = rollout.summary()["changes"]
-    assert first["what"] == "-1.5 kg" and second["max_error"] == rollout.distance[400:].max()
-    late = rollout.distance[400 + round(500 * second["time_back"]) :]
-    assert late.max() < 1e-3 < second["max_error"]
-    rollout.save(tmp_path)
-    arrays = np.load(tmp_path / "rollout.npz")
-    assert arrays["a_d_true"].shape == (600, 78) and arrays["a_k_true"].shape == (600, 3)
-    assert loop().summary()["changes"] == []
-
-
-def test_a_run_that_does_not_recover_is_reported():
-    rollout = loop({0.03: arm(payload=HEAVY, tool_translation=[0.0, 0.0, 0.1])})
-    (transient,) = rollout.transients
-    assert transient.back is None and transient.worst > 0.05
-    assert "not back under 1 mm" in str(rollout)
-
-
-def test_the_animation_shows_the_tool_of_each_time():
-    robots = pa.robot.Succession.of(arm(), {1.0: arm(tool_translation=TOOL)})
-    t, q = np.array([0.0, 0.5, 1.0, 2.0]), np.tile(arm().q0, (4, 1))
-    motion = motion_in_time(robots, t, q)
-    expected = [robot.position(robot.q0) for robot in robots.robots]
-    assert np.allclose(motion.tip[:2], expected[0]) and np.allclose(motion.tip[2:], expected[1])

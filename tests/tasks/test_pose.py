@@ -72,18 +72,6 @@ def test_drift_is_the_rate_of_the_error_less_the_difference_of_velocities(some, 
     assert abs(phi @ drift) < 1e-14  # on which dV/dt rests
 
 
-def test_drift_is_continuous_where_it_switches_from_its_series():
-    axis, omega, omega_d = (
-        np.array([0.6, 0.0, 0.8]),
-        np.array([0.3, -1.0, 0.2]),
-        np.array([1.0, 0.4, -0.7]),
-    )
-    below, above = (
-        np.array(rotation_drift(0.05 * (1.0 + e) * axis, omega, omega_d)) for e in (-1e-13, 1e-13)
-    )
-    assert np.abs(below - above).max() < 1e-12
-
-
 def test_rotation_vectors_are_accurate_up_to_half_a_turn():
     q_d = quaternion(pin.exp3(np.array([0.3, 0.2, -0.4])))
     for angle in (np.pi - 1e-9, np.pi):
@@ -150,13 +138,6 @@ def check_derivatives(motion, t):
     assert np.allclose(now.xd_d, velocity, atol=1e-9)
     assert np.allclose(now.xdd_d, derivative(lambda h: motion.at(t + h).xd_d), atol=1e-8)
     assert np.isclose(np.linalg.norm(now.x_d[3:]), 1.0)
-
-
-def test_swing_turns_the_tool_about_its_own_axis():
-    start = quaternion(pin.exp3(np.array([0.4, -1.0, 0.7])))
-    swing = pa.trajectories.Swing([0.0, 0.0, 2.0], 0.3, 2.0, quaternion=start)
-    quarter = matrix(start).T @ matrix(swing.at(0.5)[0])
-    assert np.allclose(quarter, pin.exp3(np.array([0.0, 0.0, 0.3])), atol=1e-14)
 
 
 # --- the proofs ---

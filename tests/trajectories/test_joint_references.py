@@ -3,9 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from pinadapt.exceptions import ScenarioError
 from pinadapt.scenario.parts import trajectory_of
 from pinadapt.scenario.schema import check_tables
 from pinadapt.tasks.task import JointTask
@@ -45,45 +43,3 @@ def test_a_fourier_series_starts_at_home_unless_its_center_is_given():
     assert np.allclose(path.at(0.0).xd_d, 0.0) and np.allclose(path.at(0.0).xdd_d, 0.0)
     placed, _ = motion(kind="fourier", center=[0.1, 0.2, 0.0, 0.4], **rows)
     assert np.allclose(placed.at(0.0).x_d, [0.175, 0.275, 0.075, 0.475])
-
-
-def test_hold_and_waypoints_as_joint_references():
-    held, robot = motion(kind="hold")
-    assert np.allclose(held.at(3.0).x_d, robot.home_angles)
-    path, _ = motion(kind="waypoints", points=[[0.1, 0.0, 0.02, 0.3]], segment=0.5)
-    assert np.allclose(path.at(0.5).x_d - robot.home_angles, [0.1, 0.0, 0.02, 0.3])
-
-
-@pytest.mark.parametrize(
-    ("reference", "where", "words"),
-    [
-        ({"kind": "circle"}, "reference.kind", "no plane for a circle"),
-        ({"kind": "hold", "center": [0.0]}, "reference.center", "4 coordinates, got 1"),
-        ({"kind": "sinusoid", "amplitude": [1.0, 2.0]}, "reference.amplitude", "4 numbers"),
-        ({"kind": "sinusoid", "amplitude": 1.0, "period": [1.0]}, "reference.period", "4 numbers"),
-        (
-            {"kind": "fourier", "cosine": [[1.0]], "sine": [[1.0]]},
-            "reference.cosine",
-            "each needs a list",
-        ),
-        ({"kind": "hold", "orientation": {}}, "reference.orientation", "has no orientation"),
-    ],
-)
-def test_references_that_do_not_suit_joints_raise_errors(reference, where, words):
-    with pytest.raises(ValueError, match=words) as refused:
-        motion(**reference)
-    assert refused.value.where == where
-
-
-@pytest.mark.parametrize(
-    ("reference", "key"),
-    [
-        ({"kind": "sinusoid"}, "reference.amplitude: this key is required"),
-        ({"kind": "sinusoid", "amplitude": 1.0, "period": 0.0}, "reference.period"),
-        ({"kind": "sinusoid", "amplitude": 1.0, "perod": 1.0}, "Did you mean 'period'"),
-        ({"kind": "sinusoit"}, "Did you mean 'sinusoid'"),
-    ],
-)
-def test_errors_name_the_wrong_key_of_a_sinusoid(reference, key):
-    with pytest.raises(ScenarioError, match=key):
-        motion(**reference)

@@ -7,11 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt._output import read_toml
-from pinadapt.cli.command_line import main
-from pinadapt.description.catalogue import example_path
 from pinadapt.description.chain import position_limits
-from pinadapt.scenario.scenario import Scenario
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -60,36 +56,3 @@ def test_the_circle_can_be_followed_at_constant_orientation_also_with_a_longer_t
         least = [np.linalg.svd(arms * J, compute_uv=False)[-1] for J in Jacobians[::9]]
         assert min(least) > 0.48 * least[0]
         assert np.abs(speeds).max() < 1.65
-
-
-def test_circles_are_smaller_where_the_orientation_must_be_held():
-    """With little room for the wrist, circles as a pose are smaller than those of the tip."""
-    robot = pa.load("ur5", task="pose")
-    robot.model.lowerPositionLimit[3:] = robot.home_angles[3:] - 0.1
-    robot.model.upperPositionLimit[3:] = robot.home_angles[3:] + 0.1
-    free = pa.load(robot.model, frame=robot.frame, q0=robot.home_angles)
-    assert pa.reachable_circle(robot).radius < 0.8 * pa.reachable_circle(free).radius
-
-
-@pytest.mark.parametrize("source", ["panda", example_path("ur10")], ids=["panda", "urdf"])
-@pytest.mark.slow
-def test_init_writes_a_pose_scenario_that_runs(source, tmp_path):
-    file = tmp_path / "pose.toml"
-    assert main(["init", str(source), "--task", "pose", "--out", str(file)]) == 0
-    tables = read_toml(file)
-    assert tables["robot"]["task"] == "pose"
-    scenario = Scenario.read(file, ["simulation.duration=2.5", "simulation.dt=4e-3"])
-    directions = [scenario.trajectory.at(t).x_d[3:] for t in (0.0, 1.0, 2.0)]
-    assert np.ptp(directions, axis=0).max() < 1e-12  # the orientation is held
-    rollout = scenario.run()
-    assert rollout.diverged is None
-    assert rollout.distance[-100:].max() < 0.1 * tables["reference"]["radius"]
-    assert rollout.angle[-100:].max() < 0.01
-
-
-def test_init_offers_pose_and_refuses_it_for_short_chains(tmp_path, capsys):
-    file = tmp_path / "arm.toml"
-    assert main(["init", "ur5", "--out", str(file)]) == 0
-    assert "or pose" in file.read_text()
-    assert main(["init", "scara", "--task", "pose"]) == 2
-    assert "task 'pose' has 6 coordinates, but the chain to" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.trajectories import SlowedTime, SmoothStart
+from pinadapt.trajectories import SlowedTime
 from tests.support.differences import derivative
 
 CIRCLE = pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz", phase=0.4)
@@ -100,62 +100,6 @@ def test_a_start_asks_for_hardly_more_acceleration_than_the_motion(motion):
         assert math.isclose(begun.law.ramp, 1.875 * 3.0 / (2.0 * math.pi), rel_tol=1e-9)
 
 
-def test_ramps_are_bounded_and_one_second_where_nothing_accelerates():
-    slow, fast = (pa.trajectories.Circle([0.0, 0.0], 0.1, period) for period in (60.0, 0.05))
-    assert slow.from_rest().law.ramp == 5.0
-    assert fast.from_rest().law.ramp == 0.1
-    line = pa.trajectories.as_trajectory(lambda t: ([t, 0.0], [1.0, 0.0], [0.0, 0.0]))
-    assert line.from_rest().law.ramp == 1.0
-
-
-def test_a_motion_that_starts_at_rest_is_returned_as_it_is():
-    for motion in (
-        pa.trajectories.Hold([0.1, 0.2]),
-        pa.trajectories.Waypoints([[0.0, 0.0], [0.1, 0.0]], 0.8),
-        pa.trajectories.Spline([0.0, 1.0, 2.0], [[0.0], [0.3], [0.1]]),
-        pa.trajectories.as_trajectory(lambda t: [0.1 * min(t, 1.0) ** 3 * (2.0 - min(t, 1.0))]),
-        CIRCLE.from_rest(),
-        CIRCLE.as_given(),
-    ):
-        assert motion.from_rest() is motion
-
-
-def test_a_ramp_given_later_replaces_the_first():
-    assert CIRCLE.from_rest().from_rest(0.3).law.ramp == 0.3
-    assert CIRCLE.as_given().from_rest(0.3).law.ramp == 0.3
-    assert repr(CIRCLE.from_rest(0.3)) == "Circle, from rest within 0.3 s"
-    with pytest.raises(pa.InputError, match="must be positive"):
-        CIRCLE.from_rest(0.0)
-
-
-def test_functions_are_not_called_beyond_the_run():
-    def until(t):
-        assert t <= 0.504, "asked beyond the end"
-        return [math.sin(t)]
-
-    assert pa.trajectories.as_trajectory(until).from_rest(duration=0.5).law.ramp > 0.1
-
-
-def test_a_motion_as_given_is_the_same_motion():
-    given = CIRCLE.as_given()
-    assert given.at(0.3).x_d.tolist() == CIRCLE.at(0.3).x_d.tolist()
-    assert (given.extent, given.settles, given.repeats) == (0.1, None, (0.0, 3.0))
-    assert given.as_given() is given
-    moved = given.starting_at([0.0, 0.0, 0.0])
-    assert isinstance(moved, pa.trajectories.AsGiven)  # also after a displacement
-    assert np.allclose(moved.at(0.0).x_d, 0.0)
-
-
-def test_the_slowed_motion_rests_later():
-    free = pa.trajectories.Spline(TIMES, np.sin(TIMES), ends="free")
-    for begun in (free.from_rest(0.6), pa.trajectories.Retimed(free, slow(free))):
-        end = begun.settles
-        assert end == begun.at_rest_from() > free.settles == 2.0
-        assert math.isclose(begun.law.at(end)[0], 2.0, abs_tol=1e-12)
-    short = pa.trajectories.Spline([0.0, 0.1], [0.0, 0.1]).settles
-    assert math.isclose(SmoothStart(0.6).at(SmoothStart(0.6).when(short))[0], 0.1, abs_tol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("values", "turn"),
     [
@@ -173,40 +117,3 @@ def test_a_slowed_time_is_smooth_exact_and_never_fast(values, turn):
         assert math.isclose(law.when(s), t, abs_tol=1e-12)
         before, after = law.at(t - 1e-9), law.at(t + 1e-9)
         assert np.allclose(before, after, atol=1e-6)
-
-
-def test_periodic_motions_are_recognised():
-    repeats = {
-        "sinusoid": pa.trajectories.Sinusoid([0.0, 0.0], 0.1, [2.0, 3.0]),
-        "lissajous": pa.trajectories.Lissajous([0.0] * 2, [0.1, 0.2], [2.0, 4.0], 3.0),
-        "irrational": pa.trajectories.Sinusoid([0.0, 0.0], 0.1, [2.0, math.sqrt(2.0)]),
-        "pose": SWINGING.shifted([0.1, 0.0, 0.0, 0.3, 0.0, 0.0]),
-        "held orientation": pa.trajectories.PoseTrajectory(CIRCLE),
-        "from rest": CIRCLE.from_rest(0.8),
-        "hold": pa.trajectories.Hold([0.0]),
-    }
-    assert {name: motion.repeats for name, motion in repeats.items()} == {
-        "sinusoid": (0.0, 6.0),
-        "lissajous": (0.0, 1.5),
-        "irrational": None,
-        "pose": (0.0, 6.0),
-        "held orientation": (0.0, 3.0),
-        "from rest": (0.8, 3.0),
-        "hold": None,
-    }
-    law = SlowedTime([1.0, 2.0, 3.0, 2.0, 1.0, 2.0, 3.0, 2.0, 1.0], 0.75, 4)
-    since, period = pa.trajectories.Retimed(CIRCLE, law).repeats
-    slowed = pa.trajectories.Retimed(CIRCLE, law)
-    for t in (since, since + 1.1):
-        assert np.allclose(slowed.at(t).x_d, slowed.at(t + period).x_d, atol=1e-12)
-        assert np.allclose(slowed.at(t).xdd_d, slowed.at(t + period).xdd_d, atol=1e-12)
-    assert pa.trajectories.Retimed(CIRCLE, SlowedTime([1.0] * 6, 0.7, 3)).repeats is None
-
-
-@pytest.mark.parametrize(
-    ("values", "turn"),
-    [([1.0, 1.0, 1.0], 0), ([1.0, 1.0, 0.9, 1.0], 0), ([1.0, 2.0, 3.0, 4.0], 0), ([1.0] * 4, 2)],
-)
-def test_laws_that_are_too_fast_or_do_not_fit_are_refused(values, turn):
-    with pytest.raises(pa.InputError, match="slowness"):
-        SlowedTime(values, 0.1, turn)

@@ -1,6 +1,5 @@
 """Motions given by users: objects with at(t), functions of time, and samples."""
 
-import itertools
 import math
 import re
 import warnings
@@ -71,72 +70,11 @@ def test_errors_of_finite_differences_agree_with_the_docstring():
             assert 0.5 * bound < found <= bound
 
 
-@pytest.mark.parametrize("t", [0.0, 0.003, 0.5])
-def test_amplification_of_noise_agrees_with_the_docstring(t):
-    """The worst case over all signs of five errors of 1e-9."""
-    h, e = 2e-3, 1e-9
-    speed, acceleration = 0.0, 0.0
-    for signs in itertools.product([-e, e], repeat=5):
-        now = Function(lambda t, signs=signs: np.array([signs[round(t / h) % 5]])).at(t)
-        speed, acceleration = max(speed, now.xd_d[0]), max(acceleration, now.xdd_d[0])
-    if t == 0.5:
-        assert 0.9 * 1.5 * e / h < speed <= 1.5 * e / h + 1e-15
-        assert 0.9 * 5.4 * e / h**2 < acceleration <= 5.4 * e / h**2
-    assert acceleration <= 27.0 * e / h**2
-
-
-def test_rounding_errors_are_below_the_bound_in_the_docstring():
-    motion = Function(lambda t: np.array([math.sin(t), math.cos(t)]))
-    for t in np.linspace(0.0, 10.0, 301):
-        off = motion.at(t).xdd_d + motion.at(t).x_d
-        assert np.abs(off).max() < 2e-9 or t < 0.004
-
-
-def test_a_function_is_called_near_t_and_never_before_time_0():
-    asked = []
-
-    def f(t):
-        asked.append(t)
-        return np.array([math.sqrt(1.0 + t)])
-
-    for t in [*np.linspace(0.0, 0.005, 101), 0.002, 0.004, 1.0]:
-        asked.clear()
-        Function(f).at(float(t))
-        assert len(asked) == 5 and asked[0] == t
-        assert min(asked) >= 0.0 and max(np.abs(np.array(asked) - t)) <= 0.008 + 1e-15
-
-
 @pytest.mark.parametrize("t", [0.0, 0.003, 0.4, 2.7])
 @pytest.mark.parametrize("returns", [tuple, list, pa.Desired._make, np.array])
 def test_a_function_may_return_its_derivatives(returns, t):
     motion = as_trajectory(lambda t: returns(CIRCLE.at(t)), XYZ)
     assert close(motion.at(t), CIRCLE.at(t), 0.0, 0.0)
-
-
-@pytest.mark.parametrize("returns", [position, lambda desired: tuple(desired.x_d.tolist())])
-@pytest.mark.parametrize("t", [0.4, 2.7])
-def test_a_function_of_positions_is_differentiated(returns, t):
-    for given in (lambda t: returns(CIRCLE.at(t)), Path(CIRCLE, returns)):
-        assert close(as_trajectory(given, XYZ).at(t), CIRCLE.at(t), 1e-9, 1e-8)
-
-
-def test_one_coordinate_may_be_a_plain_number():
-    now = as_trajectory(lambda t: 0.3 * math.sin(t)).at(1.0)
-    assert now.x_d.shape == (1,) and now.xd_d[0] == pytest.approx(0.3 * math.cos(1.0), abs=1e-9)
-
-
-def test_a_function_may_return_the_same_array_each_time():
-    buffer = np.zeros(3)
-
-    def f(t):
-        buffer[:] = CIRCLE.at(t).x_d
-        return buffer
-
-    motion = as_trajectory(f, XYZ)
-    before = motion.at(0.4)
-    assert close(before, CIRCLE.at(0.4), 1e-9, 1e-8)
-    motion.at(1.0)
-    assert close(before, CIRCLE.at(0.4), 1e-9, 1e-8)
 
 
 def flipped(x, t):
@@ -156,13 +94,6 @@ def test_poses_are_differentiated_as_rotations(returns, t):
     assert np.allclose(POSE.error(now.x_d, exact.x_d), 0.0, atol=1e-12)
     assert np.allclose(now.xd_d, exact.xd_d, atol=1e-7 if t else 1e-6)
     assert np.allclose(now.xdd_d, exact.xdd_d, atol=1e-6 if t else 1e-3)
-
-
-def test_seven_joint_angles_are_not_taken_for_a_pose():
-    robot = catalogue_robot("panda", task="joint")
-    swing = pa.trajectories.Sinusoid(robot.home_angles, 0.1, np.linspace(1.0, 3.0, 7))
-    motion = as_trajectory(lambda t: swing.at(t).x_d, robot.task)
-    assert close(motion.at(0.7), swing.at(0.7), 1e-8, 1e-7)
 
 
 def test_angles_of_continuous_joints_may_jump_by_whole_turns():
@@ -211,36 +142,6 @@ def test_splines_pass_through_the_samples_smoothly_and_are_at_rest_at_the_ends(g
     assert motion.extent == pytest.approx(0.5 * np.linalg.norm(np.ptp(POINTS, axis=0)))
 
 
-def test_a_spline_through_two_samples_is_a_minimum_jerk_motion():
-    points = np.array([[0.0, 0.1, 0.2], [0.3, -0.2, 0.5]])
-    spline, jerk = Spline([0.0, 0.8], points), pa.trajectories.Waypoints(points, 0.8)
-    for t in np.linspace(0.0, 1.0, 21):
-        assert close(spline.at(t), jerk.at(t), 1e-12, 1e-11)
-
-
-def test_splines_with_free_ends_have_the_speed_of_the_samples():
-    free = Spline(*sampled(CIRCLE, 3.0, 101), ends="free")
-    for t in np.linspace(0.0, 3.0, 31):
-        assert close(free.at(t), CIRCLE.at(t), 1e-5, 1e-3) or np.allclose(
-            free.at(t).x_d, CIRCLE.at(t).x_d, atol=1e-9
-        )
-        assert np.allclose(free.at(t).xd_d, CIRCLE.at(t).xd_d, atol=1e-6)
-    assert not free.at(3.1).xd_d.any() and np.allclose(free.at(3.1).x_d, CIRCLE.at(3.0).x_d)
-
-
-def test_a_warning_says_that_samples_move_at_their_ends():
-    with pytest.warns(UserWarning, match=r"0\.209 /s at their first.*ends=\"free\""):
-        as_trajectory(sampled(CIRCLE, 3.0, 301), XYZ)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        as_trajectory(sampled(pa.trajectories.Sinusoid([0.0, 0.0], 0.1, 2.0), 2.0, 301), XY)
-        as_trajectory(
-            sampled(pa.trajectories.Waypoints([[0.0, 0.0], [0.1, 0.2]], 1.0), 1.5, 301), XY
-        )
-        as_trajectory((UNEVEN, POINTS), XYZ)
-        Spline(*sampled(CIRCLE, 3.0, 301), ends="free")
-
-
 @pytest.mark.parametrize("signs", [1.0, np.resize([1.0, -1.0, -1.0], (301, 1))])
 def test_sampled_poses_have_the_derivatives_of_the_sampled_motion(signs):
     t, x = sampled(MOVING_POSE, 2.6, 301)
@@ -255,19 +156,6 @@ def test_sampled_poses_have_the_derivatives_of_the_sampled_motion(signs):
         assert np.allclose(now.xd_d, exact.xd_d, atol=1e-6)
         assert np.allclose(now.xdd_d, exact.xdd_d, atol=1e-3)
         assert np.linalg.norm(now.x_d[3:]) == pytest.approx(1.0, abs=1e-14)
-
-
-def test_splines_of_few_poses_pass_through_them_with_consistent_derivatives():
-    rng = np.random.default_rng(3)
-    q = np.array([pin.Quaternion(pin.exp3(rng.uniform(-1.5, 1.5, 3))).coeffs() for _ in UNEVEN])
-    motion = as_trajectory((UNEVEN, np.hstack([POINTS, q])), POSE)
-    for k, t in enumerate(UNEVEN):
-        assert np.allclose(POSE.error(motion.at(t).x_d, np.append(POINTS[k], q[k])), 0.0, atol=1e-9)
-    for t in np.linspace(0.01, 2.59, 40):
-        now = motion.at(t)
-        turn = derivative(lambda h, t=t, now=now: POSE.error(motion.at(t + h).x_d, now.x_d))
-        assert np.allclose(now.xd_d, turn, atol=1e-7)
-        assert np.allclose(now.xdd_d, derivative(lambda h, t=t: motion.at(t + h).xd_d), atol=1e-5)
 
 
 # --- orientations ---
@@ -291,29 +179,6 @@ def test_an_orientation_may_be_a_function_or_an_object(orientation):
     assert np.allclose(POSE.error(moved.at(0.0).x_d, start), 0.0, atol=1e-14)
     assert np.allclose(POSE.error(moved.at(0.7).x_d, exact.at(0.7).x_d), 0.0, atol=1e-12)
     assert np.allclose(moved.at(0.7).xd_d, exact.at(0.7).xd_d, atol=1e-7)
-
-
-def test_an_orientation_may_be_sampled():
-    q = np.array([[0.0, 0.0, 0.0, 1.0], [0.6, 0.0, 0.0, 0.8]])
-    motion = pa.trajectories.PoseTrajectory(([0.0, 2.0], POINTS[:2]), ([0.0, 1.0], q))
-    assert np.allclose(motion.at(5.0).x_d, [*POINTS[1], *q[1]])
-    assert motion.settles == 2.0 and not motion.at(5.0).xd_d.any()
-
-
-@pytest.mark.parametrize(
-    ("orientation", "words"),
-    [
-        (lambda t: [0.0, 0.0, 0.0], r"expected 4 numbers"),
-        (lambda t: [0.0, 0.0, 0.0, 2.0], "length 2"),
-        (lambda t: ([0.0, 0.0, 0.0, 1.0], [0.0] * 4, [0.0] * 4), "3 numbers each"),
-        (CIRCLE, r"expected 4 numbers"),
-        (([0.0, 1.0], [[0.0, 0.0, 0.0, 2.0]] * 2), "row 0 has a quaternion xyzw of length 2"),
-        ("up", "expected 4 numbers"),
-    ],
-)
-def test_invalid_orientations_raise_input_errors(orientation, words):
-    with pytest.raises(pa.InputError, match=words):
-        pa.trajectories.PoseTrajectory(CIRCLE, orientation)
 
 
 # --- what the library computes for them ---
@@ -341,44 +206,6 @@ def test_a_subclass_needs_no_method_but_at(motion):
         assert close(twice.at(t), motion.shifted(by).shifted(-0.5 * by).at(t), 1e-12, 1e-12)
     start = motion.shifted(by).at(0.0).x_d
     assert close(own.starting_at(start).at(0.7), motion.starting_at(start).at(0.7), 1e-12, 1e-12)
-
-
-def test_extent_and_settles_of_an_object_are_used():
-    class Known(Path):
-        extent, settles = 0.25, 3.0
-
-    class Odd(Path):
-        def extent(self):
-            return 0.25
-
-    known, odd = as_trajectory(Known(CIRCLE)), as_trajectory(Odd(CIRCLE))
-    assert (known.extent, known.settles) == (0.25, 3.0) and odd.extent is None
-    assert known.shifted(np.ones(3)).extent == 0.25 and known.shifted(np.ones(3)).settles == 3.0
-
-
-@pytest.mark.parametrize(
-    ("f", "duration", "rests"),
-    [
-        (lambda t: np.array([0.4, 0.1]), None, 0.0),
-        (lambda t: np.array([0.4, min(t, 1.0) ** 3]), 10.0, pytest.approx(1.0, abs=0.04)),
-        (lambda t: np.array([0.4, min(t, 9.8) ** 3]), 10.0, None),
-        (lambda t: np.array([0.4, 0.01 * t]), 10.0, None),
-        (lambda t: np.array([0.4, math.sin(t)]), None, None),
-    ],
-)
-def test_the_time_of_rest_is_found_by_sampling_the_motion(f, duration, rests):
-    assert as_trajectory(f).at_rest_from(duration) == rests
-
-
-@pytest.mark.parametrize("law", ["approximate-jacobian", "bounded-torque"])
-def test_a_set_point_may_be_a_constant_function(law):
-    robot = catalogue_robot("planar_2r")
-    controller, x = pa.make_controller(robot, law=law), robot.position(robot.q0)
-    rollout = pa.simulate(robot, controller, lambda t: x, duration=0.05)
-    same = pa.simulate(robot, controller, pa.trajectories.Hold(x), duration=0.05)
-    assert np.array_equal(rollout.tau, same.tau)
-    with pytest.raises(pa.InputError, match=r"the desired motion does not come to rest"):
-        pa.simulate(robot, controller, lambda t: x + 0.01 * t, duration=0.05)
 
 
 # --- wherever a motion is taken ---
@@ -431,35 +258,6 @@ def test_a_run_is_the_same_however_its_motion_is_given(given, as_circle, loop):
     assert other.extent == pytest.approx(moved) and one.extent == 0.1
 
 
-def test_joints_follow_samples_and_functions():
-    robot = catalogue_robot("panda", task="joint")
-    controller, q, t = (
-        pa.make_controller(robot, adaptation="natural"),
-        robot.home_angles,
-        np.array([0.0, 0.2, 0.4]),
-    )
-    bend = np.array([0.0, 0.05, 0.02])
-    path = as_trajectory((t, q + bend[:, None]), robot.task)
-    for given in ((t, q + bend[:, None]), lambda t: path.at(t).x_d):
-        rollout = pa.simulate(robot, controller, given, duration=0.5)
-        assert rollout.diverged is None and np.abs(rollout.error).max() < 1e-3
-        assert np.ptp(rollout.q, axis=0) == pytest.approx(np.full(7, 0.05), abs=1e-3)
-
-
-def test_run_and_live_view_accept_functions(loop):
-    from pinadapt.view.live import LiveView
-
-    robot, controller, circle = loop
-    plant, f = pa.plants.PinocchioPlant(robot), lambda t: circle.at(t).x_d
-    for stream in (
-        pa.run(plant, controller, f, duration=0.01),
-        pa.simulation.run_continuous(plant, controller, f, dt=1e-3, duration=0.01),
-    ):
-        assert np.allclose(list(stream)[5].desired.x_d, circle.at(0.005).x_d)
-    with LiveView(robot, controller, f, duration=0.1, browser=False) as view:
-        assert view.url.startswith("http")
-
-
 # --- what is refused, before anything moves ---
 
 REFUSED = {
@@ -508,46 +306,6 @@ def test_invalid_motions_raise_input_errors_before_the_run(given, words, loop):
     ):
         with pytest.raises(pa.InputError, match=words):
             start()
-
-
-def test_a_subclass_that_returns_no_desired_is_refused(loop):
-    class Wrong(pa.trajectories.Trajectory):
-        def at(self, t):
-            return [0.1, 0.2]
-
-    with pytest.raises(pa.InputError, match=r"at\(0\.0\) of Wrong returned .*Desired\(x_d, xd_d"):
-        pa.simulate(*loop[:2], Wrong(), duration=0.01)
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        (lambda t: [0.0, 0.0, 0.5], "PoseTrajectory adds an orientation"),
-        (lambda t: [0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 2.0], "quaternion xyzw of length 2"),
-        (([0.0, 1.0], [[0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 2.0]] * 2), "row 0 has a quaternion"),
-        (([0.0, 1.0], [[0.0, 0.0, 0.5]] * 2), "end in a quaternion|PoseTrajectory"),
-    ],
-)
-def test_invalid_poses_raise_input_errors(given, words):
-    with pytest.raises(pa.InputError, match=words):
-        as_trajectory(given, POSE)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"ends": "clamped"}, r"ends: must be one of \['rest', 'free'\]"),
-        ({"ends": "free"}, "at least 6 samples"),
-    ],
-)
-def test_splines_with_invalid_ends_raise_input_errors(options, words):
-    with pytest.raises(pa.InputError, match=words):
-        Spline([0.0, 1.0, 2.0], [0.0, 1.0, 0.5], **options)
-
-
-def test_a_step_must_be_positive():
-    with pytest.raises(pa.InputError, match="step: must be positive"):
-        Function(lambda t: [0.0], step=0.0)
 
 
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])

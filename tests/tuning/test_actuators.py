@@ -1,6 +1,5 @@
 """Actuators that are declared: gains, rates and the check before a run follow from them."""
 
-import warnings
 from functools import cache
 
 import numpy as np
@@ -8,12 +7,8 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.command_line import main
-from pinadapt.description.catalogue import robots_folder
 from pinadapt.laws.law import Feedback
 from pinadapt.robot import Actuators
-from pinadapt.scenario.scenario import Scenario
-from pinadapt.simulation.prepare import findings
 from pinadapt.tuning.defaults import elastic_mode, feedback_lag
 from pinadapt.tuning.preflight import ActuatedJoints, preflight
 from tests.support.chains import catalogue_robot, robot_of
@@ -129,20 +124,6 @@ def test_every_law_has_gains_for_declared_actuators(law, name, actuators):
     assert [str(finding) for finding in preflight(controller, DT)] == []
 
 
-def test_declared_motors_get_the_feedforward_earlier_and_their_torque_is_believed():
-    """A memory beside motors of 30 rad/s, with and without the lead."""
-    robot, late = catalogue_robot("planar_2r"), Actuators(bandwidth=30.0)
-    true, errors = robot.changed(payload=pa.Payload(0.5)), []
-    for leads in (True, False):
-        controller = made(robot, late, dt=4e-3)
-        if not leads:
-            controller._lead = None
-        engine = pa.Engine(dt=4e-3, actuators=late)
-        run = pa.simulate(true, controller, pa.reachable_circle(robot), duration=2.4, engine=engine)
-        errors.append(run.distance[run.t > 1.6].max())
-    assert errors[0] < 0.5 * errors[1], errors
-
-
 def test_gains_too_fast_for_late_motors_are_named_with_a_remedy():
     robot, late = catalogue_robot("ur5"), Actuators(delay=10e-3)
     controller = made(robot)
@@ -156,15 +137,6 @@ def test_gains_too_fast_for_late_motors_are_named_with_a_remedy():
     assert [each.part for each in preflight(slower, DT, late)] != ["task feedback"]
     slightly = made(robot, **{name: factors[name] ** 0.9 * gain for name, gain in gains.items()})
     assert preflight(slightly, DT, late)[0].part == "task feedback"
-
-
-def test_simulations_check_the_loop_with_the_true_actuators():
-    robot, late = catalogue_robot("ur5"), Actuators(delay=10e-3)
-    checked = [
-        findings(robot, made(robot, declared, adaptation="natural"), DT, pa.Sensors(), None, true)
-        for declared, true in ((None, None), (None, late), (late, late), (late, None))
-    ]
-    assert [bool(found) for found in checked] == [False, True, False, False]
 
 
 @pytest.mark.slow
@@ -218,53 +190,3 @@ def test_the_elastic_mode_of_one_joint():
     assert late == pytest.approx(2.0 * (1e-3 + 2e-3 + 5e-3))  # twice until the torque is there
     soft = feedback_lag(robot, DT, Actuators(stiffness=500.0))
     assert soft == pytest.approx(2e-3 + np.sqrt(M / 500.0))
-
-
-def test_joints_softer_than_the_feedback_are_warned_of():
-    robot = catalogue_robot("ur5")
-    with pytest.warns(UserWarning, match=r"the links swing on joints of 1e\+03 N m/rad at .* Hz"):
-        made(robot, Actuators(stiffness=1e3), adaptation="natural")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        made(robot, Actuators(stiffness=5e3), adaptation="natural")
-
-
-def test_invalid_declarations_are_refused():
-    robot = catalogue_robot("ur5")
-    with pytest.raises(pa.InputError, match="expected an Actuators"):
-        pa.Limits(actuators=0.01)
-    with pytest.raises(pa.InputError, match="6 numbers"):
-        made(robot, Actuators(delay=[1e-3, 2e-3]))
-    with pytest.raises(pa.InputError, match=r"one number|1 numbers"):
-        preflight(of_one_joint(), DT, Actuators(bandwidth=[50.0, 60.0]))
-    with pytest.raises(pa.InputError, match="expected an Actuators"):
-        preflight(of_one_joint(), DT, 0.01)
-
-
-def test_a_scenario_declares_actuators():
-    path = robots_folder() / "panda" / "tool_and_load.toml"
-    declared = ["controller.actuators={delay=0.006, bandwidth=100.0}"]
-    scenario = Scenario.read(path, declared)
-    assert scenario.controller.limits.actuators == Actuators(delay=6e-3, bandwidth=100.0)
-    assert scenario.engine.actuators is None
-    for wrong in (
-        "controller.actuators={delay=-0.006}",
-        "controller.actuators={bandwidth=[100.0, 50.0]}",
-        "controller.actuators={dely=0.006}",
-        "controller.actuators={stiffness=nan}",
-    ):
-        with pytest.raises(pa.InputError, match=r"actuators"):
-            Scenario.read(path, [wrong])
-
-
-def test_the_comments_of_a_new_scenario_declare_and_simulate_actuators(tmp_path):
-    """Both lines work once their # is removed."""
-    file = tmp_path / "ur5.toml"
-    assert main(["init", "ur5", "--out", str(file)]) == 0
-    text = file.read_text()
-    assert text.count("\n# actuators = {") == 2
-    file.write_text(text.replace("\n# actuators = {", "\nactuators = {"))
-    scenario = Scenario.read(file)
-    own = Actuators(delay=4e-3, bandwidth=200.0)
-    assert scenario.engine.actuators == scenario.controller.limits.actuators == own
-    assert scenario.engine.actuators is not scenario.controller.limits.actuators

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.tuning.defaults import feedback_lag, frequency, typical_start
+from pinadapt.tuning.defaults import frequency, typical_start
 from pinadapt.zoo.experiment import zoo_case
 from tests.support.chains import catalogue_robot
 from tests.tuning.test_heavy_load import light_wrist
@@ -32,50 +32,6 @@ def test_the_damping_is_for_torques_that_are_late_by_a_few_milliseconds(adaptati
         assert np.allclose(law.K_D(robot.q0, a_d), K_D, rtol=1e-9)
         fastest = np.linalg.eigvals(np.linalg.solve(M, K_D)).real.max()
         assert 0.3 / lag < fastest < 1.0 / lag
-
-
-@pytest.mark.parametrize(("given", "lag"), [({"lag": 0.003}, 0.003), ({"Kv": 5.0}, 0.0)])
-def test_gains_of_the_user_stay(given, lag):
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, adaptation=MEMORY, **given)
-    law, a_d = controller.law, controller.dynamics.initial
-    assert law.lag == lag
-    if not lag:
-        assert np.array_equal(law.K_D(robot.q0, a_d), 5.0 * np.eye(6))
-
-
-def test_declared_actuators_have_a_lag_of_their_own():
-    robot, own = catalogue_robot("ur5"), pa.robot.Actuators
-    for actuators in (own(stiffness=2e4), own(delay=0.02)):
-        law = pa.make_controller(
-            robot, adaptation=MEMORY, limits=pa.Limits(actuators=actuators)
-        ).law
-        assert law.lag == pytest.approx(feedback_lag(robot, 1e-3, actuators))
-
-
-def test_a_very_light_joint_is_kept_with_late_motors():
-    """TIAGo's wrist of 4e-6 kg m^2, with motors 8 ms late; 10 ms are too many."""
-    case = zoo_case("tiago_arm")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of bodies that are not physical
-        controller = pa.make_controller(case.estimated, limits=pa.Limits(guards=False))
-        late = pa.Engine(actuators=pa.robot.Actuators(delay=0.8 * LATE), torque_limits=False)
-        rollout = pa.simulate(case.true, controller, case.motion, duration=0.6, engine=late)
-    assert rollout.diverged is None and rollout.distance.max() < 0.05 * case.radius
-
-
-def test_links_that_swing_slower_than_the_feedback_are_not_lost_in_silence():
-    """Springs of 400 N m/rad that are not declared, at 2 Hz; the position is the links'."""
-    case = zoo_case("planar_2r")
-    M = pin.crba(case.true.model, case.true.model.createData(), case.true.q0)
-    rotors = 0.5 * np.diag(M)
-    true, model = (each.changed(armature=rotors) for each in (case.true, case.estimated))
-    soft = pa.robot.Actuators(stiffness=400.0)
-    springs = pa.Engine(actuators=soft, torque_limits=False, substeps=1)
-    controller = pa.make_controller(model, unknown=pa.Unknown(armature=False), dt=2e-3)
-    assert np.sqrt(400.0 / np.linalg.eigvalsh(M)[-1]) < 0.7 * controller.law.alpha
-    rollout = pa.simulate(true, controller, case.motion, duration=2.4, engine=springs)
-    assert rollout.verdict.startswith("does not follow")
 
 
 def test_a_heavy_unannounced_load_does_not_spin_a_light_wrist():
@@ -142,9 +98,3 @@ def test_a_memory_is_better_than_no_adaptation_whatever_the_actuators(name, actu
     """Than with the damping for ideal motors, and than with the same damping."""
     least = min(last_error(name, "none", actuators, lag=lag) for lag in (2e-3, LATE))
     assert last_error(name, MEMORY, actuators) < 0.15 * least
-
-
-@pytest.mark.slow
-def test_the_damping_for_ideal_motors_rings_where_they_are_late():
-    late = pa.robot.Actuators(delay=10e-3)
-    assert last_error("panda", MEMORY, late, lag=2e-3) > 20.0 * last_error("panda", MEMORY, late)

@@ -36,27 +36,6 @@ def test_a_light_wrist_is_named_with_the_load_that_it_tolerates(law):
         pa.make_controller(catalogue_robot("ur10"), law=law)
 
 
-@pytest.mark.parametrize("law", ["craig", "spong-ortega"])
-def test_a_light_wrist_is_named_in_joint_space_too(law):
-    robot = catalogue_robot("ur10", task="joint")
-    with pytest.warns(UserWarning, match="wrist_3_joint moves only"):
-        pa.make_controller(robot, law=law)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"unknown": pa.Unknown(friction=True, armature=True)},
-        {"unknown": pa.Unknown(bodies="payload")},
-        {"adaptation": "gradient"},
-    ],
-    ids=str,
-)
-def test_a_light_wrist_is_named_whatever_else_is_unknown(options):
-    with pytest.warns(UserWarning, match="wrist_3_joint"):
-        pa.make_controller(catalogue_robot("ur10"), law=INVERSE, **options)
-
-
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -128,35 +107,3 @@ def test_the_named_load_is_held_and_a_far_heavier_one_is_not(arm):
     held = run(1.0)
     assert held.diverged is None and held.distance[-250:].max() < 2e-4
     assert run(20.0).diverged < 0.2
-
-
-def test_gains_that_are_forces_hold_the_heavier_load(arm):
-    _, _, run = arm
-    held = run(20.0, law=FORCES)
-    assert held.diverged is None and np.abs(held.v).max() < 6.0
-
-
-def test_an_assumed_load_holds_the_heavier_one_and_the_lighter_one(arm):
-    robot, found, run = arm
-    mass = 0.1 * sum(body.mass for body in robot.model.inertias[1:])
-    moment = mass * found.arm**2
-    believed = robot.changed(
-        payload=pa.Payload(
-            mass=mass, com=[0.0] * 3, inertia=[moment, 0.0, moment, 0.0, 0.0, moment]
-        )
-    )
-    assert light(believed) is None
-    for times in (1.0, 20.0):
-        held = run(times, believed)
-        assert (
-            held.diverged is None
-            and np.abs(held.v).max() < 10.0
-            and held.distance[-250:].max() < 1e-3
-        )
-
-
-def test_a_rotor_makes_a_joint_heavy():
-    robot = catalogue_robot("ur10")
-    armature = np.zeros(robot.model.nv)
-    armature[-3:] = 0.1
-    assert light(robot.changed(armature=armature)) is None

@@ -1,8 +1,5 @@
 """The rates of a memory of all torques that follow from robot, law and sensors."""
 
-import warnings
-from functools import partial
-
 import numpy as np
 import pytest
 
@@ -71,24 +68,3 @@ def test_a_memory_is_the_default_where_the_law_remembers_parameters_of_bodies(op
     robot = catalogue_robot("z1", **({"task": "joint"} if law.joint_space else {}))
     made = pa.make_controller(robot, **options)
     assert made.adaptation_d.name == kind
-
-
-def test_the_default_equals_the_adaptation_of_its_name():
-    robot = catalogue_robot("ur5")
-    default, named = pa.make_controller(robot), pa.make_controller(robot, adaptation=MEMORY)
-    start = default.dynamics.initial
-    assert np.array_equal(default.adaptation_d.gain(start), named.adaptation_d.gain(start))
-    assert np.array_equal(default.adaptation_d.noise, named.adaptation_d.noise)
-
-
-@pytest.mark.parametrize("name", ["adaptive-inverse-dynamics-improved", "spong-ortega"])
-def test_a_memory_with_a_fixed_mass_matrix_is_warned_of(name):
-    """Unless the load is announced, which the mass matrix then includes."""
-    robot = pa.load("ur5", task="joint" if pa.laws.LAWS[name].joint_space else None)
-    make = partial(pa.make_controller, robot, law=name, unknown="bodies")
-    with pytest.warns(UserWarning, match="holds the mass matrix of the initial estimate"):
-        make(adaptation=MEMORY)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert make().adaptation_d.name == "natural"
-        make(adaptation=MEMORY, payload=pa.Payload(1.0))

@@ -1,22 +1,17 @@
 """What a controller does against noise of its sensors, and nothing where there is none."""
 
-import copy
 import math
-import pickle
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.records import SensorQuality
-from pinadapt.tuning.noise import NoiseSettings, noise_settings
 from tests.support.chains import catalogue_robot
 from tests.support.drives import along
 from tests.support.loops import circle_at_home, with_tool_and_load
 
 pytestmark = pytest.mark.slow
 
-W, REACH = 20.0, 1.0
 COUNT = 2.0 * np.pi / 2**17  # [rad], of an encoder of 17 bits
 
 
@@ -26,28 +21,6 @@ def made(**options):
 
 
 # --- how much of it ---
-
-
-def test_perfect_sensors_need_no_filters():
-    assert noise_settings(SensorQuality(), W, REACH) == NoiseSettings()
-    none = {"q": 0.0, "v": 0.0, "x": 0.0}
-    plain = made().adaptation_d.noise
-    for options in (
-        {"sensors": pa.Sensors(noise=none)},
-        {"sensors": pa.Sensors(encoder=0.0)},
-        {"sensors": pa.Sensors(camera=pa.Camera(rate=30.0))},
-    ):
-        controller = made(**options)
-        assert controller.law.lambda_s == math.inf
-        memory = controller.adaptation_d
-        assert isinstance(memory, pa.adaptation.CompositeMemory)  # no leak around it
-        assert isinstance(memory.inner, pa.adaptation.Stacked)
-        assert np.array_equal(memory.noise, plain)
-        assert isinstance(made(adaptation="natural", **options).adaptation_d, pa.adaptation.Stacked)
-        assert controller.senses.low_pass is None
-        assert controller.senses.compensator.smoothing == math.inf
-    state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())
-    assert state.filters.s_f.size == 0
 
 
 def test_each_noisy_channel_needs_its_own_filter():
@@ -66,27 +39,6 @@ def test_each_noisy_channel_needs_its_own_filter():
     assert isinstance(joints.adaptation_d, pa.adaptation.CompositeMemory)
     assert (joints.adaptation_d.noise > frames.adaptation_d.noise).all()
     assert joints.senses.low_pass.bandwidth > joints.law.lambda_s > joints.motion.bandwidth
-
-
-def test_more_noise_needs_stronger_filters():
-    sizes = np.geomspace(1e-6, 1.0, 25)
-    of_v = [noise_settings(SensorQuality(v=size), W, REACH) for size in sizes]
-    for name in ("velocity", "decorrelation", "mode"):
-        values = np.array([getattr(each, name) for each in of_v])
-        assert (np.diff(values) <= 0.0).all() and values[0] > values[-1] > 0.0, name
-    assert (np.diff([each.leak for each in of_v]) > 0.0).all()
-    assert of_v[0].mode == 1.0 and of_v[0].velocity > 50.0 * W  # next to nothing
-    of_x = [noise_settings(SensorQuality(x=size, rate=30.0), W, REACH).smoothing for size in sizes]
-    assert (np.diff(of_x) < 0.0).all()
-    faster = noise_settings(SensorQuality(x=1e-3, rate=100.0), W, REACH).smoothing
-    assert faster > noise_settings(SensorQuality(x=1e-3, rate=30.0), W, REACH).smoothing
-
-
-def test_smoothing_leaves_little_of_the_reach():
-    """The variance behind a low pass lambda of white frames is lambda / (2 rate) of theirs."""
-    for sigma in (1e-3, 1e-2):
-        smoothing = noise_settings(SensorQuality(x=sigma, rate=30.0), W, REACH).smoothing
-        assert sigma * math.sqrt(smoothing / 60.0) == pytest.approx(1.5e-4 * REACH)
 
 
 def test_an_encoder_is_the_noise_of_its_differences():
@@ -129,19 +81,6 @@ def test_a_leak_alone_returns_to_the_start():
 
 
 @pytest.mark.parametrize("inner", ["natural", "gradient"])
-def test_estimates_stay_where_the_inner_adaptation_keeps_them(inner):
-    """However wild the drive is; and the start pulls them back from the cone's boundary."""
-    leak, a = leaking(inner, 20.0)
-    rng, estimate, left = np.random.default_rng(3), leak.init(a), 0
-    for _ in range(200):
-        estimate = leak.step(estimate, along(30.0 * rng.standard_normal(a.size)), 1e-2)
-        assert leak.contains(estimate.value)
-        left = max(left, np.linalg.norm(estimate.value - a))
-    assert left > 0.02 * np.linalg.norm(a)
-    assert np.array_equal(estimate.memory[0], a)  # it still knows where it started
-
-
-@pytest.mark.parametrize("inner", ["natural", "gradient"])
 def test_small_steps_follow_the_rate(inner):
     leak, a = leaking(inner)
     drive = along(np.random.default_rng(4).standard_normal(a.size))
@@ -154,17 +93,6 @@ def test_small_steps_follow_the_rate(inner):
     assert misses[0].max() < 1e-2 * np.abs(rate.value).max()
     assert misses[1].max() < 0.55 * misses[0].max()  # first order in h
     assert not rate.memory[0].any()
-
-
-def test_without_a_drive_the_inner_adaptation_is_as_it_was():
-    """The leak adds -lambda (a - a_0) to the rates, and nothing to Gamma and V."""
-    leak, a = leaking()
-    drive = along(np.random.default_rng(5).standard_normal(a.size))
-    estimate = leak.init(a).with_value(1.1 * a)
-    inner = leak.inner.rate(pa.adaptation.Estimate(1.1 * a), drive)
-    assert np.allclose(leak.rate(estimate, drive).value, inner.value - 0.5 * 0.1 * a, rtol=1e-12)
-    assert np.array_equal(leak.gain(a), leak.inner.gain(a)) and leak.name == "natural"
-    assert leak.divergence(a, 1.1 * a) == leak.inner.divergence(a, 1.1 * a)
 
 
 def test_a_leak_and_a_box_go_around_each_other():
@@ -184,44 +112,6 @@ def test_a_leak_and_a_box_go_around_each_other():
         for _ in range(400):
             estimate = both.step(estimate, along(np.zeros(a.size)), 1e-2)
         assert np.allclose(estimate.value, a, atol=1e-7)
-
-
-def test_leaks_and_their_states_can_be_copied():
-    controller, robot = made(sensors=pa.Sensors(noise={"v": 0.02})), catalogue_robot("ur5")
-    plant, path = pa.plants.PinocchioPlant(robot), circle_at_home(robot)
-
-    def steps(controller, state):
-        for _ in range(5):
-            measurement = plant.measurement(robot.q0, np.full(6, 0.1), state.t + 1e-3)
-            torque, state = controller.step(state, measurement, path.at(state.t), 1e-3)
-        return torque, state
-
-    _, state = steps(controller, controller.init(plant.measure()))
-    torque, after = steps(controller, state)
-    for copied in (copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))):
-        again, same = steps(copied(controller), copied(state))
-        assert again.tobytes() == torque.tobytes() and same.a_d.tobytes() == after.a_d.tobytes()
-    assert np.array_equal(state.with_flat(state.flat()).dynamic.memory[0], state.dynamic.memory[0])
-
-
-def test_estimates_leak_towards_what_was_announced():
-    """An announced load is not forgotten again."""
-    load = pa.Payload(2.0, [0.0, 0.02, 0.05])
-    controller = made(sensors=pa.Sensors(noise={"v": 0.02}))
-    state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())
-    told = controller.announce(state, payload=load)
-    for _ in range(100):
-        quiet = along(np.zeros(told.a_d.size))
-        dynamic = controller.adaptation_d.step(told.dynamic, quiet, 1.0)
-        told = told._replace(dynamic=dynamic)
-    loaded = pa.models.BodyDynamics(catalogue_robot("ur5").changed(payload=load)).initial
-    assert np.allclose(told.a_d[:60], loaded, atol=1e-9)
-
-
-@pytest.mark.parametrize("bandwidth", [0.0, -1.0, np.nan])
-def test_an_invalid_leak_is_refused(bandwidth):
-    with pytest.raises(pa.GainError, match="leak"):
-        leaking(bandwidth=bandwidth)
 
 
 # --- the regressor free of noise ---
@@ -307,12 +197,6 @@ def test_a_wider_band_leaves_less_of_the_difference():
         ends.append(np.array([sample.torque for sample in stream])[75:])
     wide, narrow = (np.abs(end - ends[0]).max() for end in ends[1:])
     assert 0.0 < wide < 0.35 * narrow
-
-
-def test_an_invalid_decorrelation_is_refused():
-    for lambda_s in (0.0, -1.0, np.nan):
-        with pytest.raises(pa.GainError, match="lambda_s"):
-            made().law.decorrelated(lambda_s)
 
 
 # --- the low pass on v ---

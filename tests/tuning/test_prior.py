@@ -6,7 +6,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.adaptation.natural import BodyInequality
 from pinadapt.description.chain import is_physical
-from pinadapt.models.bodies import pseudo_inertia, ten_parameters, with_bodies
+from pinadapt.models.bodies import pseudo_inertia, with_bodies
 from pinadapt.tuning import defaults as prior
 from pinadapt.tuning.defaults import (
     bandwidth,
@@ -14,7 +14,6 @@ from pinadapt.tuning.defaults import (
     gradient_shape,
     plausible,
     prior_covariance,
-    prior_variances,
 )
 from tests.support.chains import catalogue_robot
 from tests.support.paper import BASIS
@@ -24,11 +23,6 @@ pytestmark = pytest.mark.slow
 
 def lengths(robot):
     return [f"{name}:length" for name in robot.joint_names[1:]]
-
-
-def test_ten_parameters_invert_the_pseudo_inertia():
-    ten = np.arange(1.0, 11.0)
-    assert np.allclose(ten_parameters(pseudo_inertia(ten)), ten)
 
 
 def test_plausible_bodies_are_physical_and_as_far_off_as_stated():
@@ -76,16 +70,6 @@ def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
     assert (
         np.abs(np.linalg.eigvalsh(whitened) - 1.0).max() < 0.15
     )  # sampling: 10 numbers by 4000 samples
-
-
-@pytest.mark.parametrize("unknown", ["payload", "all"])
-def test_variances_of_bodies_need_no_samples(unknown, monkeypatch):
-    robot = catalogue_robot("ur5")
-    dynamics = pa.models.BodyDynamics(robot, unknown)
-    monkeypatch.setattr(prior, "_SAMPLES_PER_PARAMETER", 6000 // dynamics.size)
-    sampled = np.diag(prior_covariance(robot, dynamics))
-    assert prior_variances(robot, dynamics) == pytest.approx(sampled, rel=0.08)
-    assert np.median(prior_variances(robot, dynamics) / sampled) == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize("law", ["adaptive-jacobian", "adaptive-inverse-dynamics"])

@@ -6,16 +6,10 @@ import json
 import re
 import shutil
 import subprocess
-from dataclasses import replace
 from functools import cache
-from html import unescape
 
-import numpy as np
 import pytest
 
-import pinadapt as pa
-from pinadapt.robot.robot import Succession
-from pinadapt.view.scene import ShownEstimates, motion_of
 from tests.support.chains import catalogue_robot
 from tests.support.loops import run
 from tests.support.streams import parted, sent
@@ -50,16 +44,6 @@ def test_pages_stay_small(name, most):
     assert len(animation.html.encode()) < 1e6 * most
 
 
-def test_pages_of_long_runs_stay_small():
-    rollout = run(duration=1.0)
-    long = replace(rollout, t=100.0 * rollout.t)  # of the same motion, slowly
-    page = long.animate()
-    commands, _ = messages(page)
-    clips = commands["set_animation", ""]["animations"]
-    assert max(len(track["keys"]) for clip in clips for track in clip["clip"]["tracks"]) <= 900
-    assert len(page.html) < 1.5e6
-
-
 def test_a_page_shows_both_robots_paths_and_curves():
     rollout, animation = animated("panda")
     commands, notes = messages(animation)
@@ -70,28 +54,6 @@ def test_a_page_shows_both_robots_paths_and_curves():
     readings = [note["reading"] for note in notes if "reading" in note]
     assert readings[0]["t"] == 0.0 and readings[-1]["t"] == pytest.approx(rollout.t[-1])
     assert readings[-1]["values"][0] == pytest.approx(1e3 * rollout.distance[-1], rel=1e-3)
-
-
-def test_a_page_shows_the_torques_and_what_the_motion_identifies():
-    rollout, animation = animated("panda")
-    _, notes = messages(animation)
-    readings = [note["reading"]["values"] for note in notes if "reading" in note]
-    found = rollout.prediction
-    assert readings[0][2] == pytest.approx(100.0 * found.share_first, rel=1e-3)
-    assert readings[-1][2] == pytest.approx(100.0 * found.share_last, rel=1e-3)
-    assert readings[0][3] == pytest.approx(100.0)
-    assert readings[-1][3] == pytest.approx(100.0 * found.identifiable_error, rel=1e-3)
-    (still,) = (note["still"] for note in notes if "still" in note)
-    assert found.not_excited_words() in still and "bodies of panda_joint1" in still
-    assert "error of predicted torque" in animation.html
-
-
-def test_torques_before_a_change_are_those_of_the_robot_before():
-    heavier = pa.Events(changes={0.05: catalogue_robot("planar_2r").changed(inertial_scale=1.5)})
-    _, notes = messages(run(events=heavier).animate())
-    readings = [note["reading"] for note in notes if "reading" in note]
-    known = [reading["values"][2] is not None for reading in readings]
-    assert known == [reading["t"] > 0.0499 for reading in readings]
 
 
 def test_a_page_contains_equal_meshes_once():
@@ -110,30 +72,6 @@ def test_a_page_contains_equal_meshes_once():
     assert copied == len(shapes) - len(different)
     everything = [path for path in drawn if "/true/" in path and "/shape" in path]
     assert len(everything) == len(robot.visual.geometryObjects)
-
-
-def test_the_floor_is_at_the_lowest_point_of_the_base():
-    """The planar arm's base ends 0.09 m below its plane of motion, Panda's at 0."""
-    for name, floor in (("panda", 0.0), ("planar_2r", -0.09)):
-        commands, _ = messages(animated(name)[1])
-        assert commands["set_transform", "/Grid"]["matrix"][14] == pytest.approx(floor, abs=2e-3)
-
-
-def test_notebooks_display_an_animation_without_a_server():
-    _, animation = animated("planar_2r")
-    frame = animation._repr_html_()
-    assert unescape(re.search(r'srcdoc="([^"]*)"', frame).group(1)) == animation.html
-    assert "127.0.0.1" not in animation.html.split("<script>")[-1]
-    assert len(repr(animation)) < 80
-
-
-def test_a_rollout_from_another_process_cannot_be_animated():
-    import pickle
-
-    rollout = pickle.loads(pickle.dumps(run(duration=0.01)))
-    with pytest.raises(pa.InputError, match="another process"):
-        rollout.animate()
-    assert len(rollout.plot()) == 3
 
 
 def browsed(page, folder):
@@ -208,28 +146,3 @@ def test_a_browser_shows_a_page_with_meshes_and_no_panel_covers_robot_or_path(tm
     pixels = json.loads(found[1])
     assert pixels["innerWidth"] == 900 and pixels["panels"] > 300
     assert pixels["left"] > pixels["panels"] and pixels["right"] < 900
-
-
-def test_differences_without_effect_on_any_motion_are_not_drawn():
-    """The translation along a joint's axis may belong to the joint or to the link behind it."""
-    robot = catalogue_robot("ur5")
-    unknown = pa.Unknown(tool=True, translations=["elbow_joint", "wrist_1_joint"])
-    controller = pa.make_controller(robot, unknown=unknown, adaptation="gradient")
-    kinematics = controller.kinematics
-    assert kinematics.base() < kinematics.size
-    true = robot.changed(link_translation={"elbow_joint": [0.0, 0.0, 0.03]})
-    truth, rng = kinematics.value(true), np.random.default_rng(0)
-    shown = ShownEstimates(Succession.of(true, None), kinematics)
-    a_k = truth + 0.02 * rng.standard_normal((4, kinematics.size))
-    drawn, t = shown.at(np.zeros(4), a_k), np.zeros(4)
-    assert np.abs(drawn - a_k).max() > 1e-3
-    for _ in range(3):  # the tool is where the estimate has it, at every pose
-        q = np.repeat(rng.uniform(-3.0, 3.0, (1, 6)), 4, axis=0)
-        tips = [motion_of(robot, q, kinematics, part).tip for part in (a_k, drawn)]
-        assert np.allclose(*tips, atol=1e-9)
-    hidden = truth + (a_k - drawn)  # differs from the truth, with no effect on any motion
-    assert np.allclose(shown.at(t, hidden), truth, atol=1e-9)
-    only = pa.make_controller(robot, adaptation="natural", unknown=pa.Unknown(tool=True)).kinematics
-    alone = ShownEstimates(Succession.of(true, None), only)
-    a_k = rng.standard_normal((1, 3))
-    assert np.allclose(alone.at(np.zeros(1), a_k), a_k)  # a tool alone always shows
