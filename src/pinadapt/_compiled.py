@@ -4,34 +4,34 @@ A numpy call on a 3 x 7 matrix spends its microsecond on the call, and a control
 over a hundred of them. A kernel is a plain function of float arrays that computes one formula;
 numba compiles it for one signature, whose arrays may have any memory layout unless it says
 otherwise. Arithmetic stays IEEE: nothing is reordered, a division by zero gives inf, and NaN
-propagates. The machine code is cached beside the source, or in the user's cache where that cannot
-be written, or not at all; a damaged cache file is replaced.
+propagates. A kernel is compiled when it is first called, and its machine code is cached beside the
+source, or in the user's cache where that cannot be written, or not at all; a damaged cache file is
+replaced. With ``NUMBA_DISABLE_JIT=1`` the kernels stay Python functions, for a debugger.
 
 Kernels fill arrays that their caller has made, because numba is slow at returning arrays, and do
 not call each other, because the cache on disk would not notice a change of the other. A kernel
 checks at its beginning that the sizes of its arrays fit, which takes a nanosecond, and raises an
 ``ArrayError`` else, as it would read outside of an array that is too short. It does not check that
 they are arrays of floats with the axes that it was compiled for: what users give becomes such
-arrays at the doors of the public methods, see ``_checks.Doors``.
+arrays where it enters.
 """
 
 from __future__ import annotations
 
 import ctypes
-import gc
-import os
-import random
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 kernels: dict[str, Any] = {}  # numba's dispatchers, by module and name, once compiled
-_waiting: list[tuple[Callable[..., Any], str, int, bool]] = []
+_NOTE = "pinadapt: compiling its kernels, once on this machine ..."
 
 
 def compiled(
@@ -42,64 +42,38 @@ def compiled(
     The last ``fills`` arguments are the arrays that it fills; it only reads the others, so they may
     be read-only. A kernel that makes arrays of its own says so by ``allocates``; the others are
     compiled without numba's counting of references, which takes as long as a small kernel's
-    arithmetic. Until ``compile_all`` its name means the Python function, and from then on the
-    entry point of the machine code, which has no dispatch by argument types; so call a kernel by
-    its name in its own module.
+    arithmetic. From the first call on, its name means the entry point of the machine code, which
+    has no dispatch by argument types; so call a kernel by its name in its own module.
     """
 
     def register(function: Function) -> Function:
-        """Put the function on the list of ``compile_all``."""
-        _waiting.append((function, signature, fills, allocates))
-        return function
+        """Return a function that compiles the kernel and takes its place."""
+
+        @cache
+        def entry_point() -> Callable[..., Any]:
+            """Return the machine code, compiled or loaded from disk."""
+            return _entry_point(function, signature, fills, allocates)
+
+        @wraps(function)
+        def first_call(*arguments: Any) -> Any:
+            """Have the machine code take this name, and call it."""
+            call = function.__globals__[function.__name__] = entry_point()
+            return call(*arguments)
+
+        return cast(Function, first_call)
 
     return register
 
 
-def compile_all() -> None:
-    """Compile all kernels or load them from disk; done when a controller is made, not in a step.
-
-    Each process has an order of its own, so that processes which start together without machine
-    code on disk find in it what the others compiled, instead of all compiling everything. The
-    garbage collector rests meanwhile: numba keeps nearly all of the many objects that it makes.
-    With ``NUMBA_DISABLE_JIT=1`` the kernels stay Python functions, for a debugger; they take some
-    hundred times as long.
-    """
-    if not _waiting:
-        return
-    from numba import config  # here, because most imports need no compiler
-
-    if vars(config)["DISABLE_JIT"]:
-        _waiting.clear()
-        return
-    random.Random(os.getpid()).shuffle(_waiting)
-    with _without_garbage_collector():
-        while _waiting:
-            function, signature, fills, allocates = _waiting[-1]
-            dispatcher = _machine_code(function, signature, fills, allocates)
-            kernels[f"{function.__module__}.{function.__name__}"] = dispatcher
-            (compiled_for,) = dispatcher.overloads.values()
-            function.__globals__[function.__name__] = compiled_for.entry_point
-            _waiting.pop()
-
-
-@contextmanager
-def _without_garbage_collector() -> Iterator[None]:
-    """Keep the garbage collector off, if it was on."""
-    if not gc.isenabled():
-        yield
-        return
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-
-
-def _machine_code(function: Callable[..., Any], signature: str, fills: int, allocates: bool) -> Any:
-    """Return numba's dispatcher of a kernel, compiled for its one signature."""
-    from numba import njit, types  # here, because most imports need no compiler
+def _entry_point(
+    function: Callable[..., Any], signature: str, fills: int, allocates: bool
+) -> Callable[..., Any]:
+    """Return the machine code of a kernel, compiled for its one signature."""
+    from numba import config, njit, types  # here, because most imports need no compiler
     from numba.core.sigutils import normalize_signature
 
+    if vars(config)["DISABLE_JIT"]:
+        return function
     arguments, result = normalize_signature(signature)
     read = len(arguments) - fills
     typed = result(
@@ -111,10 +85,20 @@ def _machine_code(function: Callable[..., Any], signature: str, fills: int, allo
     # no counting of references: an option of numba's that its documentation does not have
     counting: dict[str, Any] = {} if allocates else {"_nrt": False}
     try:
-        return njit(typed, cache=True, error_model="numpy", **counting)(function)
+        dispatcher = njit(typed, cache=True, error_model="numpy", **counting)(function)
     except Exception:  # a cache that cannot be written, or a damaged one: errors of unpickling
         _empty_cache(function)
-        return njit(typed, error_model="numpy", **counting)(function)
+        dispatcher = njit(typed, error_model="numpy", **counting)(function)
+    if not dispatcher.stats.cache_hits and sys.stderr.isatty() and not any(map(_missed, kernels)):
+        print(_NOTE, file=sys.stderr)
+    kernels[f"{function.__module__}.{function.__name__}"] = dispatcher
+    (only,) = dispatcher.overloads.values()
+    return cast(Callable[..., Any], only.entry_point)
+
+
+def _missed(name: str) -> bool:
+    """Return whether a kernel was compiled because it was not on disk."""
+    return not kernels[name].stats.cache_hits
 
 
 def _empty_cache(function: Callable[..., Any]) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy import empty
 
 from ._checks import Doors, instance, numbers, positive
-from ._compiled import compile_all
 from ._kernels import laws as kernels
 from ._kernels import models as regressors
 from .exceptions import REFUSED, ArrayError, InputError
@@ -494,7 +493,6 @@ class FilteredRegressor(Doors):
         self.dynamics: Dynamics = instance(dynamics, Dynamics, "dynamics")
         self.low_pass = LowPass(bandwidth, "prediction filter")
         self.motors = motors
-        compile_all()
 
     def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
         """Return the state at the first q (nq), v (n), at which W and y are zero."""

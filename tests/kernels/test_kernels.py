@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 import pinadapt as pa
-from pinadapt import _compiled
 from pinadapt._kernels import linear_algebra
 from pinadapt._kernels import samples as checks
 
-_compiled.compile_all()
 LAYOUTS = {
     "C": np.ascontiguousarray,
     "F": np.asfortranarray,

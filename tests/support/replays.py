@@ -1,13 +1,11 @@
 """Controllers stepped over the same recorded samples, here or in another process."""
 
-import sys
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
-from pinadapt import _compiled
 
 Samples = list[tuple[pa.Measurement, pa.Desired]]
 
@@ -44,12 +42,3 @@ def fails(controller, samples, spoilt):
 def raised(error):
     """Raise an error."""
     raise error
-
-
-def compiled(robot):
-    """Return how many kernels wait and whether numba is there; then, with a controller made,
-    how many wait still and whether any is compiled.
-    """
-    before = len(_compiled._waiting), "numba" in sys.modules
-    pa.make_controller(robot)
-    return before, (len(_compiled._waiting), bool(_compiled.kernels))

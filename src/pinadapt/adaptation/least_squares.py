@@ -9,7 +9,6 @@ from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, definite_matrix, flag, numbers, positive, whole
-from .._compiled import compile_all
 from .._kernels import estimates as kernels
 from ..exceptions import ArrayError, GainError
 from .adaptation import Adaptation, Drive, Estimate, are_arrays
@@ -147,7 +146,6 @@ class LeastSquares(Adaptation):
         Raises:
             GainError: gains that are not positive (definite), or of another size.
         """
-        compile_all()
         self.P_0 = np.ascontiguousarray(
             definite_matrix(P_0, whole(size, "size", 0, most=MOST_PARAMETERS), "gamma_d")
         )

@@ -21,7 +21,6 @@ from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, Doors, instance, name_list, numbers, positive, vector, whole
-from .._compiled import compile_all
 from .._kernels import estimates as kernels
 from ..exceptions import GainError, InputError, ParameterError
 from ..models.basis import read_matrix
@@ -221,7 +220,6 @@ class BodyInequality(MatrixInequality):
         """
         self._names = tuple(name_list(names, "names"))
         super().__init__(COEFFICIENTS, blocks=len(self._names))
-        compile_all()
         self._repair = partial(
             nearest_physical,
             least_mass=positive(least_mass, "least_mass", error=InputError),

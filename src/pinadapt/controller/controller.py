@@ -17,7 +17,6 @@ from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import Doors, flag, keywords, of_computing, one_line, positive, shown
-from .._compiled import compile_all
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
@@ -133,7 +132,6 @@ class Controller(Doors):
         self._own = any(map(_of_a_user, (law, adaptation_k, adaptation_d)))
         self._alone = Lock()  # for a thread that uses the scratch
         self._data = kinematics.robot.model.createData()
-        compile_all()
 
     def __getstate__(self) -> dict[str, Any]:
         """Copy all but lock and scratch."""
@@ -145,7 +143,6 @@ class Controller(Doors):
         self.__dict__.update(state)
         self._alone, self._estimated = Lock(), self._scratch()
         self._data = self.kinematics.robot.model.createData()
-        compile_all()
 
     def _scratch(self) -> EstimatedModel:
         """Return the model that a law gets, checked for a law of a user's own."""

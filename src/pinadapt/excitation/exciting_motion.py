@@ -18,7 +18,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import instance, keywords, positive, whole
-from .._compiled import compile_all
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -296,7 +295,6 @@ def excite(
         InputError: nothing is unknown, no motion identifies it, or impossible numbers.
         RobotError: home is outside the limits, or the motors cannot hold arm and load there.
     """
-    compile_all()
     nominal, aim = _nominal_and_aim(robot, unknown)
     duration = positive(duration, "duration", error=InputError)
     if harmonics is None:

@@ -11,7 +11,6 @@ import pinocchio as pin
 from numpy import empty
 
 from .._checks import Doors, keywords
-from .._compiled import compile_all
 from .._kernels import models as kernels
 from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
@@ -204,7 +203,6 @@ class StackedDynamics(Dynamics):
         self._values = joints.known.copy()  # of all kinds and shafts, at the loaded estimate
         self._n = len(joints.zero)
         self._values[joints.places] = joints.initial
-        compile_all()
 
     @property
     def inertial(self) -> Dynamics:

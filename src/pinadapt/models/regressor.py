@@ -15,7 +15,6 @@ import pinocchio as pin
 from numpy import empty
 
 from .._checks import Doors, instance
-from .._compiled import compile_all
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
 from ..exceptions import REFUSED, ArrayError
@@ -136,7 +135,6 @@ class MomentumRegressor(Doors):
             InputError: not a Pinocchio model.
         """
         self._model = instance(model, pin.Model, "model").copy()
-        compile_all()
         self._data = self._model.createData()
         oMi, v = list(self._data.oMi)[1:], list(self._data.v)[1:]
         self._rotations = live_array([placement.rotation for placement in oMi])

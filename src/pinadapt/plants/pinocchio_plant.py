@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy import empty
 
 from .._checks import word
-from .._compiled import compile_all, compiled
+from .._compiled import compiled
 from ..exceptions import DivergedError
 from ..records import Measurement
 from ..robot.changes import Friction, Shaft
@@ -57,7 +57,6 @@ class FittedMidpoint:
         self._fitted = self._armature, self._drive, self._theta
         self._loaded = _LoadedFriction(robot)
         self._none, self._middle, self._way = np.zeros((3, self._model.nv))
-        compile_all()
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float

@@ -11,7 +11,7 @@ import numpy as np
 from numpy import empty
 
 from .._checks import Doors, instance, whole
-from .._compiled import compile_all, compiled
+from .._compiled import compiled
 from ..exceptions import DivergedError, InputError, RobotError
 from ..records import Measurement
 from ..robot.motors import (
@@ -147,7 +147,6 @@ class SimulatedPlant(Plant):
                 where="actuators.stiffness",
                 hint='Springs are simulated by ElasticPlant, with engine = "pinocchio".',
             )
-        compile_all()
         joints = self.actuators.of(robot)
         self._late = LateTorque(joints) if self.actuators.late else None
         self._underway: CommandsUnderway | None = None

@@ -42,7 +42,7 @@ from typing import Any
 
 import numpy as np
 
-from .._compiled import compile_all, one_blas_thread
+from .._compiled import one_blas_thread
 from .._output import check_writable, percent, read_toml
 from .._version import __version__
 from ..exceptions import InputError
@@ -552,7 +552,6 @@ def _begin(listen: Connection) -> None:
     """
     gc.set_threshold(*GARBAGE)
     threading.Thread(target=_end_with, args=(listen,), daemon=True).start()
-    compile_all()
 
 
 def _end_with(pipe: Connection) -> None:
