@@ -37,8 +37,3 @@ def fails(controller, samples, spoilt):
     if spoilt == "estimates":
         state = state._replace(dynamic=pa.adaptation.Estimate(1e300 * state.a_d))
     controller.step(state, measurement, desired, 0.0 if spoilt == "period" else 1e-3)
-
-
-def raised(error):
-    """Raise an error."""
-    raise error
