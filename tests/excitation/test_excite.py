@@ -98,19 +98,6 @@ def test_a_joint_may_use_four_fifths_of_its_speed_and_of_its_torque(name, share,
             assert limits.kept(*one) == (limits.excess(*one).max() == 0.0) == allowed
 
 
-def test_joints_stay_above_the_plane_that_the_arm_is_mounted_on():
-    robot, motion = catalogue_robot("ur5"), excited("ur5")
-    data, lowest = robot.model.createData(), np.inf
-    for t in np.linspace(0.0, 6.0, 600):
-        pin.framesForwardKinematics(robot.model, data, motion.trajectory.at(t).x_d)
-        heights = [
-            data.oMf[robot.frame_id].translation[2],
-            *(M.translation[2] for M in data.oMi[3:]),
-        ]
-        lowest = min(lowest, *heights)
-    assert 0.0 < lowest == pytest.approx(motion.limits.clearance, abs=2e-3)
-
-
 @pytest.mark.parametrize("name", ROBOTS)
 def test_it_excites_all_identifiable_combinations_and_gains_more_than_random_motions(name):
     motion = excited(name)
@@ -130,15 +117,6 @@ def test_the_derivative_of_the_cost_is_its_slope(tool):
     way = np.random.default_rng(2).standard_normal(theta.shape)
     ahead, behind = (found._cost(theta + h * way)[0] for h in (1e-5, -1e-5))
     assert np.sum(found._cost(theta)[1] * way) == pytest.approx((ahead - behind) / 2e-5, rel=1e-3)
-
-
-@pytest.mark.usefixtures("short_search")
-def test_a_seed_gives_the_same_motion_again():
-    robot, options = catalogue_robot("planar_2r"), {"unknown": "payload", "duration": 6.0}
-    one, again, other = (
-        pa.excite(robot, **options, seed=seed).trajectory.cosine for seed in (0, 0, 1)
-    )
-    assert np.array_equal(again, one) and not np.allclose(other, one)
 
 
 @pytest.mark.usefixtures("short_search")
@@ -163,57 +141,6 @@ def test_the_parameters_of_a_controller_are_excited():
     assert motion.excitation.kinematic.rank == motion.identifiable[1] > 0
     text = str(motion)
     assert "known to" in text and "of velocity" in text and "<table>" in motion._repr_html_()
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "words"),
-    [
-        (
-            {"unknown": pa.Unknown(bodies="none", friction=False, armature=False)},
-            pa.ParameterError,
-            "nothing is unknown",
-        ),
-        ({"unknown": pa.Unknown(bodies="elbw")}, pa.RobotError, "Did you mean 'elbow'"),
-        ({"duration": -1.0}, pa.InputError, "must be positive"),
-        ({"harmonics": 1}, pa.InputError, "at least 2"),
-        ({"excursion": 0.0}, pa.InputError, "must be positive"),
-        ({"load": 1e4}, pa.RobotError, "State a lighter load"),
-    ],
-)
-def test_impossible_arguments_are_refused(options, error, words):
-    with pytest.raises(error, match=words):
-        pa.excite(catalogue_robot("scara"), **options)
-
-
-def test_an_unidentifiable_unknown_is_refused():
-    robot = catalogue_robot("planar_2r")
-    there = robot.model.frames[robot.frame_id].placement.translation.copy()
-    height = pa.models.Translation("tool", None, np.eye(3)[:, 2:], there, ("tool_z",))
-    with pytest.raises(pa.ParameterError, match=r"no motion of 'planar_2r'.*\(tool_z\)"):
-        pa.excite(
-            robot,
-            unknown=pa.Unknown(
-                tool=False, translations=[height], bodies="none", friction=False, armature=False
-            ),
-        )
-
-
-@pytest.mark.usefixtures("short_search")
-def test_the_base_is_identified_from_positions():
-    motion = pa.excite(
-        catalogue_robot("planar_2r"),
-        unknown=pa.Unknown(tool=True, base=True, bodies="none", friction=False, armature=False),
-        duration=4.0,
-    )
-    assert motion.identifiable == (0, 4)  # of six; heights do not show in the plane
-    assert motion.excitation.kinematic.rank == 4
-
-
-def test_a_home_outside_the_limits_is_refused():
-    with pytest.warns(UserWarning, match="outside the joint limits"):
-        robot = catalogue_robot("scara").at([3.0, 1.0, -0.05, 0.0])
-    with pytest.raises(pa.RobotError, match="home has joint 'shoulder'"):
-        pa.excite(robot)
 
 
 @pytest.mark.usefixtures("short_search")
@@ -241,18 +168,6 @@ def test_the_command_writes_the_printed_motion_as_a_scenario(tmp_path, capsys):
     assert np.allclose(written.x_d, found.x_d, atol=1e-5)
     assert scenario.controller.dynamics.names == motion.excitation.dynamic.names
     assert main(arguments) == 2 and "exists already" in capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("short_search")
-def test_the_command_takes_robot_and_unknowns_of_a_scenario(tmp_path, capsys):
-    source = "robots/planar_2r/wang_xie_2009.toml"
-    file = tmp_path / "excited.toml"
-    assert main(["excite", source, "--duration", "4", "--out", str(file)]) == 0
-    scenario = Scenario.read(file)
-    assert scenario.controller.dynamics.names == ("a1", "a2", "a3")
-    assert scenario.true.task.name == "joint" and "a3" in capsys.readouterr().out
-    assert main(["excite", source, "--unknown", "all", "--out", str(tmp_path / "b.toml")]) == 2
-    assert "[unknown]" in capsys.readouterr().err
 
 
 # --- nothing touches ---
@@ -306,43 +221,6 @@ def test_bodies_and_floor_stay_apart(monkeypatch):
     assert " between " in str(kept) and "no collision geometry" in str(free)
     assert kept.excitation.dynamic.rank == kept.identifiable[0]
     assert kept.information_gain > 0.8 * free.information_gain
-
-
-def test_distances_in_contact_have_a_derivative():
-    """Differences over 1e-6 rad, with which the search steps, are those over 1e-4 rad."""
-    robot, rng = catalogue_robot("ur5"), np.random.default_rng(4)
-    shapes = Shapes.of(robot, None, None)
-    for q in robot.q0 + rng.uniform(-1.5, 1.5, (20, 6)):
-        e, here = np.eye(6)[2], shapes.distances(q[None])
-        fine = (shapes.distances((q + 1e-6 * e)[None]) - here) / 1e-6
-        coarse = (shapes.distances((q + 1e-4 * e)[None]) - here) / 1e-4
-        assert np.median(np.abs(fine - coarse)) < 1e-3 and np.abs(fine - coarse).max() < 0.1
-
-
-def test_an_srdf_lets_links_touch(tmp_path):
-    robot = catalogue_robot("ur5")
-    srdf = tmp_path / "ur5.srdf"
-    srdf.write_text(
-        '<robot name="ur5"><disable_collisions link1="forearm_link" link2="wrist_2_link"/></robot>'
-    )
-    pair = ("forearm_link", "wrist_2_link")
-    every, some = (Shapes.of(robot, given, None) for given in (None, srdf))
-    assert pair in every.names and set(every.names) - set(some.names) == {pair}
-    with pytest.raises(pa.InputError, match=r"none\.srdf"):
-        pa.excite(robot, srdf=tmp_path / "none.srdf")
-
-
-def test_a_robot_without_shapes_keeps_its_joints_off_the_floor():
-    robot = catalogue_robot("ur5").undrawn()
-    assert Shapes.of(robot, None, None) is None
-    shapes = Shapes.of(robot, None, 0.1)
-    assert all("the floor" in names for names in shapes.names)
-    model, data = robot.model, robot.model.createData()
-    pin.framesForwardKinematics(model, data, robot.q0)
-    height = data.oMf[robot.frame_id].translation[2] - 0.1
-    assert shapes.distances(robot.q0[None])[0, -1] == pytest.approx(height, abs=1e-3)
-    with pytest.raises(pa.RobotError, match="below the floor"):
-        Shapes.of(robot, None, 0.9)
 
 
 def test_distances_of_alike_configurations_are_exact_where_bodies_are_near():

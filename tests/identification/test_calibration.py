@@ -1,6 +1,5 @@
 """The placements of a wrong arm are calibrated from measured positions and poses."""
 
-import json
 from dataclasses import replace
 from functools import cache
 
@@ -10,7 +9,6 @@ import pytest
 
 import pinadapt as pa
 from benchmarks.calibration import OFFSET, measured, random_angles, wrong_arm
-from pinadapt.cli.command_line import main
 from pinadapt.description.chain import configuration_from_angles
 from pinadapt.identification import calibrate
 from pinadapt.identification.calibration import ALL, _Geometry, _MeasuredFrames, _unknown_placements
@@ -115,26 +113,6 @@ def test_the_tracker_may_stand_anywhere_and_measure_poses():
         calibrate(log, catalogue_robot("ur5"))
 
 
-@pytest.mark.parametrize("name", ["ur5", "scara"])
-def test_offsets_of_encoders_alone(name):
-    """For an arm that is exact otherwise, estimates err as their standard deviations state."""
-    robot, rng = catalogue_robot(name), np.random.default_rng(3)
-    offsets = rng.uniform(-0.02, 0.02, robot.model.nv)
-    angles = random_angles(robot, rng, 60)
-    log = measured(robot, angles, rng, noise=NOISE, offsets=offsets)
-    found = calibrate(log, robot, unknown="offsets")
-    values, deviations = np.array(list(found.offsets.values())).T
-    seen = [name not in found.unidentified for name in found.names]
-    assert list(found.offsets) == robot.joint_names and np.count_nonzero(seen) >= len(seen) - 1
-    off = ((values - offsets) / deviations)[seen]
-    assert np.abs(off).max() < 4.0 and deviations[seen].max() < 3e-3
-    exact = measured(robot, angles, rng, offsets=offsets)
-    values = np.array(
-        [value for value, _ in calibrate(exact, robot, unknown="offsets").offsets.values()]
-    )
-    assert np.abs(values - offsets)[seen].max() < 1e-8
-
-
 def test_noise_of_encoders_is_separated_from_that_of_the_tracker():
     robot, rng = catalogue_robot("ur5"), np.random.default_rng(4)
     angles = random_angles(robot, rng, 100)
@@ -146,16 +124,6 @@ def test_noise_of_encoders_is_separated_from_that_of_the_tracker():
     exact = recorded("ur5", 30, seed=2, noise=0.0)
     exact = measured(robot, exact.q, rng)
     assert np.mean(true_errors(stated, exact)) < np.mean(true_errors(plain, exact))
-
-
-def test_impossible_frames_are_left_out():
-    log, rng = recorded("ur5", 120), np.random.default_rng(5)
-    x = log.x.copy()
-    lost = rng.choice(len(x), 8, replace=False)
-    x[lost] += rng.uniform(0.05, 0.5, (8, 1))
-    found = calibrate(replace(log, x=x), catalogue_robot("ur5"))
-    assert found.outliers == 8 and found.frames == 112
-    assert found.after.position < 1.3 * np.sqrt(3.0) * NOISE
 
 
 def test_frames_of_another_clock_are_named():
@@ -170,64 +138,3 @@ def test_frames_of_another_clock_are_named():
     assert found.late[0] == pytest.approx(0.04, rel=0.1)
     timed = calibrate(replace(late, x=late.x[1:], x_time=t[:-1]), robot)
     assert timed.after.position < 1e-6
-
-
-def changed(**parts):
-    return lambda log: replace(log, **{name: f(log) for name, f in parts.items()})
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (changed(x=lambda log: 1e3 * log.x), "millimetres"),
-        (changed(x=lambda log: log.x * [1.0, -1.0, 1.0]), "only a mirror explains"),
-        (changed(x=lambda log: 1e-3 * log.x), "does not move with the arm"),
-        (changed(x=lambda log: np.nan * log.x), "no positions or poses"),
-        (changed(x=lambda _: None), "no positions or poses"),
-        (changed(x=lambda log: np.hstack([log.x, log.x[:, :2]])), "5 coordinates"),
-        (changed(q=lambda log: 0.0 * log.q), "moves its frame by"),
-        (changed(q=lambda log: np.degrees(log.q)), "degrees"),
-        (changed(x=lambda log: np.where(np.arange(80)[:, None] < 9, log.x, np.nan)), "too few"),
-    ],
-)
-def test_logs_that_show_no_geometry_are_refused(change, words):
-    with pytest.raises(pa.LogError, match=words):
-        calibrate(change(recorded("ur5")), catalogue_robot("ur5"))
-
-
-def test_a_correct_arm_is_reported_as_such():
-    robot, rng = catalogue_robot("scara"), np.random.default_rng(6)
-    found = calibrate(measured(robot, random_angles(robot, rng, 60), rng, noise=NOISE), robot)
-    assert found.trusted and "the description is as good" in found.verdict
-
-
-def test_a_log_of_something_else_is_not_trusted():
-    log = recorded("ur5")
-    found = calibrate(replace(log, x=log.x[::-1]), catalogue_robot("ur5"))
-    assert not found.trusted and "NOT TO BE TRUSTED" in found.verdict
-
-
-def test_options_are_checked():
-    log, robot = recorded("ur5"), catalogue_robot("ur5")
-    for options, words in (
-        ({"unknown": "elbow"}, "Did you mean 'elbow_joint'"),
-        ({"unknown": []}, "nothing is unknown"),
-        ({"held_out": 0.6}, "at most a half"),
-        ({"encoder": -1e-3}, "must not be negative"),
-    ):
-        with pytest.raises(pa.InputError, match=words):
-            calibrate(log, robot, **options)
-
-
-def test_the_command_reads_logs_without_torques_and_times(tmp_path, capsys):
-    log = recorded("scara", pose=True)
-    names = catalogue_robot("scara").joint_names
-    header = ",".join([*(f"q_{name}" for name in names), *"xyz", "qx", "qy", "qz", "qw"])
-    path, out = tmp_path / "poses.csv", tmp_path / "out"
-    np.savetxt(path, np.hstack([log.q, log.x]), "%.9g", ",", header=header, comments="")
-    assert main(["calibrate", str(path), "--robot", "scara", "--out", str(out)]) == 0
-    assert "identified by this motion" in capsys.readouterr().out
-    numbers = json.loads((out / "summary.json").read_text())
-    assert numbers["trusted"] and numbers["after"]["position"] < 1e-3
-    assert len(numbers["combinations"]) + len(numbers["unidentified"]) == len(numbers["parameters"])
-    assert (out / "learned.urdf").is_file()

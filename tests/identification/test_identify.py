@@ -10,7 +10,7 @@ import pytest
 import pinadapt as pa
 from benchmarks.calibration import measured, random_angles, wrong_arm
 from pinadapt.cli.command_line import main
-from pinadapt.identification.identification import log_and_robot, log_of
+from pinadapt.identification.identification import log_and_robot
 from pinadapt.identification.report import FILES
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
@@ -63,42 +63,6 @@ def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
     assert np.allclose(learned.position(true.q0), true.position(true.q0), atol=1e-4)
 
 
-def test_a_rollout_is_a_log(tmp_path):
-    robot, true = catalogue_robot("ur5"), true_robot("ur5")
-    path = pa.trajectories.Lissajous(robot.position(robot.q0), [0.12, 0.15, 0.12], [3, 4, 5], 6.0)
-    controller = pa.make_controller(robot, adaptation="natural", dt=4e-3)
-    rollout = pa.simulate(true, controller, path, duration=4.5)
-    rollout.save(tmp_path)
-    found = pa.identify(tmp_path, robot, unknown=pa.Unknown(bodies="payload", **TOLD))
-    assert found.torque_errors.gain > 10.0
-    load = found.payload()
-    assert load.mass == pytest.approx(LOAD.mass, rel=1e-3)
-    assert np.abs(load.com - LOAD.com).max() < 2e-4
-    mine = log_of(rollout, robot)  # by its sensors, which were exact
-    assert all(np.allclose(getattr(mine, part), getattr(found.log, part)) for part in ("q", "tau"))
-    assert np.allclose(mine.x, found.log.x) and mine.held
-
-
-def test_velocities_are_not_needed(name="ur5"):
-    log = replace(recorded(name, noisy=True, duration=4.0), v=None)
-    found = pa.identify(log, catalogue_robot(name), unknown=pa.Unknown(tool=True, **TOLD))
-    load = found.payload()
-    assert found.smoothed and found.torque_errors.gain > 10.0
-    assert load.mass == pytest.approx(LOAD.mass, rel=0.02)
-    assert np.linalg.norm(found.online_held_out) < np.linalg.norm(
-        found.torque_errors.described_held_out
-    )
-    moved = found.online.a_k[-1] - found.kinematic.estimate  # frames as late as joint data
-    assert np.linalg.norm(moved) < 2e-3
-    assert "causal" in found.report()
-
-
-def test_a_short_log_leaves_friction_undetermined_and_is_identified_nevertheless():
-    """A joint that hardly turns around has no columns of its own for the shapes of friction."""
-    found = pa.identify(recorded("ur5", seen=False, duration=2.0), catalogue_robot("ur5"))
-    assert found.torque_errors.gain > 10.0
-
-
 def test_translations_are_identified_from_frames_alone():
     found = pa.identify(
         recorded("panda", duration=4.0),
@@ -108,25 +72,6 @@ def test_translations_are_identified_from_frames_alone():
     true = found.estimator.controller.kinematics.value(true_robot("panda"))
     assert np.allclose(found.kinematic.estimate, true, atol=1e-6)
     assert "error of held-out positions" in found.verdict and found.summary()["torque"] is None
-
-
-def test_positions_in_other_units_are_refused():
-    log = recorded("ur5", duration=1.5)
-    with pytest.raises(pa.LogError, match="In millimetres"):
-        pa.identify(replace(log, x=1e3 * log.x), catalogue_robot("ur5"))
-
-
-def test_inertias_are_identified_at_the_identified_lengths():
-    described, true = catalogue_robot("ur5"), true_robot("ur5")
-    wrong = described.changed(link_translation={"elbow_joint": (0.0, 0.0, 0.02)})
-    found = pa.identify(
-        recorded("ur5", duration=4.0),
-        wrong,
-        unknown=pa.Unknown(tool=True, translations=["elbow_joint"], **TOLD),
-    )
-    at = described.q0
-    assert np.allclose(found.robot.position(at), true.position(at), atol=1e-4)
-    assert found.torque_errors.gain > 100.0
 
 
 @pytest.mark.parametrize("name", ["kinova", "scara"])
@@ -147,15 +92,6 @@ def test_samples_with_nan_are_left_out_and_counted():
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
 
 
-def test_signals_that_are_never_finite_together_are_refused():
-    log = recorded("ur5", duration=1.5)
-    log = log.after(log.t[len(log.t) % 2])  # an even number of samples
-    q, tau = log.q.copy(), log.tau.copy()
-    q[::2], tau[1::2] = np.nan, np.nan
-    with pytest.raises(pa.LogError, match="fewer than two samples"):
-        pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"))
-
-
 def test_torques_without_gravity_are_detected_and_compensated():
     robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
     gravity = pa.robot.Gravity(robot)
@@ -173,14 +109,6 @@ def test_torques_without_gravity_are_detected_and_compensated():
     assert np.array_equal(by_intake.tau, whole.log.tau)
 
 
-def test_a_correct_description_is_reported():
-    log, true = recorded("ur5", duration=4.0), true_robot("ur5")
-    found = pa.identify(
-        log, true, unknown=pa.Unknown(tool=False, bodies="payload", friction=False, armature=False)
-    )
-    assert "already correct" in found.verdict and "WORSE" not in found.verdict
-
-
 def test_the_log_of_another_robot_is_doubted():
     log = recorded("ur5", duration=4.0)
     other = catalogue_robot("ur5").changed(
@@ -195,46 +123,6 @@ def test_the_log_of_another_robot_is_doubted():
     ):
         pa.identify(replace(turned, joints=()), catalogue_robot("ur5"))
     assert "another robot" not in identified("ur5").verdict
-
-
-def test_a_joint_that_does_not_move_is_not_identifiable_and_stays_as_described():
-    """The others are identified, without positions of the frame."""
-    log, robot = recorded("ur5", seen=False, duration=4.0), catalogue_robot("ur5")
-    _, q, v, a = motion("ur5", duration=4.0)
-    still = np.arange(6) == 5
-    q, v, a = (np.where(still, part[:1] if part is q else 0.0, part) for part in (q, v, a))
-    tau = torques(true_robot("ur5"), q, v, a)
-    found = pa.identify(
-        replace(log, q=q, v=v, tau=tau), robot, unknown=pa.Unknown(tool=False, **TOLD)
-    )
-    assert found.torque_errors.gain > 100.0 and not found.kinematic.names
-    assert found.robot.task == found.described.task
-    names = list(found.dynamic.names)
-    friction = names.index("wrist_3_joint.coulomb")
-    assert np.isinf(found.dynamic.deviations[friction])
-    start = found.estimator.controller.dynamics.initial[friction]
-    assert found.dynamic.estimate[friction] == pytest.approx(start, rel=1e-3)
-    assert "only combinations of them are identifiable" in found.report()
-    with pytest.raises(pa.ParameterError, match="no positions of the task frame"):
-        pa.identify(log, robot, unknown=pa.Unknown(tool=True))
-
-
-def test_the_report_lists_estimates_and_errors():
-    text = identified("panda").report()
-    for words in (
-        "identifiable combinations of",
-        "regularisation",
-        "effect of the joints, beside viscous and Coulomb friction",
-        "held out: described",
-        "panda_joint7",
-        "mass",
-        "tool_z",
-        "panda_joint1.coulomb",
-        "velocities    ",
-        "from the positions",
-    ):
-        assert words in text, words
-    assert str(identified("panda")) == text and "<table>" in identified("panda")._repr_html_()
 
 
 def as_csv(path, log, robot):
@@ -323,22 +211,6 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     pa.load(out / "learned.urdf")
 
 
-def test_a_file_that_cannot_be_written_is_reported_in_last_line_and_status(
-    tmp_path, capsys, monkeypatch
-):
-    out = tmp_path / "out"
-
-    def refuse(self, **_):
-        raise pa.RobotError("no distribution of mass has it.", where="urdf")
-
-    monkeypatch.setattr(pa.Robot, "urdf", refuse)
-    monkeypatch.setattr("pinadapt.cli.identify.identify_log", lambda *_, **__: identified("ur5"))
-    assert main(["identify", "log.csv", "--robot", "ur5", "--mjcf", "--out", str(out)]) == 4
-    last = capsys.readouterr().out.strip().splitlines()[-1]
-    assert last.startswith("INCOMPLETE: not written: learned.urdf") and "distribution" in last
-    assert {file.name for file in out.iterdir()} == set(FILES) - {"learned.urdf"}
-
-
 def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
     """Its joints have the effects of the file, and the loop is good from the first sample."""
     robot = catalogue_robot("ur5")
@@ -371,35 +243,3 @@ def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
     assert Scenario.read(scenario, said).controller.dynamics.names == names
     errors = [scenario.run().distance.max() for scenario in (cold, warm)]
     assert errors[1] < 0.2 * errors[0]  # friction in a scenario is sharper than in this log
-
-
-def test_the_command_takes_the_robot_of_a_scenario(tmp_path, capsys):
-    scenario = tmp_path / "ours.toml"
-    assert main(["init", "ur5", "--out", str(scenario)]) == 0
-    settings = ["simulation.duration=1.5", "simulation.dt=0.004", "unknown.dynamic=payload"]
-    run, out = tmp_path / "run", tmp_path / "out"
-    assert main(["run", str(scenario), "--no-html", "--out", str(run), "--set", *settings]) == 0
-    assert main(["identify", str(run), "--robot", str(scenario), "--out", str(out)]) == 0
-    assert "times less" in capsys.readouterr().out
-    assert main(["identify", str(run), "--robot", str(scenario), "--out", str(run)]) == 2
-    assert "--out takes another place" in capsys.readouterr().err
-    assert (run / "rollout.npz").is_file()
-
-
-def test_the_command_refuses_before_it_writes(tmp_path, capsys):
-    log = as_csv(tmp_path / "log.csv", recorded("ur5", duration=1.5), catalogue_robot("ur5"))
-    out = tmp_path / "out"
-    for arguments, words in (
-        ([str(log), "--robot", "panda"], "no joint positions found"),
-        ([str(tmp_path / "none.csv"), "--robot", "ur5"], "no such file"),
-        ([str(log), "--robot", "ur5", "--columns", "tau=effort_*"], "no column"),
-        ([str(log), "--robot", "ur5", "--kinematic", "tool"], "no positions of the task frame"),
-        ([str(log), "--robot", "ur55"], "Did you mean 'ur5'"),
-        (
-            [str(log), "--robot", "ur5", "--dynamic", "none", "--joint", "none"],
-            "nothing is unknown",
-        ),
-    ):
-        assert main(["identify", *arguments, "--out", str(out)]) == 2
-        assert words in capsys.readouterr().err
-        assert not out.exists()

@@ -1,26 +1,14 @@
 """The web page of an identification: its numbers, its warnings, and that it is self-contained."""
 
-import re
-from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
-import pinadapt as pa
-from pinadapt.identification.report_page import least_squares_errors, uncertainty_left
-from tests.support.chains import catalogue_robot
-from tests.support.recorded import identified, recorded, true_robot
+from pinadapt.identification.report_page import least_squares_errors
+from tests.support.recorded import identified, true_robot
 
 pytestmark = pytest.mark.slow
-
-
-@cache
-def identified_load():
-    """Return the identification of the load alone, of an arm that is otherwise as described."""
-    told = pa.Unknown(bodies="payload", friction=False, armature=False)
-    log = recorded("ur5", noisy=True, duration=6.0)
-    return pa.identify(log, catalogue_robot("ur5"), unknown=told)
 
 
 class Reader(HTMLParser):
@@ -83,38 +71,3 @@ def test_the_table_has_the_errors_of_all_models():
     plain, weighted = least_squares_errors(found)
     assert (total["OLS"], total["WLS"]) == (rms(plain), rms(weighted))
     assert float(total["WLS"]) < 0.2 * float(total["described"])
-
-
-@pytest.mark.usefixtures("blank_pictures")
-def test_a_better_model_and_doubts_stand_on_top():
-    found = identified_load()
-    text = found.page({"a published one": true_robot("ur5")})
-    warned = re.findall(r'<div class="warning">(.*?)</div>', text)
-    assert any("a published one predicts the held-out torques better" in words for words in warned)
-    assert text.index('class="warning"') < text.index("<h2>")
-
-
-def test_another_chain_is_refused():
-    with pytest.raises(pa.ParameterError, match="its joints are"):
-        identified("ur5").page({"other": catalogue_robot("panda")})
-
-
-@pytest.mark.usefixtures("blank_pictures")
-def test_more_data_leave_less_and_none_leave_all(monkeypatch):
-    """Shares are those of (prior^-1 + H)^-1: at most one, and less with an exciting motion."""
-    found = identified("ur5")
-    after = uncertainty_left(found)
-    assert (after > 0.0).all() and (after <= 1.0).all()
-    known = dict(zip(found.dynamic.names, after, strict=True))
-    assert known["shoulder_lift_joint.viscous"] < 0.1 < known["shoulder_pan_joint.m"]
-    found = identified_load()
-    after = uncertainty_left(found)
-    monkeypatch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 5)  # not the best one
-    wide = {"duration": 4.0, "harmonics": 2, "excursion": 2.8, "progress": False}
-    motion = pa.excite(catalogue_robot("ur5").undrawn(), unknown=found.unknown, **wide)
-    besides = uncertainty_left(found, motion.excitation.dynamic)
-    assert (besides <= after + 1e-9).all() and besides.mean() < 0.95 * after.mean()
-    reader = Reader(found.page(motion=motion, command="pinadapt excite ur5 & more"))
-    assert any(
-        "body: after the log" in cells and "and the motion" in cells for cells in reader.rows
-    )

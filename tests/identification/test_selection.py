@@ -1,15 +1,12 @@
 """Effects of the joints and the weight of the description, as a log chooses them."""
 
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
 from pinadapt.description.chain import configuration_from_angles
-from pinadapt.identification.fits import OVERLAP
-from pinadapt.identification.selection import blocks_of
 from tests.support.chains import catalogue_robot
 from tests.support.effects import torque_of_everything
 from tests.support.recorded import motion
@@ -91,15 +88,6 @@ def test_no_effect_is_found_where_there_is_none():
     assert len(found.effects.gains) <= 1  # of about a hundred, at two standard errors
     assert (found.effects.friction.threshold == 0.01).sum() >= 5
     assert found.effects.friction.shafts == ()
-
-
-def test_blocks_share_no_window_and_leave_few_out():
-    for count in (16, 40, 99, 900):
-        blocks = blocks_of(count)
-        assert len(blocks) >= 2 and all(len(block) > 1 for block in blocks)
-        for one, other in pairwise(blocks):
-            assert other[0] - one[-1] >= OVERLAP
-        assert blocks[0][0] == 0 and blocks[-1][-1] == count - 1
 
 
 def test_the_weight_is_large_where_the_description_is_right_and_small_where_data_say_more():

@@ -1,16 +1,12 @@
 """Uncertainties of identified parameters, loads by difference, and logs to test on."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.command_line import main
 from pinadapt.description.chain import configuration_from_angles
-from pinadapt.identification.selection import BLOCKS
-from pinadapt.logs.log import joined
 from tests.support.chains import catalogue_robot
 from tests.support.effects import torque_of_everything
 from tests.support.recorded import motion
@@ -87,19 +83,6 @@ def test_two_logs_of_an_arm_agree_within_their_uncertainties():
     assert np.mean(near) > 0.85 and np.mean(right) > 0.9
 
 
-def test_deviations_cover_other_friction():
-    """Coefficients belong to the kind of friction that was chosen; inertias hardly depend on it."""
-    whole = identified(0).dynamic
-    alone = replace(whole, spread=whole.spread[:BLOCKS])  # the jackknife
-    known = np.isfinite(whole.deviations)
-    more = whole.deviations[known] / alone.deviations[known]
-    names = np.array(whole.names)[known]
-    dry = np.array([name.endswith("coulomb") for name in names])
-    inertia = np.array([name.endswith(("Ixy", "Ixz", "Iyz")) for name in names])
-    assert (more > 1.0 - 1e-9).all() and dry.sum() == 6
-    assert np.median(more[dry]) > 1.3 > np.median(more[inertia])
-
-
 def test_the_load_is_the_difference_to_a_log_of_the_empty_arm():
     found = pa.identify(
         log_of_arm(5, loaded=True), catalogue_robot("ur5"), empty=log_of_arm(0), progress=False
@@ -136,28 +119,3 @@ def test_several_logs_are_learned_from_and_others_predicted():
     left, alone = (np.sqrt(np.mean(part.torque_errors.learned_held_out**2)) for part in (both, one))
     described = np.sqrt(np.mean(both.torque_errors.described_held_out**2))
     assert left < 1.1 * alone < 0.5 * described
-
-
-def test_logs_one_after_another():
-    logs = [log_of_arm(seed) for seed in (0, 1)]
-    whole = joined(logs, 5.0)
-    assert len(whole.t) == sum(len(log.t) for log in logs) and (np.diff(whole.t) > 0.0).all()
-    assert np.diff(whole.t).max() == pytest.approx(5.0)
-    assert joined(logs[:1], 5.0) is logs[0]
-    held = pa.Log(logs[0].t, logs[0].q, logs[0].tau, held=True)
-    with pytest.raises(pa.LogError, match="held in one of the logs"):
-        joined([logs[0], held], 5.0)
-
-
-def test_the_command_takes_several_logs_a_test_and_an_empty_arm(tmp_path, capsys):
-    files = []
-    for k, (seed, loaded) in enumerate(((5, True), (6, True), (7, True), (0, False))):
-        log = log_of_arm(seed, loaded=loaded, duration=4.0)
-        files.append(str(tmp_path / f"log{k}.npz"))
-        np.savez(files[-1], t=log.t, q=log.q, v=log.v, tau=log.tau, joint_names=log.joints)
-    command = ["identify", *files[:2], "--robot", "ur5", "--test", files[2], "--empty", files[3]]
-    command += ["--joint", "all"]  # the choice of effects is not the point
-    assert main([*command, "--out", str(tmp_path / "out")]) == 0
-    printed = capsys.readouterr().out
-    assert "log2.npz" in printed and "mass" in printed
-    assert (tmp_path / "out" / "learned.urdf").is_file()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt._compiled import _blas_threads, one_blas_thread
 from pinadapt.identification.fits import CUTOFF, Averages, windows_of
 from pinadapt.information.measured_motion import motion_of_log
 from tests.support.chains import catalogue_robot
@@ -46,14 +45,6 @@ def test_the_error_is_that_of_friction_alone(dt):
     assert missed(found, dynamics.value(smooth)) < 20.0 * dt**2  # that of the acceleration here
 
 
-def test_torques_may_be_held():
-    log = recorded("ur5", duration=2.0, dt=4e-3)
-    between = replace(log, tau=0.5 * (log.tau + np.vstack([log.tau[1:], log.tau[-1:]])), held=True)
-    found, true = windows("ur5", between, held=True)
-    late, _ = windows("ur5", between, held=False)
-    assert missed(found, true) < 5e-4 and missed(found, true) < 0.3 * missed(late, true)
-
-
 def test_times_may_jitter_and_a_gap_costs_only_the_windows_around_it():
     log = recorded("ur5", duration=3.0, dt=2e-3)
     kept = np.random.default_rng(0).random(len(log.t)) > 0.3
@@ -65,44 +56,6 @@ def test_times_may_jitter_and_a_gap_costs_only_the_windows_around_it():
     assert not ((found.t + reach > 1.0) & (found.t - reach < 1.1)).any()
     whole = windows("ur5", log)[0]
     assert len(whole.t) - len(found.t) <= 3 * (1 + 0.1 / found.length) + 2
-
-
-def test_nan_is_a_gap():
-    log = recorded("ur5", duration=2.0, dt=2e-3)
-    tau = log.tau.copy()
-    tau[400:450, 2] = np.nan
-    found, true = windows("ur5", replace(log, tau=tau))
-    assert np.isfinite(found.W).all() and missed(found, true) < 2e-4
-
-
-@pytest.mark.parametrize("name", ["panda", "kinova"])
-def test_missing_velocities_are_computed_from_positions(name):
-    log = recorded(name, duration=3.0, dt=2e-3)
-    found, true = windows(name, replace(log, v=None))
-    assert missed(found, true) < 5e-3
-
-
-def test_noisy_velocities_are_replaced():
-    robot = catalogue_robot("ur5")
-    noisy = recorded("ur5", noisy=True, dt=2e-3)
-    assert motion_of_log(robot, noisy, cutoff=CUTOFF).smoothed
-    assert not motion_of_log(robot, recorded("ur5"), cutoff=CUTOFF).smoothed
-
-
-def test_linear_algebra_uses_one_thread_for_a_while():
-    threads = _blas_threads()
-    if not threads:
-        pytest.skip("numpy has another linear algebra here")
-    before = [get() for get, _ in threads]
-    for _, put in threads:
-        put(2)
-    several = [get() for get, _ in threads]
-    with pytest.raises(ValueError, match="inside"), one_blas_thread():
-        assert [get() for get, _ in threads] == [1] * len(threads)
-        raise ValueError("inside")
-    assert [get() for get, _ in threads] == several
-    for (_, put), count in zip(threads, before, strict=True):
-        put(count)
 
 
 def test_averages_are_integrals_and_rates_are_derivatives():

@@ -69,33 +69,6 @@ def test_the_load_is_estimated_within_its_uncertainty(name, dynamic):
     assert "kg m^2" in str(learned) and "<table>" in learned._repr_html_()
 
 
-def test_the_load_is_estimated_with_quantised_encoders():
-    described = catalogue_robot("panda")
-    true = described.changed(payload=pa.Payload(1.5, COM, INERTIA), viscous=1.0)
-    count = 2.0 * np.pi / 2**17
-    controller = pa.make_controller(
-        described,
-        adaptation="natural",
-        unknown=pa.Unknown(bodies="payload"),
-        sensors=pa.Sensors(encoder=count),
-        dt=4e-3,
-    )
-    path = pa.reachable_circle(true)
-    rollout = pa.simulate(true, controller, path, duration=4.0, sensors=pa.Sensors(encoder=count))
-    load = rollout.payload(refined=True)
-    assert load.mass == pytest.approx(1.5, rel=0.02)
-    assert np.abs(load.com - COM).max() < 5e-3
-    assert abs(load.mass - 1.5) < 5.0 * load.mass_known_to
-
-
-def test_an_estimated_load_can_be_announced():
-    load = run("ur5").payload(refined=True).payload()
-    assert isinstance(load, pa.Payload)
-    robot = catalogue_robot("ur5")
-    heavier = robot.changed(payload=pa.Payload(load.mass, load.com))
-    assert heavier.mass == pytest.approx(robot.mass + MASS, abs=2e-3)
-
-
 def test_an_arm_that_differs_from_its_description_is_reported():
     described = catalogue_robot("ur5")
     true = described.changed(
@@ -143,53 +116,11 @@ def test_a_load_on_heavier_links_is_separated_from_them():
     assert abs(estimate.mass - 1.5) < 1.1 * estimate.mass_known_to
 
 
-def test_a_load_on_the_arm_as_described_is_the_best_explanation():
-    for name in ("panda", "ur5"):
-        estimate = run(name).payload(refined=True)
-        assert estimate.certain and estimate.explanations[0].words.startswith(
-            "the arm as described"
-        )
-        assert estimate.explanations[0].probability > 0.99
-        assert sum(one.probability for one in estimate.explanations) == pytest.approx(1.0)
-        assert estimate.explanations[0].mass == pytest.approx(MASS, abs=2e-3)
-
-
-def test_a_stated_uncertainty_of_the_arm_leaves_nothing_to_explain():
-    assert run("ur5").payload(arm=0.05).explanations == ()
-
-
-def test_a_load_needs_the_last_body():
-    rollout = run("ur5", 0.1, unknown=pa.Unknown(bodies="none"))
-    with pytest.raises(pa.ParameterError, match="no estimate of a load"):
-        rollout.payload()
-
-
-def test_standing_still_identifies_less_than_moving():
-    still, moving = (information(run("ur5", still=still)) for still in (True, False))
-    assert still.rank < moving.rank
-    assert np.isinf(still.deviations).sum() > np.isinf(moving.deviations).sum()
-
-
 def test_a_parameter_without_effect_is_not_identifiable():
     rollout = run("ur5")
     known = dict(zip(rollout.dynamic_names, rollout.excitation().dynamic.deviations, strict=True))
     assert np.isinf(known["shoulder_pan_joint.m"]) and np.isinf(known["wrist_3_joint.m"])
     assert np.isfinite(known["shoulder_lift_joint.mcx"])
-
-
-def test_a_joint_task_has_no_kinematic_information_and_a_known_robot_none():
-    robot = pa.load("scara", task="joint")
-    path = pa.trajectories.Sinusoid(robot.home_angles, [0.2, 0.2, 0.05, 0.2], 1.0)
-    for options in (
-        {},
-        {"adaptation": "none"},
-        {"unknown": pa.Unknown(bodies="none", friction=False, armature=False)},
-    ):
-        controller = pa.make_controller(robot, **options)
-        found = pa.simulate(robot, controller, path, duration=0.5).excitation()
-        assert found.kinematic.rank == 0 == found.kinematic.rows
-        assert (found.dynamic.rank > 0) == (controller.dynamics.size > 0)
-    assert "nothing" in str(found)
 
 
 @pytest.mark.parametrize("camera", [False, True])
@@ -201,13 +132,6 @@ def test_the_tool_is_identified_from_measured_positions(camera):
     missed = np.abs(found.refined().estimate - rollout.a_k_true)
     assert missed.max() < (1e-5 if camera else 1e-9)
     assert (np.abs(found.estimate - rollout.a_k_true) < 3.0 * found.deviations + 1e-5).all()
-
-
-def test_the_table_names_every_parameter():
-    rollout = run("scara")
-    text = str(rollout.excitation())
-    assert all(name in text for name in (*rollout.dynamic_names, *rollout.kinematic_names))
-    assert "identifiable combinations" in text and "<table>" in rollout.excitation()._repr_html_()
 
 
 def test_only_measurements_since_the_last_change_count():

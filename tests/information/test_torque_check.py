@@ -1,6 +1,5 @@
 """Torques of a log are compared with the description, and usual mistakes are named."""
 
-import json
 from dataclasses import replace
 from functools import cache
 
@@ -13,7 +12,7 @@ from pinadapt.description.chain import effort_limits
 from pinadapt.information.torque_check import check_torques, on_wall
 from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
-from tests.support.recorded import motion, recorded, torques
+from tests.support.recorded import motion, torques
 
 RATED = {"panda": 3.0, "ur5": 5.0, "kinova": 1.6, "scara": 2.0}  # [kg]
 
@@ -73,18 +72,6 @@ def test_turning_joints_in_another_order_are_found():
     assert "in another order" in causes(turned(log, [1, 2, 0, 4, 5, 3]), robot)
 
 
-def test_a_described_hand_that_is_not_mounted_is_found_and_does_no_harm():
-    log, robot = panda()
-    (note,) = check_torques(log, robot).notes
-    assert "panda_hand, panda_leftfinger, panda_rightfinger (0.76 kg)" in note
-    bare = robot.changed()
-    for frame in bare.model.frames:
-        if str(frame.name) in ("panda_hand_joint", "panda_finger_joint1", "panda_finger_joint2"):
-            bare.model.inertias[7] -= frame.placement * frame.inertia
-    check = check_torques(log, bare)
-    assert abs(check.load[0]) < 0.2 and check.notes == () and check.fits
-
-
 def mistakes():
     """Yield what is wrong, how to make a log or robot so, and words of the check.
 
@@ -106,18 +93,6 @@ def mistakes():
         "--compensated nominal",
     )
     yield "another robot", lambda log, r: (log, catalogue_robot("xarm7")), "log of another robot"
-
-
-@pytest.mark.slow
-def test_any_order_of_the_joints_is_found_by_what_fits():
-    """Whatever the log calls them."""
-    log, robot = panda()
-    mixed = replace(turned(log, [3, 0, 6, 1, 2, 5, 4]), joints=tuple(robot.joint_names))
-    (cause,) = check_torques(mixed, robot).causes
-    option, listed = cause.option.split()
-    assert option == "--joints" and "in another order" in cause.words
-    found = pa.read_log(mixed, robot, intake={"joints": listed.split(",")})
-    assert np.array_equal(found.q, log.q) and np.array_equal(found.tau, log.tau)
 
 
 def gravity_torques(log, robot):
@@ -183,39 +158,6 @@ def test_wrong_inertias_friction_noise_and_loads_are_accepted(name, loaded):
     check = check_torques(*unlike(name, int(loaded), loaded))
     assert check.fits, check
     assert all("a load of" in note for note in check.notes), check.notes
-
-
-def test_too_little_torque_is_not_judged():
-    robot = catalogue_robot("planar_2r")
-    t = np.arange(0.0, 3.0, 0.01)
-    still = np.zeros((len(t), 2))
-    log = pa.Log(t, still + 0.3, still + np.sin(5.0 * t)[:, None], still)
-    check = check_torques(log, robot)
-    assert check.fits and "too little torque to judge" in check.verdict
-    assert np.isnan(check.gravity).all()
-
-
-def test_the_table_shows_factors_and_the_summary_is_json():
-    log, robot = panda()
-    check = check_torques(replace(log, tau=-log.tau), robot)
-    assert "DOES NOT FIT" in str(check) and "too little to judge" in str(check_torques(log, robot))
-    summary = json.loads(json.dumps(check.summary(), allow_nan=False))
-    assert summary["joints"][1]["factor"] == pytest.approx(-0.93, abs=0.05)
-    assert not summary["fits"] and summary["causes"][0]["option"] == "--torque-gain=-1"
-
-
-def test_gaps_and_samples_that_are_not_finite_are_left_out():
-    log = recorded("ur5", duration=4.0)
-    tau, kept = log.tau.copy(), np.ones(len(log.t), bool)
-    tau[100:120], kept[300:420] = np.nan, False
-    parts = {part: getattr(log, part)[kept] for part in ("t", "q", "v")}
-    check = check_torques(
-        replace(log, tau=tau[kept], x=None, x_time=None, **parts), robot := catalogue_robot("ur5")
-    )
-    whole = check_torques(log, robot)
-    assert check.fits
-    for one, other in zip(check.joints[:3], whole.joints[:3], strict=True):
-        assert one.factor == pytest.approx(other.factor, rel=0.2)
 
 
 SAID = {  # and what corrects them

@@ -1,15 +1,12 @@
 """Logs of every format are read alike; errors give the reason."""
 
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.logs import FORMATS
-from pinadapt.logs.formats import Format
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded
 
@@ -64,42 +61,6 @@ def test_an_archive_is_matched_by_the_names_of_its_joints(tmp_path, robot, log):
 def test_columns_are_found_by_the_names_of_joints(tmp_path, robot, log, form):
     table = columns_of(log, robot.joint_names, form)
     assert same(pa.read_log(write_csv(tmp_path / "a.csv", table), robot), log)
-
-
-@pytest.mark.parametrize("first", [0, 1])
-@pytest.mark.parametrize("mark", [",", ";", "\t", " "])
-def test_columns_are_found_by_indices(tmp_path, robot, log, first, mark):
-    table = columns_of(log, range(first, first + 6), "{signal}_{label}")
-    assert same(pa.read_log(write_csv(tmp_path / "a.txt", table, mark), robot), log)
-
-
-def test_columns_can_be_named(tmp_path, robot, log):
-    table = columns_of(log, range(6), "a {signal} of {label}!")
-    table = {"stamp of mine": table.pop("t"), **table}
-    path = write_csv(tmp_path / "a.csv", table)
-    named = {signal: f"a {signal} of *!" for signal in ("q", "v")}
-    named |= {"t": "stamp of mine", "tau": [f"a tau of {j}!" for j in range(6)]}
-    assert same(pa.read_log(path, robot, intake={"columns": named}), log)
-
-
-def test_a_slow_camera_leaves_cells_empty(tmp_path, robot, log):
-    table = columns_of(log, range(6))
-    for i, axis in enumerate("xyz"):
-        table[axis] = np.full(len(log.t), np.nan)
-        table[axis][::10] = log.x[:, i]
-    times, x = pa.read_log(write_csv(tmp_path / "a.csv", table), robot).frames()
-    assert np.allclose(times, log.x_time) and np.allclose(x, log.x)
-
-
-def test_a_header_may_be_a_comment(tmp_path, robot, log):
-    path = write_csv(tmp_path / "a.csv", columns_of(log, range(6)))
-    path.write_text("# of the arm on the left\n# " + path.read_text())
-    assert same(pa.read_log(path, robot), log)
-
-
-def test_times_since_an_epoch_begin_at_zero(tmp_path, robot, log):
-    path = write_csv(tmp_path / "a.csv", columns_of(replace(log, t=log.t + STAMP), range(6)))
-    assert np.allclose(pa.read_log(path, robot).t, log.t, atol=1e-6)
 
 
 def test_degrees_are_read_on_request(tmp_path, robot, log):
@@ -206,42 +167,6 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
             path.write_text(given[1])
         with pytest.raises(pa.LogError, match=re.escape(words)):
             pa.read_log(path, robot)
-
-
-def test_the_error_of_an_unknown_column_suggests_the_nearest(tmp_path, robot, log):
-    path = write_csv(tmp_path / "a.csv", columns_of(log, range(6)))
-    with pytest.raises(pa.LogError, match=r"no column 'tua0'.*Did you mean 'tau0'"):
-        pa.read_log(path, robot, intake={"columns": {"tau": [f"tua{j}" for j in range(6)]}})
-    with pytest.raises(pa.LogError, match="no signal 'torque'"):
-        pa.read_log(path, robot, intake={"columns": {"torque": "tau*"}})
-
-
-def test_a_format_is_one_class_and_one_entry_of_the_registry(tmp_path, robot, log, monkeypatch):
-    class Memory(Format):
-        """A file whose contents are somewhere else."""
-
-        suffixes = (".memory",)
-
-        def accepts(self, path):
-            return path.suffix in self.suffixes
-
-        def read(self, path, selection):
-            assert list(selection.joints) == robot.joint_names
-            return log
-
-    path = tmp_path / "a.memory"
-    path.touch()
-    with pytest.raises(pa.LogError, match="known format"):
-        pa.read_log(path, robot)
-    monkeypatch.setitem(FORMATS, "memory", Memory())
-    assert same(pa.read_log(path, robot), log)
-    with pytest.raises(pa.LogError, match=r"\.memory"):
-        pa.read_log(tmp_path, robot)
-
-
-def test_every_format_is_documented():
-    for kind in FORMATS.values():
-        assert kind.__doc__ and kind.accepts.__doc__ and kind.read.__doc__
 
 
 def stamped(store, ros, k, time):
@@ -357,33 +282,3 @@ def test_bags_are_matched_by_the_names_of_their_joints(tmp_path, robot, log, kin
         assert np.allclose(getattr(read, part), getattr(log, part), atol=2e-7), part
     assert np.allclose(read.x[:, :3], log.x) and read.x.shape[1] == 7
     assert pa.read_log(path, robot).x is None
-
-
-def test_a_file_of_ros2_is_read_without_its_folder(tmp_path, robot, log):
-    write_bag(tmp_path / "a", "mcap", log, robot.joint_names, pose="geometry_msgs/msg/PointStamped")
-    (file,) = (tmp_path / "a").glob("*.mcap")
-    read = pa.read_log(file.rename(tmp_path / "b.mcap"), robot, intake={"pose_topic": "/tracker"})
-    assert same(read, log, ("q", "v", "tau", "x"))
-
-
-def test_an_unusable_bag_is_refused_with_the_reason(tmp_path, robot, log):
-    write_bag(tmp_path / "a", "mcap", log, robot.joint_names)
-    write_bag(tmp_path / "weak", "mcap", log, robot.joint_names, effort=False)
-    write_bag(tmp_path / "other", "mcap", log, [f"other{j}" for j in range(6)])
-    (tmp_path / "broken.bag").write_bytes(b"no bag")
-    for words, name, options in (
-        ("not a topic of it.*'/joint_states'", "a", {"topic": "/joint_state"}),
-        ("of type sensor_msgs/msg/JointState", "a", {"pose_topic": "/joint_states"}),
-        ("have no effort", "weak", {}),
-        ("joint 'shoulder_pan_joint'; there are", "other", {}),
-        ("cannot be read", "broken.bag", {}),
-    ):
-        with pytest.raises(pa.LogError, match=words):
-            pa.read_log(tmp_path / name, robot, intake=options)
-
-
-def test_the_error_of_a_missing_package_names_it(tmp_path, robot, monkeypatch):
-    (tmp_path / "a.bag").write_bytes(b"")
-    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(pa.LogError, match=re.escape('pip install "pinadapt[bags]"')):
-        pa.read_log(tmp_path / "a.bag", robot)

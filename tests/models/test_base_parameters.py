@@ -64,23 +64,3 @@ def test_base_parameters_reproduce_the_torque(name):
         Y = dynamics.regressor(*random_state(robot, rng))
         a = rng.standard_normal(dynamics.size)
         assert np.allclose(Y[:, base.chosen] @ base.values(a), Y @ a, rtol=1e-7, atol=1e-7)
-
-
-def test_base_parameters_print_as_sums_of_names():
-    robot = catalogue_robot("ur5")
-    base = pa.models.base_parameters(pa.models.BodyDynamics(robot), robot)
-    assert base.names[0] == "shoulder_pan_joint.Izz"
-    text = repr(base)
-    assert text.startswith("36 identifiable combinations of 60 parameters")
-    assert "shoulder_pan_joint.Izz + " in text and "without effect: shoulder_pan_joint.m" in text
-    assert "<table>" in base._repr_html_()
-    with pytest.raises(pa.ParameterError, match="expected 60 numbers"):
-        base.values(np.zeros(3))
-    with pytest.raises(pa.ParameterError):
-        pa.models.base_parameters(robot, robot)
-
-
-def test_base_of_no_unknowns_is_empty():
-    robot = catalogue_robot("scara")
-    base = pa.models.base_parameters(pa.models.FrameKinematics(robot, []), robot)
-    assert base.size == 0 and "0 identifiable combinations" in str(base)

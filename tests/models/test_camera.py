@@ -70,10 +70,6 @@ def test_identities_on_robots(name):
     check(catalogue_robot(name), ["tool"])
 
 
-def test_identities_of_two_cameras():
-    check(catalogue_robot("kinova"), ["tool"], count=2)
-
-
 @given(robot=chains)
 @seeded
 def test_identities_on_random_chains(robot):
@@ -107,16 +103,6 @@ def test_velocity_of_a_picture_by_differences():
     plant = pa.plants.PinocchioPlant(true)
     xd = derivative(lambda t: true.position(pin.integrate(robot.model, q, t * v)))
     assert plant.measurement(q, v).xd == pytest.approx(xd, abs=1e-7)
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_the_point_of_a_picture_is_near(count):
-    true, _ = filmed(catalogue_robot("ur5"), count)
-    p = true.placement(true.q0).translation
-    y = true.position(true.q0) + 0.05
-    there = true.task.nearest(p, y)
-    assert true.task.of(pin.SE3(np.eye(3), there)) == pytest.approx(y, abs=1e-9)
-    assert np.linalg.norm(there - p) < 0.2
 
 
 def circle_of(true, radius=0.05):
@@ -183,16 +169,6 @@ def test_the_camera_is_found_from_frames():
     find_camera(kinematics, other)  # a lens that bends lines is no clock
     with pytest.raises(pa.LogError, match="no camera"):
         find_camera(pa.make_controller(robot, adaptation="natural").kinematics, samples)
-
-
-def test_cameras_that_cannot_be_used_are_refused():
-    robot = catalogue_robot("panda")
-    H = camera_at(robot, [1.0, 0.0, 0.3])
-    for wrong, words in (([-H], "behind"), ([H[:2]], "matrices"), ([H, H, H], "matrices")):
-        with pytest.raises(pa.RobotError, match=words):
-            robot.filmed_by(*wrong)
-    with pytest.raises(pa.ParameterError, match="camera"):
-        pa.make_controller(robot.filmed_by(), law="adaptive-jacobian")
 
 
 def pixels_of(model, data, site):

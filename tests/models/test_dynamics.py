@@ -101,23 +101,6 @@ def test_estimates_with_zero_or_negative_masses_are_evaluated_exactly(masses):
     assert np.allclose(dynamics.mass_matrix(q), np.stack(columns, axis=1), atol=1e-9)
 
 
-def test_parameters_of_bodies_of_another_robot():
-    robot = catalogue_robot("panda")
-    true = robot.changed(payload=pa.Payload(1.5, [0.0, 0.0, 0.05]))
-    everything, last = (
-        pa.models.BodyDynamics(robot.changed(inertial_scale=0.7), "all"),
-        pa.models.BodyDynamics(robot, "payload"),
-    )
-    assert np.allclose(everything.value(true), inertial_parameters(true.model))
-    assert np.allclose(last.value(true), inertial_parameters(true.model)[-10:])
-    assert (
-        last.value(true.changed(inertial_scale=1.1)) is None
-    )  # the known bodies are not the nominal ones
-    assert (
-        everything.value(robot.changed(link_translation={"panda_joint4": [0.0, 0.0, 0.01]})) is None
-    )
-
-
 def test_basis_of_wang_and_xie():
     robot = catalogue_robot("planar_2r")
     dynamics = pa.models.BasisDynamics(robot, BASIS)
@@ -131,18 +114,6 @@ def test_basis_of_wang_and_xie():
     assert np.allclose(dynamics.mass_matrix(q), M, atol=1e-12)
     v, a = np.array([v1, v2]), np.array([0.2, 1.3])
     assert np.allclose(dynamics.torque(q, v, a), M @ a + h, atol=1e-12)
-
-
-def test_basis_fits_other_lengths_or_is_refused():
-    robot = catalogue_robot("planar_2r")
-    longer = robot.changed(link_translation={"joint2": [0.3, 0.0, 0.0]})
-    l1, (m, lc, inertia) = 1.3, (2.0, 0.6, 0.25)
-    expected = [0.12 + 0.25 + m * l1**2 + inertia + m * lc**2, m * l1 * lc, inertia + m * lc**2]
-    assert np.allclose(pa.models.BasisDynamics(robot, BASIS).value(longer), expected, atol=1e-9)
-    with pytest.raises(pa.ParameterError, match="cannot represent"):
-        pa.models.BasisDynamics(robot, BASIS[:, :2])
-    with pytest.raises(pa.ParameterError, match="20 rows"):
-        pa.models.BasisDynamics(robot, BASIS[:10])
 
 
 def puma():

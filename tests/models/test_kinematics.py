@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 
 import pinadapt as pa
-from pinadapt.models.translations import Translation
 from tests.support.chains import (
     catalogue_robot,
     chains,
@@ -77,32 +76,3 @@ def test_parameters_of_a_changed_robot():
     assert np.allclose(kinematics.x_hat, true.position(q), atol=1e-12)
     other = robot.changed(link_translation={"panda_joint6": [0.01, 0.0, 0.0]})
     assert kinematics.value(other) is None  # other placements differ too
-
-
-def test_known_offset_plus_unknown_direction():
-    robot = catalogue_robot("ur5")
-    nominal = robot.model.jointPlacements[3].translation.copy()
-    part = Translation(
-        "elbow_joint",
-        3,
-        np.array([[0.0], [0.0], [1.0]]),
-        nominal - np.array([0.0, 0.0, nominal[2]]),
-        ("z",),
-    )
-    kinematics = pa.models.FrameKinematics(robot, [part])
-    assert np.allclose(kinematics.initial, nominal[2])
-    check_kinematics(robot, [part])
-
-
-@pytest.mark.parametrize(
-    ("unknown", "words"),
-    [
-        (["tol"], "Did you mean 'tool'"),
-        (["shoulder_pan_joint"], "no effect"),
-        (["tool", "tool:length"], "twice"),
-        (["tool:width"], ":length"),
-    ],
-)
-def test_unusable_translations_are_refused(unknown, words):
-    with pytest.raises(pa.InputError, match=words):
-        pa.models.FrameKinematics(catalogue_robot("ur5"), unknown)

@@ -1,8 +1,5 @@
 """Lumped parameters: exact at any lengths, minimal, and adaptable with every law."""
 
-import warnings
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,13 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinadapt as pa
-from pinadapt.models.lumped import lumped_basis
 from pinadapt.models.translations import Translation
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import (
     catalogue_robot,
     chains,
-    chains_of,
     each_size,
     random_state,
     seeded,
@@ -112,24 +107,6 @@ def test_lumped_regressor_equals_rnea_at_the_true_lengths(robot, seed, rotors):
     )
 
 
-@each_size(range(1, 8), seed=0)
-@given(robot=chains_of(range(1, 8)), seed=seeds)
-@settings(seeded, max_examples=4)
-def test_known_bodies_with_unknown_lengths_reproduce_the_torque(robot, seed):
-    rng = np.random.default_rng(seed)
-    wrong = robot.changed(armature=0.1)
-    parts = translations(wrong, rng)
-    unknown = [name for name in wrong.joint_names if rng.random() < 0.4]
-    dynamics, everything = (
-        pa.models.LumpedDynamics(wrong, parts, unknown or "none"),
-        pa.models.LumpedDynamics(wrong, parts),
-    )
-    assert dynamics.size <= everything.size
-    check_exact(dynamics, another(wrong, parts, rng, unknown), rng)
-    if dynamics.size < everything.size:
-        assert dynamics.value(another(wrong, parts, rng)) is None
-
-
 @pytest.mark.parametrize("name", ["ur5", "panda", "talos_arm", "kinova", "scara"])
 def test_lumped_parameters_of_catalogue_robots(name):
     robot, rng = catalogue_robot(name), np.random.default_rng(0)
@@ -147,33 +124,6 @@ def test_number_of_lumped_parameters():
     assert pa.models.LumpedDynamics(ur5, ["elbow_joint:length"], "none").size == 2
     with pytest.raises(pa.ParameterError, match="nothing has to be lumped"):
         pa.models.LumpedDynamics(ur5, ["tool"])
-
-
-def test_value_is_none_if_anything_else_differs():
-    robot = catalogue_robot("ur5")
-    dynamics = pa.models.LumpedDynamics(robot, ["elbow_joint:length", "tool"])
-    longer = robot.changed(
-        link_translation={"elbow_joint": 0.1 * robot.model.jointPlacements[3].translation}
-    )
-    assert dynamics.value(longer) is not None
-    assert (
-        dynamics.value(longer.changed(tool_translation=[0.1, 0.0, 0.0])) is not None
-    )  # without effect on the dynamics
-    assert (
-        dynamics.value(longer.changed(link_translation={"wrist_1_joint": [0.0, 0.0, 0.01]})) is None
-    )
-    assert (
-        dynamics.value(longer.changed(link_translation={"elbow_joint": [0.01, 0.0, 0.0]})) is None
-    )  # not along the link
-    assert dynamics.value(longer.changed(viscous=0.1)) is None
-    assert dynamics.value(longer.changed(armature=0.1)) is None
-
-
-def test_lumped_basis_is_cached():
-    robot = catalogue_robot("ur5")
-    parts = pa.models.FrameKinematics(robot, [*robot.joint_names[1:]]).translations
-    true = another(robot, parts, np.random.default_rng(0))
-    assert lumped_basis(robot.model, parts) is lumped_basis(true.model, parts)
 
 
 def ur5(law, adaptation, **options):
@@ -287,56 +237,6 @@ def test_projection_prevents_divergence_of_gradient_adaptation(rate):
     rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", settings).run()
     assert rollout.diverged is None
     assert rollout.min_eig_M_hat.min() > 0.0
-
-
-def test_projection_with_unknown_rotors():
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(
-        robot,
-        adaptation="projected",
-        unknown=pa.Unknown(tool=False, lengths=["elbow_joint"], friction=False, armature=True),
-    )
-    a = controller.dynamics.initial.copy()
-    q = robot.q0
-    assert controller.adaptation_d.project(pa.adaptation.Estimate(a), q) is a
-    a[: controller.dynamics.inertial.size] *= -1.0
-    kept = controller.adaptation_d.project(pa.adaptation.Estimate(a), q)
-    controller.dynamics.load(kept)
-    assert np.linalg.eigvalsh(controller.dynamics.mass_matrix(q))[0] > 0.0
-    assert np.array_equal(kept[-6:], a[-6:])
-
-
-def test_unknown_lengths_choose_the_lumped_dynamics():
-    robot = catalogue_robot("ur5")
-    make, unknown = pa.make_controller, pa.Unknown(tool=False, lengths=["elbow_joint"])
-    with pytest.raises(
-        pa.ParameterError,
-        match=r"natural adaptation does not apply.*elbow_joint.*adaptive-jacobian.*projected",
-    ):
-        make(robot, unknown=unknown)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        lumped = make(robot, unknown=unknown, law="adaptive-jacobian", adaptation="gradient")
-        assert isinstance(lumped.dynamics, pa.models.LumpedDynamics)
-        for law in ("adaptive-inverse-dynamics", "separation"):
-            options = {"law": law, "adaptation": "projected"}
-            for words, kind in (
-                ({"tool": False, "lengths": ["elbow_joint"]}, pa.models.LumpedDynamics),
-                ({"tool": True}, pa.models.BodyDynamics),
-            ):
-                named = pa.Unknown(friction=False, armature=False, **words)
-                assert isinstance(make(robot, unknown=named, **options).dynamics, kind)
-        make(robot, unknown=unknown, law="resolved-acceleration")  # nothing adapts
-    with pytest.warns(UserWarning, match=r"inverts M_hat.*projected"):
-        make(robot, unknown=unknown, adaptation="gradient", law="adaptive-inverse-dynamics")
-    with pytest.warns(UserWarning, match=r"contains their nominal values.*does not cover"):
-        nominal = make(
-            robot,
-            unknown=replace(unknown, friction=False, armature=False, regressor="nominal"),
-        )
-    assert isinstance(nominal.dynamics, pa.models.BodyDynamics)
-    with pytest.raises(pa.InputError, match="Did you mean 'nominal'"):
-        make(robot, unknown=replace(unknown, regressor="nominel"))
 
 
 def test_ur5_learns_five_lengths_and_all_inertias():

@@ -12,7 +12,6 @@ import pinadapt as pa
 from pinadapt.models.joint_effects import without_joint_effects
 from pinadapt.models.regressor import inertial_parameters
 from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded
-from tests.support.composite_arm import ArmDynamics
 from tests.support.differences import derivative
 from tests.support.loops import motion_at_home
 from tests.support.paper import BASIS
@@ -68,11 +67,6 @@ def test_momentum_of_a_tree_with_a_floating_base():
 
     tau = pin.rnea(model, data, q, v, a)
     assert np.allclose(derivative(momentum) + regressor(q, v)[1] @ pi, tau, atol=1e-7)
-
-
-def test_momentum_regressor_refuses_other_objects():
-    with pytest.raises(pa.InputError, match="model"):
-        pa.models.MomentumRegressor("panda")
 
 
 def dynamics_of(name):
@@ -177,29 +171,3 @@ def test_filters_are_pure_and_take_a_measured_torque():
     assert np.allclose(ends[0].y, ends[1].y, rtol=1e-12, atol=1e-12)
     again = filters.observe(measured[-1], run.q[50], run.v[50], run.tau[49])
     assert np.array_equal(again.W, ends[0].W) and np.array_equal(again.y, ends[0].y)
-
-
-def test_filters_refuse_the_state_of_other_dynamics():
-    robot, other = catalogue_robot("ur5"), catalogue_robot("panda")
-    filters = pa.filters.FilteredRegressor(pa.models.BodyDynamics(robot), 30.0)
-    state = pa.filters.FilteredRegressor(pa.models.BodyDynamics(other), 30.0).init(
-        other.q0, np.zeros(7)
-    )
-    zero = np.zeros(6)
-    for wrong in (state, ()):
-        with pytest.raises(pa.InputError, match=r"other dynamics|a TorqueFilterState"):
-            filters.observe(wrong, robot.q0, zero)
-    with pytest.raises(pa.GainError, match="prediction filter"):
-        pa.filters.FilteredRegressor(pa.models.BodyDynamics(robot), 0.0)
-    rows = np.zeros((3, 6))
-    for times, tau in (([0.0, 1.0], rows), ([0.0, 1.0, 1.0], rows), ([0.0, 1.0, 2.0], rows[:, :5])):
-        with pytest.raises(pa.InputError):
-            filters.along(times, np.tile(robot.q0, (3, 1)), rows, tau)
-
-
-def test_dynamics_without_a_momentum_raise_an_error():
-    class Silent(ArmDynamics):
-        momentum = pa.models.Dynamics.momentum
-
-    with pytest.raises(pa.InputError, match="Silent does not implement momentum"):
-        pa.filters.FilteredRegressor(Silent(), 10.0).init(np.zeros(2), np.zeros(2))

@@ -44,11 +44,6 @@ def test_it_is_the_minimum_and_physical(seed, rows):
             assert objective(A, b, physical, a + size * step) >= least * (1.0 - 1e-10)
 
 
-def test_without_rows_the_estimate_is_the_description():
-    A, b, physical = problem(0, 5)
-    assert np.allclose(physical_fit(0.0 * A, 0.0 * b, physical), physical.center, rtol=1e-6)
-
-
 def test_physical_parameters_are_found_from_sufficient_rows():
     A, _, physical = problem(1, 60)
     true = np.concatenate([bodies(5, 2), [0.3, 1e-3, 2.0]])

@@ -113,16 +113,3 @@ def test_a_turned_arm_is_followed_and_its_geometry_learned():
     learned = rollout.learned()
     assert np.linalg.norm(learned.position(true.q0) - true.position(true.q0)) < 5e-3
     assert rollout.parameters().units["elbow_joint.turn_x"] == "rad"
-
-
-def test_unsupported_combinations_are_refused():
-    robot = catalogue_robot("ur5")
-    for options, words in (
-        ({"unknown": pa.Unknown(geometry=True, tracker=True)}, "contains base, joints and tool"),
-        ({"unknown": pa.Unknown(geometry=True, lengths=True)}, "contains base, joints and tool"),
-        ({"unknown": UNKNOWN, "law": "adaptive-jacobian"}, "learns from velocities"),
-    ):
-        with pytest.raises(pa.ParameterError, match=words):
-            pa.make_controller(robot, **options)
-    with pytest.raises(pa.ParameterError, match="positions only"):
-        PlacementKinematics(catalogue_robot("ur5", task="pose"))

@@ -105,58 +105,6 @@ def test_all_effects_of_random_chains(robot, seed):
     np.testing.assert_allclose(torque_of_everything(back, q, v, a), tau, **near)
 
 
-def test_effects_of_single_joints_and_their_words():
-    robot = catalogue_robot("ur5")
-    effects = pa.models.JointEffects(robot, ["viscous", "elbow_joint.offset", "elbow_joint.load"])
-    assert effects.size == 8 and effects.signed == 1
-    assert effects.names[-2:] == ("elbow_joint.load", "elbow_joint.offset")
-    with pytest.raises(pa.ParameterError, match="elbow_joint"):
-        pa.models.JointEffects(robot, ["elbw_joint.offset"])
-    words = pa.make_controller(robot, adaptation="natural", unknown=["friction", "offset"]).dynamics
-    assert words.size == 18 and words.names[-1] == "wrist_3_joint.offset"
-
-
-@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian"])
-def test_lyapunov_equality_with_offset_and_asymmetry(law):
-    """The equality holds with the effects that are linear and act at rest too."""
-    robot = catalogue_robot("ur5")
-    friction = pa.Friction(
-        np.full(6, 0.4), np.full(6, 0.3), asymmetry=0.1, offset=np.linspace(-1.0, 1.0, 6)
-    )
-    true = robot.changed(armature=0.05, friction=friction)
-    controller = pa.make_controller(
-        robot.changed(inertial_scale=0.8),
-        law=law,
-        unknown=pa.Unknown(friction=True, armature=True, effects=["offset", "asymmetry"]),
-        gamma_d=2.0,
-        gamma_joint=2.0,
-    )
-    path = circle_beside(true, "xy", by=(0.01, -0.01, 0.01))
-    energy = energy_along(true, controller, path, seconds=0.016)
-    assert energy.mismatch(after=25) <= 1e-4
-    assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
-
-
-def test_talos_arm_keeps_its_rotors():
-    robot = catalogue_robot("talos_arm")
-    assert (robot.model.armature > 0.0).all()
-    known = pa.make_controller(
-        robot, adaptation="natural", unknown=pa.Unknown(friction=False, armature=False)
-    ).dynamics
-    adapted = stacked(robot, friction=False)
-    np.testing.assert_allclose(adapted.initial[-robot.model.nv :], robot.model.armature)
-    q, v, a = random_state(robot, np.random.default_rng(0))
-    for dynamics in (known, adapted):
-        dynamics.load(dynamics.initial)
-        np.testing.assert_allclose(
-            dynamics.torque(q, v, a), inverse_dynamics(robot, q, v, a), atol=1e-10
-        )
-    assert (
-        known.value(robot.changed(armature=0.2)) is None
-    )  # inertias cannot express rotors that are not adapted
-    assert adapted.value(robot.changed(armature=0.2))[-1] == 0.2
-
-
 def test_known_friction_is_compensated_and_unknown_friction_starts_positive():
     robot = catalogue_robot("ur5")
     known = robot.changed(viscous=1.0, coulomb=0.5)
@@ -244,13 +192,3 @@ def test_exponentiated_gradient_keeps_estimates_positive():
     assert (ahead - behind) / (2 * h) == pytest.approx(-(a - true) @ g, rel=1e-6)
     with pytest.raises(pa.ParameterError, match="positive"):
         adaptation.validate(np.array([0.0, 1.0, 1.0]))
-
-
-def test_refusals():
-    robot = catalogue_robot("planar_2r")
-    with pytest.raises(pa.InputError, match="Did you mean 'coulomb'"):
-        pa.make_controller(robot, adaptation="natural", unknown=pa.Unknown(friction="columb"))
-    with pytest.raises(pa.ParameterError, match="Did you mean 'coulomb'"):
-        pa.models.JointEffects(robot, ["columb"])
-    with pytest.raises(pa.RobotError, match="armature"):
-        robot.changed(armature=-1.0)

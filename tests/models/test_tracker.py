@@ -9,7 +9,6 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 import pinadapt as pa
-from pinadapt.controller import slow_start
 from pinadapt.information.tracker import find_tracker
 from pinadapt.models.tracker_kinematics import Tracker, TrackerKinematics
 from pinadapt.reference import Wiggle
@@ -75,22 +74,6 @@ def test_the_true_parameters_are_those_of_tracker_and_tool(name):
     kinematics.write(model, a_k)
     frame = model.frames[robot.frame_id].placement.translation
     assert frame == pytest.approx(true.model.frames[robot.frame_id].placement.translation)
-
-
-def test_a_robot_that_a_tracker_sees_has_the_same_torques():
-    robot, rng = catalogue_robot("panda"), np.random.default_rng(1)
-    seen = robot.seen_from(TURN, PLACE)
-    q, v, a = random_state(robot, rng)
-    ours, theirs = robot.model, seen.model
-    assert pin.rnea(theirs, theirs.createData(), q, v, a) == pytest.approx(
-        pin.rnea(ours, ours.createData(), q, v, a), abs=1e-9
-    )
-    assert seen.position(q) == pytest.approx(pin.exp3(TURN) @ robot.position(q) + PLACE)
-    twice = robot.seen_from(pin.exp3(TURN)).seen_from(np.zeros(3), PLACE)
-    assert twice.tracker.homogeneous == pytest.approx(seen.tracker.homogeneous)
-    for wrong in (np.diag([1.0, 1.0, -1.0]), 2.0 * np.eye(3), np.zeros(4)):
-        with pytest.raises(pa.RobotError, match=r"tracker\.rotation"):
-            robot.seen_from(wrong)
 
 
 def circle_of(true, robot, radius=0.05, turn=TURN, by=(0.01, -0.01, 0.02)):
@@ -193,19 +176,6 @@ def test_with_a_wiggle_the_angle_of_the_tracker_has_no_influence():
     assert rollout.distance[-30:].max() < 3e-4
 
 
-@pytest.mark.slow
-def test_a_millimetre_of_noise_moves_no_estimate_that_a_wiggle_has_told():
-    """30 frames a second, 60 ms late; least squares that begins anew is off by 3 mm in a second."""
-    robot, true, turn = at_half_a_turn("panda")
-    sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 1e-3})
-    controller = pa.make_controller(
-        robot, unknown=UNKNOWN, adaptation="natural", sensors=sensors, dt=4e-3
-    )
-    circle = circle_of(true, robot, 0.1, turn, np.zeros(3))
-    rollout = pa.simulate(true, controller, circle, duration=1.5, record_every=5)
-    assert rollout.diverged is None and rollout.distance.max() < 1.5e-3
-
-
 def at_half_a_turn(name):
     """Return a robot, and the true one with a tool that a tracker sees turned by 180 degrees."""
     robot, turn = catalogue_robot(name), np.pi * TURN / np.linalg.norm(TURN)
@@ -228,67 +198,6 @@ def test_without_a_wiggle_the_joints_hold_until_millimetres_have_told_the_axes()
     assert rollout.distance[began].max() < 2.1e-3  # as with the true axes from the start
     assert rollout.distance[rollout.t < 0.5].max() < 1e-5
     assert 0.002 * robot.reach < rollout.distance.max() < 0.003 * robot.reach
-
-
-def wiggled_start(controller, true, of=lambda x: x):
-    """Return controller, start and sample, with the frames of a cycle by kinematics alone."""
-    robot, kinematics = controller.kinematics.robot, controller.kinematics
-    x = of(true.position(robot.q0))
-    first = pa.Measurement(0.0, robot.q0, np.zeros(robot.model.nv), x)
-    state = controller.init(first)
-    start, cycle = state.start, controller._cycle
-    for k, place in enumerate(np.linspace(0.0, cycle.moving, 60)):
-        q = pin.integrate(robot.model, start.q, start.ways @ (2e-3 * cycle.at(place)[0]))
-        kinematics.update(state.a_k, q, first.v)
-        start = start.with_frame(kinematics.X_k, kinematics.p_hat - of(true.position(q)), float(k))
-    return state, start, x
-
-
-def test_frames_of_the_slow_start_tell_the_velocity_of_every_direction():
-    robot, true, _ = at_half_a_turn("panda")
-    controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural")
-    state, start, x = wiggled_start(controller, true)
-    (found, *_), kinematics = controller._known(start, state.a_k, x), controller.kinematics
-    for way in start.ways.T:
-        kinematics.update(kinematics.value(true), robot.q0, way)
-        expected = kinematics.xd_hat
-        kinematics.update(found, robot.q0, way)
-        assert np.linalg.norm(expected) == pytest.approx(1.0, abs=0.3)
-        assert kinematics.xd_hat == pytest.approx(expected, abs=2e-3)
-    noise = 1e-3 * np.random.default_rng(0).standard_normal((60, 3))
-    noisy = replaced = start
-    for k, each in enumerate(noise):  # one cycle with a millimetre of noise is not enough
-        noisy = replaced.with_frame(np.zeros((3, kinematics.size)), each, float(k))
-        replaced = noisy
-    assert controller._known(noisy, state.a_k, x) is None
-
-
-@pytest.mark.parametrize(
-    ("of", "words"),
-    [
-        (lambda x: 1e3 * x, "in millimetres"),
-        (lambda x: x * [1.0, 1.0, -1.0], "only a mirror"),
-        (lambda x: 0.0 * x, "times as far as the arm"),
-    ],
-)
-def test_the_slow_start_refuses_frames_that_no_tracker_gives(of, words):
-    robot, true, _ = at_half_a_turn("panda")
-    controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural")
-    state, start, x = wiggled_start(controller, true, of)
-    with pytest.raises(pa.ImplausibleError, match=words):
-        controller._known(start, state.a_k, x)
-
-
-def test_the_two_circles_of_the_slow_start_are_smooth_and_excite_all_axes():
-    cycle = slow_start._Cycle(0.3)
-    h, places = 1e-5, np.linspace(0.01, cycle.moving - 0.01, 400)
-    e = np.array([cycle.at(place)[0] for place in places])
-    for place in places[::7]:
-        before, now, after = (cycle.at(t) for t in (place - h, place, place + h))
-        for k in (0, 1):
-            assert now[k + 1] == pytest.approx((after[k] - before[k]) / (2 * h), abs=1e-4)
-    assert np.linalg.norm(e, axis=1).max() <= 1.0 + 1e-12
-    assert np.linalg.cond(np.cov(e.T)) < 1.7
 
 
 @pytest.mark.slow
@@ -327,14 +236,6 @@ def frames():
     return true, kinematics, samples
 
 
-def test_the_tracker_is_found_from_frames(frames):
-    true, kinematics, samples = frames
-    found = find_tracker(kinematics, samples)
-    assert found.tracker.placement.homogeneous == pytest.approx(true.tracker.homogeneous, abs=1e-9)
-    assert found.a_k == pytest.approx(kinematics.value(true), abs=1e-9)
-    assert "119.2 deg" in str(found) and "tool_z" in str(found)
-
-
 def test_the_tracker_is_that_of_the_closed_form(frames):
     """With the tool known the best rotation is that of two clouds of points (Kabsch)."""
     true, _, samples = frames
@@ -350,20 +251,6 @@ def test_the_tracker_is_that_of_the_closed_form(frames):
     assert found.translation == pytest.approx(t, abs=1e-8)
     off = pin.log3(found.rotation @ true.tracker.rotation.T)
     assert 1e-5 < np.linalg.norm(off) < 1e-2  # the noise is felt by both
-
-
-def test_deviations_are_those_of_many_noises(frames):
-    """Rotation, position and tool, over forty draws of noise."""
-    true, kinematics, samples = frames
-    rng, off = np.random.default_rng(0), []
-    for _ in range(40):
-        noisy = [s._replace(x=s.x + 1e-3 * rng.standard_normal(3)) for s in samples[::4]]
-        found = find_tracker(kinematics, noisy)
-        turn = pin.log3(found.tracker.placement.rotation @ true.tracker.rotation.T)
-        place = found.tracker.placement.translation - true.tracker.translation
-        tool = found.tracker.a - kinematics.tracker(kinematics.value(true)).a
-        off.append(np.concatenate([turn, place, tool]) / found.deviations)
-    assert np.sqrt(np.mean(np.square(off), axis=0)) == pytest.approx(1.0, abs=0.35)
 
 
 def test_sums_over_frames_tell_the_same_tracker(frames):
@@ -408,54 +295,3 @@ def test_a_controller_begins_with_what_the_frames_tell(frames):
     )
     with pytest.raises(pa.ParameterError, match="rows of 39 numbers, one a kinematic parameter"):
         controller.init(first, a_k=found.a_k, information_k=np.eye(3))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda s: s._replace(x=1e3 * s.x), "millimetres"),
-        (lambda s: s._replace(x=s.x * [1, -1, 1]), "left-handed"),
-        (lambda s: s._replace(x=np.ones(3)), "does not move with the arm"),
-        (lambda s: s._replace(x=None), "no frame"),
-    ],
-)
-def test_wrong_frames_are_named(frames, change, message):
-    _, kinematics, samples = frames
-    with pytest.raises(pa.LogError, match=message):
-        find_tracker(kinematics, [change(sample) for sample in samples])
-
-
-def test_frames_of_another_clock_and_of_another_point_are_named(frames):
-    _, kinematics, samples = frames
-    late = [a._replace(x=b.x) for a, b in zip(samples[8:], samples, strict=False)]
-    with pytest.raises(pa.LogError, match=r"taken (7|8)\d(\.\d+)? ms before"):
-        find_tracker(kinematics, late)
-    other = [s._replace(x=s.x + 0.2 * (s.x - PLACE) ** 2) for s in samples]
-    with pytest.raises(pa.LogError, match="no tracker explains"):
-        find_tracker(kinematics, other)
-
-
-def test_a_tool_that_no_motion_shows_is_named(frames):
-    """Along the axis of the one joint that moves, tool and tracker cannot be distinguished."""
-    true, kinematics, samples = frames
-    still = samples[0].q
-    alone = []
-    for sample in samples:
-        q = still.copy()
-        q[0] = sample.q[0]
-        alone.append(sample._replace(q=q, x=true.position(q)))
-    assert find_tracker(kinematics, alone).unseen
-
-
-def test_unsupported_cases_are_refused_with_the_reason():
-    robot = catalogue_robot("panda")
-    with pytest.raises(pa.ParameterError, match="where 'tracker' is"):
-        pa.make_controller(robot, law="adaptive-jacobian", unknown=UNKNOWN)
-    with pytest.raises(pa.InputError, match="tracker"):
-        pa.Unknown(tracker=2)
-    known = pa.make_controller(robot, adaptation="natural")
-    with pytest.raises(pa.LogError, match="no tracker"):
-        find_tracker(known.kinematics, [])
-    with pytest.raises(pa.RobotError):
-        TrackerKinematics(pa.load("panda", task="joint"))
-    assert Tracker(pin.SE3.Identity(), np.zeros(0)).misfit == 0.0

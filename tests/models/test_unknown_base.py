@@ -59,17 +59,3 @@ def test_base_and_tool_are_adapted_together(name, camera):
     assert last < (6e-3 if camera else 3e-3) and last < 0.6 * rollout.distance[:40].max()
     seen = rollout.a_k[-1] - rollout.a_k_true
     assert np.linalg.norm(seen) < 0.6 * np.linalg.norm(rollout.a_k[0] - rollout.a_k_true)
-
-
-def test_laws_that_adapt_from_velocities_refuse_an_unknown_base():
-    robot = catalogue_robot("panda")
-    with pytest.raises(pa.ParameterError, match=r"velocities.*'base'.*\"separation\""):
-        pa.make_controller(robot, law="adaptive-jacobian", unknown=pa.Unknown(tool=True, base=True))
-
-
-def test_translation_of_the_first_joint_is_called_base():
-    robot = catalogue_robot("panda")
-    with pytest.raises(pa.ParameterError, match="'base'"):
-        pa.make_controller(
-            robot, unknown=pa.Unknown(tool=False, translations=[robot.joint_names[0]])
-        )

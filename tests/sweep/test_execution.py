@@ -11,14 +11,11 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing import get_context, set_forkserver_preload
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import pinadapt as pa
 from pinadapt.cli.command_line import main
-from pinadapt.scenario import Scenario
-from pinadapt.sweep import Cases, EngineError, Processes, execution, read, run_case, table
-from pinadapt.sweep.execution import rows
+from pinadapt.sweep import Processes, execution, read
 from pinadapt.sweep.table import JOURNAL, Store
 from tests.support.paths import ROOT
 from tests.support.swept import doubled, slow, troubled
@@ -94,50 +91,6 @@ class Backwards(Executor):
         return returned
 
 
-def test_a_kept_controller_gives_the_bits_of_a_new_one(scenario):
-    kept = pa.sweep(scenario, VARIED, samples=2, executor=0)
-    for number in (3, 0):
-        row = next(row for row in kept.rows() if row["case"] == number)
-        settings = [f"{key}={row[key]}" for key in ("truth.payload.mass",)]
-        settings += [
-            f"belief.inertial_scale.joint{i}={row[f'belief.inertial_scale.joint{i}']}"
-            for i in (1, 2)
-        ]
-        settings += [f"controller.law={row['controller.law']}", f"simulation.seed={row['seed']}"]
-        alone = Scenario.read(scenario, settings).run(progress=False)
-        assert alone.window(False).max() == row["max_error_last"]
-        assert np.abs(alone.tau).max() > 0.0
-
-
-def test_other_engines_leave_hanging_cases_behind():
-    table = pa.sweep(troubled, {"a": [0, 3, 4]}, executor=0, timeout=0.2)
-    assert table["status"].tolist() == ["done", "timeout", "done"]
-
-
-def test_a_function_has_the_seed_of_the_case_unless_it_is_varied(two):
-    table = pa.sweep(doubled, {"a": [1.0, 2.0]}, repeat=3, executor=two)
-    assert (table["random"] == table["seed"] % 97).all()
-    assert table["twice"].tolist() == [2.0] * 3 + [4.0] * 3
-    given = pa.sweep(doubled, [{"seed": 5}, {"seed": 98}], executor=0)
-    assert given["random"].tolist() == [5.0, 1.0]
-
-
-def test_functions_that_workers_cannot_import_are_refused(two):
-    with pytest.raises(pa.InputError, match=r"cannot be sent .* executor=0"):
-        pa.sweep(lambda a: a, {"a": [1]}, executor=two)
-    assert pa.sweep(lambda a: a, {"a": [1]}, executor=0)["result"].tolist() == [1.0]
-
-
-def test_workers_of_another_version_are_refused_with_both(monkeypatch):
-    case = Cases.of({"a": [1]})[0]
-    assert run_case(lambda case: {"x": 1}, case, pa.__version__)["x"] == 1
-    with pytest.raises(
-        EngineError, match=rf"pinadapt 0\.0\.9 asks.* has pinadapt {pa.__version__}"
-    ):
-        run_case(lambda case: {"x": 1}, case, "0.0.9")
-    assert issubclass(EngineError, pa.InputError)  # the command's exit status is that of a refusal
-
-
 def test_failures_are_rows_with_reasons_and_cost_one_case(two):
     """A worker that is ended while idle costs nothing; the first case hangs beside the others."""
     os.kill(two.submit(os.getpid).result(), signal.SIGKILL)
@@ -148,21 +101,6 @@ def test_failures_are_rows_with_reasons_and_cost_one_case(two):
     assert reasons[2] == "ValueError: one (swept.py:16)" and "its process ended" in reasons[3]
     assert reasons[0] == "took longer than 2 s" and not any(reasons[1:2] + reasons[4:])
     assert table["square"].tolist()[4:] == [16.0, 25.0] and table.lost.tolist().count(True) == 3
-
-
-def test_few_cases_are_in_an_engine_at_a_time():
-    taken = []
-
-    def cases():
-        for case in Cases.of({"a": list(range(100))}):
-            taken.append(case.number)
-            yield case
-
-    with ThreadPoolExecutor(2) as threads:
-        coming = rows(lambda case: {"x": 1}, cases(), threads)
-        next(coming)
-        assert len(taken) <= 5
-        assert len(list(coming)) == 99
 
 
 # --- folders ---
@@ -199,18 +137,6 @@ def test_crashed_cases_run_again_on_request(tmp_path):
     arguments = ["sweep", str(tmp_path), "--retry", "--processes", "0"]
     assert main(arguments) == 0
     assert read(tmp_path)["status"].tolist() == ["done"] * 3
-
-
-def test_a_folder_of_another_sweep_is_refused(tmp_path, capsys):
-    pa.sweep(doubled, {"a": [1.0]}, executor=0, folder=tmp_path)
-    with pytest.raises(pa.InputError, match=r"holds another sweep; vary is different.*--force"):
-        pa.sweep(doubled, {"a": [2.0]}, executor=0, folder=tmp_path)
-    with Store(tmp_path), pytest.raises(pa.InputError, match="another process runs this sweep"):
-        Store(tmp_path)
-    text = (tmp_path / "sweep.toml").read_text().replace(pa.__version__, "0.0.9")
-    (tmp_path / "sweep.toml").write_text(text)
-    with pytest.raises(pa.InputError, match=r"run by pinadapt 0\.0\.9; this is"):
-        pa.sweep(doubled, {"a": [1.0]}, executor=0, folder=tmp_path)
 
 
 def test_a_full_disk_keeps_the_rows_before(tmp_path, monkeypatch):
@@ -251,19 +177,6 @@ def test_tables_are_read_as_they_were_written(suffix, tmp_path):
     assert read(tmp_path).same_as(found)
 
 
-def test_parts_are_joined_and_few_rows_are_in_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(table, "_ROWS", 10)
-    whole = pa.sweep(doubled, {"a": [float(i) for i in range(35)]}, executor=0)
-    with Store(tmp_path) as store:
-        for row in sorted(whole.rows(), key=lambda row: row["case"] % 7):  # in some other order
-            store.add(row)
-            assert len(store._waiting) < 10
-        assert len(list((tmp_path / "parts").iterdir())) == 3
-        assert store.done() == set(range(35)) and read(tmp_path).same_as(whole)
-        assert store.join().same_as(whole)
-    assert sorted(path.stem for path in tmp_path.iterdir()) == ["table"]
-
-
 # --- the command ---
 
 
@@ -298,39 +211,6 @@ def test_the_command_writes_table_page_and_figures_and_runs_a_case_alone(
     assert main(["sweep", str(out), "--case", "0"]) == 0
     summary = json.loads((out / "case-0" / "summary.json").read_text())
     assert summary["max_error_last"] == read(out)["max_error_last"][0]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--vary", "truth.payload.mas=[1.0]"], "Did you mean 'mass'"),
-        (
-            ["--vary", "truth.payload.mass=lin(0, 1, 100000)", "simulation.seed=lin(0, 1, 10000)"],
-            "",
-        ),
-        (["--vary", "reference.radius=[0.1]", "--case", "3"], "there are 1 cases"),
-        (["--vary", "reference.radius=uniform(0.1, 0.2)"], "number of samples is missing"),
-    ],
-)
-def test_the_command_refuses_invalid_arguments(arguments, words, scenario, tmp_path, capsys):
-    assert swept(tmp_path / "out", scenario, *arguments) == 2
-    error = capsys.readouterr().err
-    assert words in error and "Traceback" not in error and not (tmp_path / "out").exists()
-
-
-def test_the_command_asks_before_a_billion_cases(scenario, tmp_path, capsys):
-    vary = ["reference.radius=lin(0.1, 0.2, 40000)", "reference.period=lin(2, 3, 40000)"]
-    assert swept(tmp_path / "out", scenario, "--vary", *vary) == 2
-    assert "1,600,000,000 cases are more than 1,000,000" in capsys.readouterr().err
-
-
-def test_a_silent_scheduler_is_refused(scenario, tmp_path, capsys, monkeypatch):
-    pytest.importorskip("distributed")
-    monkeypatch.setattr(execution, "_ANSWER", 0.5)
-    arguments = ["--vary", "reference.radius=[0.1]", "--scheduler", "tcp://127.0.0.1:9"]
-    assert swept(tmp_path / "out", scenario, *arguments) == 2
-    assert "does not answer within 0.5 s" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
 
 
 def test_dask_gives_the_same_bits(scenario):

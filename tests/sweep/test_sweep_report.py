@@ -1,14 +1,11 @@
 """Statistics of a sweep against independent computations, and figures of any table."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy import stats
 
-import pinadapt as pa
 from pinadapt.sweep import Cases, CaseTable, Plan
-from pinadapt.sweep.sweep_report import Report, _short, percentile, rate
+from pinadapt.sweep.sweep_report import Report, percentile, rate
 
 
 def test_the_rate_has_wilsons_interval():
@@ -59,67 +56,6 @@ def report(count=200, lost=True, **options):
     return Report(CaseTable.of(rows), Plan(cases, function=dict, success="ok"), **options)
 
 
-def test_influences_are_rank_correlations_with_significance():
-    found = {each.name: each for each in report().influences()}
-    values = np.where(report().table.lost, np.inf, report().table["value"])
-    ranks, y = stats.rankdata(values), report().table["w"] == "y"
-    between = sum(own.sum() * (ranks[own].mean() - ranks.mean()) ** 2 for own in (y, ~y))
-    assert found["w"].value == pytest.approx(np.sqrt(between / np.sum((ranks - ranks.mean()) ** 2)))
-    assert next(iter(found)) == "w" and found["w"].p < 1e-9
-    for name in "abc":
-        expected = stats.spearmanr(report().table[name], stats.rankdata(values)).statistic
-        assert found[name].value == pytest.approx(expected)
-        assert found[name].low < found[name].value < found[name].high
-    assert found["a"].value > 0.3 and found["a"].low > 0.0
-    assert found["c"].low < 0.0 < found["c"].high and found["c"].p > 0.05
-
-
-def test_words_of_a_report():
-    found = report()
-    lost = int(found.table.lost.sum())
-    assert found.verdict() == (
-        f"200 of 200 cases; success (ok) {found.success}; {lost} lost: {lost} diverged."
-    )
-    assert found.success.good == 200 - lost
-    text = str(found.sheet())
-    assert "at 1 s" in text and "lost" in text and "value" in text
-    rows = found.lost().rows
-    assert found.lost().header[1] == "w" and rows[0][-1] == "at 1 s"  # what matters most is first
-    command = f"pinadapt sweep out --case {rows[0][0]}"
-    assert command in str(report(folder="out").sheet()) and "--case" not in text
-
-
-def test_the_share_of_lost_cases_is_drawn_where_there_are_some():
-    assert len(report().bands("a").axes) == 2
-    rows = [
-        {"case": i, "seed": i, "a": i, "status": "done", "reason": "", "value": 1.0 + i}
-        for i in range(9)
-    ]
-    kept = Report(CaseTable.of(rows), Plan(Cases.of({"a": list(range(9))}), function=dict))
-    assert len(kept.bands("a").axes) == 1
-
-
-def test_names_of_columns_are_short_where_they_stay_unique():
-    assert _short(["truth.payload.mass", "belief.payload.mass", "controller.alpha", "a"]) == [
-        "truth.payload.mass",
-        "belief.payload.mass",
-        "alpha",
-        "a",
-    ]
-
-
-def test_the_numbers_of_a_report_are_json():
-    found = report()
-    numbers = json.loads(json.dumps(found.summary(), allow_nan=False))
-    assert (
-        numbers["lost"] == found.table.lost.sum()
-        and numbers["success"]["good"] == found.success.good
-    )
-    last = numbers["percentiles"]["value"][-1]
-    assert last["p"] == 0.95 and last["value"] is None  # the lost ones are more than 5 %
-    assert next(each["name"] for each in numbers["influences"]) == "w"
-
-
 @pytest.mark.parametrize("lost", [True, False])
 def test_the_page_has_all_figures_and_marks_lost_cases(lost, request):
     if not lost:  # painted once
@@ -158,14 +94,3 @@ def test_a_grid_is_drawn_as_cells_and_a_cell_with_a_lost_case_is_marked():
     np.testing.assert_allclose(values, np.outer([1, 2, 3], np.geomspace(1, 100, 4)))
     assert crosses.get_offsets().tolist() == [[1.0, 3.0]] and ax.get_xscale() == "log"
     assert found.success is None and set(found.figures()) >= {"map.png", "bands.png"}
-
-
-def test_a_table_without_numbers_has_a_report():
-    cases = Cases.of({"a": [1, 2]})
-    rows = [{"case": i, "seed": i, "a": i, "status": "failed", "reason": "never"} for i in range(2)]
-    found = Report(CaseTable.of(rows), Plan(cases, function=dict))
-    assert (
-        found.figures() == {} and "never" in found.page() and "2 lost: 2 failed" in found.verdict()
-    )
-    with pytest.raises(pa.InputError, match="Did you mean 'case'"):
-        _ = found.table["cases"]

@@ -5,10 +5,8 @@ import json
 import numpy as np
 import pytest
 
-import pinadapt as pa
 from pinadapt.cli.command_line import main
-from pinadapt.cli.tune import Judged, searched, verdict
-from pinadapt.sweep import Plan
+from pinadapt.cli.tune import Judged, verdict
 from pinadapt.sweep.sweep_report import percentile, rate
 
 CASES = """
@@ -53,30 +51,6 @@ def test_lost_cases_count_first():
     assert answer and "4 cases fewer are lost" in words
 
 
-@pytest.mark.parametrize(
-    ("gain", "words"),
-    [
-        ([], "no gain is searched"),
-        (["gain=normal(1, 2)"], "one uniform, loguniform or choice"),
-        (["gain=uniform([1, 2], [3, 4])"], "one uniform, loguniform or choice"),
-        (["place=uniform(1, 2)"], "varied by the sweep already"),
-        (["gain"], "expected key=value"),
-    ],
-)
-def test_invalid_searches_are_refused(gain, words, tmp_path):
-    (tmp_path / "cases.toml").write_text(CASES)
-    with pytest.raises(pa.InputError, match=words):
-        searched(gain, Plan.read(tmp_path / "cases.toml"))
-
-
-def test_a_gain_of_a_scenario_is_checked_before_anything_runs(tmp_path):
-    (tmp_path / "s.toml").write_text('[robot]\nsource = "planar_2r"\n')
-    plan = Plan.read(tmp_path / "s.toml", ["truth.payload.mass=[0.1]"])
-    assert list(searched(["controller.alpha=loguniform(1, 10)"], plan)) == ["controller.alpha"]
-    with pytest.raises(pa.InputError, match="Did you mean 'alpha'"):
-        searched(["controller.alhpa=loguniform(1, 10)"], plan)
-
-
 def test_a_search_finds_the_minimum_and_reports_it(tmp_path, capsys):
     """The result is the distance of a gain from the place, plus a tenth; the default gain is 1."""
     pytest.importorskip("optuna")
@@ -96,11 +70,3 @@ def test_a_search_finds_the_minimum_and_reports_it(tmp_path, capsys):
     assert main([*arguments, "--gain", "gain=uniform(0.9, 1.1)"]) == 0
     found = json.loads((tmp_path / "tune.json").read_text())
     assert not found["better"] and "The defaults are as good" in capsys.readouterr().out
-
-
-def test_without_optuna_the_error_names_the_extra(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "optuna", None)
-    (tmp_path / "cases.toml").write_text(CASES)
-    arguments = ["tune", str(tmp_path / "cases.toml"), "--gain", "gain=uniform(0, 4)"]
-    assert main([*arguments, "--out", str(tmp_path)]) == 2
-    assert "pip install 'pinadapt[tune]'" in capsys.readouterr().err
