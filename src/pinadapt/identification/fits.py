@@ -32,6 +32,9 @@ from ..models.regressor import LABELS, PER_BODY, Momentum
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
 
+# Of the description, relative to one row of noise: a third and three times of it change no held-out
+# error of the real logs by 3 %. Without rows to outweigh it the description is kept.
+WEIGHT = 1.0
 CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window
 _ROUNDS = 3  # in which the noise is found
 _TORQUE_NOISE, _LEAST_TORQUE_NOISE = 0.05, 1e-4  # first and least, share of a joint's torque
@@ -82,12 +85,11 @@ def _fitted(
     blocks: Sequence[np.ndarray],
 ) -> Information:
     """Return the physical least-squares estimate of parameters with these names."""
-    level = np.sqrt(np.mean(windows.tau**2, axis=0)) if len(windows.t) else np.zeros(0)
-    level = np.maximum(level, 1e-12 * max(level.max(initial=0.0), _TINY))
-    noise, a, rows = _TORQUE_NOISE * level, physical.center, windows.y.size
+    noise, least = noise_levels(windows.tau)
+    a, rows = physical.center, windows.y.size
     fitted: np.ndarray | None = None  # the noise at which a is the fit
     if not names:
-        return Information((), a, np.zeros((0, 0)), a, level, rows)
+        return Information((), a, np.zeros((0, 0)), a, noise, rows)
     physical = weighted(physical, windows)
     for last in (*(False,) * _ROUNDS, True):
         if fitted is None or not np.array_equal(noise, fitted):
@@ -99,7 +101,7 @@ def _fitted(
         deviation = np.sqrt(np.mean(residual**2, axis=0) / (1.0 - rank / rows))
         if last:
             deviation *= np.sqrt(_repetition(residual))
-        noise = np.maximum(deviation, _LEAST_TORQUE_NOISE * level)
+        noise = np.maximum(deviation, least)
     A, b = _whitened(windows.W, windows.y, noise)
     score = A.T @ (b - A @ a)
     assert fitted is not None  # set in the first round
@@ -194,17 +196,11 @@ def load_fit(
     return payload_of(found, slice(size, size + PER_BODY), robot)
 
 
-def noise_of(physical: PhysicalSet, windows: Windows, gamma: float) -> np.ndarray:
-    """Return the residuals (n) of the joints at the estimate of ``torque_fit`` with a weight."""
-    level = np.sqrt(np.mean(windows.tau**2, axis=0))
+def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what noise (n) torques (N, n) are first assumed to have, and the least that counts."""
+    level = np.sqrt(np.mean(tau**2, axis=0)) if len(tau) else np.zeros(tau.shape[1])
     level = np.maximum(level, 1e-12 * max(level.max(initial=0.0), _TINY))
-    noise, physical = _TORQUE_NOISE * level, weighted(physical, windows)
-    a: np.ndarray | None = None
-    for _ in range(_ROUNDS - 1):
-        a = physical_fit(*_whitened(windows.W, windows.y, noise), physical, gamma=gamma, near=a)
-        residual = np.sqrt(np.mean(windows.residual(a) ** 2, axis=0))
-        noise = np.maximum(residual, _LEAST_TORQUE_NOISE * level)
-    return noise
+    return _TORQUE_NOISE * level, _LEAST_TORQUE_NOISE * level
 
 
 def weighted(physical: PhysicalSet, windows: Windows) -> PhysicalSet:

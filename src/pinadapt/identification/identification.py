@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio as pin
 
 from .._checks import keywords, positive
 from .._compiled import one_blas_thread
@@ -23,7 +22,7 @@ from ..information.torque_check import TorqueCheck, check_torques, on_wall
 from ..logs.formats import read_log
 from ..logs.intake import REPLACED, Intake
 from ..logs.log import Log, joined, starts_of
-from ..models.physical_fit import GAMMA, physical_set
+from ..models.physical_fit import physical_set
 from ..models.translations import FIRST, PlacedTranslations
 from ..robot.loading import load
 from ..robot.motors import Compensation, compensation_of
@@ -36,6 +35,8 @@ from ..tuning.unknowns import Unknown
 from . import report
 from .fits import (
     CUTOFF,
+    WEIGHT,
+    Averages,
     Frames,
     Windows,
     frames_of,
@@ -47,14 +48,13 @@ from .fits import (
 )
 from .identified_model import IdentifiedModel, estimate_online, measurements
 from .report_page import page
-from .selection import ChosenEffects, blocks_of, choose_effects, choose_weight, friction_spread
+from .selection import ChosenEffects, blocks_of, choose_effects, effect_spread
 
 if TYPE_CHECKING:
     from ..excitation.exciting_motion import ExcitingMotion
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
-_ROUGH = 1.0  # weight of the description in a first fit, whose gravity torques load the gears
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -163,9 +163,8 @@ def identify(
     The result is the least-squares estimate over the whole log in the physical cone, see
     ``physical_fit``: translations first, then bodies, rotors and friction at the lengths found.
     Effects of the joints beside viscous and Coulomb friction, and rotor inertias, are chosen by
-    cross-validation in the learning part, see ``choose_effects``, the weight of the description by
-    its evidence, see ``choose_weight``. An
-    ``Estimator`` also runs through the log sample by sample, as it would on the robot. The last
+    cross-validation in the learning part, see ``choose_effects``. An ``Estimator`` also runs
+    through the log sample by sample, as it would on the robot. The last
     quarter of the log is held out once, to measure how well the rest predicts it. Before anything
     is learned, ``check_torques`` compares the torques with the description.
 
@@ -240,29 +239,23 @@ def identify(
         estimator = _estimator(nominal, options)
         placed = _placed(estimator, nominal, located.estimate, options)
         dynamics = estimator.controller.dynamics
+    next(bar)
     physical = physical_set(dynamics, nominal)
     windows = windows_of(
         motion, placed.controller.dynamics, found.period, held=found.held, inertial=bodies
     )
     first = windows.between(-np.inf, split)
-    next(bar)
-    weight = choose_weight(physical, first) if dynamics.size else None
-    gamma = GAMMA if weight is None else weight.gamma
-    next(bar)
+    learned_from = first if tests else windows
     load_estimate = None
     if empty is not None:
         one, _ = log_and_robot(empty, described, intakes[-1], compensated)
         _torques_checked([one], described, doubtful=doubtful)
-        loaded = first if tests else windows
-        load_estimate = _load_between(
-            placed, nominal, loaded, one, gamma, options, located.estimate
-        )
-    learned_from = first if tests else windows
+        load_estimate = _load_between(placed, nominal, learned_from, one)
     blocks = blocks_of(len(learned_from.t))
-    dynamic = torque_fit(dynamics, physical, learned_from, gamma, blocks)
-    if effects is not None and unknown.friction is None and dynamic.spread is not None:
-        others = friction_spread(
-            nominal, motion, found.period, learned_from, physical, dynamic, gamma, effects.loading
+    dynamic = torque_fit(dynamics, physical, learned_from, WEIGHT, blocks)
+    if effects is not None and dynamic.spread is not None:
+        others = effect_spread(
+            nominal, motion, Averages(motion.t, found.period), learned_from, physical, dynamic
         )
         dynamic = replace(dynamic, spread=np.vstack([dynamic.spread, others]))
     for_load = torque_fit(dynamics, physical, learned_from) if empty is None else None
@@ -282,10 +275,9 @@ def identify(
         smoothed=motion.smoothed,
         dynamic=dynamic,
         kinematic=located,
-        before_split=torque_fit(dynamics, physical, first, gamma).estimate,
+        before_split=torque_fit(dynamics, physical, first, WEIGHT).estimate,
         unknown=options["unknown"].with_joints(),
         effects=effects,
-        weight=weight,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
         online=estimate_online(estimator, samples, len(first_log.t)),
         tested=tuple(one.source for one in logs[len(sources) :]),
@@ -296,52 +288,24 @@ def identify(
     )
 
 
-def _loading(
-    placed: Estimator, robot: Robot, motion: MeasuredMotion, bodies: Windows, split: float, log: Log
-) -> pin.Model:
-    """Return a model whose gravity torques load the gears: bodies of a first fit."""
-    dynamics, nominal = placed.controller.dynamics, placed.controller.kinematics.robot
-    inertial = dynamics.inertial
-    if not inertial.size:
-        return nominal.model
-    windows = windows_of(motion, dynamics, log.period, held=log.held, inertial=bodies)
-    learning = windows.between(-np.inf, split)
-    rough = torque_fit(dynamics, physical_set(dynamics, robot), learning, _ROUGH).estimate
-    return inertial.robot(rough[: inertial.size], dynamics.bare(nominal)).model
-
-
 def _load_between(
-    placed: Estimator,
-    nominal: Robot,
-    loaded: Windows,
-    empty: Log,
-    gamma: float,
-    options: Mapping[str, Any],
-    located: np.ndarray,
+    placed: Estimator, nominal: Robot, loaded: Windows, empty: Log
 ) -> PayloadEstimate:
-    """Return the load that an arm carries in some windows, and not in a log.
-
-    Friction that depends on the load of the gears takes the gravity torques of the empty arm there.
-    """
+    """Return the load that an arm carries in some windows, and not in a log."""
     dynamics = placed.controller.dynamics
     motion = motion_of_log(nominal, empty, cutoff=CUTOFF)
-    if nominal.friction.bodies is not None:
-        bodies = windows_of(motion, dynamics.inertial, empty.period, held=empty.held)
-        model = _loading(placed, nominal, motion, bodies, np.inf, empty)
-        robot = replace(nominal, friction=replace(nominal.friction, bodies=model))
-        dynamics = _placed(_estimator(robot, options), robot, located, options).controller.dynamics
     without = windows_of(motion, dynamics, empty.period, held=empty.held)
     blocks = blocks_of(len(loaded.t)), blocks_of(len(without.t))
     physical = physical_set(dynamics, nominal)
-    return load_fit(dynamics, physical, (loaded, without), nominal, gamma, blocks)
+    return load_fit(dynamics, physical, (loaded, without), nominal, WEIGHT, blocks)
 
 
 def _stages(progress: Progress | bool | None) -> Iterator[int]:
     """Return a bar of the stages before the online estimates: next() ends one.
 
-    They are the windows, the effects of the joints, the weight of the description, the estimate.
+    They are the windows, the effects of the joints, the estimate.
     """
-    stages = iter(watched(range(4), False if callable(progress) else progress, "identify"))
+    stages = iter(watched(range(3), False if callable(progress) else progress, "identify"))
     next(stages)
     return stages
 
@@ -383,14 +347,12 @@ def _effects(
     armature, others = unknown.armature is None, unknown.friction is None and not unknown.effects
     if not (armature or others) or dynamics.joints is None:
         return None
-    inertial = dynamics.inertial
     return choose_effects(
         robot,
         motion,
-        log.period,
+        Averages(motion.t, log.period),
         bodies.between(-np.inf, split),
-        physical_set(inertial, robot),
-        loading=_loading(placed, robot, motion, bodies, split, log),
+        physical_set(dynamics.inertial, robot),
         armature=armature,
         effects=others,
     )

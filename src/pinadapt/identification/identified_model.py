@@ -26,7 +26,7 @@ from ..records import Measurement
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
 from .fits import CUTOFF, Frames, PositionRows, Windows
-from .selection import ChosenEffects, ChosenWeight
+from .selection import ChosenEffects
 
 _KEPT = 2000  # estimates that are stored
 _RATE = 2.0 * math.pi * CUTOFF  # [1/s] of the causal low pass
@@ -103,7 +103,6 @@ class IdentifiedModel:
         for_load: the dynamic parameters with hardly any weight of the description, from which the
             load follows; None: ``dynamic``.
         load: estimated from this log and one without it; None without such a log.
-        weight: of the description, as its evidence chose it; None without dynamic parameters.
         check: the comparison of the torques with the description, None where none were needed.
         intake: how the log was read.
     """
@@ -123,7 +122,6 @@ class IdentifiedModel:
     online: OnlineEstimates
     unknown: Unknown
     effects: ChosenEffects | None = None
-    weight: ChosenWeight | None = None
     tested: tuple[str, ...] = ()
     load: PayloadEstimate | None = None
     for_load: Information | None = None

@@ -168,8 +168,6 @@ def overview(found: IdentifiedModel) -> list[tuple[str, str]]:
     for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
         if part.names:
             rows.append((f"{name} parameters", identifiable(part)))
-    if (weight := found.weight) is not None:
-        rows.append(("regularisation", f"gamma = {weight.gamma:.1g}, by its evidence"))
     if found.check is not None:
         rows += [("note", note) for note in found.check.notes]
     if (errors := found.position_errors) is not None:
@@ -292,7 +290,6 @@ def summary(found: IdentifiedModel) -> dict[str, Any]:
         "dynamic": _values(found.dynamic),
         "kinematic": _values(found.kinematic),
         "effects": None if found.effects is None else _effects(found.effects),
-        "weight": None if found.weight is None else found.weight.gamma,
         "payload": None if load is None else _load_summary(load),
         "refused_online": found.online.refused,
         "version": __version__,

@@ -18,7 +18,6 @@ nearly at the border of the cone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -166,37 +165,17 @@ def physical_fit(
 
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
-    return physical_path(A, b, physical, (gamma,), () if near is None else (near,))[0]
-
-
-def physical_path(
-    A: np.ndarray,
-    b: np.ndarray,
-    physical: PhysicalSet,
-    gammas: Sequence[float],
-    near: Sequence[np.ndarray] = (),
-) -> list[np.ndarray]:
-    """Return the minimisers (p) of ``physical_fit`` at each of descending weights gamma.
-
-    ``near`` has those for similar rows, if they are known.
-    """
     R, z = _square(A, b)
-    a, found = physical.center, []
-    weight = max(gammas[0], float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
-    for k, gamma in enumerate(gammas):
-        if near:
-            tried, reached = _newton(R, z, physical, near[k], gamma, most=_FEW)
-            if reached:
-                a, weight = tried, gamma
-                found.append(a)
-                continue
-        while weight > gamma:
-            a, _ = _newton(R, z, physical, a, weight, _ON_THE_WAY)
-            weight = max(weight / _FALL, gamma)
-        weight = gamma
-        a, _ = _newton(R, z, physical, a, gamma)
-        found.append(a)
-    return found
+    if near is not None:
+        a, reached = _newton(R, z, physical, near, gamma, most=_FEW)
+        if reached:
+            return a
+    a = physical.center
+    weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
+    while weight > gamma:
+        a, _ = _newton(R, z, physical, a, weight, _ON_THE_WAY)
+        weight = max(weight / _FALL, gamma)
+    return _newton(R, z, physical, a, gamma)[0]
 
 
 def nearest_with(
