@@ -549,11 +549,14 @@ class FilteredRegressor(Doors):
 
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""
-        (Z, y, u, _, _, underway), after, shares = now.state, empty(tau.size), empty(2)
+        Z, y, u, _, _, underway = now.state
         if self.motors is not None and dt > 0.0:
             tau, underway = self.motors.mean(underway or None, tau, dt)
-        kernels.hold(y, tau, self.low_pass.bandwidth * dt, after, shares)
-        return TorqueFilterState(Z, after, u, tau, shares, underway)
+        # the share of the way to an input that is held for dt, or that changes linearly
+        x = self.low_pass.bandwidth * dt
+        share = -math.expm1(-x)
+        shares = np.array([1.0 - share / x if x > 0.0 else 0.0, share])
+        return TorqueFilterState(Z, y + share * (tau - y), u, tau, shares, underway)
 
     step_unchecked = step
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 import pinadapt as pa
-from pinadapt._kernels import linear_algebra
-from pinadapt._kernels import samples as checks
+from pinadapt.models.right_inverse import bound_smoothly
+from pinadapt.realtime.safety import limited_torque
 
 LAYOUTS = {
     "C": np.ascontiguousarray,
@@ -86,9 +86,9 @@ def test_bound_smoothly(rng, laid):
     r = ((np.abs(x) / limits) ** 8).sum() ** 0.125
 
     def bound(size, t=0.0):
-        found, found_rate = laid(size * (x + t * rate)), laid(size * rate)
-        did = linear_algebra.bound_smoothly(laid(limits), 0.5, 0.6, found, found_rate)
-        return did, found, found_rate
+        given, given_rate = laid(size * (x + t * rate)), laid(size * rate)
+        found, found_rate = bound_smoothly(laid(limits), 0.5, 0.6, given, given_rate)
+        return found is not given, found, found_rate
 
     did, found, found_rate = bound(0.49 / r)
     assert not did and np.array_equal(found, 0.49 / r * x)
@@ -101,30 +101,7 @@ def test_bound_smoothly(rng, laid):
         numerical = (bound(size, 1e-6)[1] - bound(size, -1e-6)[1]) / 2e-6
         assert close(found_rate, numerical, 1e-6)
     for nothing in (np.zeros(6), np.full(6, NAN)):
-        left = nothing.copy()
-        assert not linear_algebra.bound_smoothly(limits, 0.5, 0.6, left, rate.copy())
-        assert np.array_equal(left, nothing, equal_nan=True)
-
-
-def test_checks_of_a_loop(rng, laid):
-    """Each against the same in numpy; NaN exceeds no bound."""
-    limits = np.full(7, 2.0)
-    for _ in range(50):
-        x = 1.3 * rng.standard_normal(7)
-        beyond = np.flatnonzero(np.abs(x) > limits)
-        assert checks.first_beyond(laid(x), limits) == (beyond[0] if beyond.size else -1)
-        before, out = 2.0 * rng.standard_normal(7), filled(7)
-        changed = checks.limit_torque(laid(x), limits, before, np.full(7, 50.0), 0.01, out)
-        last = np.clip(before, -2.0, 2.0)
-        kept = np.clip(np.clip(x, last - 0.5, last + 0.5), -2.0, 2.0)
-        assert np.array_equal(out, kept) and changed is not np.array_equal(x, kept)
-        v, brake = 3.0 * rng.standard_normal(7), rng.uniform(1.0, 20.0, 7)
-        way = np.maximum(1.5 * np.abs(v) / 30.0, v * v / (2.0 * brake))
-        near = np.where(v > 0.0, x + way > 2.0, x - way < -2.0)
-        near = np.flatnonzero(near & (np.abs(v) > 0.01))
-        found = checks.first_near_stop(laid(x), laid(v), -limits, limits, brake, 30.0)
-        assert found == (near[0] if near.size else -1)
-    assert checks.first_beyond(np.full(7, NAN), limits) == -1
+        assert bound_smoothly(limits, 0.5, 0.6, nothing, rate)[0] is nothing
 
 
 NUMBERS = st.floats(width=64) | st.sampled_from([NAN, np.inf, -np.inf, 1e300, -2000.0, 0.0])
@@ -133,9 +110,9 @@ NUMBERS = st.floats(width=64) | st.sampled_from([NAN, np.inf, -np.inf, 1e300, -2
 @settings(deadline=None)
 @given(NUMBERS, NUMBERS, st.floats(0.0, np.inf, exclude_min=True), st.floats(0.0, np.inf))
 def test_no_history_takes_a_torque_out_of_its_limit(torque, before, limit, rate):
-    arrays = (np.array([each]) for each in (torque, limit, before, rate))
-    out, dt = filled(1), 1e-3
-    checks.limit_torque(*arrays, dt, out)
+    dt = 1e-3
+    arrays = (np.array([each]) for each in (torque, limit, before, rate * dt))
+    out = limited_torque(*arrays)
     assert abs(out[0]) <= limit
     if abs(before) <= min(limit, 1e300) and np.isfinite(rate) and not np.isnan(torque):
         assert abs(out[0] - before) <= rate * dt * (1.0 + 1e-9) + 1e-12 * abs(before)

@@ -10,33 +10,6 @@ from .._compiled import compiled
 from ..exceptions import ArrayError
 
 
-@compiled("void(f8[:], f8[:,::1], f8[::1])")
-def descent(g: np.ndarray, Gamma: np.ndarray, rate: np.ndarray) -> None:
-    """Write -Gamma g (p), Gamma symmetric."""
-    if len(g) != len(rate) or Gamma.shape != (len(rate), len(rate)):
-        raise ArrayError
-    for i in range(len(rate)):
-        rate[i] = 0.0
-    for j in range(len(g)):
-        for i in range(len(rate)):
-            rate[i] -= Gamma[j, i] * g[j]
-
-
-@compiled("void(f8[:], f8[:], f8[:,::1], f8, f8[::1])")
-def descend(a: np.ndarray, g: np.ndarray, Gamma: np.ndarray, dt: float, after: np.ndarray) -> None:
-    """Write a - dt Gamma g (p), Gamma symmetric."""
-    p = len(a)
-    if len(g) != p or Gamma.shape != (p, p) or len(after) != p:
-        raise ArrayError
-    for i in range(len(a)):
-        after[i] = 0.0
-    for j in range(len(g)):
-        for i in range(len(a)):
-            after[i] -= Gamma[j, i] * g[j]
-    for i in range(len(a)):
-        after[i] = a[i] + dt * after[i]
-
-
 @compiled("void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8[:])", allocates=True)
 def fit_rate(
     P: np.ndarray,
@@ -191,105 +164,6 @@ def fit(
         for t in range(p):
             gain[k, t] = kept * information[k, t] + (1.0 - kept) * prior[k, t]
     invert(gain)
-
-
-@compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
-def exponentiate(
-    a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, largest: float, after: np.ndarray
-) -> None:
-    """Write a exp(-h scale g) (p); exponents are cut to ``largest`` where their norm is larger."""
-    p = len(a)
-    if len(g) != p or len(scale) != p or len(after) != p:
-        raise ArrayError
-    square = 0.0
-    for i in range(len(a)):
-        exponent = -h * scale[i] * g[i]
-        after[i] = exponent
-        square += exponent * exponent
-    for i in range(len(a)):
-        exponent = after[i]
-        if square > largest * largest and exponent == exponent:
-            exponent = min(max(exponent, -largest), largest)
-        after[i] = a[i] * math.exp(exponent)
-
-
-@compiled("b1(f8[:], f8[:], f8[:])", fills=0)
-def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
-    """Tell whether low < a < high in every entry."""
-    if len(low) != len(a) or len(high) != len(a):
-        raise ArrayError
-    within = True
-    for i in range(len(a)):
-        within &= low[i] < a[i] < high[i]
-    return within
-
-
-@compiled("void(f8[:], f8[:], f8, f8, f8[:,:], i8[:,::1], f8[::1], f8[::1], f8[:])", allocates=True)
-def follow_geodesic(
-    a: np.ndarray,
-    g: np.ndarray,
-    h: float,
-    most: float,
-    F_0: np.ndarray,
-    entries: np.ndarray,
-    F: np.ndarray,
-    D: np.ndarray,
-    after: np.ndarray,
-) -> None:
-    """Write P+ = exp(-h P L) P of every block of a complete cone as parameters, h = gamma dt.
-
-    P+ = E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2: right but for the third order, and positive
-    definite for any h, as E is regular. The length of the step, 2 sqrt(tr(Z Z)), is at most
-    ``most``; a longer one is shortened. F_0, entries, F and D are the cone's ``tables``.
-    """
-    n, p = len(F_0), entries[-1, 0] + 1
-    if len(g) != len(a) or len(after) != len(a) or len(a) % p != 0:
-        raise ArrayError
-    k = len(a) // p
-    work = np.zeros((2 + 2 * k, n, n))
-    L, E, P, A = work[0], work[1], work[2 : 2 + k], work[2 + k :]  # A = P L
-    square = 0.0
-    for b in range(k):
-        for r in range(n):
-            for s in range(n):
-                P[b, r, s], L[r, s] = F_0[r, s], 0.0
-        for e in range(len(entries)):  # P = F_0 + sum a_i F_i, L = sum g_i D_i
-            i, r, s = b * p + entries[e, 0], entries[e, 1], entries[e, 2]
-            P[b, r, s] += a[i] * F[e]
-            L[r, s] += g[i] * D[e]
-            P[b, s, r], L[s, r] = P[b, r, s], L[r, s]
-        for r in range(n):
-            for s in range(n):
-                for t in range(n):
-                    A[b, r, s] += P[b, r, t] * L[t, s]
-        for r in range(n):
-            for s in range(n):
-                square += A[b, r, s] * A[b, s, r]
-    length = h * math.sqrt(abs(square))
-    z = 0.5 * h * (most / length if length > most else 1.0)
-    for i in range(len(a)):
-        after[i] = a[i]
-    for b in range(k):
-        for r in range(n):
-            for s in range(n):
-                x = 0.0
-                for t in range(n):
-                    x += A[b, r, t] * A[b, t, s]
-                E[r, s] = (1.0 if r == s else 0.0) - z * A[b, r, s] + 0.5 * z * z * x
-        for r in range(n):
-            for s in range(n):
-                x = 0.0
-                for t in range(n):
-                    x += E[r, t] * P[b, t, s]
-                L[r, s] = x
-        for r in range(n):
-            for s in range(r + 1):
-                x = 0.0
-                for t in range(n):
-                    x += L[r, t] * E[s, t]
-                A[b, r, s] = (x - P[b, r, s]) * (1.0 if r == s else 2.0)
-        for e in range(len(entries)):
-            after[b * p + entries[e, 0]] += D[e] * A[b, entries[e, 1], entries[e, 2]]
 
 
 @compiled("void(f8[:], f8[:], f8, f8, f8[:])", allocates=True)

@@ -120,51 +120,6 @@ def advance(
         after[m * p + m + i] = low[m * p + m + i] + way_a * a[i]
 
 
-@compiled("void(f8[:], f8[:], f8, f8[:], f8[:])", fills=2)
-def hold(y: np.ndarray, tau: np.ndarray, x: float, after: np.ndarray, shares: np.ndarray) -> None:
-    """Write y + s (tau - y) (n), s = 1 - exp(-x), and (1 - s / x, s) (2), zero for x = 0.
-
-    These are a low pass with its input held for x time constants, and how far it follows an input
-    that changes by one over this time: linearly, or all at the beginning.
-    """
-    n = len(y)
-    if len(tau) != n or len(after) != n or len(shares) != 2:
-        raise ArrayError
-    share = -math.expm1(-x)
-    for i in range(len(y)):
-        after[i] = y[i] + share * (tau[i] - y[i])
-    shares[0], shares[1] = 1.0 - share / x if x > 0.0 else 0.0, share
-
-
-@compiled("void(f8[:], f8[:,:], f8[:])")
-def posture_offset(q: np.ndarray, posture: np.ndarray, offset: np.ndarray) -> None:
-    """Write d + 2 e |e| / margin (n), d = q - rest, e how far d is outside of [low, high].
-
-    Rows of the posture (4, n): rest, low, high, margin.
-    """
-    n = len(offset)
-    if len(q) != n or posture.shape != (4, n):
-        raise ArrayError
-    for i in range(len(offset)):
-        d = q[i] - posture[0, i]
-        e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
-        offset[i] = d + 2.0 * e * abs(e) / posture[3, i]
-
-
-@compiled("void(f8[:], f8[:,:], f8[:], f8, f8[:])")
-def posture_acceleration(
-    q: np.ndarray, posture: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray
-) -> None:
-    """Write psi = -2 w v - w^2 ``posture_offset`` (n)."""
-    n = len(v)
-    if len(q) != n or posture.shape != (4, n) or len(psi) != n:
-        raise ArrayError
-    for i in range(len(v)):
-        d = q[i] - posture[0, i]
-        e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
-        psi[i] = -2.0 * w * v[i] - w**2 * (d + 2.0 * e * abs(e) / posture[3, i])
-
-
 @compiled("void(f8[:], f8[:,:], f8[:], f8, f8[:], f8[:])", fills=2)
 def posture_velocity(
     q: np.ndarray, posture: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray, rate: np.ndarray
@@ -301,42 +256,6 @@ def commanded_acceleration(
             v[t] += J[i, t] * x
 
 
-@compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:])",
-    fills=2,
-)
-def subtract_task_force(
-    J: np.ndarray,
-    K_v: np.ndarray,
-    xd: np.ndarray,
-    xd_d: np.ndarray,
-    K_P: np.ndarray,
-    dx: np.ndarray,
-    feedforward: np.ndarray,
-    v: np.ndarray,
-    v_r: np.ndarray,
-    error: np.ndarray,
-    torque: np.ndarray,
-) -> None:
-    """Write the error v - v_r and feedforward - J^T (K_v (xd - xd_d) + K_P dx), both (n)."""
-    m, n = J.shape
-    if K_v.shape != (m, m) or len(xd) != m or len(xd_d) != m or K_P.shape != (m, m):
-        raise ArrayError
-    if len(dx) != m or len(feedforward) != n or len(v) != n or len(v_r) != n:
-        raise ArrayError
-    if len(error) != n or len(torque) != n:
-        raise ArrayError
-    for t in range(n):
-        error[t] = v[t] - v_r[t]
-        torque[t] = feedforward[t]
-    for i in range(m):
-        force = 0.0
-        for j in range(m):
-            force += K_v[i, j] * (xd[j] - xd_d[j]) + K_P[i, j] * dx[j]
-        for t in range(n):
-            torque[t] -= J[i, t] * force
-
-
 @compiled("void(f8[:,:], f8[:], f8, f8[:,:], f8[:], f8[:,:], f8[:], f8[:])", fills=2)
 def observation_drive(
     Y_k: np.ndarray,
@@ -366,29 +285,6 @@ def observation_drive(
             x += R[i, t] * epsilon[t]
         for j in range(len(gradient)):
             gradient[j] += Y_k[i, j] * error[i] + X_k[i, j] * x
-
-
-@compiled("void(f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:])", fills=2)
-def subtract_damping(
-    feedforward: np.ndarray,
-    K_D: np.ndarray,
-    v: np.ndarray,
-    v_r: np.ndarray,
-    error: np.ndarray,
-    torque: np.ndarray,
-) -> None:
-    """Write the error v - v_r (n) and feedforward - K_D error (n)."""
-    n = len(torque)
-    if len(feedforward) != n or K_D.shape != (n, n) or len(v) != n:
-        raise ArrayError
-    if len(v_r) != n or len(error) != n:
-        raise ArrayError
-    for i in range(len(torque)):
-        error[i] = v[i] - v_r[i]
-    for i in range(len(torque)):
-        torque[i] = feedforward[i]
-        for t in range(len(error)):
-            torque[i] -= K_D[i, t] * error[t]
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:], f8[:])", fills=2)

@@ -35,15 +35,6 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     return c
 
 
-@compiled("void(f8[:], f8[:], f8[:])")
-def difference(x: np.ndarray, y: np.ndarray, dx: np.ndarray) -> None:
-    """Write x - y (m)."""
-    if len(x) != len(dx) or len(y) != len(dx):
-        raise ArrayError
-    for i in range(len(dx)):
-        dx[i] = x[i] - y[i]
-
-
 @compiled("void(f8[:], i8, f8[:,:], f8[:], f8[:])")
 def place(
     theta: np.ndarray,
@@ -149,30 +140,6 @@ def frame_motion(
             X_k[i, j] += R[k, r, 2] * directions[2, j]
 
 
-@compiled("void(f8[:,:], f8[:], f8[:], f8[:], f8[:], i8[:], f8[:], f8[:])", fills=2)
-def point_motion(
-    R: np.ndarray,
-    o: np.ndarray,
-    linear: np.ndarray,
-    angular: np.ndarray,
-    lever: np.ndarray,
-    rows: np.ndarray,
-    x: np.ndarray,
-    xd: np.ndarray,
-) -> None:
-    """Write rows of x = o + R lever and of xd = R (linear + angular x lever), both (m).
-
-    R (3, 3) and o (3) place a joint in the world; its velocity and the lever are in its own axes.
-    """
-    ux = linear[0] + angular[1] * lever[2] - angular[2] * lever[1]
-    uy = linear[1] + angular[2] * lever[0] - angular[0] * lever[2]
-    uz = linear[2] + angular[0] * lever[1] - angular[1] * lever[0]
-    for i in range(len(rows)):
-        r = rows[i]
-        x[i] = o[r] + R[r, 0] * lever[0] + R[r, 1] * lever[1] + R[r, 2] * lever[2]
-        xd[i] = R[r, 0] * ux + R[r, 1] * uy + R[r, 2] * uz
-
-
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
 def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray) -> None:
     """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
@@ -196,19 +163,6 @@ def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -
             Y[i, j] = y
             x += y * pi[j]
         tau[i] = x
-
-
-@compiled("void(f8[:,:], i8[:], f8[:,:])")
-def take_columns(Y: np.ndarray, columns: np.ndarray, chosen: np.ndarray) -> None:
-    """Write the columns (p) of Y (n, 10 n) side by side (n, p)."""
-    p = len(columns)
-    if Y.shape[0] != len(chosen) or chosen.shape[1] != p:
-        raise ArrayError
-    if p > 0 and columns[p - 1] >= Y.shape[1]:
-        raise ArrayError
-    for i in range(len(chosen)):
-        for j in range(len(columns)):
-            chosen[i, j] = Y[i, columns[j]]
 
 
 @compiled("void(f8[:], i8[:], f8[:,:], f8[:,:,:], f8[:,:], i8[:], i8[:], f8[:,:])")
@@ -277,17 +231,6 @@ def positions_at(
             p = parent[j]
             X_k[i, j] = R[p, r, 0] * directions[0, j] + R[p, r, 1] * directions[1, j]
             X_k[i, j] += R[p, r, 2] * directions[2, j]
-
-
-@compiled("void(f8[:], i8[:], i8[:], f8[:,:])")
-def take_coefficients(
-    a: np.ndarray, kinds: np.ndarray, shafts: np.ndarray, values: np.ndarray
-) -> None:
-    """Write a (p) into the entries (kinds, shafts) of the values (6, m)."""
-    if len(a) != len(kinds) or len(shafts) != len(kinds):
-        raise ArrayError
-    for k in range(len(kinds)):
-        values[kinds[k], shafts[k]] = a[k]
 
 
 @compiled(

@@ -268,18 +268,6 @@ def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> f
     return size + 0.0 * effort
 
 
-@compiled("void(f8[:,:], f8[:], f8[:], f8[:])")
-def prediction_error(W: np.ndarray, a: np.ndarray, y: np.ndarray, residual: np.ndarray) -> None:
-    """Write W a - y (n), W (n, p)."""
-    if W.shape != (len(y), len(a)) or len(residual) != len(y):
-        raise ArrayError
-    for i in range(len(y)):
-        x = -y[i]
-        for j in range(len(a)):
-            x += W[i, j] * a[j]
-        residual[i] = x
-
-
 @compiled("b1(f8[:], f8[:])", fills=0)
 def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""
@@ -290,70 +278,6 @@ def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
         beyond |= abs(torque[i]) > limits[i]
         effort += torque[i] * torque[i]
     return beyond and np.isfinite(effort)
-
-
-@compiled("i8(f8[:], f8[:])", fills=0)
-def first_beyond(values: np.ndarray, limits: np.ndarray) -> int:
-    """Return the first i with |values_i| > limits_i, or -1; NaN is not beyond."""
-    if len(limits) != len(values):
-        raise ArrayError
-    for i in range(len(values)):
-        if abs(values[i]) > limits[i]:
-            return i
-    return -1
-
-
-@compiled("i8(f8[:], f8[:], f8[:], f8[:], f8[:], f8)", fills=0)
-def first_near_stop(
-    q: np.ndarray,
-    v: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    brake: np.ndarray,
-    damping: float,
-) -> int:
-    """Return the first joint that moves towards a stop and cannot brake before it, or -1.
-
-    It needs 1.5 |v| / damping or v^2 / (2 brake), whichever is longer; slower than 0.01 it rests.
-    """
-    n = len(v)
-    if len(q) != n or len(lower) != n or len(upper) != n or len(brake) != n:
-        raise ArrayError
-    for i in range(len(v)):
-        speed = abs(v[i])
-        if speed <= 0.01:
-            continue
-        way = max(1.5 * speed / damping, speed * speed / (2.0 * brake[i]))
-        if (v[i] > 0.0 and q[i] + way > upper[i]) or (v[i] < 0.0 and q[i] - way < lower[i]):
-            return i
-    return -1
-
-
-@compiled("b1(f8[:], f8[:], f8[:], f8[:], f8, f8[:])")
-def limit_torque(
-    torque: np.ndarray,
-    limit: np.ndarray,
-    before: np.ndarray,
-    rate: np.ndarray,
-    dt: float,
-    limited: np.ndarray,
-) -> bool:
-    """Write a torque within its limits and, inside them, rate dt of the last; return if it changed.
-
-    All are of n joints. NaN becomes 0, and a last torque that is NaN limits no rate.
-    """
-    n = len(torque)
-    if len(limit) != n or len(before) != n or len(rate) != n or len(limited) != n:
-        raise ArrayError
-    changed = False
-    for i in range(len(torque)):
-        x = torque[i] if torque[i] == torque[i] else 0.0
-        if before[i] == before[i]:
-            last = min(max(before[i], -limit[i]), limit[i])
-            x = min(max(x, last - rate[i] * dt), last + rate[i] * dt)
-        limited[i] = min(max(x, -limit[i]), limit[i])
-        changed |= limited[i] != torque[i]
-    return changed
 
 
 @compiled(

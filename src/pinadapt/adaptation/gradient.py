@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, definite_matrix, whole
-from .._kernels import estimates as kernels
 from ..exceptions import ArrayError
 from .adaptation import Adaptation, Drive, Estimate
 
@@ -40,16 +38,11 @@ class Gradient(Adaptation):
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return -Gamma g (p)."""
-        rate = empty(estimate.value.size)
-        kernels.descent(drive.gradient, self.Gamma, rate)
-        return rate
+        return -self.Gamma.dot(drive.gradient)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        a = estimate.value
-        after = empty(a.size)
-        kernels.descend(a, drive.gradient, self.Gamma, dt, after)
-        return Estimate(after)
+        return Estimate(estimate.value - dt * self.Gamma.dot(drive.gradient))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:
         """Return half the squared Gamma^-1 norm of the parameter error."""

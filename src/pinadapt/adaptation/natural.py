@@ -45,9 +45,6 @@ class MatrixInequality(Doors):
         F: (p, n, n) coefficient matrices of one block, symmetric and linearly independent.
         blocks: k.
         complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
-        tables: F_0 (n, n); index i, row and column (e, 3) of the e entries on and below the
-            diagonals where F_i or D_i is not zero; F_i (e) and D_i (e) there. The D_i are the dual
-            basis in the span of F, tr(D_i F_j) = delta_ij.
     """
 
     shapes = "a: size, g: ... size, P: ... blocks _n _n, X: size l, gamma: blocks, h: >=0"
@@ -95,7 +92,6 @@ class MatrixInequality(Doors):
         self._flat = flat
         self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i
         self._dual_T = np.ascontiguousarray(self._dual.T)
-        self.tables = self._tables()
 
     @classmethod
     def from_file(cls, path: Path) -> MatrixInequality:
@@ -170,12 +166,16 @@ class MatrixInequality(Doors):
     ) -> np.ndarray:
         """Return the parameters (k p) of P+ = exp(-h P L) P, tr(L P(da)) = g . da.
 
-        For complete sets only. A step longer than ``most`` in the log-det metric is shortened to
-        that length.
+        For complete sets only. P+ = E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2: right but for the
+        third order, and positive definite for any h, as E is regular. A step longer than ``most``
+        in the log-det metric is shortened to that length.
         """
-        after = empty(a.size)
-        kernels.follow_geodesic(a, g, h, most, *self.tables, after)
-        return after
+        P, L = self.matrices(a), self.covectors(g)
+        A = P @ L
+        length = h * math.sqrt(abs(np.vdot(A, A.swapaxes(1, 2))))
+        Z = 0.5 * h * (most / length if length > most else 1.0) * A
+        E = np.eye(self._n) - Z + 0.5 * Z @ Z
+        return a + self.components(E @ P @ E.swapaxes(1, 2) - P)
 
     follow_geodesic_unchecked = follow_geodesic
 
@@ -193,15 +193,6 @@ class MatrixInequality(Doors):
                 hint="Start from an estimate inside, or use gradient adaptation.",
             )
         return a
-
-    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the attribute ``tables``, for the kernel of ``follow_geodesic``."""
-        D = self._dual.reshape(self.F.shape)
-        D = np.where(np.abs(D) > 1e-15 * np.abs(D).max(), D, 0.0)
-        entries = np.argwhere(np.tril((self.F != 0.0) | (D != 0.0)))
-        at = tuple(entries.T)
-        F_0 = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
-        return F_0, np.ascontiguousarray(entries, dtype=np.int64), self.F[at], D[at]
 
 
 class BodyInequality(MatrixInequality):
@@ -439,9 +430,10 @@ class ExponentiatedGradient(Adaptation):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         a = estimate.value
-        after = np.empty(a.size)
-        kernels.exponentiate(a, drive.gradient, self.scale, self.gamma * dt, _LONGEST, after)
-        return Estimate(after)
+        exponents = -self.gamma * dt * self.scale * drive.gradient
+        if exponents.dot(exponents) > _LONGEST**2:
+            exponents = exponents.clip(-_LONGEST, _LONGEST)
+        return Estimate(a * np.exp(exponents))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), Gamma = gamma diag(c a)."""

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import vector
-from .._kernels import estimates as kernels
 from ..exceptions import DivergedError, GainError, InputError, ParameterError
 from ..models.bodies import InertialModel
 from ..models.dynamics import Dynamics
@@ -109,24 +108,27 @@ class BoxProjection(Wrapper):
         inside = (self.low <= value).all() and (value <= self.high).all()
         return bool(inside) and self.inner.contains(value)
 
+    def _inside(self, value: np.ndarray) -> bool:
+        return bool(((self.low < value) & (value < self.high)).all())
+
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner rates; on the boundary the value's does not point out of the box."""
         rate = self.inner.rate_unchecked(estimate, drive)
-        if kernels.inside(estimate.value, self.low, self.high):
+        if self._inside(estimate.value):
             return rate
         return rate.with_value(self._inward(rate.value, estimate))
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the value (p) of ``rate``."""
         rate = self.inner.value_rate_unchecked(estimate, drive)
-        if kernels.inside(estimate.value, self.low, self.high):
+        if self._inside(estimate.value):
             return rate
         return self._inward(rate, estimate)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
         after = self.inner.step_unchecked(estimate, drive, dt)
-        if kernels.inside(after.value, self.low, self.high):
+        if self._inside(after.value):
             return after
         updated = after.with_value(estimate.value)  # with the gain that V has after the step
         nearest = self._nearest(after.value, self.low, self.high, updated)
@@ -135,7 +137,7 @@ class BoxProjection(Wrapper):
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation and the projection add to dV/dt."""
         own = self.inner.dissipation_unchecked(estimate, drive, truth)
-        if kernels.inside(estimate.value, self.low, self.high):
+        if self._inside(estimate.value):
             return own
         change = (
             self.rate_unchecked(estimate, drive).value

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import Doors, flag, keywords, of_computing, one_line, positive, shown
@@ -139,7 +138,7 @@ class Controller(Doors):
         return {name: value for name, value in vars(self).items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Have the kernels compiled where a copy arrives in a new process."""
+        """Make lock and scratch anew."""
         self.__dict__.update(state)
         self._alone, self._estimated = Lock(), self._scratch()
         self._data = self.kinematics.robot.model.createData()
@@ -714,8 +713,7 @@ class Controller(Doors):
             if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
                 tau = self._inputs.torque(measurement.tau)
             filtered_torque = self._torque_filter.observe_unchecked(torque_filter, q, v, tau)
-            residual = empty(v.size)
-            kernels.prediction_error(filtered_torque.W, a_d, filtered_torque.y, residual)
+            residual = filtered_torque.W.dot(a_d) - filtered_torque.y
         s = Signals()
         s.t, s.q, s.v, s.a, s.x = t, q, v, a, x
         s.xd, s.xd_d, s.xdd_d = xd, xd_d, xdd_d

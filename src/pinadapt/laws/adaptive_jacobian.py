@@ -161,10 +161,8 @@ class AdaptiveJacobian(Law):
         qd_r, qdd_r = self._reference(s, Jdot)
         # tau = Y_r a_d - J_hat^T (K_v dxd_hat + K_P dx) - N D N s, s = qd - qd_r
         Y_r, feedforward = model.slotine_li(s.q, s.v, qd_r, qdd_r)
-        error, torque = empty(qd_r.size), empty(qd_r.size)
-        kernels.subtract_task_force(
-            s.J, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, feedforward, s.v, qd_r, error, torque
-        )
+        error = s.v - qd_r
+        torque = feedforward - (self.K_v.dot(s.xd_hat - s.xd_d) + self.K_P.dot(s.dx)).dot(s.J)
         s.inverse.subtract_null_damping(self.posture.damping, error, torque)
         return Command(torque, Drives(Drive(Y_r, error), kinematic))
 

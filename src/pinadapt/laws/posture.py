@@ -92,17 +92,14 @@ class Posture(Doors):
 
     def offset(self, q: np.ndarray) -> np.ndarray:
         """Return how far q (nq) is from rest (n) [rad or m], more where a limit is near."""
-        offset = empty(self.damping.size)
-        kernels.posture_offset(self.coordinates_unchecked(q), self.rows, offset)
-        return offset
+        rest, low, high, margin = self.rows
+        d = self.coordinates_unchecked(q) - rest
+        e = np.maximum(d - high, 0.0) + np.minimum(d - low, 0.0)
+        return np.asarray(d + 2.0 * e * np.abs(e) / margin)
 
     def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return psi (n) = -2 w v - w^2 offset(q) [rad/s^2 or m/s^2]."""
-        psi = empty(self.damping.size)
-        kernels.posture_acceleration(
-            self.coordinates_unchecked(q), self.rows, v, self.frequency, psi
-        )
-        return psi
+        return -2.0 * self.frequency * v - self.frequency**2 * self.offset(q)
 
     acceleration_unchecked = acceleration
 

@@ -295,7 +295,8 @@ class Separation(Law):
                 feedforward, self.K_v, M_hat, 1.0 / self.lag, s.v, qd_r, error, torque
             )
         else:
-            kernels.subtract_damping(feedforward, self.K_v, s.v, qd_r, error, torque)
+            error = s.v - qd_r
+            torque = feedforward - self.K_v.dot(error)
         torque -= s.filtered.disturbance
         return Command(torque, Drives(Drive(Y, error), kinematic), None, feedforward)
 

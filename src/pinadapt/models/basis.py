@@ -18,11 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_SAMPLES, instance, numbers, whole
-from .._kernels import linear_algebra as kernels
 from .._output import Sheet, Table
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
@@ -81,15 +79,11 @@ class BasisDynamics(InertialDynamics):
 
     def expand(self, a_d: np.ndarray) -> np.ndarray:
         """Return pi = B a_d (10 n)."""
-        pi = empty(len(self.B))
-        kernels.apply(self.B, a_d, pi)
-        return pi
+        return self.B.dot(a_d)
 
     def reduce(self, Y: np.ndarray) -> np.ndarray:
         """Return Y B (n, p)."""
-        product = empty((len(Y), self.size))
-        kernels.multiply(Y, self.B, product)
-        return product
+        return Y.dot(self.B)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the a (p) that reproduces a robot's torque with this chain's placements.

@@ -202,7 +202,8 @@ class StackedDynamics(Dynamics):
         self.translations = inertial.translations
         self._values = joints.known.copy()  # of all kinds and shafts, at the loaded estimate
         self._n = len(joints.zero)
-        self._values[joints.places] = joints.initial
+        self._places = np.ravel_multi_index(joints.places, self._values.shape)
+        self._values.put(self._places, joints.initial)
 
     @property
     def inertial(self) -> Dynamics:
@@ -226,7 +227,7 @@ class StackedDynamics(Dynamics):
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each block with its part."""
         size = self._inertial.size
-        kernels.take_coefficients(a_d[size:], *self.joints.places, self._values)
+        self._values.put(self._places, a_d[size:])
         self._inertial.load_unchecked(a_d[:size])
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

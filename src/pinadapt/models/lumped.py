@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import ALL, InertialDynamics, InertialModel, chosen_bodies
@@ -194,7 +193,7 @@ class LumpedRegressor(Regressor):
         """Return Y(q, v, a) (n, p)."""
         Y = np.empty(self._shape)
         for regressor, window, columns in self._parts:
-            kernels.take_columns(regressor(q, v, a), columns, Y[:, window])
+            Y[:, window] = regressor(q, v, a)[:, columns]
         return Y
 
     def slotine_li(
@@ -203,7 +202,7 @@ class LumpedRegressor(Regressor):
         """Return Y(q, v, v_r, a_r) (n, p)."""
         Y = np.empty(self._shape)
         for regressor, window, columns in self._parts:
-            kernels.take_columns(regressor.slotine_li(q, v, v_r, a_r), columns, Y[:, window])
+            Y[:, window] = regressor.slotine_li(q, v, v_r, a_r)[:, columns]
         return Y
 
     def slotine_li_torque(
@@ -218,7 +217,7 @@ class LumpedRegressor(Regressor):
         Y_M, Y_0 = np.empty(self._shape), np.empty(self._shape)
         for regressor, window, columns in self._parts:
             for own, Y in zip(regressor.momentum(q, v), (Y_M, Y_0), strict=True):
-                kernels.take_columns(own, columns, Y[:, window])
+                Y[:, window] = own[:, columns]
         return Y_M, Y_0
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy import empty
 
@@ -59,10 +61,7 @@ class RightInverse:
         """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique."""
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
-        u, psi = np.asarray(u, dtype=float), np.asarray(psi, dtype=float)
-        solution = empty(psi.size)
-        kernels.right_inverse(self.J, self.gram_inverse, u, psi, solution)
-        return solution
+        return psi + self.gram_inverse.dot(u - self.J.dot(psi)).dot(self.J)
 
     def solve_with_rate(
         self,
@@ -104,29 +103,25 @@ class RightInverse:
         """
         kept, kept_rate = r, rate
         if psi is not None and psid is not None:
-            null, null_rate = self.null(psi), np.zeros(psi.size)
-            if kernels.bound_smoothly(speeds, *_NULL, null, null_rate):
+            null = self.null(psi)
+            if bound_smoothly(speeds, *_NULL, null, np.zeros(psi.size))[0] is not null:
                 still = np.zeros(len(self.J))
                 null, null_rate = self.solve_with_rate(still, psi, still, psid, Jdot)
                 kept, kept_rate = r - null, rate - null_rate
-                kernels.bound_smoothly(speeds, *_NULL, null, null_rate)
+                null, null_rate = bound_smoothly(speeds, *_NULL, null, null_rate)
                 kept, kept_rate = kept + null, kept_rate + null_rate
-        whole, whole_rate = kept.copy(), kept_rate.copy()
-        if kernels.bound_smoothly(speeds, *_WHOLE, whole, whole_rate):
-            return whole, whole_rate
-        return kept, kept_rate
+        return bound_smoothly(speeds, *_WHOLE, kept, kept_rate)
 
     def null(self, z: np.ndarray) -> np.ndarray:
         """Return (I - J^+ J) z (n), without damping the projection onto the null space."""
-        null = np.zeros(z.size)
-        if not self.unique:
-            kernels.null_space(self.J, self.gram_inverse, np.asarray(z, dtype=float), null)
-        return null
+        if self.unique:
+            return np.zeros(z.size)
+        return z - self.gram_inverse.dot(self.J.dot(z)).dot(self.J)
 
     def subtract_null_damping(self, D: np.ndarray, z: np.ndarray, torque: np.ndarray) -> None:
         """Subtract N diag(D) N z (n) from a torque (n) in place, N = I - J^+ J; float arrays."""
         if not self.unique:
-            kernels.subtract_null_space_damping(self.J, self.gram_inverse, D, z, torque)
+            torque -= self.null(D * self.null(z))
 
     def _damping_rate(self, Jdot: np.ndarray) -> float:
         """Return d(mu^2)/dt = -d(s^2)/dt / 2 = -sum_i (s / sigma_i)^4 d(sigma_i^2)/dt / 2."""
@@ -135,3 +130,25 @@ class RightInverse:
         halves = np.diag(U.T @ Jdot @ self.J.T @ U)  # d(sigma_i^2)/dt / 2
         ratios = 1.0 / (sigma * sigma * np.sum(1.0 / (sigma * sigma)))  # (s / sigma_i)^2
         return float(-halves.dot(ratios * ratios))
+
+
+def bound_smoothly(
+    limits: np.ndarray, knee: float, most: float, x: np.ndarray, rate: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return x (n), shortened so that |x_i| < most limits_i, and its rate (n) changed with it.
+
+    Both are as given up to r = knee, r the norm of x / limits with the eighth power, which is
+    hardly more than the largest. Beyond, x is multiplied by g(r) / r, with g = knee + w tanh((r -
+    knee) / w), w = most - knee: twice continuously differentiable.
+    """
+    shares = x / limits
+    largest = np.abs(shares).max(initial=0.0)
+    if not 0.0 < largest < np.inf:
+        return x, rate
+    r = float(largest * ((shares / largest) ** 8).sum() ** 0.125)
+    if r <= knee:
+        return x, rate
+    slope = float(((shares / r) ** 7).dot(rate / limits))  # dr/dt
+    t, width = math.tanh((r - knee) / (most - knee)), most - knee
+    f = (knee + width * t) / r
+    return f * x, f * rate + (1.0 - t * t - f) * slope / r * x

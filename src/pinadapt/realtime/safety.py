@@ -17,7 +17,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
-from .._kernels import samples as kernels
 from ..controller.controller import Controller
 from ..controller.governor import explained_age
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -28,6 +27,7 @@ from .arm import ArmFacts
 _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation rests
 _SLOW = 2.0  # [1/s] up to which a disturbance is no contact; 1: as well; 4: 30 N on a UR5 are none
 _SETTLED = 0.33  # [s] in which all of it is none; half: a load rests the adaptation; twice: as well
+_STILL = 0.01  # [rad/s or m/s] up to which a joint rests at its stop; half or twice: as well
 _RECEIVED = 0.9  # of the last commands; libfranka's communication_test calls less insufficient
 
 
@@ -220,8 +220,8 @@ class Checklist:
 
     def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> tuple[np.ndarray, bool]:
         """Return a torque (n) within its limits, near the one before, and whether it is another."""
-        safe = np.empty(torque.size)
-        return safe, kernels.limit_torque(torque, self.limit, before, self._rate, dt, safe)
+        safe = limited_torque(torque, self.limit, before, self._rate * dt)
+        return safe, not np.array_equal(safe, torque)
 
     def announced(self) -> None:
         """Take what is unexplained from now on for a part of the model: a load was attached."""
@@ -280,7 +280,7 @@ class Checklist:
 
     def _speed(self, m: Measurement) -> SafetyFinding | None:
         """Are all joints slower than their limits?"""
-        j = kernels.first_beyond(m.v, self._fast)
+        j = _first(np.abs(m.v) > self._fast)
         if j < 0:
             return None
         unit = "m/s" if self._slides[j] else "rad/s"
@@ -291,7 +291,10 @@ class Checklist:
         """Can all joints brake before their stops?"""
         if not self._plain:
             return None
-        j = kernels.first_near_stop(m.q, m.v, *self._near, self._brake, self.safety.damping)
+        speed, (lower, upper) = np.abs(m.v), self._near
+        way = np.maximum(1.5 * speed / self.safety.damping, speed**2 / (2.0 * self._brake))
+        room = np.where(m.v > 0.0, upper - m.q, m.q - lower)
+        j = _first((way > room) & (speed > _STILL))
         if j < 0:
             return None
         unit = "m" if self._slides[j] else "rad"
@@ -332,7 +335,7 @@ class Checklist:
 
     def _far_off(self, dx: np.ndarray) -> SafetyFinding | None:
         """Is the arm near its path?"""
-        k = kernels.first_beyond(dx, self._far)
+        k = _first(np.abs(dx) > self._far)
         if k < 0:
             return None
         words = f"coordinate {k + 1} is {abs(dx[k]):.3g} m or rad off, limit {self._far[k]:.3g}"
@@ -340,7 +343,7 @@ class Checklist:
 
     def _saturation(self, torque: np.ndarray, dt: float) -> SafetyFinding | None:
         """Are the motors below their limits?"""
-        j = kernels.first_beyond(torque, self._full)
+        j = _first(np.abs(torque) > self._full)
         self._pushing = self._pushing + dt if j >= 0 else 0.0
         if self._pushing < self.safety.saturated:
             return None
@@ -352,3 +355,20 @@ class Checklist:
         if not self._task.positions or age < self._blind:
             return None
         return SafetyFinding("camera", f"no frame for {age:.2g} s", Answer.HOLD)
+
+
+def limited_torque(
+    torque: np.ndarray, limit: np.ndarray, before: np.ndarray, change: np.ndarray
+) -> np.ndarray:
+    """Return a torque within its limits and, inside them, within a change of the last; all (n).
+
+    NaN becomes 0, and a last torque that is NaN limits no change.
+    """
+    x = np.where(np.isnan(torque), 0.0, torque)
+    last = np.where(np.isnan(before), x, np.clip(before, -limit, limit))
+    return np.clip(np.clip(x, last - change, last + change), -limit, limit)
+
+
+def _first(found: np.ndarray) -> int:
+    """Return the first index (n) of what holds, or -1."""
+    return int(found.argmax()) if found.any() else -1

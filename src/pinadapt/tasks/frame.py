@@ -10,11 +10,9 @@ from functools import cached_property, partial
 
 import numpy as np
 import pinocchio as pin
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
-from .._kernels import models as kernels
 from ..exceptions import InputError
 from .task import CoordinateMotion, Display, RowGroup, Task
 
@@ -167,9 +165,7 @@ class PositionTask(FrameTask):
         xd_d: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, None]:
         """Return dx = x - x_d, the velocity, measured or else estimated, and None."""
-        dx = empty(x.size)
-        kernels.difference(x, x_d, dx)
-        return dx, xd_hat if xd is None else xd, None
+        return x - x_d, xd_hat if xd is None else xd, None
 
 
 class PositionMotion:
@@ -193,9 +189,9 @@ class PositionMotion:
     def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the position x (m) [m] and the velocity xd (m) [m/s] at q (nq) and v (nv)."""
         pin.forwardKinematics(self._model, self._data, q, v)
-        x, xd = empty(self._rows.size), empty(self._rows.size)
-        kernels.point_motion(*self._views, self._rows, x, xd)
-        return x, xd
+        R, origin, linear, angular, lever = self._views
+        x, xd = origin + R.dot(lever), R.dot(linear + np.cross(angular, lever))
+        return x[self._rows], xd[self._rows]
 
     def __reduce__(self) -> tuple[type[PositionMotion], tuple]:
         """Copy by making it again: a copy of a view would not follow Pinocchio's data."""
