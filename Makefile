@@ -65,13 +65,12 @@ lint: $(VENV)/dev
 bench: $(VENV)/dev
 	$(BIN)/python -m benchmarks.control_step
 	$(BIN)/python -m benchmarks.simulated_sample
-	$(BIN)/python -m benchmarks.growth
 
 realtime: $(VENV)/installed
 	$(BIN)/python -m benchmarks.realtime
 	$(BIN)/python -m benchmarks.realtime --load
 
-# A table of the documentation, measured again and written into its page: make realities.table
+# A table of the documentation, measured again and written into its page: make tracker.table
 %.table: $(VENV)/dev
 	$(BIN)/python -m benchmarks.tables $* --again
 

@@ -30,6 +30,8 @@ import pinadapt as pa
 from pinadapt.description.chain import angles_from_configuration, configuration_from_angles
 from pinadapt.identification import calibrate
 
+from .timing import markdown
+
 TURN, SHIFT, OFFSET = np.radians(2.0), 2e-3, np.radians(1.0)
 SLIDE_OFFSET = 1e-3  # m
 WIDTH, SLIDE_WIDTH = 1.5, 0.1  # rad and m, from home
@@ -188,39 +190,30 @@ def _rms(distances: np.ndarray) -> float:
 
 
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return a table in Markdown: median / largest error of the arms of each robot, in mm."""
-    head = "| frames | arm | arms | identified combinations, of numbers | held out: described | "
-    head += "calibrated | noise of the tracker | true error | of first order alone |"
-    lines = [head, "|" + "---|" * 9]
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    """Return a table in Markdown: median / largest error of the arms of all types, in mm."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
-        groups.setdefault((row["frames"], row["robot"]), []).append(row)
-    for (frames, robot), own in sorted(groups.items(), key=lambda item: item[0][0] != "position"):
-        told = sorted({int(row["told"]) for row in own})
-        words = f"{told[0]}" if len(told) == 1 else f"{told[0]} to {told[-1]}"
-        cells = [
-            f"{median(row[key] for row in own):.2g} / {max(row[key] for row in own):.2g}"
-            for key in ("before", "after", "noise", "true", "first_order")
-        ]
-        cells = [frames, robot, str(len(own)), f"{words} of {int(own[0]['numbers'])}", *cells]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+        groups.setdefault(row["frames"], []).append(row)
+    keys = ("before", "after", "noise", "true", "first_order")
+    lines = [[frames, len(own), *_spread(own, keys)] for frames, own in groups.items()]
+    head = ["frames", "arms", "held out: described", "calibrated", "noise of the tracker"]
+    return markdown([*head, "true error", "of first order alone"], lines)
+
+
+def _spread(rows: list[Mapping[str, Any]], keys: Iterable[str]) -> list[str]:
+    """Return median / largest of some rows."""
+    return [
+        f"{median(row[key] for row in rows):.2g} / {max(row[key] for row in rows):.2g}"
+        for key in keys
+    ]
 
 
 def followed(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return a table in Markdown: median / largest of the arms of each robot, in mm."""
-    lines = [
-        "| arm | unknown | arms | largest error | of the last tenth | of the predicted position "
-        "there | of first order along the path |",
-        "|" + "---|" * 7,
-    ]
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["robot"], row["unknown"]), []).append(row)
-    for (robot, unknown), own in groups.items():
-        cells = [
-            f"{median(row[key] for row in own):.2g} / {max(row[key] for row in own):.2g}"
-            for key in ("largest", "last", "predicted", "first_order")
-        ]
-        lines.append(f"| {' | '.join([robot, unknown, str(len(own)), *cells])} |")
-    return "\n".join(lines)
+    keys = ("largest", "last", "predicted", "first_order")
+    lines = [[*who, *_spread(own, keys)] for who, own in groups.items()]
+    head = ["arm", "unknown", "largest error", "of the last tenth", "of the predicted position"]
+    return markdown([*head, "of first order along the path"], lines)

@@ -10,13 +10,7 @@ joints of averages over windows. Of each log are measured
   base parameters by ordinary and by weighted least squares with the same effects of the joints; the
   sample by sample estimates of an ``Estimator`` after the first three quarters;
 * viscous and Coulomb: the same with viscous and Coulomb friction and rotors alone;
-* least-squares, forgetting 0: other sample by sample estimates;
-* halves: the robot from the first half and from the second, each with its own effects of the
-  joints. Of the parameters that both halves call identifiable it is counted how many estimates of
-  one half lie within two standard deviations of the other half's, of which there are two for each
-  parameter, and how many differences lie within two deviations of the difference: what one half
-  knows little of is far from the other half's without being wrong. "two logs": the same with
-  another motion of the arm.
+* least-squares, forgetting 0: other sample by sample estimates.
 
 The folder has the files named in ``LOGS``, or says in a ``logs.toml`` what it has::
 
@@ -46,11 +40,9 @@ from pinadapt.identification.fits import Frames
 from pinadapt.identification.identified_model import estimate_online, measurements
 from pinadapt.identification.report_page import least_squares_errors
 from pinadapt.information import check_torques
-from pinadapt.models.joint_effects import KINDS
 
 from .timing import markdown
 
-AGAIN = {"ur10": "validation_trajectory.db3"}  # another log of the same arm, beside the first one
 LOGS: tuple[dict[str, Any], ...] = (
     {"name": "panda", "file": "panda_unisa.csv", "robot": "panda"},
     {"name": "ur10", "file": "ur10_unisa/ur10_exciting_trajectory.db3", "robot": "ur10"},
@@ -95,57 +87,6 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def halves(log: pa.Log) -> tuple[pa.Log, pa.Log]:
-    """Return the first and the second half of a log."""
-    first = log.t < 0.5 * (log.t[0] + log.t[-1])
-    return tuple(  # type: ignore[return-value]
-        replace(
-            log,
-            t=log.t[part],
-            q=log.q[part],
-            tau=log.tau[part],
-            v=None if log.v is None else log.v[part],
-        )
-        for part in (first, ~first)
-    )
-
-
-def differences(
-    one: pa.Identification, other: pa.Identification
-) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names (p) of common parameters that both call identifiable, and |difference|.
-
-    The differences (2, p) are in units of the deviations of each.
-    """
-    parts = one.dynamic, other.dynamic
-    names = [name for name in parts[0].names if name in parts[1].names]
-    values, deviations = (
-        np.array(
-            [[getattr(part, what)[part.names.index(name)] for name in names] for part in parts]
-        )
-        for what in ("estimate", "deviations")
-    )
-    known = np.isfinite(deviations).all(axis=0)
-    away = np.abs(values[0] - values[1])[known] / deviations[:, known]
-    return tuple(name for name, good in zip(names, known, strict=True) if good), away
-
-
-def shared(logs: Sequence[pa.Log], robot: pa.Robot) -> dict[str, Any]:
-    """Return what the estimates from two logs of a robot have in common."""
-    names, away = differences(*(pa.identify(log, robot, progress=False) for log in logs))
-    joint = np.array([label.rpartition(".")[2] in KINDS for label in names])
-    near, worst = away < 2.0, int(np.argmax(away.max(axis=0)))
-    return {
-        "parameters": len(names),
-        "near": near.mean(),
-        "near_bodies": near[:, ~joint].mean(),
-        "near_joints": near[:, joint].mean(),
-        # |difference| < 2 (d_1^2 + d_2^2)^(1/2)
-        "near_difference": np.mean((away**-2.0).sum(axis=0) > 0.25),
-        "farthest": f"{names[worst]}: {away[:, worst].max():.1f}",
-    }
-
-
 def never_forgetting(found: pa.Identification) -> pa.Identification:
     """Return the same with sample by sample estimates of a memory that keeps everything."""
     robot = found.estimator.controller.kinematics.robot
@@ -171,11 +112,6 @@ def measure(log: str, what: str) -> dict[str, Any]:
             judged = [(one.factor, one.correlation) for one in check.joints if one.judged]
             factors = ", ".join(f"{factor:.2f} ({close:.2f})" for factor, close in judged)
             return {"factors": factors, "gravity": check.gravity}
-        if what in ("halves", "two logs"):
-            first = pa.read_log(file, robot)
-            if what == "halves":
-                return shared(halves(first), robot)
-            return shared((first, pa.read_log(file.with_name(AGAIN[log]), robot)), robot)
         options: dict[str, Any] = {}
         if what == "viscous and Coulomb":
             options["unknown"] = pa.Unknown(friction=True, armature=True)
@@ -259,16 +195,3 @@ def online(rows: Rows) -> str:
     ]
     head = ["log", "described", "offline", "online, `natural-memory`", "with `forgetting=0`"]
     return markdown([*head, "`least-squares`"], cells)
-
-
-def split(rows: Rows) -> str:
-    """Return what halves of logs, and two logs, have in common."""
-    cells = []
-    for row in rows:
-        if row["what"] in ("halves", "two logs"):
-            keys = ("near", "near_bodies", "near_joints", "near_difference")
-            shares = [f"{row[key]:.0%}".replace("%", " %") for key in keys]
-            name = NAMES[row["log"]].partition(",")[0]
-            cells.append([f"{name}, {row['what']}", f"{row['parameters']:.0f}", *shares])
-    head = ["log", "parameters", "one half within two deviations of the other", "bodies", "joints"]
-    return markdown([*head, "difference within two of its deviations"], cells)

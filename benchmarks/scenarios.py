@@ -1,8 +1,7 @@
 """Errors of the scenarios of ``robots/`` with other settings, for tables of several pages.
 
 ``make scenarios.table`` runs the sweep ``scenarios.toml`` and writes ``scenarios.csv``: the largest
-errors of each half second, of the last tenth, and of the time after each change of the robot, and
-where a tool is unknown, how far its estimate is from the truth.
+errors of each half second, of the last tenth, and of the time after each change of the robot.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from typing import Any
 import numpy as np
 
 import pinadapt as pa
-from pinadapt.cli.compare import SHOWCASE
 from pinadapt.scenario import Scenario
 
 from .timing import HERE, markdown, two_digits
@@ -22,9 +20,6 @@ ROBOTS = HERE.parent / "robots"
 ANNOUNCED = (
     "belief.change=[{at=6.0,payload={mass=0.0}},{at=12.0,payload={mass=3.0,com=[0.0,0.0,0.05]}}]"
 )
-NATURAL = "controller.adaptation=natural"
-TIMES = (0.3, 1.0, 5.0, 10.0)  # [s] of the errors of a tool
-DROP, LIFT = 6.0, 12.0  # [s] changes of the load in panda/load_changes.toml
 Row = Mapping[str, Any]
 
 
@@ -34,8 +29,6 @@ def measure(
     run: str = "",
     settings: str = "",
     announced: bool = False,
-    encoder: float = 0.0,
-    robot: str = "",
     engine: str = "",
     adaptation: str = "",
     kinematic: str = "",
@@ -44,40 +37,32 @@ def measure(
 
     Args:
         table: in which they are shown.
-        scenario: file in ``robots``, or a run of ``pinadapt demo``.
+        scenario: file in ``robots``.
         run: words for it.
         settings: "key=value" of the scenario, separated by spaces.
         announced: whether changes of the load are announced.
-        encoder: resolution [rad].
-        robot: other than the file's, as the next three.
-        engine: of the simulation.
+        engine: of the simulation, other than the file's, as the next two.
         adaptation: of the dynamics.
         kinematic: adaptation of the kinematics.
     """
     named = {
-        "robot.source": robot,
         "simulation.engine": engine,
         "controller.adaptation": adaptation,
         "controller.kinematic_adaptation": kinematic,
     }
     given = [*settings.split(), *(f"{key}={value}" for key, value in named.items() if value)]
-    given += [ANNOUNCED] * announced + [f"simulation.encoder={encoder}"] * (encoder > 0.0)
-    shown = {name: (file, own) for name, file, own in SHOWCASE}
-    file, own = shown.get(scenario, (f"{scenario}.toml", ()))
-    found = Scenario.read(ROBOTS / file, [*own, *given])
+    given += [ANNOUNCED] * announced
+    found = Scenario.read(ROBOTS / f"{scenario}.toml", given)
     rollout = found.run(progress=False)
     if rollout.diverged is not None:
         words = f"at {rollout.diverged:.1f} s"
         return {"status": "diverged", "reason": words, **changes(rollout)}
     halves = np.floor(2.0 * (rollout.t - 1e-9)).clip(0).astype(int)
     worst = [rollout.distance[halves == k].max() for k in range(halves[-1] + 1)]
-    last = rollout.distance[rollout.t > rollout.t[-1] - 1.0]
     return {
         "last": digits(rollout.summary()["max_error_last"]),
-        "rms": digits(np.sqrt(np.mean(last**2))),
         "half": [digits(each) for each in worst],
         **changes(rollout),
-        **tools(rollout, found),
     }
 
 
@@ -88,18 +73,6 @@ def changes(rollout: pa.Rollout) -> dict[str, Any]:
     for name, each in zip(("drop", "lift"), events, strict=False):
         found |= {f"{name}.worst": digits(each.worst), f"{name}.back": each.back}
     return found
-
-
-def tools(rollout: pa.Rollout, scenario: Scenario) -> dict[str, Any]:
-    """Return the error of the estimated tool at some times [m]; none where it is known."""
-    names = scenario.controller.kinematics.names
-    index = [i for i, name in enumerate(names) if name.startswith("tool_")]
-    truth = scenario.controller.kinematics.value(scenario.true)
-    if not index or truth is None or rollout.t[-1] < 0.99 * TIMES[-1]:
-        return {}
-    when = [min(int(np.searchsorted(rollout.t, t)), len(rollout.t) - 1) for t in TIMES]
-    away = rollout.a_k[when][:, index] - truth[index]
-    return {"tool": [digits(each) for each in np.linalg.norm(away, axis=1)]}
 
 
 def digits(value: Any) -> float:
@@ -120,31 +93,6 @@ def mm(value: float | None, form: str = "") -> str:
 def window(row: Row, begin: float, end: float) -> float:
     """Return the largest error between two times, which are whole half seconds [m]."""
     return max(row[f"half[{k}]"] for k in range(round(2.0 * begin), round(2.0 * end)))
-
-
-DEMO = {
-    "planar_known": ("planar arm, known, resolved acceleration", "error of sampling alone"),
-    "planar_improved": (
-        "planar arm, improved law, published gains",
-        "M̂ becomes indefinite; this law does not invert it",
-    ),
-    "planar_passivity_based": ("planar arm, passivity based, published gains", ""),
-    "panda_unadapted": (
-        "Panda, unknown tool, load of 1.5 kg and friction, inertias 30 % too small, x at 30 Hz "
-        "with 60 ms delay, without adaptation",
-        "",
-    ),
-    "panda_adaptive": (
-        "Panda, the same, with tool, 70 inertial parameters and friction adapted",
-        "M̂ ≻ 0 throughout",
-    ),
-}
-
-
-def demo(rows: Sequence[Row]) -> str:
-    """Return the runs of `make demo`."""
-    cells = [[DEMO[r["scenario"]][0], mm(r["last"]), DEMO[r["scenario"]][1]] for r in rows]
-    return markdown(["run", "error", "remark"], cells)
 
 
 def engines(rows: Sequence[Row]) -> str:
@@ -185,26 +133,6 @@ def load_changes(rows: Sequence[Row]) -> str:
 CHANGES = ("dropped", "picked up")
 
 
-def after_changes(rows: Sequence[Row]) -> str:
-    """Return the errors around changes of the load, without and with a memory."""
-    chosen = [row for row in rows if (row["settings"] or NATURAL) == NATURAL]
-    windows = {
-        "in the second before": (DROP - 1.0, DROP),
-        "0.5 s after the drop": (DROP, DROP + 0.5),
-        "1 to 2 s": (DROP + 1.0, DROP + 2.0),
-        "3 to 4 s": (DROP + 3.0, DROP + 4.0),
-        "0.5 s after the new load": (LIFT, LIFT + 0.5),
-        "1 to 2 s ": (LIFT + 1.0, LIFT + 2.0),
-        "3 to 6 s": (LIFT + 3.0, LIFT + 6.0),
-    }
-    cells = []
-    for row in sorted(chosen, key=lambda row: row["announced"]):
-        name = f"`{'natural' if row['settings'] else 'natural-memory'}`"
-        numbers = [two_digits(1e3 * window(row, *each)) for each in windows.values()]
-        cells.append([name + ", announced" * bool(row["announced"]), *numbers])
-    return markdown(["largest error [mm]", *(name.strip() for name in windows)], cells)
-
-
 LENGTHS = {
     "": ("passivity based, as in the file", "`gradient`", "exact, 56"),
     "separation": ("the default, `separation`, with 18 joint coefficients", "`gradient`",
@@ -240,77 +168,7 @@ def prediction_errors(rows: Sequence[Row]) -> str:
     return markdown(["`adaptation`", "`kinematic_adaptation`", "2 s", "5 s", "10 s"], cells)
 
 
-def torques(rows: Sequence[Row]) -> str:
-    """Return errors on a circle by what an adaptation learns from, with and without encoders."""
-    found = {
-        (row["encoder"] > 0.0, row["adaptation"], row["robot"]): window(row, 6.5, 8.0)
-        for row in rows
-    }
-    kinds, robots = (
-        list(dict.fromkeys(row[key] for row in rows)) for key in ("adaptation", "robot")
-    )
-    cells = [
-        [f"`{kind}`", *(mm(found[False, kind, name], ".3f") for name in robots)] for kind in kinds
-    ]
-    coarse = [
-        ", ".join(f"{1e3 * found[True, kind, name]:.2f}" for kind in kinds) for name in robots
-    ]
-    cells.append(
-        ["the same three with an encoder of 17 bits a turn", *(f"{each} mm" for each in coarse)]
-    )
-    return markdown([TORQUES, "Panda", "UR5"], cells)
-
-
-TORQUES = (
-    "default law, circle of 0.1 m, tool, 1 kg, friction and 20 % of all inertias unknown, largest "
-    "error from 6.5 to 8 s"
-)
-
-
-def encoders(rows: Sequence[Row]) -> str:
-    """Return errors with encoders of 17 bits, with and without a camera."""
-    columns = {
-        (robot, file): f"{words}{', camera of 30 Hz, 60 ms late' * (file == 'panda/tool_and_load')}"
-        for robot, words in (("panda", "Panda"), ("ur5", "UR5"))
-        for file in ("panda/load_changes", "panda/tool_and_load")
-    }
-    found = {(r["adaptation"], r["robot"], r["scenario"]): mm(r["last"]) for r in rows}
-    cells = [
-        [f"`{kind}`", *(found[kind, robot, file] for robot, file in columns)]
-        for kind in dict.fromkeys(row["adaptation"] for row in rows)
-    ]
-    return markdown(["", *columns.values()], cells)
-
-
-def kinematics(rows: Sequence[Row]) -> str:
-    """Return the errors of the tool by the adaptation of the kinematics."""
-    cells = []
-    for row in rows:
-        words = "Panda"
-        if "camera" in row["settings"]:
-            words = "30 frames a second, 60 ms late, 1 mm of noise"
-            words += ", base unknown too" * ('"base"' in row["settings"])
-        errors = [
-            mm(row[f"tool[{k}]"]) if row[f"tool[{k}]"] > 1e-7 else "below 1e-4 mm" for k in range(4)
-        ]
-        cells.append([f"{words}, `{row['kinematic']}`", *errors, mm(row["rms"])])
-    head = [f"after {TIMES[0]} s", *(f"{t:g} s" for t in TIMES[1:])]
-    return markdown([KINEMATICS, *head, "tracking error, rms of the last second"], cells)
-
-
-KINEMATICS = (
-    "default law, circle of 0.1 m, tool, 1 kg and 20 % of all inertias unknown: error of the tool"
-)
 TABLES: dict[str, Callable[[Sequence[Row]], str]] = {
     report.__name__: report
-    for report in (
-        demo,
-        engines,
-        load_changes,
-        unknown_lengths,
-        prediction_errors,
-        torques,
-        encoders,
-        kinematics,
-    )
+    for report in (engines, load_changes, unknown_lengths, prediction_errors)
 }

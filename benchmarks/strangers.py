@@ -1,4 +1,4 @@
-"""The README's lines on descriptions of other packages, for which nothing was tuned.
+"""The README's lines on third-party robots, for which nothing was tuned.
 
 ``make strangers.table`` runs the sweep ``strangers.toml``, whose robots are named by package and
 file. ``python -m pip install --no-deps --target DIR`` with the packages of ``PACKAGES`` gets the
@@ -7,9 +7,10 @@ descriptions, and ``PYTHONPATH=DIR`` finds them; no package is imported.
 A tool of 5 % of the reach and a load of 5 % of the mass are unknown, every inertia of the model is
 30 % too small, and the motion is four turns of the circle that the library chooses, at 1 kHz.
 Errors are the largest of the last tenth of the run. A run is described by words: "perfect"
-sensors; "camera": x comes, as in the README, from a camera of 30 Hz that is 60 ms late; "tracker
-120": x is in unknown axes, turned by 120 degrees, found by a wiggle before the motion; "natural" or
-"unadapted" in place of the default adaptation.
+sensors; "camera": x comes, as in the README, from a camera of 30 Hz that is 60 ms late; "noisy":
+the same with 1 mm of noise, and encoders of 17 bits; "tracker 120": x is in unknown axes, turned by
+120 degrees; "natural" or "unadapted" in place of the default adaptation. ``make readme.table`` runs
+``readme.toml``: robots of the catalogue, named without a slash.
 
 ``python -m benchmarks.strangers PATH... [--camera] [--tracker DEGREES] [--duration S]
 [--unadapted] [--processes N] [--out DIR]`` runs other descriptions and folders of them. A folder
@@ -52,8 +53,12 @@ LOAD, INERTIAS = 0.05, 0.7  # relative to the mass; factor on the inertias of th
 TURNS = 4.0
 AXIS, PLACE = np.array([0.6, -0.64, 0.48]), np.array([0.5, -0.4, 1.1])  # of a tracker; [m]
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
+SENSORS = {
+    "perfect": pa.Sensors(),
+    "camera": pa.Sensors(CAMERA),
+    "noisy": pa.Sensors(CAMERA, encoder=2.0 * np.pi / 2**17, noise={"x": 1e-3}),
+}
 ADAPTATIONS = {"natural": "natural", "unadapted": "none"}  # by words of a run
-SHOWN = ("perfect", "camera", "camera, tracker 120", "camera, unadapted")  # robot by robot
 SUFFIXES = (".urdf",)
 WIDTH = 160  # of a reason in the table
 
@@ -62,7 +67,7 @@ def measure(robot: str, run: str, duration: float | None = None) -> dict[str, An
     """Run the README's lines on one description, as a case of a sweep.
 
     Args:
-        robot: a file, or "package/path" of one in a package.
+        robot: a name of the catalogue, a file, or "package/path" of one in a package.
         run: words for the sensors and the controller, as above.
         duration: of the motion [s]; None: four turns of the circle.
 
@@ -75,7 +80,8 @@ def measure(robot: str, run: str, duration: float | None = None) -> dict[str, An
         FileNotFoundError: there is no such file; it names the package to install.
         ValueError: an unknown word.
     """
-    path, words = located(robot), _words(run)
+    words = _words(run)
+    path = robot if "/" not in robot else located(robot)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of bodies that are not physical, for example
         try:
@@ -106,25 +112,24 @@ def located(robot: str) -> Path:
 
 def _words(run: str) -> dict[str, Any]:
     """Return the arguments of ``_followed`` for the words of a run."""
-    found: dict[str, Any] = {"camera": False, "tracker": None, "adaptation": None}
+    found: dict[str, Any] = {"sensors": pa.Sensors(), "tracker": None, "adaptation": None}
     for word in run.split(", "):
-        if word == "camera":
-            found["camera"] = True
+        if word in SENSORS:
+            found["sensors"] = SENSORS[word]
         elif word.startswith("tracker "):
             found["tracker"] = float(word.removeprefix("tracker "))
         elif word in ADAPTATIONS:
             found["adaptation"] = ADAPTATIONS[word]
-        elif word != "perfect":
-            raise ValueError(
-                f"'{word}' is not perfect, camera, tracker DEGREES, natural or unadapted."
-            )
+        else:
+            known = f"{', '.join(SENSORS)}, tracker DEGREES, {', '.join(ADAPTATIONS)}"
+            raise ValueError(f"'{word}' is not one of {known}.")
     return found
 
 
 def _followed(
     robot: pa.Robot,
     duration: float | None,
-    camera: bool,
+    sensors: pa.Sensors,
     tracker: float | None,
     adaptation: str | None,
 ) -> dict[str, Any]:
@@ -150,7 +155,7 @@ def _followed(
         model,
         unknown=pa.Unknown(tool=True, tracker=tracker is not None),
         adaptation=adaptation,
-        sensors=pa.Sensors(CAMERA if camera else None),
+        sensors=sensors,
     )
     rollout = pa.simulate(
         true, controller, motion, duration=duration, record_every=10, progress=False
@@ -178,29 +183,10 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = []
     for robot in dict.fromkeys(row["robot"] for row in rows):
         own = {row["run"]: row for row in rows if row["robot"] == robot}
-        reasons: dict[str, list[str]] = {}
-        for run, row in own.items():
-            if row["status"] != DONE:
-                reasons.setdefault(_shortened(row), []).append(run)
-        known = next((row for row in own.values() if row.get("radius") is not None), None)
-        lines.append(
-            [
-                *_named(robot),
-                *(["", "", ""] if known is None else _sizes(known)),
-                *(_cell(own[run]) if run in own else "" for run in runs),
-                "; ".join(
-                    reason if len(found) == len(own) else f"{', '.join(found)}: {reason}"
-                    for reason, found in reasons.items()
-                ),
-            ]
-        )
-    head = ["package", "file", "frame", "joints", "radius [m]", *runs, "remark"]
-    return markdown(head, lines)
-
-
-def shown(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the table of each robot for some of the runs."""
-    return report([row for row in rows if row["run"] in SHOWN])
+        reasons = dict.fromkeys(_shortened(row) for row in own.values() if row["status"] != DONE)
+        lines.append([f"`{Path(robot).name}`", *map(_cell, own.values()), "; ".join(reasons)])
+    shown = slice(None) if any(line[-1] for line in lines) else slice(-1)
+    return markdown(["robot", *runs, "remark"][shown], [line[shown] for line in lines])
 
 
 def counts(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -212,7 +198,7 @@ def counts(rows: Sequence[Mapping[str, Any]]) -> str:
     for run in dict.fromkeys(row["run"] for row in rows):
         own = [row for row in rows if row["run"] == run]
         shares = [
-            (100.0 * row["error"] / row["radius"], _named(row["robot"])[1])
+            (100.0 * row["error"] / row["radius"], Path(row["robot"]).name)
             for row in own
             if row["status"] == DONE
         ]
@@ -221,15 +207,6 @@ def counts(rows: Sequence[Mapping[str, Any]]) -> str:
         ended = (sum(row["status"] == end for row in own) for end in ends)
         lines.append([run, len(own), *ended, middle, worst])
     return markdown(["run", "robots", *ends, "error, median", "largest"], lines)
-
-
-def _named(robot: str) -> tuple[str, str]:
-    path = Path(robot)
-    return ("" if path.is_absolute() else path.parts[0]), path.name
-
-
-def _sizes(row: Mapping[str, Any]) -> list[str]:
-    return [f"`{row['frame']}`", f"{row['joints']:.0f}", f"{row['radius']:.3g}"]
 
 
 def _cell(row: Mapping[str, Any]) -> str:

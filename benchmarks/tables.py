@@ -34,24 +34,16 @@ from . import (
     calibration,
     contact,
     control_step,
-    first_moments,
-    from_log,
-    governor,
     identification,
     image,
-    known_load,
-    learned,
     lying_sensors,
-    modifications,
     price_of_ignorance,
     real_calibration,
     real_logs,
     realities,
     realtime,
-    rendered,
     scenarios,
     strangers,
-    sweep_engines,
     tracker,
 )
 from .timing import HERE, table_rows
@@ -111,49 +103,6 @@ def _middle_and_worst(found: Sequence[tuple[float, str]], unit: str) -> tuple[st
     return f"{median(value for value, _ in found):.2g}{unit}", f"{largest:.2g}{unit} (`{robot}`)"
 
 
-def tuned() -> str:
-    """Return what `pinadapt tune` found for each law, on other seeds than it searched with."""
-    lines = [
-        '| law | defaults | gains found | verdicts "follows" | gains |',
-        "|---|---|---|---|---|",
-    ]
-    for law in ("separation", "adaptive-inverse-dynamics", "adaptive-jacobian"):
-        found = json.loads((HERE / "tuned" / f"{law}.json").read_text())
-        default, best = (100.0 * found["validation"][key] for key in ("default", "best"))
-        follows = " and ".join(
-            f"{found['success'][key]['good']} of {found['success'][key]['total']}"
-            for key in ("default", "best")
-        )
-        words = "**better**" if found["better"] else "the defaults are as good"
-        gains = ", ".join(
-            f"{key.partition('.')[2]} {value:.0f}"
-            if value >= 10.0
-            else f"{key.partition('.')[2]} {value:.2g}"
-            for key, value in found["gains"].items()
-        )
-        lines.append(f"| `{law}` | {default:.2g} % | {best:.2g} %, {words} | {follows} | {gains} |")
-    return "\n".join(lines)
-
-
-def thousand_pandas() -> str:
-    """Return the percentiles of the thousand pandas, with their intervals."""
-    found = json.loads((HERE / "thousand_pandas.json").read_text())["percentiles"]
-    shown = {
-        "error_share": ("error, of the path's radius", 100.0, "%"),
-        "max_error_last": ("largest error of the last tenth", 1e3, "mm"),
-        "torque_use": ("largest torque, of its limit", 100.0, "%"),
-    }
-    lines = ["| | 5 % | 50 % | 95 % |", "|---|---|---|---|"]
-    for name, (words, scale, unit) in shown.items():
-        cells = [
-            f"{scale * each['value']:.3g} {unit} ({scale * each['low']:.3g} to "
-            f"{scale * each['high']:.3g})"
-            for each in found[name]
-        ]
-        lines.append(f"| {words} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
 # --- the pages ---
 
 
@@ -170,42 +119,28 @@ def of_json(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callabl
 
 
 TABLES: dict[str, Callable[[], str]] = {
-    "after_changes": of("scenarios", scenarios.after_changes, table="load_changes"),
     "alternatives": of(
         "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
     ),
     "calibration": of("calibration", calibration.report),
     "contact": of_json("contact", contact.report),
     "control_step": of_json("control_step", control_step.report),
-    "first_moments": of("first_moments", first_moments.report),
-    "from_log": of("from_log", from_log.report),
-    "governor": of("governor", governor.report),
-    "governor_everything": of("governor", governor.counts),
     "geometry_online": of("geometry_online", calibration.followed),
     "identification": of("identification", identification.report),
     "image": of("image", image.report),
-    "known_load": of("known_load", known_load.as_described),
-    "known_load_off": of("known_load", known_load.off_by_some_per_cent),
-    "lying_sensors": of("lying_sensors", lying_sensors.report),
-    "modifications": of("modifications", modifications.report),
-    "price_of_ignorance": of("price_of_ignorance", price_of_ignorance.report),
+    "lying_sensors": of("lying_sensors", lying_sensors.report, law="separation"),
+    "price_of_ignorance": of("price_of_ignorance", price_of_ignorance.report, robot="panda"),
+    "readme": of("readme", strangers.report),
     "real_calibration": of("real_calibration", real_calibration.report),
     "real_logs": of("real_logs", real_logs.report),
     "real_logs_checked": of("real_logs", real_logs.checks),
     "real_logs_online": of("real_logs", real_logs.online),
-    "real_logs_split": of("real_logs", real_logs.split),
-    "realities": of("realities", realities.report),
+    "realities": of("realities", realities.report, contender="default"),
     "realities_pushes": of("realities", realities.pushes),
     "realtime": of_json("realtime", realtime.report),
-    "rendered": of_json("rendered", rendered.report),
     "strangers": of("strangers", strangers.counts),
-    "strangers_each": of("strangers", strangers.shown),
-    "sweep_engines": of_json("sweep_engines", sweep_engines.report),
-    "thousand_pandas": thousand_pandas,
     "tracker": of("tracker", tracker.report),
-    "tuned": tuned,
     "zoo": of("zoo", zoo),
-    **{f"learned_{name}": of("learned", make, table=name) for name, make in learned.TABLES.items()},
     **{name: of("scenarios", make, table=name) for name, make in scenarios.TABLES.items()},
 }
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from benchmarks.modifications import measure
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_beside, energy_along, with_tool_and_load
 
@@ -200,18 +199,3 @@ def test_normalised_adaptation_is_bounded_for_large_regressors():
     assert np.allclose(
         small, slow.inner.rate(start, pa.adaptation.Drive(1e-4 * np.ones((2, 3)), e)).value
     )
-
-
-@pytest.mark.parametrize(("kind", "factor"), [("none", 1.0), ("normalised", 3.0)])
-def test_late_motors_cause_no_chatter_also_without_normalisation(kind, factor):
-    """The feedback is for a lag of 5 ms, the motors are 6 ms late."""
-    found = measure("ur5", "late motors", kind, factor)
-    assert found["chatter"] < 0.05 and found["error_mm"] < 0.05
-
-
-def test_projection_prevents_divergence_of_law_11_under_noise():
-    plain, kept = (
-        measure("ur5", "noise, law (11), gradient", kind, 3.0) for kind in ("none", "projection")
-    )
-    assert plain["diverged"] is not None and kept["diverged"] is None
-    assert kept["error_mm"] < 5.0

@@ -1,4 +1,4 @@
-"""The benchmark on robots of other packages: its names, its refusals and what it counts."""
+"""The benchmark on third-party robots: its names, its refusals and what it counts."""
 
 import pytest
 
@@ -24,7 +24,7 @@ def test_a_package_is_found_but_not_imported(tmp_path, monkeypatch):
     row = strangers.measure(name, "perfect")
     assert row["status"] == "refused" and row["reason"].startswith(f"{name}: not well-formed")
     assert str(tmp_path) not in row["reason"]
-    with pytest.raises(ValueError, match="'lidar' is not perfect, camera"):
+    with pytest.raises(ValueError, match="'lidar' is not one of perfect, camera"):
         strangers.measure(name, "camera, lidar")
 
 
@@ -45,6 +45,6 @@ def test_diverged_and_refused_robots_are_counted_each_by_itself():
         "| camera | 5 | 2 | 1 | 2 | 0.02 % | 0.03 % (`b.urdf`) |"
     )
     lines = strangers.report(rows).splitlines()
-    assert lines[2] == "| p | a.urdf | `tip` | 6 | 0.1 | 0.01 mm, 0.01 % |  |"
+    assert lines[2] == "| `a.urdf` | 0.01 mm, 0.01 % |  |"
     assert lines[4].endswith("| diverged | at 2 s: the torque is not finite |")
-    assert lines[5] == "| p | d.urdf |  |  |  | refused | no mass |"
+    assert lines[5] == "| `d.urdf` | refused | no mass |"
