@@ -194,10 +194,10 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault(row["frames"], []).append(row)
-    keys = ("before", "after", "noise", "true", "first_order")
+    keys = ("before", "after", "true", "first_order")
     lines = [[frames, len(own), *_spread(own, keys)] for frames, own in groups.items()]
-    head = ["frames", "arms", "held out: described", "calibrated", "noise of the tracker"]
-    return markdown([*head, "true error", "of first order alone"], lines)
+    head = ["frames", "arms", "described", "calibrated", "true error", "of first order alone"]
+    return markdown(head, lines)
 
 
 def _spread(rows: list[Mapping[str, Any]], keys: Iterable[str]) -> list[str]:
@@ -213,7 +213,7 @@ def followed(rows: Iterable[Mapping[str, Any]]) -> str:
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["robot"], row["unknown"]), []).append(row)
-    keys = ("largest", "last", "predicted", "first_order")
+    keys = ("largest", "last", "predicted")
     lines = [[*who, *_spread(own, keys)] for who, own in groups.items()]
     head = ["arm", "unknown", "largest error", "of the last tenth", "of the predicted position"]
-    return markdown([*head, "of first order along the path"], lines)
+    return markdown(head, lines)

@@ -1,6 +1,6 @@
 """Pushes on the tool of an arm that carries a load: which are detected as contact, and how soon.
 
-``python -m benchmarks.contact [--save FILE] [ROBOT...]``: the default controller at 500 Hz, with a
+``python -m benchmarks.contact [ROBOT...]``: the default controller at 500 Hz, with a
 camera and encoders of 17 bits, learns a load, a tool and friction on a circle of 5 cm. Then, for
 each force along and against each axis of the base, it follows the circle again, from what it has
 learned, and the force begins to act on the tool. The loop is that of ``pinadapt drive``, with the
@@ -22,7 +22,7 @@ import pinadapt as pa
 from pinadapt.description.chain import effort_limits
 from pinadapt.realtime import CycleLog, PlantArm, RealtimeLoop, Recorder, Safety, Scheduling
 
-from .timing import HERE, markdown, save
+from .timing import markdown
 
 ROBOTS = ("panda", "ur5", "kinova", "z1")
 FORCES = (10.0, 20.0, 30.0, 50.0, 100.0)  # [N]
@@ -154,10 +154,9 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure, print and save."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("robots", nargs="*", default=ROBOTS)
-    parser.add_argument("--save", type=Path, nargs="?", const=HERE / "contact.json")
     options = parser.parse_args(arguments)
     rows: list[dict[str, Any]] = []
     for name in options.robots:
@@ -169,8 +168,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 rows.append(carrier.row(force * direction))
                 print(rows[-1], flush=True)
     print(report(rows))
-    if options.save:
-        save(options.save, rows)
 
 
 if __name__ == "__main__":

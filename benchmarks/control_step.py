@@ -20,7 +20,7 @@ each counted as often as it occurs.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ import pinocchio as pin
 
 import pinadapt as pa
 
-from .timing import HERE, in_turn, markdown, save, saved
+from .timing import HERE, in_turn, save, saved
 
 PLANAR = HERE.parent / "robots" / "planar_2r"
 LAW, DEFAULT = "adaptive-inverse-dynamics", "separation"
@@ -212,30 +212,6 @@ def measure_memory() -> dict[str, Any]:
         "median_ratio": between / usual,
         "mean_ratio": mean / usual,
     }
-
-
-SHOWN = {
-    "panda": "law (11), Panda",
-    "ur5": "law (11), UR5",
-    "planar_2r": "law (11), planar arm",
-    "panda_separation": "the default law, Panda",
-    "panda_separation_joints": "the default law, Panda, with unknown friction",
-}
-
-
-def report(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return the table of the page on figures."""
-    found = {row["name"]: row for row in rows}
-    cells = [
-        [
-            words,
-            row["kinematic"] + row["dynamic"],
-            f"{row['floor_us']:.0f} µs",
-            f"{row['ratio']:.1f}",
-        ]
-        for words, row in ((words, found[name]) for name, words in SHOWN.items())
-    ]
-    return markdown(["step", "unknowns", "Pinocchio calls", "ratio of step to calls"], cells)
 
 
 def main() -> None:

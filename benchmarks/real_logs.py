@@ -9,8 +9,7 @@ joints of averages over windows. Of each log are measured
 * identified: ``pinadapt.identify`` from the first three quarters, the description as it is, and
   base parameters by ordinary and by weighted least squares with the same effects of the joints; the
   sample by sample estimates of an ``Estimator`` after the first three quarters;
-* viscous and Coulomb: the same with viscous and Coulomb friction and rotors alone;
-* least-squares, forgetting 0: other sample by sample estimates.
+* viscous and Coulomb: the same with viscous and Coulomb friction and rotors alone.
 
 The folder has the files named in ``LOGS``, or says in a ``logs.toml`` what it has::
 
@@ -28,7 +27,6 @@ import os
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +34,6 @@ import numpy as np
 
 import pinadapt as pa
 from pinadapt._output import toml
-from pinadapt.identification.fits import Frames
-from pinadapt.identification.identified_model import estimate_online, measurements
 from pinadapt.identification.report_page import least_squares_errors
 from pinadapt.information import check_torques
 
@@ -87,21 +83,6 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def never_forgetting(found: pa.Identification) -> pa.Identification:
-    """Return the same with sample by sample estimates of a memory that keeps everything."""
-    robot = found.estimator.controller.kinematics.robot
-    estimator = pa.make_estimator(
-        robot,
-        unknown=replace(found.unknown, regressor="nominal"),
-        adaptation="natural-memory",
-        forgetting=0.0,
-        dt=found.log.period,
-    )
-    samples = measurements(found.log, robot, Frames(np.zeros(0), np.zeros((0, 0))))
-    online = estimate_online(estimator, samples, len(found.log.t))
-    return replace(found, estimator=estimator, online=online)
-
-
 def measure(log: str, what: str) -> dict[str, Any]:
     """Return the figures of a log."""
     with warnings.catch_warnings():
@@ -115,11 +96,7 @@ def measure(log: str, what: str) -> dict[str, Any]:
         options: dict[str, Any] = {}
         if what == "viscous and Coulomb":
             options["unknown"] = pa.Unknown(friction=True, armature=True)
-        if what == "least-squares":
-            options["adaptation"] = what
         found = pa.identify(file, robot, progress=False, **options)
-        if what == "forgetting 0":
-            found = never_forgetting(found)
         errors = found.torque_errors
         numbers: dict[str, Any] = {
             "described": rms(errors.described_held_out),
@@ -137,7 +114,6 @@ def measure(log: str, what: str) -> dict[str, Any]:
 
 # --- tables ---
 
-MINUS = "\N{MINUS SIGN}"
 SHOWN_EFFECTS = 4
 NAMES = {"panda": "Panda", "ur10": "UR10", "tx40": "TX40", "tiago": "TIAGo, torso locked"}
 Rows = Sequence[Mapping[str, Any]]
@@ -146,15 +122,6 @@ Rows = Sequence[Mapping[str, Any]]
 def of_kind(rows: Rows, what: str) -> dict[str, Mapping[str, Any]]:
     """Return the rows of one kind, by log."""
     return {row["log"]: row for row in rows if row["what"] == what}
-
-
-def checks(rows: Rows) -> str:
-    """Return factors, correlations and gravity of each log."""
-    cells = []
-    for name, row in of_kind(rows, "check").items():
-        gravity = ", ".join(f"{row[f'gravity[{k}]']:.1f}".replace("-", MINUS) for k in range(3))
-        cells.append([NAMES[name], row["factors"], gravity])
-    return markdown(["log", "judged joints", "gravity that the torques show, m/s²"], cells)
 
 
 def effects(words: str) -> str:
@@ -180,18 +147,3 @@ def report(rows: Rows) -> str:
     ]
     head = ["log", "described", "OLS", "WLS", "identified", "viscous and Coulomb friction alone"]
     return markdown([*head, "effects that were chosen, and what each gained"], cells)
-
-
-def online(rows: Rows) -> str:
-    """Return the errors of sample by sample estimates."""
-    kinds = [of_kind(rows, what) for what in ("forgetting 0", "least-squares")]
-    cells = [
-        [
-            NAMES[name],
-            *(f"{row[key]:.3g}" for key in ("described", "learned")),
-            *(f"{each[name]['online']:.2g}" for each in (of_kind(rows, "identified"), *kinds)),
-        ]
-        for name, row in of_kind(rows, "identified").items()
-    ]
-    head = ["log", "described", "offline", "online, `natural-memory`", "with `forgetting=0`"]
-    return markdown([*head, "`least-squares`"], cells)

@@ -13,7 +13,6 @@ unless ``--again`` is given: all, or those with some values. What was interrupte
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import re
 import shutil
@@ -32,8 +31,6 @@ from . import (
     alternatives,
     alternatives_report,
     calibration,
-    contact,
-    control_step,
     identification,
     image,
     lying_sensors,
@@ -41,7 +38,6 @@ from . import (
     real_calibration,
     real_logs,
     realities,
-    realtime,
     scenarios,
     strangers,
     tracker,
@@ -113,18 +109,11 @@ def of(name: str, report: Callable[[list[dict[str, Any]]], str], **which: str) -
     )
 
 
-def of_json(name: str, report: Callable[[list[dict[str, Any]]], str]) -> Callable[[], str]:
-    """Return a function that returns the report of the rows of a benchmark's file."""
-    return lambda: report(json.loads((HERE / f"{name}.json").read_text())["rows"])
-
-
 TABLES: dict[str, Callable[[], str]] = {
     "alternatives": of(
         "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
     ),
     "calibration": of("calibration", calibration.report),
-    "contact": of_json("contact", contact.report),
-    "control_step": of_json("control_step", control_step.report),
     "geometry_online": of("geometry_online", calibration.followed),
     "identification": of("identification", identification.report),
     "image": of("image", image.report),
@@ -133,11 +122,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "readme": of("readme", strangers.report),
     "real_calibration": of("real_calibration", real_calibration.report),
     "real_logs": of("real_logs", real_logs.report),
-    "real_logs_checked": of("real_logs", real_logs.checks),
-    "real_logs_online": of("real_logs", real_logs.online),
     "realities": of("realities", realities.report, contender="default"),
     "realities_pushes": of("realities", realities.pushes),
-    "realtime": of_json("realtime", realtime.report),
     "strangers": of("strangers", strangers.counts),
     "tracker": of("tracker", tracker.report),
     "zoo": of("zoo", zoo),
