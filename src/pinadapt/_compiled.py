@@ -18,15 +18,11 @@ arrays where it enters.
 
 from __future__ import annotations
 
-import ctypes
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, wraps
-from pathlib import Path
 from typing import Any, TypeVar, cast
-
-import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -107,48 +103,3 @@ def _empty_cache(function: Callable[..., Any]) -> None:
 
     with suppress(RuntimeError, OSError):
         njit(cache=True)(function)._cache.flush()  # type: ignore[attr-defined]
-
-
-_BLAS = (
-    "scipy_openblas_{}_num_threads64_",
-    "scipy_openblas_{}_num_threads",
-    "openblas_{}_num_threads64_",
-    "openblas_{}_num_threads",
-)
-
-
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Have the linear algebra of numpy and scipy use one thread meanwhile, where it is OpenBLAS.
-
-    Matrices of a hundred parameters gain nothing from several threads, and lose most of the time
-    where there are more threads than processors, as in a container; in a loop on a clock, they wait
-    for threads without its priority. Nothing else is changed, and nothing at all with another
-    library.
-    """
-    before = [(int(get()), put) for get, put in _blas_threads()]
-    for _, put in before:
-        put(1)
-    try:
-        yield
-    finally:
-        for count, put in before:
-            put(count)
-
-
-def _blas_threads() -> list[tuple[Any, Any]]:
-    """Return functions that get and set the number of threads of each OpenBLAS of the wheels."""
-    folder, found = Path(np.__file__).parent, []
-    for file in (
-        *folder.parent.glob("numpy.libs/*openblas*"),
-        *folder.parent.glob("scipy.libs/*openblas*"),
-        *folder.glob(".dylibs/*openblas*"),
-        *folder.parent.glob("scipy/.dylibs/*openblas*"),
-    ):
-        with suppress(OSError):
-            library = ctypes.CDLL(str(file))
-            named = (name for name in _BLAS if hasattr(library, name.format("set")))
-            for name in [*named][:1]:
-                get, put = (getattr(library, name.format(verb)) for verb in ("get", "set"))
-                found.append((get, put))
-    return found

@@ -32,9 +32,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from .._checks import flag, name_list, positive, vector
-from .._compiled import one_blas_thread
 from .._output import Sheet, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError, did_you_mean
@@ -270,7 +270,7 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-@one_blas_thread()
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def calibrate(
     log: Path | str | Log | Rollout | Sequence[Any],
     robot: Robot | Path | str,

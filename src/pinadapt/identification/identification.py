@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from .._checks import keywords, positive
-from .._compiled import one_blas_thread
 from .._output import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
@@ -144,7 +144,7 @@ class Identification(IdentifiedModel):
     joint="unknown=pa.Unknown(friction=True, armature=True)",
     **REPLACED,
 )
-@one_blas_thread()
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def identify(
     log: Path | str | Log | Rollout | Sequence[Any],
     robot: Robot | Path | str,

@@ -30,9 +30,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from threadpoolctl import threadpool_limits
 
 from .._checks import instance, positive, vector
-from .._compiled import one_blas_thread
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
@@ -361,7 +361,12 @@ class RealtimeLoop:
         """
         recorder, collecting = self._recorder, gc.isenabled()
         scheduled = self._scheduling.applied()
-        with self._alone(), self._signals_caught(), one_blas_thread(), scheduled as notes:
+        with (
+            self._alone(),
+            self._signals_caught(),
+            threadpool_limits(1, "blas"),
+            scheduled as notes,
+        ):
             self.ending.notes += notes
             for note in notes:
                 self._say(note)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gc
 import importlib
-import logging
 import os
 import pickle
 import signal
@@ -18,7 +17,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -29,20 +28,20 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
+from concurrent.futures import TimeoutError as FutureTimeout
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from inspect import Parameter, signature
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from .._compiled import one_blas_thread
 from .._output import check_writable, percent, read_toml
 from .._version import __version__
 from ..exceptions import InputError
@@ -66,13 +65,12 @@ from .table import (
     remove,
 )
 
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-_KEPT = 4  # robots and controllers that a worker keeps
-GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
-_ANSWER = 10.0  # [s] for a scheduler to answer
-_ATTEMPTS = 3  # in a row to start a process
-_AHEAD = 2  # cases for each worker of a given engine, so that none waits for the next
+Work = Callable[[Case], Mapping[str, Any]]
 
+_KEPT = 4  # robots and controllers that a worker keeps; half: made again more often; twice: memory
+GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
+_ANSWER = 10.0  # [s] for a scheduler to answer; half: a busy one is missed; twice: a longer wait
+_AHEAD = 2  # cases for each worker of a given engine; one: workers wait; four: nothing is gained
 
 _IMPORTABLE = (
     "A function must stand at the top of a module that all workers can import, not in a shell, a "
@@ -133,27 +131,17 @@ class FunctionWork:
     path: str = ""
 
     def __call__(self, case: Case) -> Mapping[str, Any]:
-        """Return what the function returns; a number alone is called "result".
-
-        Raises:
-            InputError: it returns something else.
-        """
+        """Return what the function returns; what is no table is called "result"."""
         function = resolved(self.function, self.path)
         arguments = signature(function).parameters
         takes_all = any(each.kind is Parameter.VAR_KEYWORD for each in arguments.values())
         seeded = "seed" not in case.values and ("seed" in arguments or takes_all)
         found = function(**case.values, **({"seed": case.seed} if seeded else {}))
-        if found is None or isinstance(found, Mapping):
-            return found or {}
-        if isinstance(found, int | float | str | np.generic | np.ndarray | list | tuple):
-            return {"result": found}
-        raise InputError(
-            f"returned {type(found).__name__}; return numbers by name.", where="function"
-        )
+        return found if isinstance(found, Mapping) else {"result": found}
 
 
 def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[..., Any]:
-    """Return a function from its name, "module:name".
+    """Return a function from its name, "module:name". Its module is a program, which runs now.
 
     Raises:
         InputError: there is no such module, or it has no such function.
@@ -164,7 +152,7 @@ def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[...
     if path and path not in sys.path:
         sys.path.insert(0, path)
     try:
-        found = getattr(importlib.import_module(module), name)
+        found: Callable[..., Any] = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"cannot be imported: {error}.",
@@ -172,8 +160,6 @@ def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[...
             hint='Write "module:function"; the module is searched for from the folder of the '
             "sweep file.",
         ) from error
-    if not callable(found):
-        raise InputError("is not a function.", where=function)
     return found
 
 
@@ -218,7 +204,6 @@ def numbers_of(rollout: Rollout) -> dict[str, Any]:
 
 
 _local = threading.local()
-_environment = threading.Lock()
 
 
 class _Kept(OrderedDict[Any, Any]):
@@ -246,7 +231,7 @@ def _kept() -> _Kept:
 # --- one case ---
 
 
-def run_case(work: Callable[[Case], Mapping[str, Any]], case: Case, version: str) -> dict[str, Any]:
+def run_case(work: Work, case: Case, version: str) -> dict[str, Any]:
     """Return the row of a case, whatever happens in it: status, reason, numbers, seconds.
 
     Raises:
@@ -266,75 +251,43 @@ def run_case(work: Callable[[Case], Mapping[str, Any]], case: Case, version: str
     except InputError as error:
         head, found = {"status": REFUSED, "reason": str(error)}, {}
     except Exception as error:
-        head, found = {"status": FAILED, "reason": _where(error)}, {}
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(last.filename).name}:{last.lineno}"
+        reason = f"{type(error).__name__}: {error} ({place})"
+        head, found = {"status": FAILED, "reason": reason}, {}
     return {**head, **found, "seconds": time.perf_counter() - started}
 
 
-def _run(
-    work: Callable[[Case], Mapping[str, Any]] | bytes,
-    case: Case,
-    version: str,
-    limit: float | None,
-) -> dict[str, Any]:
-    """Run a case of work, which may be pickled, within a limit [s] if there is one.
+def _run(packed: bytes, case: Case, version: str, limit: float | None) -> dict[str, Any]:
+    """Run a case of pickled work, within a limit [s] if there is one.
 
     Raises:
         EngineError: the work cannot be imported here, or the versions differ.
     """
-    work = _unpacked(work) if isinstance(work, bytes) else work
-    return run_case(work, case, version) if limit is None else _within(limit, work, case, version)
-
-
-@lru_cache(maxsize=2)
-def _unpacked(packed: bytes) -> Callable[[Case], Mapping[str, Any]]:
-    try:
-        work: Callable[[Case], Mapping[str, Any]] = pickle.loads(packed)
-    except Exception as error:
-        raise EngineError(f"a worker cannot import what is run: {error}. {_IMPORTABLE}") from error
-    return work
-
-
-def _packed(work: Callable[[Case], Mapping[str, Any]]) -> bytes:
-    """Return pickled work, once for all cases.
-
-    Raises:
-        InputError: it cannot be pickled.
-    """
-    try:
-        return pickle.dumps(work)
-    except Exception as error:
-        raise InputError(
-            f"cannot be sent to other processes: {error}.",
-            where="function",
-            hint=f"{_IMPORTABLE} Or run it in this process: executor=0.",
-        ) from error
-
-
-def _where(error: Exception) -> str:
-    """Return an error, with the place of the last line of its traceback."""
-    last = traceback.extract_tb(error.__traceback__)[-1:]
-    place = f" ({Path(last[0].filename).name}:{last[0].lineno})" if last else ""
-    return f"{type(error).__name__}: {error}{place}"
-
-
-def _within(
-    limit: float, work: Callable[[Case], Mapping[str, Any]], case: Case, version: str
-) -> dict[str, Any]:
-    """Run a case in a thread that is left behind after some seconds: no thread can be ended."""
+    if limit is None:
+        return run_case(_unpacked(packed), case, version)
     found: Future[dict[str, Any]] = Future()
 
     def target() -> None:
         """Run the case and hand over its row, or what it raised."""
         try:
-            found.set_result(run_case(work, case, version))
+            found.set_result(run_case(_unpacked(packed), case, version))
         except BaseException as error:
             found.set_exception(error)
 
+    # a thread that is left behind: none can be ended
     threading.Thread(target=target, daemon=True).start()
     done, _ = wait([found], timeout=limit)
-    if not done:
-        return _hung(limit)
-    return found.result()
+    return found.result() if done else _hung(limit)
+
+
+@lru_cache(maxsize=2)
+def _unpacked(packed: bytes) -> Work:
+    try:
+        work: Work = pickle.loads(packed)
+    except Exception as error:
+        raise EngineError(f"a worker cannot import what is run: {error}. {_IMPORTABLE}") from error
+    return work
 
 
 def _hung(limit: float) -> dict[str, Any]:
@@ -358,7 +311,7 @@ class Here(Executor):
 
 
 class Processes(Executor):
-    """New processes of this machine, each a pool of its own.
+    """New processes of this machine, each a pool of one, with a thread that waits for it.
 
     A process that ends, or that is ended because its case takes too long, costs that case alone and
     is replaced. All of them end with this process, even if it is killed.
@@ -371,224 +324,74 @@ class Processes(Executor):
     def __init__(self, count: int | None = None, timeout: float | None = None) -> None:
         """Take the number of processes, by default one for each core that this process may use."""
         self.count, self.timeout = count or cores(), timeout
-        self._lock = threading.RLock()
-        self._waiting: deque[tuple[Future[Any], Callable[[], Any], tuple[Any, ...]]] = deque()
-        self._idle: list[_Process] = []
-        self._all: list[_Process] = []
-        self._ended, self._failed = False, 0
-        self.broken: str | None = None
-        context = get_context("spawn")
-        self._listen, self._alive = context.Pipe(duplex=False)
-        for _ in range(self.count):
-            self._add()
+        self._threads = ThreadPoolExecutor(self.count)
+        self._own = threading.local()
+        self._running: set[int] = set()
+        self._ended = False
 
     def submit(self, function: Any, /, *arguments: Any, **words: Any) -> Future[Any]:
         """Run a function in the next free process."""
-        future: Future[Any] = Future()
-        with self._lock:
-            if self._ended:
-                raise RuntimeError("the engine was shut down.")
-            self._waiting.append((future, function, arguments))
-        self._next()
-        return future
+        return self._threads.submit(self._run, function, arguments)
 
-    def _add(self) -> None:
-        process = _Process(self._listen, self._ready)
-        with self._lock:
-            self._all.append(process)
-        process.start()
+    def _run(self, function: Any, arguments: Any) -> Any:
+        """Run a function in the process of this thread."""
+        try:
+            return self._sent(function, arguments).result(self.timeout)
+        except (FutureTimeout, BrokenProcessPool) as error:
+            self._kill(self._own.process)
+            del self._own.pool
+            if isinstance(error, BrokenProcessPool) or self.timeout is None:
+                raise
+            return _hung(self.timeout)
 
-    def _replace(self, process: _Process) -> None:
-        with self._lock:
-            self._all.remove(process)
-        process.end()
-        self._add()
+    def _sent(self, function: Any, arguments: Any) -> Future[Any]:
+        """Send a function to the process of this thread; a new one if there is none, or no more.
 
-    def _ready(self, process: _Process, started: bool) -> None:
-        """Give a process its first case once it has started, or give up if it cannot start."""
-        if started:
-            with self._lock:
-                self._idle.append(process)
-                self._failed = 0
-            self._next()
-            return
-        with self._lock:
-            self._failed += 1
-            again = self._failed <= _ATTEMPTS and not self._ended
-        if again:
-            self._replace(process)
-            return
-        with self._lock:
-            self.broken = (
+        Raises:
+            EngineError: none can be started.
+        """
+        with suppress(AttributeError, BrokenProcessPool):
+            sent: Future[Any] = self._own.pool.submit(function, *arguments)
+            return sent
+        self._own.pool = pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+        try:
+            self._own.process = pool.submit(os.getpid).result()  # the clock begins when it runs
+        except BrokenProcessPool as error:
+            raise EngineError(
                 "no process could be started. In a script, the call must be below "
                 '`if __name__ == "__main__":`, because every process imports the script.'
-            )
-            waiting, self._waiting = list(self._waiting), deque()
-        if not self._ended:
-            for future, _, _ in waiting:
-                future.set_exception(EngineError(self.broken))
-
-    def _next(self) -> None:
-        while True:
-            with self._lock:
-                if self.broken is not None and self._waiting:
-                    self._waiting.popleft()[0].set_exception(EngineError(self.broken))
-                    continue
-                if self._ended or not (self._waiting and self._idle):
-                    return
-                future, function, arguments = self._waiting.popleft()
-                if not future.running() and not future.set_running_or_notify_cancel():
-                    continue
-                process = self._idle.pop()
-            inner = process.run(function, arguments, self.timeout)
-            if inner is None:  # it was ended while it had nothing to do
-                process.rest()
-                with self._lock:
-                    self._waiting.appendleft((future, function, arguments))
-                self._replace(process)
-                continue
-            inner.add_done_callback(partial(self._done, process, future))
-
-    def _done(self, process: _Process, future: Future[Any], inner: Future[Any]) -> None:
-        """Hand on a result; a process that has ended is replaced."""
-        hung = process.rest()
-        error = CancelledError() if inner.cancelled() else inner.exception()
+            ) from error
+        self._running.add(self._own.process)
         if self._ended:
-            future.cancel()
-            return
-        if hung or isinstance(error, BrokenProcessPool):
-            self._replace(process)
-        else:
-            with self._lock:
-                self._idle.append(process)
-            self._next()
-        if hung and error is not None and self.timeout is not None:
-            future.set_result(_hung(self.timeout))
-            return
-        if error is None:
-            future.set_result(inner.result())
-        else:
-            future.set_exception(error)
+            self._kill(self._own.process)
+        return pool.submit(function, *arguments)
+
+    def _kill(self, process: int) -> None:
+        self._running.discard(process)
+        with suppress(OSError):
+            os.kill(process, getattr(signal, "SIGKILL", signal.SIGTERM))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End all processes at once."""
-        with self._lock:
-            self._ended, all_ = True, list(self._all)
-        self._alive.close()
-        for process in all_:
-            process.end()
-        self._listen.close()
+        self._ended = True
+        for process in list(self._running):
+            self._kill(process)
+        self._threads.shutdown(wait, cancel_futures=True)
 
 
-class _Process:
-    """One process: a pool of one, its process id, and the clock of its present case."""
-
-    def __init__(self, listen: Connection, ready: Callable[[_Process, bool], None]) -> None:
-        self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin, (listen,))
-        self._told, self._pid, self._hung = ready, 0, False
-        self._lock = threading.Lock()
-        self._clock: threading.Timer | None = None
-        self._case: Future[Any] | None = None
-
-    def start(self) -> None:
-        """Start the process of the pool, before there is a case for it."""
-        with _one_thread_each(), _deaf():
-            future = self._pool.submit(os.getpid)
-        future.add_done_callback(self._started)
-
-    def _started(self, future: Future[int]) -> None:
-        if future.cancelled() or future.exception() is not None:
-            self._told(self, False)
-            return
-        self._pid = future.result()
-        self._told(self, True)
-
-    def run(self, function: Any, arguments: Any, timeout: float | None) -> Future[Any] | None:
-        """Run a function; None if the process has ended while it had nothing to do."""
-        self._hung = False
-        try:
-            future = self._pool.submit(function, *arguments)
-        except BrokenProcessPool:
-            return None
-        if timeout is not None:
-            with self._lock:
-                self._clock = threading.Timer(timeout, self._end_case, (future,))
-                self._clock.daemon = True
-                self._case = future
-                self._clock.start()
-        return future
-
-    def rest(self) -> bool:
-        """Stop the clock; return whether it has ended the case, and the process."""
-        with self._lock:
-            self._case = None
-            if self._clock is not None:
-                self._clock.cancel()
-                self._clock = None
-        return self._hung
-
-    def _end_case(self, case: Future[Any]) -> None:
-        with self._lock:
-            if self._case is case and not case.done():
-                self._hung = True
-                self._kill()
-
-    def _kill(self) -> None:
-        with suppress(OSError):
-            if self._pid:
-                os.kill(self._pid, getattr(signal, "SIGKILL", signal.SIGTERM))
-
-    def end(self) -> None:
-        """Kill the process and give up its pool."""
-        self._kill()
-        self._pid = 0
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _begin(listen: Connection) -> None:
-    """Prepare a new process: it ends with its parent, and has what every run needs.
-
-    Its first case then takes no longer than the others, which a time limit has to know.
-    """
+def _begin() -> None:
+    """Prepare a new process: it ends with its parent, and leaves Ctrl-C to that."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.set_threshold(*GARBAGE)
-    threading.Thread(target=_end_with, args=(listen,), daemon=True).start()
+    threadpool_limits(1, "blas")
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _end_with(pipe: Connection) -> None:
-    """End this process when the other end of a pipe closes."""
-    try:
-        pipe.recv_bytes()
-    except (EOFError, OSError):
-        os._exit(1)
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Let processes that are started inside ignore Ctrl-C; this process receives it afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let processes that are started inside use one thread for linear algebra."""
-    with _environment:
-        before = {name: os.environ.get(name) for name in _THREADS}
-        os.environ.update(dict.fromkeys(_THREADS, "1"))
-        try:
-            yield
-        finally:
-            for name, value in before.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
 
 
 def cores() -> int:
@@ -631,78 +434,64 @@ def engine(
 @contextmanager
 def _dask(address: str, count: int | None) -> Iterator[Executor]:
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise InputError(
             "Dask is not installed.",
             where="--scheduler",
             hint="Install it: pip install 'pinadapt[dask]'.",
         ) from error
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of ports that are taken
-        if address == "local":
-            with (
-                LocalCluster(
-                    n_workers=count or cores(),
-                    threads_per_worker=1,
-                    dashboard_address=None,
-                    silence_logs=logging.ERROR,  # not of workers that end slowly
-                ) as cluster,
-                Client(cluster) as client,
-            ):
-                yield client.get_executor(pure=False)
-            return
-        try:
-            client = Client(address, timeout=_ANSWER)
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"the scheduler does not answer within {_ANSWER:g} s: {error}.",
-                where=f"--scheduler {address}",
-                hint="Start one by `dask scheduler`, and workers by `dask worker ADDRESS "
-                "--nthreads 1 --nworkers auto`.",
-            ) from error
-        with client:
-            if not client.nthreads():
-                raise InputError(
-                    "the scheduler has no worker.",
-                    where=f"--scheduler {address}",
-                    hint=f"Start some: `dask worker {address} --nthreads 1 --nworkers auto`.",
-                )
-            yield client.get_executor(pure=False)
+    local = {"n_workers": count or cores(), "threads_per_worker": 1, "dashboard_address": None}
+    options = local if address == "local" else {"address": address, "timeout": _ANSWER}
+    try:
+        client = Client(**options)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"the scheduler does not answer within {_ANSWER:g} s: {error}.",
+            where=f"--scheduler {address}",
+            hint="Start one by `dask scheduler`, and workers by `dask worker ADDRESS "
+            "--nthreads 1 --nworkers auto`.",
+        ) from error
+    with client:
+        yield client.get_executor(pure=False)
 
 
-def _workers(engine: Executor) -> int:
-    """Return how many cases an engine runs at a time, as far as it says so."""
+def _ahead(engine: Executor) -> int:
+    """Return how many cases are given to an engine at a time."""
+    if isinstance(engine, Here | Processes):
+        return getattr(engine, "count", 1)
     client = getattr(engine, "_client", None)
-    if client is not None and hasattr(client, "nthreads"):
-        return max(1, sum(client.nthreads().values()))
-    return int(getattr(engine, "_max_workers", 0) or cores())
+    workers = sum(client.nthreads().values()) if client is not None else 0
+    return _AHEAD * (workers or getattr(engine, "_max_workers", cores()))
 
 
 # --- all cases ---
 
 
 def rows(
-    work: Callable[[Case], Mapping[str, Any]],
-    cases: Iterable[Case],
-    engine: Executor,
-    timeout: float | None = None,
+    work: Work, cases: Iterable[Case], engine: Executor, timeout: float | None = None
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of cases as they end; few cases are in the engine at a time.
 
     Raises:
         EngineError: the engine cannot run any case.
+        InputError: the work cannot be sent to other processes.
     """
-    own = isinstance(engine, Processes)
-    ahead = engine.count if isinstance(engine, Processes) else _AHEAD * _workers(engine)
-    ahead = 1 if isinstance(engine, Here) else ahead
+    ahead, coming = _ahead(engine), iter(cases)
     running: dict[Future[Any], Case] = {}
-    coming = iter(cases)
-    limit = None if own else timeout
-    # in one process nothing is pickled, so that there any function will do
-    shared = isinstance(engine, Here | ThreadPoolExecutor)
-    task = partial(_run, work if shared else _packed(work), limit=limit)
-    with one_blas_thread():
+    if isinstance(engine, Here) and timeout is None:  # nothing is pickled: any function will do
+        task: Callable[..., Any] = partial(run_case, work)
+    else:
+        try:
+            packed = pickle.dumps(work)
+        except Exception as error:
+            raise InputError(
+                f"cannot be sent to other processes: {error}.",
+                where="function",
+                hint=f"{_IMPORTABLE} Or run it in this process: executor=0.",
+            ) from error
+        task = partial(_run, packed, limit=None if isinstance(engine, Processes) else timeout)
+    with threadpool_limits(1, "blas"):
         try:
             while True:
                 while len(running) < ahead and (case := next(coming, None)) is not None:
@@ -720,27 +509,21 @@ def rows(
 def _row(case: Case, future: Future[Any]) -> dict[str, Any]:
     """Return the row of a case that has ended: parameters first, then what came of them."""
     error = CancelledError() if future.cancelled() else future.exception()
-    if isinstance(error, EngineError):
+    if isinstance(error, EngineError) or not isinstance(error, Exception | None):
         raise error
-    if isinstance(error, ImportError | AttributeError):
-        raise EngineError(
-            f"a worker cannot import what is run: {error}. Install pinadapt {__version__}, and the "
-            "module of the function, on all workers."
-        ) from error
     if error is None:
         found = future.result()
-    elif isinstance(error, Exception):
+    else:
         words = "its process ended: killed, out of memory, or a crash of compiled code"
         known = isinstance(error, BrokenProcessPool)
         reason = words if known else f"lost by the engine: {type(error).__name__}: {error}"
         found = {"status": CRASHED, "reason": reason, "seconds": None}
-    else:
-        raise error
-    head = {"status": found["status"], "reason": found["reason"]}
+    head = {"status": found.pop("status"), "reason": found.pop("reason")}
+    taken = {"case", "seed", *case.values}
     results = {
-        f"{key} (result)" if key in case.values or key in ("case", "seed") else key: value
+        f"{key} (result)" if key in taken else key: value
         for key, value in found.items()
-        if key not in head and not (key in case.values and case.values[key] == value)
+        if not (key in case.values and case.values[key] == value)
     }
     return {"case": case.number, "seed": case.seed, **case.values, **head, **results}
 
@@ -755,7 +538,7 @@ def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
         InputError: a function cannot be imported.
     """
     for function in (plan.function, plan.reduce):
-        if isinstance(function, str):
+        if function is not None:
             resolved(function, plan.path)
     if plan.function is not None:
         return FunctionWork(plan.function, plan.path)
@@ -856,7 +639,7 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
 
 def run_plan(
     plan: Plan,
-    work: Callable[[Case], Mapping[str, Any]],
+    work: Work,
     workers: Executor,
     folder: Path | None = None,
     progress: Progress | None = None,
@@ -890,9 +673,7 @@ def run_plan(
         if retry:
             store.join(without=AGAIN)
         done = store.done()
-        missing = (
-            case for i in range(len(plan.cases)) if i not in done for case in [plan.cases[i]]
-        )
+        missing = (plan.cases[i] for i in range(len(plan.cases)) if i not in done)
         if progress is not None:
             progress.start(len(done))
         try:
@@ -911,35 +692,30 @@ class Progress:
 
     def __init__(self, plan: Plan, shown: bool | None = None) -> None:
         """Take the sweep, and whether to show the bar; None: on a terminal."""
-        self._total, self._shown = len(plan.cases), shown
-        self._lost, self._worst, self._case = 0, -np.inf, -1
-        self._bar: Any = None
-
-    def start(self, done: int = 0) -> None:
-        """Show the bar, with the cases that have a row already."""
         from tqdm import tqdm
 
-        disable = None if self._shown is None else not self._shown
+        disable = None if shown is None else not shown
         self._bar = tqdm(
-            total=self._total, initial=done, desc="sweep", unit="case", disable=disable, leave=False
+            total=len(plan.cases), desc="sweep", unit="case", disable=disable, leave=False
         )
+        self._lost, self._worst = 0, (-np.inf, -1)
+
+    def start(self, done: int = 0) -> None:
+        """Count the cases that have a row already."""
+        self._bar.update(done)
 
     def tell(self, row: Mapping[str, Any]) -> None:
         """Count a row."""
-        if self._bar is None:
-            self.start()
+        self._lost += row["status"] != DONE
         share = row.get("error_share")
-        if row["status"] != DONE:
-            self._lost += 1
-        elif isinstance(share, int | float) and share > self._worst:
-            self._worst, self._case = float(share), row["case"]
+        if isinstance(share, float):
+            self._worst = max(self._worst, (share, row["case"]))
+        share, case = self._worst
         words = [f"{self._lost} lost"] if self._lost else []
-        if self._case >= 0:
-            words.append(f"worst {percent(self._worst)} (case {self._case})")
+        words += [f"worst {percent(share)} (case {case})"] if case >= 0 else []
         self._bar.set_postfix_str(", ".join(words), refresh=False)
         self._bar.update()
 
     def close(self) -> None:
         """Remove the bar."""
-        if self._bar is not None:
-            self._bar.close()
+        self._bar.close()
