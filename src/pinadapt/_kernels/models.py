@@ -57,87 +57,177 @@ def place(
 
 
 @compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], i8[:], i8[:], f8[:,:], "
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], "
+    "f8[:,:,:], f8[:,:,:])",
+    fills=4,
+)
+def column_motion(
+    R: np.ndarray,
+    o: np.ndarray,
+    S: np.ndarray,
+    dS: np.ndarray,
+    lever: np.ndarray,
+    parent: np.ndarray,
+    columns: np.ndarray,
+    v: np.ndarray,
+    phi: np.ndarray,
+    phid: np.ndarray,
+    Phi: np.ndarray,
+    Phid: np.ndarray,
+) -> None:
+    """Write phi (1 + p, 3), its rate, dphi/dq (1 + p, 3, n), and the rate of that.
+
+    phi_0 is the position of the frame, at ``lever`` (3) from the last joint, and phi_j how it moves
+    with parameter j. Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, S (6, n)
+    axes as motions at the world's origin, linear before angular, dS their rates at the velocity v
+    (n). A column (s, w) is a motion at the origin and in the axes of the joint ``parent`` that
+    carries it, and moves the frame, r away, by d = s + w x r. A joint before it turns d; one behind
+    it moves the frame by some u, which changes d by w x u.
+    """
+    c = len(R) - 1
+    x, y, z = o[c, 0], o[c, 1], o[c, 2]
+    for i in range(3):
+        x += R[c, 0, i] * lever[i]
+        y += R[c, 1, i] * lever[i]
+        z += R[c, 2, i] * lever[i]
+    xd = yd = zd = 0.0
+    for t in range(len(v)):
+        ux = S[0, t] + S[4, t] * z - S[5, t] * y
+        uy = S[1, t] + S[5, t] * x - S[3, t] * z
+        uz = S[2, t] + S[3, t] * y - S[4, t] * x
+        Phi[0, 0, t], Phi[0, 1, t], Phi[0, 2, t] = ux, uy, uz
+        xd, yd, zd = xd + ux * v[t], yd + uy * v[t], zd + uz * v[t]
+    phi[0, 0], phi[0, 1], phi[0, 2] = x, y, z
+    phid[0, 0], phid[0, 1], phid[0, 2] = xd, yd, zd
+    for t in range(len(v)):
+        Phid[0, 0, t] = dS[0, t] + dS[4, t] * z - dS[5, t] * y + S[4, t] * zd - S[5, t] * yd
+        Phid[0, 1, t] = dS[1, t] + dS[5, t] * x - dS[3, t] * z + S[5, t] * xd - S[3, t] * zd
+        Phid[0, 2, t] = dS[2, t] + dS[3, t] * y - dS[4, t] * x + S[3, t] * yd - S[4, t] * xd
+    for j in range(len(parent)):
+        b = parent[j]
+        sx = sy = sz = wx = wy = wz = 0.0  # the column in the world's axes, at the joint
+        for i in range(3):
+            s, w = columns[i, j], columns[3 + i, j]
+            sx, sy, sz = sx + R[b, 0, i] * s, sy + R[b, 1, i] * s, sz + R[b, 2, i] * s
+            wx, wy, wz = wx + R[b, 0, i] * w, wy + R[b, 1, i] * w, wz + R[b, 2, i] * w
+        rx, ry, rz = x - o[b, 0], y - o[b, 1], z - o[b, 2]
+        dx, dy, dz = sx + wy * rz - wz * ry, sy + wz * rx - wx * rz, sz + wx * ry - wy * rx
+        ax = ay = az = ux = uy = uz = 0.0  # turning of the joint, velocity by the joints behind
+        for t in range(b):
+            ax, ay, az = ax + S[3, t] * v[t], ay + S[4, t] * v[t], az + S[5, t] * v[t]
+        for t in range(b, len(v)):
+            ux, uy, uz = (
+                ux + Phi[0, 0, t] * v[t],
+                uy + Phi[0, 1, t] * v[t],
+                uz + Phi[0, 2, t] * v[t],
+            )
+        wxd, wyd, wzd = ay * wz - az * wy, az * wx - ax * wz, ax * wy - ay * wx
+        dxd = ay * dz - az * dy + wy * uz - wz * uy
+        dyd = az * dx - ax * dz + wz * ux - wx * uz
+        dzd = ax * dy - ay * dx + wx * uy - wy * ux
+        phi[j + 1, 0], phi[j + 1, 1], phi[j + 1, 2] = dx, dy, dz
+        phid[j + 1, 0], phid[j + 1, 1], phid[j + 1, 2] = dxd, dyd, dzd
+        own, rate = Phi[j + 1], Phid[j + 1]
+        for t in range(b):
+            ax, ay, az, axd, ayd, azd = S[3, t], S[4, t], S[5, t], dS[3, t], dS[4, t], dS[5, t]
+            own[0, t], own[1, t] = ay * dz - az * dy, az * dx - ax * dz
+            own[2, t] = ax * dy - ay * dx
+            rate[0, t] = ayd * dz - azd * dy + ay * dzd - az * dyd
+            rate[1, t] = azd * dx - axd * dz + az * dxd - ax * dzd
+            rate[2, t] = axd * dy - ayd * dx + ax * dyd - ay * dxd
+        for t in range(b, len(v)):
+            ux, uy, uz = Phi[0, 0, t], Phi[0, 1, t], Phi[0, 2, t]
+            uxd, uyd, uzd = Phid[0, 0, t], Phid[0, 1, t], Phid[0, 2, t]
+            own[0, t], own[1, t] = wy * uz - wz * uy, wz * ux - wx * uz
+            own[2, t] = wx * uy - wy * ux
+            rate[0, t] = wyd * uz - wzd * uy + wy * uzd - wz * uyd
+            rate[1, t] = wzd * ux - wxd * uz + wz * uxd - wx * uzd
+            rate[2, t] = wxd * uy - wyd * ux + wx * uyd - wy * uxd
+
+
+@compiled(
+    "void(f8[:], f8[:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:,:], f8[:,:,:], f8[:,:,:], "
     "f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:])",
     fills=7,
 )
-def frame_motion(
-    R: np.ndarray,
-    o: np.ndarray,
-    V: np.ndarray,
+def affine_motion(
+    a_k: np.ndarray,
+    initial: np.ndarray,
     S: np.ndarray,
     dS: np.ndarray,
-    qd: np.ndarray,
-    lever: np.ndarray,
+    v: np.ndarray,
     rows: np.ndarray,
-    parent: np.ndarray,
-    directions: np.ndarray,
+    phi: np.ndarray,
+    phid: np.ndarray,
+    Phi: np.ndarray,
+    Phid: np.ndarray,
     J: np.ndarray,
     Jdot: np.ndarray,
     Jdot_v: np.ndarray,
     xd_hat: np.ndarray,
     Y_k: np.ndarray,
-    x_hat: np.ndarray,
+    p_hat: np.ndarray,
     X_k: np.ndarray,
 ) -> None:
-    """Write J, dJ/dt (m, n), dJ/dt qd, J qd (m), Y_k (m, p), position (m_p), X_k (m_p, p).
+    """Write J, dJ/dt (m, n), dJ/dt v, J v (m), Y_k (m, p), position (m_p), X_k (m_p, p).
 
-    Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, V (N, 6) velocities, linear
-    before angular, in their own axes; the last one carries the frame at ``lever`` (3). S (6, n) are
-    the joints' axes as motions at the world's origin, dS their rates at the joint velocity qd (n).
-    ``rows`` (m) of the frame's motion are wanted, linear before angular. With the frame at x an
-    axis S = (l, r) moves it by J = (l + r x x, r), and dJ/dt = (dl + dr x x + r x xd, dr). Column
-    by column Y_k is R (w x b) in the linear rows, the first m_p, else zero, and X_k is R b there:
-    of each parameter ``parent`` (p) is the joint and b, a column of ``directions`` (3, p), the
-    direction.
+    They are those of x = phi_0 + sum_j (a_k - initial)_j phi_j, see ``column_motion``, in the
+    wanted ``rows`` (m) of the frame's motion, the first m_p of them linear. The others, which no
+    column changes, are those of the axes S and dS (6, n).
     """
-    c = len(R) - 1
-    x, y, z = o[c, 0], o[c, 1], o[c, 2]
-    for t in range(3):
-        x += R[c, 0, t] * lever[t]
-        y += R[c, 1, t] * lever[t]
-        z += R[c, 2, t] * lever[t]
-    for i in range(len(x_hat)):
-        x_hat[i] = x if rows[i] == 0 else y if rows[i] == 1 else z
-    ux = V[c, 0] + V[c, 4] * lever[2] - V[c, 5] * lever[1]  # V + w x lever
-    uy = V[c, 1] + V[c, 5] * lever[0] - V[c, 3] * lever[2]
-    uz = V[c, 2] + V[c, 3] * lever[1] - V[c, 4] * lever[0]
-    xd = R[c, 0, 0] * ux + R[c, 0, 1] * uy + R[c, 0, 2] * uz
-    yd = R[c, 1, 0] * ux + R[c, 1, 1] * uy + R[c, 1, 2] * uz
-    zd = R[c, 2, 0] * ux + R[c, 2, 1] * uy + R[c, 2, 2] * uz
+    p = len(a_k)
     for i in range(len(rows)):
         r = rows[i]
-        if r < 3:
-            xd_hat[i] = xd if r == 0 else yd if r == 1 else zd
-        else:
-            k = r - 3
-            xd_hat[i] = R[c, k, 0] * V[c, 3] + R[c, k, 1] * V[c, 4] + R[c, k, 2] * V[c, 5]
-        Jdot_v[i] = 0.0
-        for t in range(J.shape[1]):
+        xd_hat[i] = Jdot_v[i] = 0.0
+        for t in range(len(v)):
             column, rate = S[r, t], dS[r, t]
-            if r == 0:
-                column += S[4, t] * z - S[5, t] * y
-                rate += dS[4, t] * z - dS[5, t] * y + S[4, t] * zd - S[5, t] * yd
-            elif r == 1:
-                column += S[5, t] * x - S[3, t] * z
-                rate += dS[5, t] * x - dS[3, t] * z + S[5, t] * xd - S[3, t] * zd
-            elif r == 2:
-                column += S[3, t] * y - S[4, t] * x
-                rate += dS[3, t] * y - dS[4, t] * x + S[3, t] * yd - S[4, t] * xd
+            if r < 3:
+                column, rate = Phi[0, r, t], Phid[0, r, t]
+                for j in range(p):
+                    column += (a_k[j] - initial[j]) * Phi[j + 1, r, t]
+                    rate += (a_k[j] - initial[j]) * Phid[j + 1, r, t]
             J[i, t], Jdot[i, t] = column, rate
-            Jdot_v[i] += rate * qd[t]
-    for j in range(len(parent)):
-        k = parent[j]
-        x = V[k, 4] * directions[2, j] - V[k, 5] * directions[1, j]
-        y = V[k, 5] * directions[0, j] - V[k, 3] * directions[2, j]
-        z = V[k, 3] * directions[1, j] - V[k, 4] * directions[0, j]
-        for i in range(len(rows)):
-            r = rows[i]
-            Y_k[i, j] = R[k, r, 0] * x + R[k, r, 1] * y + R[k, r, 2] * z if r < 3 else 0.0
-        for i in range(len(x_hat)):
-            r = rows[i]
-            X_k[i, j] = R[k, r, 0] * directions[0, j] + R[k, r, 1] * directions[1, j]
-            X_k[i, j] += R[k, r, 2] * directions[2, j]
+            xd_hat[i] += column * v[t]
+            Jdot_v[i] += rate * v[t]
+        for j in range(p):
+            Y_k[i, j] = phid[j + 1, r] if r < 3 else 0.0
+    for i in range(len(p_hat)):
+        r = rows[i]
+        p_hat[i] = phi[0, r]
+        for j in range(p):
+            p_hat[i] += (a_k[j] - initial[j]) * phi[j + 1, r]
+            X_k[i, j] = phi[j + 1, r]
+
+
+@compiled("void(f8[:], f8[:,:,:], i8[:], f8[:,:])")
+def add_column_rates(
+    a_k_rate: np.ndarray, Phi: np.ndarray, place: np.ndarray, Jdot: np.ndarray
+) -> None:
+    """Add sum_j da_j/dt Phi_j to the position rows, ``place`` (m_p), of dJ/dt (m, n)."""
+    if len(Phi) != len(a_k_rate) + 1:
+        raise ArrayError
+    for i in range(len(place)):
+        for j in range(len(a_k_rate)):
+            for t in range(Jdot.shape[1]):
+                Jdot[i, t] += a_k_rate[j] * Phi[j + 1, place[i], t]
+
+
+@compiled("void(f8[:,:,:], f8[:,:,:], f8[:], f8[:], i8[:], f8[:,:])")
+def column_accelerations(
+    Phi: np.ndarray,
+    Phid: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    place: np.ndarray,
+    Y: np.ndarray,
+) -> None:
+    """Add Phi_j a + dPhi_j/dt v to the position rows, ``place`` (m_p), of columns Y (m, p)."""
+    if len(v) != Phi.shape[2] or len(a) != len(v):
+        raise ArrayError
+    for i in range(len(place)):
+        for j in range(Y.shape[1]):
+            for t in range(len(v)):
+                Y[i, j] += Phi[j + 1, place[i], t] * a[t] + Phid[j + 1, place[i], t] * v[t]
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
@@ -163,74 +253,6 @@ def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -
             Y[i, j] = y
             x += y * pi[j]
         tau[i] = x
-
-
-@compiled("void(f8[:], i8[:], f8[:,:], f8[:,:,:], f8[:,:], i8[:], i8[:], f8[:,:])")
-def add_translation_rates(
-    a_k_rate: np.ndarray,
-    parent: np.ndarray,
-    directions: np.ndarray,
-    R: np.ndarray,
-    J: np.ndarray,
-    last: np.ndarray,
-    place: np.ndarray,
-    Jdot: np.ndarray,
-) -> None:
-    """Add axis x (R b da_k/dt) to the position rows of dJ/dt (m, n), parameter by parameter.
-
-    Of each parameter, b is a column of ``directions`` (3, p), in the axes of its parent joint,
-    whose rotation is in R (N, 3, 3). Joints up to that one turn it: columns up to ``last`` (N),
-    axes in the angular rows of J (6, n), zero for slides. ``place`` (m_p) are their coordinates.
-    """
-    p = len(a_k_rate)
-    if len(parent) != p or directions.shape != (3, p):
-        raise ArrayError
-    for j in range(len(a_k_rate)):
-        k = parent[j]
-        x = y = z = 0.0
-        for t in range(3):
-            b = directions[t, j] * a_k_rate[j]
-            x += R[k, 0, t] * b
-            y += R[k, 1, t] * b
-            z += R[k, 2, t] * b
-        for t in range(last[k] + 1):
-            for i in range(len(place)):
-                if place[i] == 0:
-                    Jdot[i, t] += J[4, t] * z - J[5, t] * y
-                elif place[i] == 1:
-                    Jdot[i, t] += J[5, t] * x - J[3, t] * z
-                else:
-                    Jdot[i, t] += J[3, t] * y - J[4, t] * x
-
-
-@compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:], i8[:], i8[:], f8[:,:], f8[:], f8[:,:])",
-    fills=2,
-)
-def positions_at(
-    R: np.ndarray,
-    o: np.ndarray,
-    lever: np.ndarray,
-    place: np.ndarray,
-    parent: np.ndarray,
-    directions: np.ndarray,
-    x: np.ndarray,
-    X_k: np.ndarray,
-) -> None:
-    """Write o + R lever (m_p) of the last joint, and R b (m_p, p) parameter by parameter.
-
-    R (N, 3, 3) and o (N, 3) are rotations and origins of the joints, ``place`` (m_p) the wanted
-    coordinates; of each parameter ``parent`` (p) is the joint and b, a column of ``directions``
-    (3, p), the direction there.
-    """
-    c = len(R) - 1
-    for i in range(len(place)):
-        r = place[i]
-        x[i] = o[c, r] + R[c, r, 0] * lever[0] + R[c, r, 1] * lever[1] + R[c, r, 2] * lever[2]
-        for j in range(len(parent)):
-            p = parent[j]
-            X_k[i, j] = R[p, r, 0] * directions[0, j] + R[p, r, 1] * directions[1, j]
-            X_k[i, j] += R[p, r, 2] * directions[2, j]
 
 
 @compiled(

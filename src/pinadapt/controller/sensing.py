@@ -379,11 +379,11 @@ class Guards:
         hint = "Give x in metres, in the axes and from the origin of the robot's base."
         switch = _SWITCH.format("position")
         if found == kernels.FAR:
-            distance = np.linalg.norm(x[: kinematics.positions] - kinematics.last_joint)
+            distance = np.linalg.norm(x[: kinematics.positions] - kinematics.p_hat)
             return ImplausibleError(
                 "x",
                 x,
-                f"is implausible: {distance:.3g} m from the estimated position of the last joint, "
+                f"is implausible: {distance:.3g} m from where the model has it, "
                 f"more than {self.numbers[kernels.FARTHEST]:.3g} m",
                 "in millimetres? in another frame?",
                 hint,
@@ -550,7 +550,7 @@ class Senses:
         )
         kinematics.update_unchecked(a_k, q, v)
         found = kernels.check_sample(
-            q, before.q, raw, _NOTHING if x is None else x, kinematics.last_joint,
+            q, before.q, raw, _NOTHING if x is None else x, kinematics.p_hat,
             _NOTHING if late else kinematics.p_hat, since or 0.0,
             guards.bounds, guards.places, guards.numbers, trail, after,
         )  # fmt: skip

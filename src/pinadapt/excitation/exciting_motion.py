@@ -26,8 +26,8 @@ from ..information.information import BLOCK, Excitation, Information
 from ..information.payload import described_robot
 from ..models.basis import base_parameters, independent_columns
 from ..models.dynamics import Dynamics
-from ..models.frame_kinematics import FrameKinematics
 from ..models.joint_effects import ALL
+from ..models.linear_kinematics import FrameKinematics
 from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..robot.robot import Robot
 from ..simulation.simulate import Progress, watched

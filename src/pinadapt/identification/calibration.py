@@ -41,7 +41,7 @@ from ..exceptions import InputError, LogError, did_you_mean
 from ..information.tracker import check_axes
 from ..logs.intake import Intake
 from ..logs.log import Log
-from ..models.placement_kinematics import SHIFT, TURN, axes_of
+from ..models.linear_kinematics import SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
 from ..models.translations import BASE, FIRST, TOOL
 from ..robot.changes import move_base

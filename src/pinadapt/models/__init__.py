@@ -9,10 +9,9 @@ from .delay_compensation import DelayCompensator as DelayCompensator
 from .delay_compensation import SensedState as SensedState
 from .dynamics import Dynamics as Dynamics
 from .dynamics import StackedDynamics as StackedDynamics
-from .frame_kinematics import FrameKinematics as FrameKinematics
 from .joint_effects import JointEffects as JointEffects
+from .linear_kinematics import FrameKinematics as FrameKinematics
 from .lumped import LumpedDynamics as LumpedDynamics
-from .placement_kinematics import PlacementKinematics as PlacementKinematics
 from .regressor import Momentum as Momentum
 from .regressor import MomentumRegressor as MomentumRegressor
 from .task_kinematics import JointKinematics as JointKinematics

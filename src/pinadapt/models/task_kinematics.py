@@ -39,7 +39,6 @@ class TaskKinematics(Doors, ABC):
         sizes: (p) how far each parameter may be off, relative to each other.
         bounds: (2, p) where the parameters stay by default.
         a_k: (p) the estimate [m].
-        last_joint: (m_p) position of the last joint before the frame [m], a view.
         p_hat: (m_p) estimated positions [m].
         X_k: (m_p, p) dx/da_k of the positions: p_hat = X_k a_k + known part.
         xd_hat: (m) estimated task velocity J v [m/s, rad/s].
@@ -68,7 +67,6 @@ class TaskKinematics(Doors, ABC):
     affine: bool = True
     sizes: np.ndarray
     bounds: np.ndarray
-    last_joint: np.ndarray
     p_hat: np.ndarray
     X_k: np.ndarray
     xd_hat: np.ndarray
@@ -188,7 +186,7 @@ class JointKinematics(TaskKinematics):
         self.names, self.size, self.positions = (), 0, 0
         self.initial = self.a_k = np.zeros(0)
         self.J, self.Jdot_v, self._no_rate = np.eye(n), np.zeros(n), np.zeros((n, n))
-        self.Y_k, self.last_joint = np.zeros((n, 0)), np.zeros(0)
+        self.Y_k = np.zeros((n, 0))
         self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
         self._q, self.xd_hat = robot.q0, np.zeros(n)
         self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))

@@ -35,7 +35,7 @@ from ..controller.controller import Controller
 from ..laws.acceleration_law import AccelerationLaw
 from ..laws.fast_feedback import FastFeedback
 from ..laws.law import SYMBOLS, Feedback, Law
-from ..models.frame_kinematics import FrameKinematics
+from ..models.linear_kinematics import FrameKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from ..robot.motors import Actuators, JointActuators, overloaded

@@ -17,7 +17,6 @@ from ..models.basis import BasisDynamics
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.camera_kinematics import CAMERA, CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
-from ..models.frame_kinematics import FrameKinematics
 from ..models.joint_effects import (
     KINDS,
     USUAL,
@@ -25,8 +24,8 @@ from ..models.joint_effects import (
     chosen_kinds,
     without_joint_effects,
 )
+from ..models.linear_kinematics import GEOMETRY, FrameKinematics
 from ..models.lumped import LumpedDynamics
-from ..models.placement_kinematics import GEOMETRY, PlacementKinematics
 from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
@@ -75,7 +74,7 @@ class Unknown:
         tracker: whether x is measured in axes of its own, turned and displaced from those of the
             base by an unknown placement, see ``models.TrackerKinematics``.
         geometry: whether every placement is a little off: shifts and small turns of the base, of
-            all joints and the tool, see ``models.PlacementKinematics``.
+            all joints and the tool, see ``models.FrameKinematics``.
         translations: joints whose whole placement is unknown, by name, or ``Translation`` objects.
             The words "tool", "base", "lengths" and "joint:length" may stand among them, which
             fixes their place among the estimates.
@@ -286,7 +285,7 @@ def _placed_apart(words: Sequence[str | Translation], place: str) -> list[str | 
 
 def _geometry(
     robot: Robot, unknown: Unknown, words: Sequence[str | Translation]
-) -> PlacementKinematics:
+) -> FrameKinematics:
     """Return kinematics with every placement unknown, which leaves nothing else to name.
 
     Raises:
@@ -300,7 +299,7 @@ def _geometry(
             where="unknown.kinematic",
             hint="`pinadapt calibrate` finds the geometry and a tracker from a log.",
         )
-    return PlacementKinematics(robot)
+    return FrameKinematics(robot, GEOMETRY)
 
 
 def nominal_dynamics(
