@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pinadapt.sweep import Cases, CaseTable, Plan
+from pinadapt.sweep import CaseTable, Plan
 from pinadapt.sweep.sweep_report import Report, percentile, rate
 
 
@@ -38,13 +38,12 @@ def test_lost_cases_count_as_worst():
 
 def report(count=200, lost=True, **options):
     """Return a report of results that follow from a, fall with b, and do not depend on c."""
-    cases = Cases.of(
-        {"a": "uniform(1, 2)", "b": "uniform(1, 2)", "c": "normal(0, 1)", "w": ["x", "y"]},
-        samples=count // 2,
-        method="lhs",
+    vary = {"a": "uniform(1, 2)", "b": "uniform(1, 2)", "c": "normal(0, 1)", "w": ["x", "y"]}
+    plan = Plan.of(
+        {"function": dict, "vary": vary, "samples": count // 2, "method": "lhs", "success": "ok"}
     )
     rows = []
-    for case in cases:
+    for case in plan.cases:
         v = case.values
         gone = lost and v["a"] > 1.9
         value = v["a"] ** 3 - 0.4 * v["b"] + (5.0 if v["w"] == "y" else 0.0)
@@ -53,7 +52,7 @@ def report(count=200, lost=True, **options):
             {"status": "diverged", "reason": "at 1 s"} if gone else {"status": "done", "reason": ""}
         )
         rows.append(row | ({"value": None, "ok": None} if gone else {"value": value, "ok": True}))
-    return Report(CaseTable.of(rows), Plan(cases, function=dict, success="ok"), **options)
+    return Report(CaseTable.of(rows), plan, **options)
 
 
 @pytest.mark.parametrize("lost", [True, False])

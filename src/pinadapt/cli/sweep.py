@@ -134,7 +134,7 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
     changed: dict[str, Any] = {
         name: own[name] for name in ("timeout", "success") if own[name] is not None
     }
-    return Plan.of(Plan.load(path).tables(bare=True) | changed), path
+    return Plan.of(Plan.load(path).tables() | changed), path
 
 
 def _ask(count: int, yes: bool) -> None:

@@ -200,19 +200,15 @@ def searched(given: list[str], plan: Plan) -> dict[str, Values]:
     for text in given:
         key, value = parsed_setting(text, "--gain")
         values = Values.of(key, value)
-        if values.drawn is None:
-            values = Values.of(key, f"choice({values.axis!r})")
-        if values.drawn is None or values.drawn.size is not None or values.drawn.kind == "normal":
+        if not values.drawn:
+            values = replace(values, kind="choice")
+        if values.size is not None or values.kind == "normal":
             raise InputError("give one uniform, loguniform or choice.", where=key)
         if key in plan.cases.keys:
             raise InputError("is varied by the sweep already.", where=key)
-        if plan.raw is not None:
-            middle = {key: values.drawn.at(np.array([0.5]))}
-            middle = {
-                key: each[0] if values.drawn.kind != "choice" else each
-                for key, each in middle.items()
-            }
-            Plan.of(plan.tables(bare=True) | {"set": middle})
+        if plan.scenario is not None:
+            middle = {key: values.at(np.array([0.5]))}
+            Plan.of(plan.tables() | {"set": middle})
         found[key] = values
     return found
 
@@ -236,13 +232,11 @@ def _optuna(
         """Return a trial and its gains."""
         trial, chosen = study.ask(), {}
         for key, values in gains.items():
-            assert values.drawn is not None
-            kind, arguments_ = values.drawn.kind, values.drawn.arguments
-            if kind == "choice":
-                chosen[key] = trial.suggest_categorical(key, arguments_[0])
+            if values.kind == "choice":
+                chosen[key] = trial.suggest_categorical(key, values.arguments)
             else:
-                low, high = arguments_
-                chosen[key] = trial.suggest_float(key, low, high, log=kind == "loguniform")
+                log = values.kind == "loguniform"
+                chosen[key] = trial.suggest_float(key, *values.arguments, log=log)
         return trial, chosen
 
     def tell(trial: Any, objective: float) -> None:

@@ -22,29 +22,35 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
-from .._checks import numbers, positive, shown, word
+from .._checks import numbers, shown, whole, word
 from .._output import read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError, did_you_mean
 from ..scenario.scenario import described_robot
 from ..scenario.schema import put, tables_with, toml_value
+from .table import plain
 
 METHODS = ("random", "lhs", "sobol")
-MANY = 1_000_000  # cases, above which a user is asked
-_AXES = {"lin": 3, "log": 3}  # kinds of values -> number of arguments
-_DRAWN = {"uniform": 2, "loguniform": 2, "normal": 2, "choice": 1}
-_CHECKED = 1000  # values of an axis that are all checked before the first case
+MANY = 1_000_000  # cases, above which a user is asked; half or twice: asked sooner or later
+_CHECKED = (
+    1000  # values of an axis that are all checked before the first case; twice: a later start
+)
 _OWN = {"case", "status", "reason", "seconds"}  # columns that no argument of a function may have
 _EDGE = 2.0**-53  # least distance of a quantile from 0 and 1, where normal ones are infinite
 _DESIGN = 1  # spawn key of the design's random numbers; cases have (0, number)
+_HINT = (
+    "Write a list such as [1.0, 2.0], or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
+    "loguniform(a, b), normal(mean, deviation), choice([...]), finite numbers and a below b."
+)
 
 
 @dataclass(frozen=True)
@@ -63,56 +69,22 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """Values that are drawn: a distribution, one for each of n numbers where bounds are lists.
-
-    Attributes:
-        kind: "uniform", "loguniform", "normal" or "choice".
-        arguments: low and high, or mean and deviation, each a number or n of them; or the choices.
-    """
-
-    kind: str
-    arguments: tuple[Any, ...]
-
-    @property
-    def size(self) -> int | None:
-        """Number n of numbers, None for a single one."""
-        sizes = [len(each) for each in self.arguments if isinstance(each, list)]
-        return sizes[0] if sizes and self.kind != "choice" else None
-
-    def at(self, u: np.ndarray) -> Any:
-        """Return the value at the quantiles u (n), or (1) for a single number."""
-        if self.kind == "choice":
-            choices = self.arguments[0]
-            return choices[min(int(u[0] * len(choices)), len(choices) - 1)]
-        a, b = (np.broadcast_to(np.asarray(each, float), u.shape) for each in self.arguments)
-        if self.kind == "uniform":
-            found = a + u * (b - a)
-        elif self.kind == "loguniform":
-            found = np.exp(np.log(a) + u * (np.log(b) - np.log(a)))
-        else:
-            from scipy.special import ndtri
-
-            found = a + b * ndtri(np.clip(u, _EDGE, 1.0 - _EDGE))
-        return [float(each) for each in found]
-
-
-@dataclass(frozen=True)
 class Values:
-    """The values of one key, as they were given and as they are used.
+    """The values of one key: an axis of the grid, or a distribution.
 
     Attributes:
         key: a dotted key of a scenario, or the name of an argument of a function.
-        axis: the values of the grid; None for what is drawn.
-        drawn: the distribution; None for a grid.
+        kind: "list", "uniform", "loguniform", "normal" or "choice".
+        arguments: the values of the axis; low and high, or mean and deviation, each a number or a
+            list of n; or the choices.
         relative: whether these are factors on the scenario's value.
         base: the value that factors multiply: a number or n of them.
         names: of the joints that have one number each in a table; empty: no table.
     """
 
     key: str
-    axis: list[Any] | None = None
-    drawn: Drawn | None = None
+    kind: str
+    arguments: tuple[Any, ...]
     relative: bool = False
     base: Any = None
     names: tuple[str, ...] = ()
@@ -124,135 +96,116 @@ class Values:
         Raises:
             InputError: the text is none of the known ones, or a range or a bound is impossible.
         """
-        if isinstance(given, np.ndarray):
-            given = given.tolist()
-        if isinstance(given, range | tuple):
-            given = list(given)
-        relative = isinstance(given, str) and given.lstrip().startswith("*")
+        relative, kind = False, "list"
         if isinstance(given, str):
-            axis, drawn = _parsed(key, given.strip().lstrip("*").strip())
-            return cls(key, axis, drawn, relative)
-        axis = given if isinstance(given, list) else [given]
-        if not axis:
-            raise InputError("the list is empty.", where=key)
-        for value in axis:
-            _finite(key, value)
-        return cls(key, list(axis))
+            text = given.strip()
+            relative, text = text.startswith("*"), text.removeprefix("*").strip()
+            try:
+                kind, given = _parsed(text)
+            except (ArithmeticError, AttributeError, SyntaxError, TypeError, ValueError) as error:
+                raise InputError(
+                    f"cannot be read: {shown(text)}.", where=key, hint=_HINT
+                ) from error
+        listed = np.ndarray | range | tuple | list
+        arguments = tuple(plain(given)) if isinstance(given, listed) else (given,)
+        if not arguments or not _finite(arguments):
+            raise InputError("expected finite numbers, at least one.", where=key, hint=_HINT)
+        return cls(key, kind, arguments, relative)
+
+    @property
+    def drawn(self) -> bool:
+        """Whether values are drawn, not listed."""
+        return self.kind != "list"
+
+    @property
+    def size(self) -> int | None:
+        """Number n of numbers that are drawn, None for a single value."""
+        sizes = [len(each) for each in self.arguments if isinstance(each, list)]
+        return sizes[0] if sizes and self.kind in _SPACES else None
+
+    def at(self, u: np.ndarray) -> Any:
+        """Return the value at the quantiles u (n), or (1) for a single one."""
+        if self.kind == "choice":
+            return self.arguments[min(int(u[0] * len(self.arguments)), len(self.arguments) - 1)]
+        a, b = (np.broadcast_to(np.asarray(each, float), u.shape) for each in self.arguments)
+        found = _SPACES[self.kind](a, b, u).tolist()
+        return found[0] if self.size is None else found
 
     def each(self, size: int) -> Values:
-        """Return the same with a number of its own for each of n joints."""
-        if self.drawn is None or self.drawn.kind == "choice" or self.drawn.size == size:
+        """Return the same with a number of its own for each of n joints.
+
+        Raises:
+            InputError: the bounds are lists of another length.
+        """
+        if self.kind not in _SPACES or self.size == size:
             return self
-        if self.drawn.size is not None:
+        if self.size is not None:
             raise InputError(
-                f"there are {size} numbers, the bounds are lists of {self.drawn.size}.",
-                where=self.key,
+                f"there are {size} numbers, the bounds are lists of {self.size}.", where=self.key
             )
-        lists = tuple([bound] * size for bound in self.drawn.arguments)
-        return replace(self, drawn=Drawn(self.drawn.kind, lists))
+        return replace(self, arguments=tuple([bound] * size for bound in self.arguments))
 
     def used(self, value: Any) -> Any:
         """Return what the scenario gets for a value of the axis or of the distribution."""
         if self.relative:
-            found = np.asarray(self.base, float) * np.asarray(value, float)
-            value = found.tolist()
+            value = (np.asarray(self.base, float) * np.asarray(value, float)).tolist()
         if self.names:
             value = np.broadcast_to(value, len(self.names)).tolist()
             return dict(zip(self.names, value, strict=True))
         return value
 
 
-def _finite(key: str, value: Any) -> None:
-    """Refuse NaN and infinite numbers in a value of any depth."""
-    for each in value if isinstance(value, list | tuple) else [value]:
-        if isinstance(each, list | tuple):
-            _finite(key, each)
-        elif isinstance(each, float) and not math.isfinite(each):
-            raise InputError(f"the numbers must be finite, got {shown(value)}.", where=key)
+def _uniform(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
+    return np.asarray(a + u * (b - a))
 
 
-def _parsed(key: str, text: str) -> tuple[list[Any] | None, Drawn | None]:
-    """Return the axis, or what is drawn, that a text stands for."""
-    if re.search(r"\b(nan|inf)\b", text, re.IGNORECASE):
-        raise InputError(f"the numbers must be finite, got {shown(text)}.", where=key)
-    known = [*_AXES, *_DRAWN]
-    hint = (
-        "Write a list such as [1.0, 2.0], or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
-        "loguniform(a, b), normal(mean, deviation), choice([...])."
-    )
+def _loguniform(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(_uniform(np.log(a), np.log(b), u)))
+
+
+def _normal(mean: np.ndarray, deviation: np.ndarray, u: np.ndarray) -> np.ndarray:
+    from scipy.special import ndtri
+
+    return np.asarray(mean + deviation * ndtri(np.clip(u, _EDGE, 1.0 - _EDGE)))
+
+
+_SPACES = {"uniform": _uniform, "loguniform": _loguniform, "normal": _normal}
+
+
+def _finite(value: Any) -> bool:
+    """Return whether a value of any depth holds finite numbers, words and truth values alone."""
+    if isinstance(value, list | tuple):
+        return all(map(_finite, value))
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def _parsed(text: str) -> tuple[str, list[Any]]:
+    """Return kind and arguments that a text stands for.
+
+    Raises:
+        ArithmeticError, AttributeError, SyntaxError, TypeError, ValueError: it cannot be read.
+    """
     listed = toml_value(text) if text.startswith("[") else None
     if isinstance(listed, list):
-        return Values.of(key, listed).axis, None
-    try:
-        tree = ast.parse(text, mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        tree = None
-    if isinstance(tree, ast.List | ast.Tuple):
-        try:
-            values = Values.of(key, list(ast.literal_eval(tree)))
-        except (ValueError, TypeError, SyntaxError) as error:
-            raise InputError(f"cannot be read: {shown(text)}.", where=key, hint=hint) from error
-        return values.axis, None
-    if not isinstance(tree, ast.Call) or not isinstance(tree.func, ast.Name) or tree.keywords:
-        raise InputError(f"cannot be read: {shown(text)}.", where=key, hint=hint)
-    kind = tree.func.id
-    if kind not in known:
-        guess = did_you_mean(kind, known)
-        raise InputError(f"unknown kind of values '{kind}'.{guess}", where=key, hint=hint)
-    try:
-        given = [ast.literal_eval(argument) for argument in tree.args]
-    except (ValueError, TypeError, SyntaxError) as error:
-        raise InputError(f"cannot be read: {shown(text)}.", where=key, hint=hint) from error
-    wanted = (_AXES | _DRAWN)[kind]
-    if len(given) != wanted:
-        raise InputError(
-            f"{kind} takes {wanted} argument{'s' * (wanted > 1)}, got {len(given)}.", where=key
-        )
-    return (_range(key, kind, *given), None) if kind in _AXES else (None, _drawn(key, kind, given))
-
-
-def _range(key: str, kind: str, first: Any, last: Any, count: Any) -> list[float]:
-    """Return the numbers of a range."""
-    a, b = (float(numbers(each, key)) for each in (first, last))
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise InputError(
-            f"{kind} ends with the number of values, at least 1, got {shown(count)}.", where=key
-        )
-    if kind == "log" and min(a, b) <= 0.0:
-        raise InputError(f"log needs positive numbers, got {a:g} and {b:g}.", where=key)
-    if count > 1 and a == b:
-        raise InputError(f"the range is empty: both ends are {a:g}.", where=key)
-    spaced = np.linspace(a, b, count) if kind == "lin" else np.geomspace(a, b, count)
-    return [float(each) for each in spaced]
-
-
-def _drawn(key: str, kind: str, given: list[Any]) -> Drawn:
-    """Return a distribution after checks of its arguments."""
+        return "list", listed
+    tree: Any = ast.parse(text, mode="eval").body
+    if not isinstance(tree, ast.Call):
+        return "list", list(ast.literal_eval(tree))
+    kind, given = str(getattr(tree.func, "id", "")), [ast.literal_eval(each) for each in tree.args]
+    if kind in ("lin", "log"):
+        first, last, count = given
+        spaced = (np.linspace if kind == "lin" else np.geomspace)(first, last, count)
+        if first == last and count > 1:
+            raise ValueError
+        return "list", spaced.tolist()
     if kind == "choice":
-        if not isinstance(given[0], list | tuple) or not given[0]:
-            raise InputError("choice takes a list of at least one value.", where=key)
-        _finite(key, list(given[0]))
-        return Drawn(kind, (list(given[0]),))
-    arguments = []
-    for each in given:
-        many = isinstance(each, list | tuple)
-        parts = [float(numbers(part, key)) for part in (each if many else [each])]
-        arguments.append(parts if many else parts[0])
-    if len({len(each) for each in arguments if isinstance(each, list)}) > 1:
-        raise InputError(f"the lists of {kind} have different lengths.", where=key)
-    drawn = Drawn(kind, tuple(arguments))
-    first, second = np.broadcast_arrays(*(np.atleast_1d(each) for each in arguments))
-    if first.size == 0:
-        raise InputError(f"{kind} got an empty list.", where=key)
-    if kind == "normal" and (second < 0.0).any():
-        raise InputError("the deviation of normal(mean, deviation) is negative.", where=key)
-    if kind != "normal" and (first >= second).any():
-        raise InputError(
-            f"the range of {kind}(low, high) is empty: low is not below high.", where=key
-        )
-    if kind == "loguniform" and (first <= 0.0).any():
-        raise InputError("loguniform needs positive bounds.", where=key)
-    return drawn
+        return kind, list(*given)
+    low, high = (np.asarray(each, float) for each in given)
+    least = np.zeros(1) if kind == "normal" else low
+    if kind not in _SPACES or not (least < high).all() or (kind == "loguniform" and low.min() <= 0):
+        raise ValueError
+    np.broadcast(low, high)
+    return kind, given
 
 
 @dataclass(frozen=True)
@@ -279,14 +232,8 @@ class Cases:
         """Check that the parts fit together."""
         word(self.method, METHODS, "method")
         for name, least in (("samples", 1), ("repeat", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise InputError(
-                    f"a whole number of at least {least} is expected, got {shown(value)}.",
-                    where=name,
-                )
+            if getattr(self, name) is not None:
+                whole(getattr(self, name), name, least=least)
         drawn = [each.key for each in self.values if each.drawn]
         if drawn and self.samples is None:
             raise InputError(
@@ -301,11 +248,10 @@ class Cases:
                 where="samples",
                 hint="Give a distribution such as uniform(0.5, 2.0), or use repeat.",
             )
-        keys = [each.key for each in self.values] + [key for case in self.listed for key in case]
-        both = {each.key for each in self.values} & {key for case in self.listed for key in case}
-        if both or len(set(keys[: len(self.values)])) < len(self.values):
-            twice = sorted(both) or keys
-            raise InputError(f"is varied twice: {', '.join(twice)}.", where="vary")
+        keys = [*dict.fromkeys(key for case in self.listed for key in case)]
+        keys += [each.key for each in self.values]
+        if len(set(keys)) < len(keys):
+            raise InputError(f"something is varied twice: {', '.join(keys)}.", where="vary")
         for key in _OWN & set(keys):
             raise InputError(
                 "is a column of every table.", where=key, hint="Give the argument another name."
@@ -328,15 +274,10 @@ class Cases:
             return cls(**options)
         if isinstance(given, Mapping):
             return cls(tuple(Values.of(str(key), each) for key, each in given.items()), **options)
-        if isinstance(given, str) or not all(isinstance(each, Mapping) for each in given):
+        if not given or not all(isinstance(each, Mapping) for each in given):
             raise InputError(
                 f"expected values by key, or a list of them, got {shown(given)}.", where="cases"
             )
-        if not given:
-            raise InputError("the list is empty.", where="cases")
-        for case in given:
-            for key, value in case.items():
-                _finite(str(key), value)
         return cls(listed=tuple(dict(each) for each in given), **options)
 
     def __len__(self) -> int:
@@ -346,7 +287,7 @@ class Cases:
     @property
     def _shape(self) -> tuple[int, ...]:
         """Sizes: listed cases, axes, samples, repetitions."""
-        axes = [len(each.axis) for each in self.values if each.axis is not None]
+        axes = [len(each.arguments) for each in self.values if not each.drawn]
         return (max(1, len(self.listed)), *axes, self.samples or 1, self.repeat)
 
     @property
@@ -367,15 +308,12 @@ class Cases:
         values: dict[str, Any] = dict(self.listed[first]) if self.listed else {}
         column, grid = 0, iter(axes)
         for each in self.values:
-            if each.axis is not None:
-                values[each.key] = each.used(each.axis[next(grid)])
-            else:
-                assert each.drawn is not None
-                size = each.drawn.size
-                found = each.drawn.at(self._design[sample, column : column + (size or 1)])
-                single = size is None and each.drawn.kind != "choice"
-                values[each.key] = each.used(found[0] if single else found)
-                column += size or 1
+            if not each.drawn:
+                values[each.key] = each.used(each.arguments[next(grid)])
+                continue
+            size = each.size or 1
+            values[each.key] = each.used(each.at(self._design[sample, column : column + size]))
+            column += size
         return Case(index, self._seed_of(index), values)
 
     def __iter__(self) -> Iterator[Case]:
@@ -390,7 +328,7 @@ class Cases:
     @cached_property
     def _design(self) -> np.ndarray:
         """Quantiles (samples, d) of all numbers that are drawn, in the order of their keys."""
-        d = sum(each.drawn.size or 1 for each in self.values if each.drawn)
+        d = sum(each.size or 1 for each in self.values if each.drawn)
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(_DESIGN,)))
         count = self.samples or 1
         if self.method == "random":
@@ -415,25 +353,6 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 # --- the sweep file ---
 
-_KEYS = {
-    "title": str,
-    "scenario": str | dict,
-    "folder": str,
-    "function": str,
-    "path": str,
-    "reduce": str,
-    "set": dict,
-    "vary": dict,
-    "case": list,
-    "samples": int,
-    "method": str,
-    "repeat": int,
-    "seed": int,
-    "timeout": float | int,
-    "success": str,
-    "csv": bool,
-    "version": str,
-}
 _MAY_DIFFER = ("title", "timeout", "success", "csv")  # between a sweep and its resumption
 COPY = "sweep.toml"
 SUCCESS = "follows"
@@ -441,35 +360,41 @@ _SPREAD = re.compile(r"\s*(\[|(lin|log)\s*\()")  # a text that is a list or a ra
 _CONDITION = re.compile(r"^\s*(\S+)\s*(<=|>=|<|>|==)\s*(\S+)\s*$")
 
 
-@dataclass(frozen=True)
-class Plan:
-    """A whole sweep: what is run, what is varied, and how; what a sweep file holds.
+class Plan(BaseModel):
+    """A whole sweep: what is run, what is varied, and how; the keys of a sweep file.
 
     Attributes:
-        cases: what is varied.
-        raw: tables of the scenario, the fixed settings among them; None for a function.
+        title: of the report.
+        scenario: tables of the scenario, the fixed settings among them; None for a function.
         folder: to which the scenario's paths are relative.
         function: "module:name", or a function; None for a scenario.
         path: folder from which a module is imported; empty: as installed.
         reduce: "module:name", or a function, that returns the numbers of a rollout.
-        title: of the report.
+        vary: values by key.
+        case: explicit cases, with which the others are combined.
+        samples, method, repeat, seed: see ``Cases``.
         timeout: [s] of a case.
         success: a column of truth values, or a condition such as "error_share < 0.01".
         csv: whether tables are written as CSV even where pyarrow is installed.
-        given: what is varied, as it was given.
     """
 
-    cases: Cases
-    raw: dict[str, Any] | None = None
+    model_config = ConfigDict(extra="forbid")
+
+    title: str = ""
+    scenario: dict[str, Any] | None = None
     folder: str = ""
     function: Callable[..., Any] | str | None = None
     path: str = ""
     reduce: Callable[..., Any] | str | None = None
-    title: str = ""
-    timeout: float | None = None
+    vary: dict[str, Any] = {}
+    case: list[dict[str, Any]] = []
+    samples: int | None = None
+    method: str = "random"
+    repeat: int = 1
+    seed: int = 0
+    timeout: PositiveFloat | None = None
     success: str = ""
     csv: bool = False
-    given: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def read(
@@ -487,118 +412,91 @@ class Plan:
         Raises:
             InputError: the file cannot be used.
         """
-        tables = read_toml(path)
-        if not (
-            {"vary", "case", "function"} & set(tables) or isinstance(tables.get("scenario"), str)
-        ):
-            tables = {"scenario": tables, "folder": str(path.resolve().parent)}
-        _check_keys(tables, str(path))
-        tables.setdefault("path", str(_root(path)))
+        tables, folder = read_toml(path), path.resolve().parent
+        own = {"vary", "case", "function"} & set(tables)
+        if not own and not isinstance(tables.get("scenario"), str):
+            tables = {"scenario": tables}
         if isinstance(tables.get("scenario"), str):
             named = path.parent / tables["scenario"]
-            tables["scenario"] = read_toml(named)
-            tables["folder"] = str(named.resolve().parent)
-        tables.setdefault("folder", str(path.resolve().parent))
-        varied = flat(tables.get("vary", {}))
-        for text in vary:
-            key, value = parsed_setting(text, "--vary")
-            varied[key] = value
-        fixed = flat(tables.get("set", {})) | dict(
+            tables["scenario"], folder = read_toml(named), named.resolve().parent
+        tables = {"path": str(_root(path)), "folder": str(folder)} | tables
+        tables["vary"] = flat(tables.get("vary", {})) | dict(
+            parsed_setting(text, "--vary") for text in vary
+        )
+        tables["set"] = flat(tables.get("set", {})) | dict(
             parsed_setting(text, "--set") for text in settings
         )
-        own = {key: value for key, value in options.items() if value is not None}
-        return cls.of(tables | {"vary": varied, "set": fixed} | own)
+        return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 
     @classmethod
     def of(cls, tables: Mapping[str, Any]) -> Plan:
         """Return a sweep from the keys of a sweep file, whose scenario is a table.
 
+        Its table [set] becomes part of the scenario, or of each case of a function.
+
         Raises:
             InputError: they cannot be used.
         """
-        scenario = tables.get("scenario") is not None  # whose tables are flattened to dotted keys
-        listed = [
-            each
-            for case in tables.get("case", [])
-            for each in _expanded(flat(case) if scenario else dict(case))
-        ]
-        options = {
-            key: tables[key] for key in ("samples", "method", "repeat", "seed") if key in tables
-        }
-        varied = flat(tables.get("vary", {}))
-        cases = Cases.of(varied, listed=tuple(listed), **options)
-        for case in listed:
-            for key, value in case.items():
-                _finite(key, value)
-        raw, settings = tables.get("scenario"), dict(tables.get("set", {}))
-        function = tables.get("function")
-        if (raw is None) == (function is None):
+        tables = dict(tables)
+        fixed, raw, listed = tables.pop("set", {}), tables.get("scenario"), tables.get("case", [])
+        if (raw is None) == (tables.get("function") is None):
             raise InputError(
                 "a sweep runs either a scenario or a function.",
                 where="sweep file",
                 hint='Write scenario = "file.toml", or function = "module:name".',
             )
         if raw is None:
-            if settings:
-                listed = [settings | case for case in listed or [{}]]
-                cases = replace(cases, listed=tuple(listed))
+            listed = [fixed | case for case in listed or [{}]] if fixed else listed
         else:
-            raw = deepcopy(dict(raw))
-            for key, value in settings.items():
+            tables["scenario"] = raw = deepcopy(dict(raw))
+            for key, value in fixed.items():
                 put(raw, key, value)
-            cases = _bound(cases, raw, tables.get("folder", ""))
-        timeout = tables.get("timeout")
-        if timeout is not None:
-            timeout = positive(timeout, "timeout", error=InputError)
-        success = tables.get("success", "")
-        condition(success)
-        kept = {"samples", "method", "repeat", "seed"}
-        given = {"vary": varied, "case": listed} | {k: v for k, v in options.items() if k in kept}
-        return cls(
-            cases,
-            raw,
-            tables.get("folder", ""),
-            function,
-            tables.get("path", ""),
-            tables.get("reduce"),
-            tables.get("title", ""),
-            timeout,
-            success,
-            tables.get("csv", False),
-            given,
-        )
+            listed = [flat(case) for case in listed]
+        tables["case"] = [each for case in listed for each in _expanded(case)]
+        tables["vary"] = flat(tables.get("vary", {}))
+        try:
+            found = cls.model_validate(tables)
+        except ValidationError as error:
+            problem = error.errors()[0]
+            key = str(problem["loc"][0])
+            raise InputError(
+                f"{problem['msg']}; keys: {', '.join(cls.model_fields)}."
+                f"{did_you_mean(key, cls.model_fields)}",
+                where=f"sweep file, {key}",
+            ) from error
+        condition(found.success)
+        len(found.cases)
+        return found
 
-    def tables(self, *, bare: bool = False) -> dict[str, Any]:
-        """Return the keys of a sweep file that says the same; ``bare``: without the version."""
-        named = {"function": self.function, "reduce": self.reduce}
-        found: dict[str, Any] = {
-            "title": self.title,
-            "version": "" if bare else __version__,
-            **{key: _name_of(each) for key, each in named.items() if each is not None},
-            "folder": self.folder,
-            "path": self.path,
-            "timeout": self.timeout,
-            "success": self.success,
-            "csv": self.csv,
-            **{key: value for key, value in self.given.items() if key not in ("vary", "case")},
-            "vary": self.given.get("vary", {}),
-            "case": self.given.get("case", []),
-        }
-        if self.raw is not None:
-            found["scenario"] = self.raw
-        return {key: each for key, each in found.items() if each not in (None, "", [], {}, False)}
+    @cached_property
+    def cases(self) -> Cases:
+        """What is varied.
+
+        Raises:
+            InputError: it does not fit together, or the scenario has no such keys or values.
+        """
+        options = {key: getattr(self, key) for key in ("samples", "method", "repeat", "seed")}
+        cases = Cases.of(self.vary, listed=tuple(self.case), **options)
+        return cases if self.scenario is None else _bound(cases, self.scenario, self.folder)
+
+    def tables(self) -> dict[str, Any]:
+        """Return the keys of a sweep file that says the same."""
+        found = self.model_dump(exclude_defaults=True)
+        for key in {"function", "reduce"} & set(found):
+            found[key] = _name_of(found[key])
+        return found
 
     def differs(self, other: Plan) -> list[str]:
         """Return the keys in which two sweeps differ so that their rows do not fit together."""
         a, b = (as_plain(each.tables()) for each in (self, other))
-        keys = [key for key in (a | b) if key not in (*_MAY_DIFFER, "version")]
-        return [key for key in keys if a.get(key) != b.get(key)]
+        return [key for key in (a | b) if key not in _MAY_DIFFER and a.get(key) != b.get(key)]
 
     def save(self, folder: Path) -> None:
         """Write ``sweep.toml`` into a folder."""
         import tomlkit
 
-        write_text(folder / COPY, tomlkit.dumps(as_plain(self.tables())))
+        found = {"version": __version__, **as_plain(self.tables())}
+        write_text(folder / COPY, tomlkit.dumps(found))
 
     @classmethod
     def load(cls, folder: Path) -> Plan:
@@ -611,7 +509,6 @@ class Plan:
         if not path.is_file():
             raise InputError(f"holds no sweep: there is no {COPY}.", where=str(folder))
         tables = read_toml(path)
-        _check_keys(tables, str(path))
         version = tables.pop("version", None)
         if version != __version__:
             raise InputError(
@@ -632,7 +529,7 @@ def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:
         InputError: such a text cannot be read.
     """
     axes = [
-        _parsed(key, value.strip())[0] or [value]
+        Values.of(key, value).arguments
         if isinstance(value, str) and _SPREAD.match(value)
         else [value]
         for key, value in case.items()
@@ -641,14 +538,10 @@ def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def as_plain(value: Any) -> Any:
-    """Return nested tables and lists as TOML has them."""
+    """Return nested tables and lists as TOML has them, without what is None."""
     if isinstance(value, Mapping):
         return {str(key): as_plain(each) for key, each in value.items() if each is not None}
-    if isinstance(value, list | tuple | range):
-        return [as_plain(each) for each in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return as_plain(value.tolist())
-    return value
+    return plain(value)
 
 
 def _name_of(function: Callable[..., Any] | str) -> str:
@@ -690,21 +583,6 @@ def parsed_setting(text: str, where: str) -> tuple[str, Any]:
     return key.strip(), toml_value(value.strip())
 
 
-def _check_keys(tables: Mapping[str, Any], where: str) -> None:
-    """Check the keys of a sweep file and the types of their values."""
-    for key, value in tables.items():
-        if key not in _KEYS:
-            raise InputError(
-                f"unknown key '{key}'; allowed: {', '.join(_KEYS)}.{did_you_mean(key, _KEYS)}",
-                where=where,
-            )
-        kind = _KEYS[key]
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise InputError(f"{key} cannot be {shown(value)}.", where=where)
-    if any(not isinstance(each, Mapping) for each in tables.get("case", [])):
-        raise InputError("write each case as a table, [[case]].", where=where)
-
-
 def _root(path: Path) -> Path:
     """Return the folder from which modules beside a file are imported: the first no package."""
     folder = path.resolve().parent
@@ -719,18 +597,19 @@ def _bound(cases: Cases, raw: dict[str, Any], folder: str) -> Cases:
     Raises:
         InputError: a key or value is not allowed in the scenario.
     """
-    first = {key: value for case in cases.listed[:1] for key, value in case.items()}
-    names: list[str] = []
-    base = tables_with(deepcopy(raw), first, "scenario").model_dump(by_alias=True)
-    values = []
+    first: dict[str, Any] = dict(*cases.listed[:1])
+    tables = tables_with(deepcopy(raw), first, "scenario")
+    base, values = tables.model_dump(by_alias=True), []
+    names: tuple[str, ...] = ()
+    if any(each.key.endswith(".*") for each in cases.values):
+        names = tuple(described_robot(tables, Path(folder)).joint_names)
     for each in cases.values:
         key, star = each.key.removesuffix(".*"), each.key.endswith(".*")
-        if star and not names:
-            names = _joints(deepcopy(raw), first, folder)
         here = _entry(base, key)
         if star:
-            each = each.each(len(names))
-            each = replace(each, key=key, names=tuple(names) if _by_name(key) else ())
+            # these keys hold a table of joints, where others hold a list
+            by_name = key.endswith(("inertial_scale", "link_translation"))
+            each = replace(each.each(len(names)), key=key, names=names if by_name else ())
         elif isinstance(here, list) and here and all(isinstance(x, int | float) for x in here):
             each = each.each(len(here))
         if each.relative:
@@ -739,46 +618,30 @@ def _bound(cases: Cases, raw: dict[str, Any], folder: str) -> Cases:
     found = replace(cases, values=tuple(values))
     ordinary = found[0].values
     for each in values:
-        axis = each.axis if each.axis is not None else [None]
-        for value in axis if len(axis) <= _CHECKED else (axis[0], axis[-1]):
-            used = {} if value is None else {each.key: each.used(value)}
-            tables_with(deepcopy(raw), ordinary | used, f"--vary {each.key}")
+        axis = [] if each.drawn else each.arguments[:_CHECKED]
+        for used in [ordinary, *(ordinary | {each.key: each.used(value)} for value in axis)]:
+            tables_with(deepcopy(raw), used, f"--vary {each.key}")
     return found
 
 
-def _entry(base: Mapping[str, Any], key: str) -> Any:
+def _entry(base: Any, key: str) -> Any:
     """Return the value at a dotted key, None where there is none."""
-    found: Any = base
     for part in key.split("."):
-        if isinstance(found, list):
-            found = found[int(part)] if part.isdigit() and int(part) < len(found) else None
-        else:
-            found = found.get(part) if isinstance(found, Mapping) else None
-    return found
-
-
-def _by_name(key: str) -> bool:
-    """Return whether a key holds a table of joints, where others hold a list."""
-    return key.rpartition(".")[2] in ("inertial_scale", "link_translation")
+        try:
+            base = base[int(part)] if isinstance(base, list) else base[part]
+        except (IndexError, KeyError, TypeError, ValueError):
+            return None
+    return base
 
 
 def _factor_base(key: str, here: Any, names: Sequence[str]) -> Any:
     """Return the number or numbers that factors multiply."""
     if isinstance(here, Mapping) and names and set(here) <= set(names):
         here = [here.get(name, 1.0) for name in names]
-    try:
-        if here is None:
-            raise InputError("there is none")
-        return numbers(here, key).tolist()
-    except InputError as error:
+    if here is None or isinstance(here, str | Mapping):
         raise InputError(
             "the scenario has no number here that could be multiplied.",
             where=key,
             hint="Set one, or give values without the asterisk.",
-        ) from error
-
-
-def _joints(raw: dict[str, Any], values: Mapping[str, Any], folder: str) -> list[str]:
-    """Return the joint names of the scenario's robot."""
-    tables = tables_with(raw, values, "scenario")
-    return list(described_robot(tables, Path(folder)).joint_names)
+        )
+    return numbers(here, key).tolist()

@@ -542,8 +542,8 @@ def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
             resolved(function, plan.path)
     if plan.function is not None:
         return FunctionWork(plan.function, plan.path)
-    assert plan.raw is not None
-    return ScenarioWork(plan.raw, plan.folder, plan.reduce, plan.path)
+    assert plan.scenario is not None
+    return ScenarioWork(plan.scenario, plan.folder, plan.reduce, plan.path)
 
 
 def sweep(

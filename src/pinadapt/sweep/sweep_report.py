@@ -272,7 +272,7 @@ class Report:
     @property
     def title(self) -> str:
         """The plan's title, or that of its scenario."""
-        named = self.plan.title or (self.plan.raw or {}).get("title", "")
+        named = self.plan.title or (self.plan.scenario or {}).get("title", "")
         return str(named or self.plan.tables().get("function", "sweep"))
 
     def figures(self) -> dict[str, Picture]:
@@ -380,12 +380,8 @@ class Report:
         return html_page(self.title, parts)
 
     def _varied(self) -> Table:
-        given = self.plan.given
-        rows = [(key, str(value), "") for key, value in flat(given.get("vary", {})).items()]
-        rows += [
-            (f"case {i}", str(each), "") for i, each in enumerate(given.get("case", [])[:_SHOWN])
-        ]
-        rows += [(key, str(given[key]), "") for key in given if key not in ("vary", "case")]
+        given = {key: each for key, each in self.plan.tables().items() if key != "scenario"}
+        rows = [(key, str(value), "") for key, value in flat(given).items()]
         return Table(rows, ("key", "values", ""))
 
     def summary(self) -> dict[str, Any]:
