@@ -52,14 +52,14 @@ def with_noise(run: pa.Rollout, robot: pa.Robot) -> pa.Log:
 
 def identified(name: str, log: str) -> pa.Identification:
     """Return the identification of a robot from a kind of log."""
-    kind, _, how = log.partition(", ")
-    robot, run = rollout(name, "mujoco" if how == "simulated by MuJoCo" else "pinocchio")
-    if how == "simulated by MuJoCo":
+    by_mujoco = log.endswith("MuJoCo")
+    robot, run = rollout(name, "mujoco" if by_mujoco else "pinocchio")
+    if by_mujoco:
         return pa.identify(run, robot)
     noisy = with_noise(run, robot)
-    if kind == "exact":
+    if log == "exact":
         return pa.identify(replace(noisy, q=run.q, v=run.v, tau=run.tau, x=run.x[::33]), robot)
-    return pa.identify(noisy, robot, adaptation=how or "natural-memory")
+    return pa.identify(noisy, robot)
 
 
 def measure(robot: str, log: str) -> dict[str, Any]:
@@ -87,34 +87,20 @@ def rms(values: np.ndarray) -> float:
 
 def report(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a table in Markdown, by robot and log."""
-    online = {(row["robot"], row["log"]): f"{row['online']:.2g}" for row in rows}
     cells = []
     for row in rows:
-        name, log = row["robot"], row["log"]
-        if log.endswith(OTHERS):
-            continue
-        others = [online.get((name, f"{log}, {kind}"), "") for kind in OTHERS]
-        known, tool = row["mass_known_to"], 1e3 * row["tool"]
-        places = max(0, int(np.ceil(-np.log10(known))))
-        centre = f"{1e3 * row['centre']:.1g} mm, uncertainty {1e3 * row['centre_known_to']:.1g} mm"
+        places = max(0, int(np.ceil(-np.log10(row["mass_known_to"]))))
         cells.append(
             [
-                f"{name}, {log}",
-                f"{row['described']:.3g}",
-                f"{row['learned']:.2g}",
-                online[name, log],
-                *others,
-                f"{row['mass']:.{places}f} ± {known:.1g} kg",
-                centre,
-                "0" if tool < 1e-3 else f"{tool:.2g} mm",
+                f"{row['robot']}, {row['log']}",
+                *(f"{row[key]:.2g}" for key in ("described", "learned", "online")),
+                f"{row['mass']:.{places}f} ± {row['mass_known_to']:.1g} kg",
+                f"{1e3 * row['centre']:.1g} mm",
             ]
         )
-    head = ["log", "described", "identified", "online, `natural-memory`"]
-    head += [f"`{kind}`" for kind in OTHERS]
-    return markdown([*head, "mass of the load", "error of its centre", "of the tool"], cells)
+    head = ["log", "described", "identified", "online", "mass of the load", "error of its centre"]
+    return markdown(head, cells)
 
-
-OTHERS = ("natural-composite", "least-squares")
 
 if __name__ == "__main__":
     picture = identified("panda", "noisy").plot().torque.png(dpi=90)

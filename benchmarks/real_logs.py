@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -114,7 +113,6 @@ def measure(log: str, what: str) -> dict[str, Any]:
 
 # --- tables ---
 
-SHOWN_EFFECTS = 4
 NAMES = {"panda": "Panda", "ur10": "UR10", "tx40": "TX40", "tiago": "TIAGo, torso locked"}
 Rows = Sequence[Mapping[str, Any]]
 
@@ -122,15 +120,6 @@ Rows = Sequence[Mapping[str, Any]]
 def of_kind(rows: Rows, what: str) -> dict[str, Mapping[str, Any]]:
     """Return the rows of one kind, by log."""
     return {row["log"]: row for row in rows if row["what"] == what}
-
-
-def effects(words: str) -> str:
-    """Return the first of the effects that were chosen, and how many more there are."""
-    parts = re.findall(r".+?\d %(?:, |$)", words.replace("%", " %"))
-    if len(parts) <= SHOWN_EFFECTS:
-        return "".join(parts) or words
-    shown = "".join(parts[:SHOWN_EFFECTS]).rstrip(", ")
-    return f"{shown}, and {len(parts) - SHOWN_EFFECTS} more"
 
 
 def report(rows: Rows) -> str:
@@ -141,9 +130,8 @@ def report(rows: Rows) -> str:
             NAMES[name],
             *(f"{row[key]:.3g}" for key in ("described", "plain", "weighted", "learned")),
             f"{before[name]['learned']:.3g}",
-            effects(row["effects"] or "none"),
         ]
         for name, row in of_kind(rows, "identified").items()
     ]
     head = ["log", "described", "OLS", "WLS", "identified", "viscous and Coulomb friction alone"]
-    return markdown([*head, "effects that were chosen, and what each gained"], cells)
+    return markdown(head, cells)

@@ -99,6 +99,12 @@ def _middle_and_worst(found: Sequence[tuple[float, str]], unit: str) -> tuple[st
     return f"{median(value for value, _ in found):.2g}{unit}", f"{largest:.2g}{unit} (`{robot}`)"
 
 
+def errors_of_the_default(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return the errors in each reality, without those of the pushes of several forces."""
+    without = [row for row in rows if not row["force"]]
+    return realities.table(without, ("reality", "contender"), ("error", "first"))
+
+
 # --- the pages ---
 
 
@@ -122,9 +128,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "readme": of("readme", strangers.report),
     "real_calibration": of("real_calibration", real_calibration.report),
     "real_logs": of("real_logs", real_logs.report),
-    "realities": of("realities", realities.report, contender="default"),
-    "realities_pushes": of("realities", realities.pushes),
-    "strangers": of("strangers", strangers.counts),
+    "realities": of("realities", errors_of_the_default, contender="default"),
+    "strangers": lambda: strangers.counts(
+        [row for row in table_rows("strangers") if "natural" not in row["run"]]
+    ),
     "tracker": of("tracker", tracker.report),
     "zoo": of("zoo", zoo),
     **{name: of("scenarios", make, table=name) for name, make in scenarios.TABLES.items()},
