@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.identification.fits import CUTOFF, Averages, windows_of
-from pinadapt.information.measured_motion import motion_of_log
+from pinadapt.identification.fits import windows_of
+from pinadapt.information.measured_motion import CUTOFF, Averages, motion_of_log
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded, torques, true_robot
 

@@ -63,13 +63,14 @@ def test_a_few_seconds_of_a_real_arm_fit(quarter):
     )
 
 
-def test_turning_joints_in_another_order_are_found():
+def test_turning_joints_in_another_order_are_refused():
     """Of joints without limits, whose configurations have two numbers."""
     robot = catalogue_robot("kinova")
     t, q, v, a = motion("kinova", dt=2e-2)
     log = pa.Log(t, q, torques(robot, q, v, a), v)
     assert not causes(log, robot)
-    assert "in another order" in causes(turned(log, [1, 2, 0, 4, 5, 3]), robot)
+    assert "another robot" in causes(turned(log, [1, 2, 0, 4, 5, 3]), robot)
+    assert "in another order" in causes(turned(log, [5, 4, 3, 2, 1, 0]), robot)
 
 
 def mistakes():
@@ -185,15 +186,3 @@ def test_no_mistake_of_the_benchmark_is_accepted():
     assert set(SAID) < set(names)
     assert len(names) == len(set(names)) == 30
     assert corrupted_logs.checked(log, robot)[0]
-
-
-def test_the_log_of_a_loaded_ur5_is_not_taken_for_swapped_columns_of_a_ur10():
-    """Swapping columns explains it too, so both are said."""
-    ur5, ur10 = catalogue_robot("ur5"), catalogue_robot("ur10")
-    true = pa.load("ur5").changed(
-        payload=pa.Payload(0.05 * ur5.mass, 0.06 * np.array([0.3, 0.0, 1.0])), coulomb=0.5
-    )
-    controller = pa.make_controller(ur5, adaptation="natural", dt=4e-3)
-    run = pa.simulate(true, controller, pa.reachable_circle(ur5), duration=2.0, record_every=5)
-    found = causes(pa.Log(run.t, run.q, run.tau, run.v), ur10)
-    assert "another size" in found and "shoulder_lift_joint and elbow_joint" in found

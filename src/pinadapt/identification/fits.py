@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from ..exceptions import LogError, ParameterError
 from ..information.information import Information
-from ..information.measured_motion import MeasuredMotion
+from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import PayloadEstimate, payload_of
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
@@ -35,7 +35,6 @@ from ..robot.robot import Robot
 # Of the description, relative to one row of noise: a third and three times of it change no held-out
 # error of the real logs by 3 %. Without rows to outweigh it the description is kept.
 WEIGHT = 1.0
-CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window
 _ROUNDS = 3  # in which the noise is found
 _TORQUE_NOISE, _LEAST_TORQUE_NOISE = 0.05, 1e-4  # first and least, share of a joint's torque
 _POSITION_NOISE, _LEAST_POSITION_NOISE = 1e-2, 1e-9  # first and least, share of the reach
@@ -46,11 +45,6 @@ _POSITION, _POSE = 3, 7  # coordinates
 _BALL = 0.05  # of the robot's mass and reach: mass and radius of gyration of a likely load
 _FREE = 1e-2  # weight of that, relative to the description of a body
 _FARTHEST = 4.0  # of the reach, farther than any frame of the robot moves
-LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
-OVERLAP = 3  # windows at any time
-_FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
-_GAP = 8  # the longest gap between two samples in a window, as so many parts of its length
-_CHUNK = 250  # samples whose regressors are in memory at once
 
 
 def torque_fit(
@@ -371,65 +365,6 @@ class Windows(NamedTuple):
         return np.asarray(self.y - self.W @ a)
 
 
-class Chunk(NamedTuple):
-    """Successive samples, and their weights in the windows that contain some of them.
-
-    Attributes:
-        samples: M of them.
-        near: (k) indices of the windows.
-        phi, rate: (k, M) weights in integrals of phi and of its derivative [1, 1/s].
-    """
-
-    samples: slice
-    near: np.ndarray
-    phi: np.ndarray
-    rate: np.ndarray
-
-
-class Averages:
-    """Averages of signals over the windows of a motion.
-
-    Attributes:
-        chunks: of all samples, with their weights.
-        t: (K) times of the middles of all windows [s].
-        length: of a window [s].
-        whole: (K) whether a window has no gap.
-    """
-
-    def __init__(self, t: np.ndarray, period: float) -> None:
-        """Lay windows over samples at times t (N), typically ``period`` apart [s]."""
-        self.length = length = max(LENGTH, _FEWEST * period)
-        count = max(int(np.floor((t[-1] - t[0]) / length * OVERLAP)) - OVERLAP + 1, 0)
-        self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
-        self.whole = _without_gap(t, self.t, length)
-        first = np.searchsorted(t, self.t - 0.5 * length, side="right")
-        last = np.searchsorted(t, self.t + 0.5 * length)
-        weights = _trapezoids(t)
-        self.chunks: list[Chunk] = []
-        for start in range(0, len(t), _CHUNK):
-            part = slice(start, min(start + _CHUNK, len(t)))
-            near = np.flatnonzero((last > part.start) & (first < part.stop))
-            away = t[part] - self.t[near, None]
-            inside = (np.abs(away) < 0.5 * length) * weights[part]
-            phi, rate = _window(away, length)
-            self.chunks.append(Chunk(part, near, phi * inside, rate * inside))
-
-    def mean(self, values: np.ndarray) -> np.ndarray:
-        """Return the averages (K, ...) of values (N, ...) at the samples."""
-        return self._sums(values, derivative=False)
-
-    def rate(self, values: np.ndarray) -> np.ndarray:
-        """Return the averages (K, ...) of the time derivative of values (N, ...)."""
-        return -self._sums(values, derivative=True)
-
-    def _sums(self, values: np.ndarray, *, derivative: bool) -> np.ndarray:
-        """Return the integrals (K, ...) of phi, or of its derivative, times values (N, ...)."""
-        found = np.zeros((len(self.t), *values.shape[1:]))
-        for part, near, phi, rate in self.chunks:
-            found[near] += np.tensordot(rate if derivative else phi, values[part], axes=1)
-        return found
-
-
 def windows_of(
     motion: MeasuredMotion,
     dynamics: Dynamics,
@@ -486,30 +421,11 @@ def _equations(
     return W, known
 
 
-def _window(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return phi = 8 / (3 L) cos^4(pi s / L) of integral one, and phi', at times s from its middle.
-
-    Its first three derivatives vanish at the ends, so that sums are integrals to the fourth power
-    of the period.
-    """
-    angle = np.pi * s / length
-    height = 8.0 / (3.0 * length)
-    cos = np.cos(angle)
-    square = cos * cos
-    return height * square * square, -4.0 * height * np.pi / length * square * cos * np.sin(angle)
-
-
 def _integral(s: np.ndarray, length: float) -> np.ndarray:
     """Return int phi from the left end of a window to times s from its middle, zero to one."""
     angle = np.pi * np.clip(s, -0.5 * length, 0.5 * length) / length
     whole = 3.0 * angle + 2.0 * np.sin(2.0 * angle) + 0.25 * np.sin(4.0 * angle)
     return np.asarray(0.5 + whole / (3.0 * np.pi))
-
-
-def _trapezoids(t: np.ndarray) -> np.ndarray:
-    """Return the weight (N) [s] of each sample in an integral by trapezoids."""
-    steps = np.diff(t)
-    return 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
 
 
 def _held_torques(motion: MeasuredMotion, middles: np.ndarray, length: float) -> np.ndarray:
@@ -521,11 +437,3 @@ def _held_torques(motion: MeasuredMotion, middles: np.ndarray, length: float) ->
         weights = np.diff(_integral(motion.t[part] - middle, length))
         found[k] = weights @ motion.tau[part][: len(weights)]
     return found
-
-
-def _without_gap(t: np.ndarray, middles: np.ndarray, length: float) -> np.ndarray:
-    """Return for each window whether no two successive samples in it are too far apart."""
-    gaps = np.flatnonzero(np.diff(t) > length / _GAP)
-    starts, ends = t[gaps], t[gaps + 1]
-    hit = (starts < middles[:, None] + 0.5 * length) & (ends > middles[:, None] - 0.5 * length)
-    return np.asarray(~hit.any(axis=1))

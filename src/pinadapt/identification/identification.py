@@ -16,7 +16,7 @@ from .._output import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
-from ..information.measured_motion import MeasuredMotion, motion_of_log
+from ..information.measured_motion import CUTOFF, Averages, MeasuredMotion, motion_of_log
 from ..information.payload import PayloadEstimate
 from ..information.torque_check import TorqueCheck, check_torques, on_wall
 from ..logs.formats import read_log
@@ -34,9 +34,7 @@ from ..tuning.make_controller import make_estimator
 from ..tuning.unknowns import Unknown
 from . import report
 from .fits import (
-    CUTOFF,
     WEIGHT,
-    Averages,
     Frames,
     Windows,
     frames_of,

@@ -17,7 +17,7 @@ from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import LogError, MeasurementError
 from ..information.information import Excitation, Information
-from ..information.measured_motion import MeasuredMotion
+from ..information.measured_motion import CUTOFF, MeasuredMotion
 from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
 from ..information.torque_check import TorqueCheck
 from ..logs.intake import Intake
@@ -25,7 +25,7 @@ from ..logs.log import Log
 from ..records import Measurement
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
-from .fits import CUTOFF, Frames, PositionRows, Windows
+from .fits import Frames, PositionRows, Windows
 from .selection import ChosenEffects
 
 _KEPT = 2000  # estimates that are stored

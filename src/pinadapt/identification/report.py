@@ -14,9 +14,9 @@ from .._output import Sheet, Table, whole_file, write_text
 from .._version import __version__
 from ..exceptions import InputError, ParameterError
 from ..information.information import Information, identifiable, known_to
+from ..information.measured_motion import CUTOFF
 from ..information.payload import PayloadEstimate, explanation_table
 from ..robot.motors import Gravity
-from .fits import CUTOFF
 from .identified_model import IdentifiedModel, rms
 from .selection import ChosenEffects
 
@@ -120,7 +120,6 @@ def sheet(found: IdentifiedModel) -> Sheet:
     rows = overview(found)
     tables = [Table(rows)]
     if found.check is not None:
-        rows.append(("first table", found.check.legend))
         tables = [Table(rows), found.check.table()]
     if found.dynamic.names:
         tables.append(_torque_table(found))

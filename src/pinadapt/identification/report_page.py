@@ -58,7 +58,6 @@ def page(
     parts += ["<h2>The log</h2>", Table(report.overview(found)).html()]
     if found.check is not None:
         parts += ["<h2>Do the torques fit the description?</h2>", found.check.table().html()]
-        parts.append(f"<p>{escape(found.check.legend)}</p>")
     if found.effects is not None:
         parts += ["<h2>Effects of the joints</h2>", report.effect_table(found.effects).html()]
         parts.append(

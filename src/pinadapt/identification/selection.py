@@ -22,13 +22,13 @@ import pinocchio as pin
 
 from .._checks import name_list
 from ..information.information import Information
-from ..information.measured_motion import MeasuredMotion
+from ..information.measured_motion import OVERLAP, Averages, MeasuredMotion
 from ..models.physical_fit import PhysicalSet
 from ..models.regressor import PER_BODY
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
-from .fits import OVERLAP, WEIGHT, Averages, Windows, noise_levels
+from .fits import WEIGHT, Windows, noise_levels
 
 # Blocks of time in cross-validation. Half as many leave too little to learn from, and twice as many
 # are predicted from neighbours that share their errors.

@@ -23,6 +23,13 @@ from ..exceptions import LogError
 from ..logs.log import Log
 from ..robot.robot import Robot
 
+CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window
+LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
+OVERLAP = 3  # windows at any time
+_FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
+_GAP = 8  # the longest gap between two samples in a window, as so many parts of its length
+_CHUNK = 250  # samples whose regressors are in memory at once
+
 _ORDER = 4
 _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one side only
 _FASTEST = 0.4  # of the sampling rate: the highest cutoff
@@ -221,3 +228,89 @@ def _smoothed(
 def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return values (N, n) at times (N), interpolated at others (K): (K, n)."""
     return np.column_stack([np.interp(t, times, column) for column in values.T])
+
+
+class Chunk(NamedTuple):
+    """Successive samples, and their weights in the windows that contain some of them.
+
+    Attributes:
+        samples: M of them.
+        near: (k) indices of the windows.
+        phi, rate: (k, M) weights in integrals of phi and of its derivative [1, 1/s].
+    """
+
+    samples: slice
+    near: np.ndarray
+    phi: np.ndarray
+    rate: np.ndarray
+
+
+class Averages:
+    """Averages of signals over the windows of a motion.
+
+    Attributes:
+        chunks: of all samples, with their weights.
+        t: (K) times of the middles of all windows [s].
+        length: of a window [s].
+        whole: (K) whether a window has no gap.
+    """
+
+    def __init__(self, t: np.ndarray, period: float) -> None:
+        """Lay windows over samples at times t (N), typically ``period`` apart [s]."""
+        self.length = length = max(LENGTH, _FEWEST * period)
+        count = max(int(np.floor((t[-1] - t[0]) / length * OVERLAP)) - OVERLAP + 1, 0)
+        self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
+        self.whole = _without_gap(t, self.t, length)
+        first = np.searchsorted(t, self.t - 0.5 * length, side="right")
+        last = np.searchsorted(t, self.t + 0.5 * length)
+        weights = _trapezoids(t)
+        self.chunks: list[Chunk] = []
+        for start in range(0, len(t), _CHUNK):
+            part = slice(start, min(start + _CHUNK, len(t)))
+            near = np.flatnonzero((last > part.start) & (first < part.stop))
+            away = t[part] - self.t[near, None]
+            inside = (np.abs(away) < 0.5 * length) * weights[part]
+            phi, rate = _window(away, length)
+            self.chunks.append(Chunk(part, near, phi * inside, rate * inside))
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Return the averages (K, ...) of values (N, ...) at the samples."""
+        return self._sums(values, derivative=False)
+
+    def rate(self, values: np.ndarray) -> np.ndarray:
+        """Return the averages (K, ...) of the time derivative of values (N, ...)."""
+        return -self._sums(values, derivative=True)
+
+    def _sums(self, values: np.ndarray, *, derivative: bool) -> np.ndarray:
+        """Return the integrals (K, ...) of phi, or of its derivative, times values (N, ...)."""
+        found = np.zeros((len(self.t), *values.shape[1:]))
+        for part, near, phi, rate in self.chunks:
+            found[near] += np.tensordot(rate if derivative else phi, values[part], axes=1)
+        return found
+
+
+def _window(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return phi = 8 / (3 L) cos^4(pi s / L) of integral one, and phi', at times s from its middle.
+
+    Its first three derivatives vanish at the ends, so that sums are integrals to the fourth power
+    of the period.
+    """
+    angle = np.pi * s / length
+    height = 8.0 / (3.0 * length)
+    cos = np.cos(angle)
+    square = cos * cos
+    return height * square * square, -4.0 * height * np.pi / length * square * cos * np.sin(angle)
+
+
+def _trapezoids(t: np.ndarray) -> np.ndarray:
+    """Return the weight (N) [s] of each sample in an integral by trapezoids."""
+    steps = np.diff(t)
+    return 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
+
+
+def _without_gap(t: np.ndarray, middles: np.ndarray, length: float) -> np.ndarray:
+    """Return for each window whether no two successive samples in it are too far apart."""
+    gaps = np.flatnonzero(np.diff(t) > length / _GAP)
+    starts, ends = t[gaps], t[gaps + 1]
+    hit = (starts < middles[:, None] + 0.5 * length) & (ends > middles[:, None] - 0.5 * length)
+    return np.asarray(~hit.any(axis=1))
