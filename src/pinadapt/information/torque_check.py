@@ -50,7 +50,7 @@ _TURNED = math.radians(25.0)  # from the described gravity: tilts of half as muc
 _STRENGTH = (0.6, 1.6)  # of gravity, between which its direction is believed
 _SCATTER = 1.5  # by which the factors of joints differ that have one gain in common; words
 # In log(residual^2): the price of a chosen number, and by how much a mistake must be likelier than
-# none. Quarters of real logs gain up to 0.8 by mistakes that nobody made; the least visible one that
+# none. Quarters of real logs gain up to 0.8 by mistakes nobody made; the least visible one that
 # somebody made gains 1.2, so half refuses good logs and twice as much accepts a wrong sign.
 _PRICE, _SURELY = 0.15, 1.0
 _LOAD_NUMBERS, _RARE = 4, 8  # numbers of a load; for which a rare mistake counts
