@@ -1,25 +1,23 @@
 """MCAP files: written in pieces that are whole at once, and read even if the end is missing.
 
 Messages are those of ROS 2 (CDR, little endian), so Foxglove and everything that reads bags opens
-the files. The format is specified at https://mcap.dev/spec; chunks are not compressed.
+the files. The package mcap writes and reads them; chunks are not compressed.
 """
 
 from __future__ import annotations
 
+import io
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from ..exceptions import LogError
 
-_MAGIC = b"\x89MCAP0\r\n"
-_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = range(1, 7)
-_MESSAGE_INDEX, _CHUNK_INDEX, _STATISTICS = 7, 8, 11
-_METADATA, _METADATA_INDEX, _DATA_END = 12, 13, 15
 _CDR = b"\x00\x01\x00\x00"
 _LINE = "=" * 80
 
@@ -59,20 +57,6 @@ DEFINITIONS = {
 }
 
 
-def _text(text: str) -> bytes:
-    raw = text.encode()
-    return struct.pack("<I", len(raw)) + raw
-
-
-def _table(table: Mapping[str, str]) -> bytes:
-    body = b"".join(_text(key) + _text(value) for key, value in table.items())
-    return struct.pack("<I", len(body)) + body
-
-
-def _record(kind: int, content: bytes) -> bytes:
-    return struct.pack("<BQ", kind, len(content)) + content
-
-
 class Topic(NamedTuple):
     """A topic of a file.
 
@@ -87,12 +71,18 @@ class Topic(NamedTuple):
     definition: str | None = None
 
 
-class McapWriter:
-    """Writes messages in chunks; each ``flush`` leaves a file that can be read up to there.
+class _Unwritten(io.BytesIO):
+    """What is to be appended to a file of a known size."""
 
-    Attributes:
-        size: of the file up to the last whole chunk [bytes].
-    """
+    size = 0
+
+    def tell(self) -> int:
+        """Return the place in the file."""
+        return self.size + super().tell()
+
+
+class McapWriter:
+    """Writes messages in chunks; each ``flush`` leaves a file that can be read up to there."""
 
     def __init__(
         self, file: BinaryIO, topics: Sequence[Topic], about: Mapping[str, str] | None = None
@@ -107,39 +97,18 @@ class McapWriter:
         Raises:
             OSError: it cannot be written.
         """
-        self._file, self._chunk = file, bytearray()
-        self._times: list[list[tuple[int, int]]] = [[] for _ in topics]
-        self._counts, self._chunks = [0] * len(topics), []  # type: ignore[var-annotated]
-        self._span = [0, 0]
-        kinds = list(dict.fromkeys((topic.kind, topic.definition) for topic in topics))
-        self._known = b"".join(
-            _record(
-                _SCHEMA,
-                struct.pack("<H", k + 1) + _text(kind) + _text("ros2msg")
-                + _text(DEFINITIONS[kind] if definition is None else definition),
-            )
-            for k, (kind, definition) in enumerate(kinds)
-        )  # fmt: skip
-        self._known += b"".join(
-            _record(
-                _CHANNEL,
-                struct.pack("<HH", k, kinds.index((topic.kind, topic.definition)) + 1)
-                + _text(topic.name) + _text("cdr") + _table({}),
-            )
-            for k, topic in enumerate(topics)
-        )  # fmt: skip
-        self._schemas = len(kinds)
-        start = _MAGIC + _record(_HEADER, _text("ros2") + _text("pinadapt"))
-        metadata = _record(_METADATA, _text("pinadapt") + _table(about or {}))
-        self._metadata = len(start), len(metadata)
-        self.size = 0
-        self._append(start + metadata + self._known)
+        from mcap.writer import CompressionType, Writer
 
-    def _append(self, raw: bytes) -> None:
-        """Write bytes and hand them to the system."""
-        self._file.write(raw)
-        self._file.flush()
-        self.size += len(raw)
+        self._file, self._unwritten = file, _Unwritten()
+        self._writer = Writer(self._unwritten, compression=CompressionType.NONE)
+        self._writer.start("ros2", "pinadapt")
+        self._writer.add_metadata("pinadapt", dict(about or {}))
+        self._channels = []
+        for name, kind, definition in topics:
+            text = DEFINITIONS[kind] if definition is None else definition
+            schema = self._writer.register_schema(kind, "ros2msg", text.encode())
+            self._channels.append(self._writer.register_channel(name, "cdr", schema))
+        self.flush()
 
     def add(self, topic: int, time: int, data: bytes) -> None:
         """Add a message to the chunk.
@@ -149,10 +118,7 @@ class McapWriter:
             time: since 1970 [ns].
             data: the message, with the header of its encoding.
         """
-        self._times[topic].append((time, len(self._chunk)))
-        head = struct.pack("<HIQQ", topic, self._counts[topic] & 0xFFFFFFFF, time, time)
-        self._chunk += struct.pack("<BQ", _MESSAGE, len(head) + len(data)) + head + data
-        self._counts[topic] += 1
+        self._writer.add_message(self._channels[topic], time, data, time)
 
     def flush(self) -> None:
         """Write the chunk, if there is anything in it.
@@ -160,43 +126,24 @@ class McapWriter:
         Raises:
             OSError: it cannot be written; the file is cut to its last whole chunk.
         """
-        if not self._chunk:
-            return
-        times = [time for topic in self._times for time, _ in topic]
-        span, size, start = (min(times), max(times)), len(self._chunk), self.size
-        chunk = _record(
-            _CHUNK,
-            struct.pack("<QQQI", *span, size, 0) + _text("") + struct.pack("<Q", size)
-            + bytes(self._chunk),
-        )  # fmt: skip
-        index, offsets = b"", {}
-        for topic, messages in enumerate(self._times):
-            if messages:
-                offsets[topic] = start + len(chunk) + len(index)
-                rows = b"".join(struct.pack("<QQ", *row) for row in messages)
-                index += _record(_MESSAGE_INDEX, struct.pack("<HI", topic, len(rows)) + rows)
-        try:
-            self._append(chunk + index)
-        except OSError:
-            self._cut()
-            raise
-        places = b"".join(struct.pack("<HQ", *item) for item in offsets.items())
-        self._chunks.append(
-            struct.pack("<QQQQI", *span, start, len(chunk), len(places)) + places
-            + struct.pack("<Q", len(index)) + _text("") + struct.pack("<QQ", size, size)
-        )  # fmt: skip
-        self._span = [self._span[0] or span[0], span[1]]
-        self._chunk.clear()
-        for messages in self._times:
-            messages.clear()
+        # the package by itself ends chunks by their size alone
+        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
+        self._append()
 
-    def _cut(self) -> None:
-        """Cut the file to its last whole chunk."""
+    def _append(self) -> None:
+        """Hand what is unwritten to the system."""
+        unwritten = self._unwritten
+        raw = unwritten.getvalue()
         try:
-            self._file.truncate(self.size)
-            self._file.seek(self.size)
+            self._file.write(raw)
+            self._file.flush()
         except OSError:
-            pass
+            with suppress(OSError):
+                self._file.truncate(unwritten.size)
+            raise
+        unwritten.size += len(raw)
+        unwritten.seek(0)
+        unwritten.truncate()
 
     def close(self) -> None:
         """Write the rest and the index.
@@ -204,24 +151,8 @@ class McapWriter:
         Raises:
             OSError: it cannot be written; the messages up to the last chunk are there.
         """
-        self.flush()
-        end = _record(_DATA_END, struct.pack("<I", 0))
-        start = self.size + len(end)
-        counts = b"".join(struct.pack("<HQ", k, n) for k, n in enumerate(self._counts))
-        statistics = struct.pack(
-            "<QHIIIIQQI", sum(self._counts), self._schemas, len(self._counts), 0, 1,
-            len(self._chunks), *self._span, len(counts),
-        )  # fmt: skip
-        summary = self._known
-        summary += b"".join(_record(_CHUNK_INDEX, each) for each in self._chunks)
-        summary += _record(_METADATA_INDEX, struct.pack("<QQ", *self._metadata) + _text("pinadapt"))
-        summary += _record(_STATISTICS, statistics + counts)
-        footer = _record(_FOOTER, struct.pack("<QQI", start, 0, 0))
-        try:
-            self._append(end + summary + footer + _MAGIC)
-        except OSError:
-            self._cut()
-            raise
+        self._writer.finish()
+        self._append()
 
 
 @dataclass(frozen=True)
@@ -242,80 +173,44 @@ class McapContent:
 
 
 def read_mcap(path: Path) -> McapContent:
-    """Return the messages of a file up to where it is whole; chunks must not be compressed.
+    """Return the messages of a file up to where it is whole. It is data, which runs nothing.
 
     Raises:
         LogError: it cannot be read, or is no such file.
     """
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, Footer, Message, Metadata, Schema
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import MCAP0_MAGIC
+
+    about: dict[str, str] = {}
+    schemas, topics, whole = {0: ""}, dict[int, Any](), False
+    messages: dict[int, list[tuple[int, bytes]]] = {}
     try:
-        raw = path.read_bytes()
+        with path.open("rb") as file:
+            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise LogError("is not an MCAP file.", where=str(path))
+            for record in StreamReader(file, skip_magic=True).records:
+                if isinstance(record, Message):
+                    one = (record.log_time, record.data)
+                    messages.setdefault(record.channel_id, []).append(one)
+                elif isinstance(record, Schema):
+                    schemas[record.id] = record.data.decode()
+                elif isinstance(record, Channel):
+                    topics[record.id] = record
+                elif isinstance(record, Metadata):
+                    about = record.metadata
+                whole = whole or isinstance(record, Footer)
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}.", where=str(path)) from error
-    if not raw.startswith(_MAGIC):
-        raise LogError("is not an MCAP file.", where=str(path))
-    about: dict[str, str] = {}
-    schemas: dict[int, str] = {}
-    topics: dict[int, tuple[str, int]] = {}
-    messages: dict[int, list[tuple[int, bytes]]] = {}
-    waiting = [_records(raw, len(_MAGIC), len(raw))]
-    whole = False
-    while waiting:
-        found = next(waiting[-1], None)
-        if found is None:
-            waiting.pop()
-            continue
-        kind, at, end = found
-        if kind == _CHUNK:
-            compression, at = _read_text(raw, at + 28)
-            if compression:
-                raise LogError(f"has chunks compressed by {compression}.", where=str(path))
-            waiting.append(_records(raw, at + 8, end))
-        elif kind == _MESSAGE:
-            topic, _, time, _ = struct.unpack_from("<HIQQ", raw, at)
-            messages.setdefault(topic, []).append((time, raw[at + 22 : end]))
-        elif kind == _SCHEMA:
-            _, after = _read_text(raw, at + 2)
-            _, after = _read_text(raw, after)
-            schemas[struct.unpack_from("<H", raw, at)[0]] = _read_text(raw, after)[0]
-        elif kind == _CHANNEL:
-            topic, schema = struct.unpack_from("<HH", raw, at)
-            topics[topic] = _read_text(raw, at + 4)[0], schema
-        elif kind == _METADATA:
-            _, after = _read_text(raw, at)
-            about = dict(_read_table(raw, after))
-        elif kind == _DATA_END:
-            whole = raw.endswith(_MAGIC)
-            break
+    except (McapError, struct.error):  # its end is missing
+        pass
     return McapContent(
         about,
-        {name: schemas.get(schema, "") for name, schema in topics.values()},
-        {name: messages.get(topic, []) for topic, (name, _) in topics.items()},
+        {topic.topic: schemas.get(topic.schema_id, "") for topic in topics.values()},
+        {topic.topic: messages.get(number, []) for number, topic in topics.items()},
         whole,
     )
-
-
-def _records(raw: bytes, at: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield kind, start and end of the records that are whole."""
-    while at + 9 <= end:
-        kind, size = struct.unpack_from("<BQ", raw, at)
-        if at + 9 + size > end:
-            return
-        yield kind, at + 9, at + 9 + size
-        at += 9 + size
-
-
-def _read_text(raw: bytes, at: int) -> tuple[str, int]:
-    (size,) = struct.unpack_from("<I", raw, at)
-    return raw[at + 4 : at + 4 + size].decode(errors="replace"), at + 4 + size
-
-
-def _read_table(raw: bytes, at: int) -> Iterator[tuple[str, str]]:
-    (size,) = struct.unpack_from("<I", raw, at)
-    at, end = at + 4, at + 4 + size
-    while at < end:
-        key, at = _read_text(raw, at)
-        value, at = _read_text(raw, at)
-        yield key, value
 
 
 # --- messages -----------------------------------------------------------------------------------
