@@ -18,7 +18,7 @@ import numpy as np
 
 import pinadapt as pa
 from benchmarks.real_logs import chosen_logs
-from pinadapt.information import check_torques
+from pinadapt.identification import check_torques
 
 OTHERS = {"panda": "xarm7", "ur10": "z1", "tx40": "z1", "tiago": "xarm7"}
 SMALLER = {"ur10": "ur5"}  # of the same kind

@@ -33,8 +33,8 @@ import numpy as np
 
 import pinadapt as pa
 from pinadapt._output import toml
+from pinadapt.identification import check_torques
 from pinadapt.identification.report_page import least_squares_errors
-from pinadapt.information import check_torques
 
 from .timing import markdown
 

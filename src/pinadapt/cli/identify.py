@@ -16,7 +16,7 @@ from ..identification import calibration
 from ..identification.identification import Identification, log_and_robot
 from ..identification.identification import identify as identify_log
 from ..identification.report import FILES
-from ..information.torque_check import check_torques
+from ..identification.torque_check import check_torques
 from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot

@@ -7,7 +7,7 @@ removed from both,
 
     factor = <T, P> / <P, P>,        correlation = <T, P> / (|T| |P|).
 
-``pinadapt.information.check_torques`` does the same with a whole log, and names the cause. Here,
+``pinadapt.identification.check_torques`` does the same with a whole log, and names the cause. Here,
 what a load or wrong inertias could do is left alone: only factors far from one count.
 """
 

@@ -5,3 +5,5 @@ from .calibration import FrameErrors as FrameErrors
 from .calibration import calibrate as calibrate
 from .identification import Identification as Identification
 from .identification import identify as identify
+from .torque_check import TorqueCheck as TorqueCheck
+from .torque_check import check_torques as check_torques

@@ -16,9 +16,8 @@ from .._output import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
-from ..information.measured_motion import CUTOFF, Averages, MeasuredMotion, motion_of_log
+from ..information.measured_motion import CUTOFF, Averages, MeasuredMotion
 from ..information.payload import PayloadEstimate
-from ..information.torque_check import TorqueCheck, check_torques, on_wall
 from ..logs.formats import read_log
 from ..logs.intake import REPLACED, Intake
 from ..logs.log import Log, joined, starts_of
@@ -45,8 +44,10 @@ from .fits import (
     windows_of,
 )
 from .identified_model import IdentifiedModel, estimate_online, measurements
+from .logged_motion import motion_of_log
 from .report_page import page
 from .selection import ChosenEffects, blocks_of, choose_effects, effect_spread
+from .torque_check import TorqueCheck, check_torques, on_wall
 
 if TYPE_CHECKING:
     from ..excitation.exciting_motion import ExcitingMotion

@@ -19,7 +19,6 @@ from ..exceptions import LogError, MeasurementError
 from ..information.information import Excitation, Information
 from ..information.measured_motion import CUTOFF, MeasuredMotion
 from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
-from ..information.torque_check import TorqueCheck
 from ..logs.intake import Intake
 from ..logs.log import Log
 from ..records import Measurement
@@ -27,6 +26,7 @@ from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
 from .fits import Frames, PositionRows, Windows
 from .selection import ChosenEffects
+from .torque_check import TorqueCheck
 
 _KEPT = 2000  # estimates that are stored
 _RATE = 2.0 * math.pi * CUTOFF  # [1/s] of the causal low pass

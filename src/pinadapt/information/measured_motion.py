@@ -19,9 +19,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..controller.state import Sample
-from ..exceptions import LogError
-from ..logs.log import Log
-from ..robot.robot import Robot
 
 CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window
 LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
@@ -35,10 +32,9 @@ _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one
 _FASTEST = 0.4  # of the sampling rate: the highest cutoff
 _SHORTEST = 10.0 * _SETTLING  # [s] of a run that is smoothed
 
-# Relative difference, root mean square, up to which measured velocities are those of the positions.
-# Those of a run are differentiated. Those of a log are not, and trapezoids over its longer periods
-# differ by themselves, at 50 Hz by about 1e-3.
-_RUN_TOLERANCE, _LOG_TOLERANCE = 1e-3, 5e-3
+# Relative difference, root mean square, up to which the velocities of a run are those of the
+# positions. Half: noise of encoders smooths them; twice: filtered velocities pass.
+_TOLERANCE = 1e-3
 
 
 class MeasuredMotion(NamedTuple):
@@ -90,10 +86,10 @@ def motion_of_samples(
     q = np.array([one.q for one in measured])
     v = np.array([one.v for one in measured])
     tau = np.array([_torque(*both) for both in pairwise(samples)])
-    moved = _differences(model, q)
+    moved = differences(model, q)
     mean = 0.5 * (v[:-1] + v[1:])
     long_enough = t[-1] - t[0] > _SHORTEST and cutoff * period < _FASTEST
-    if _agree(moved / period, mean, _RUN_TOLERANCE) or not long_enough:
+    if agree(moved / period, mean, _TOLERANCE) or not long_enough:
         middle = [
             pin.integrate(model, start, 0.5 * part)
             for start, part in zip(q[:-1], moved, strict=True)
@@ -101,7 +97,7 @@ def motion_of_samples(
         a = np.diff(v, axis=0) / period
         return MeasuredMotion(halfway, np.array(middle), mean, a, tau, False)
     travelled = np.cumsum(moved, axis=0) - 0.5 * moved
-    return _smoothed(model, q[0], halfway, travelled, tau, period, cutoff)
+    return smoothed(model, q[0], halfway, travelled, tau, period, cutoff)
 
 
 def instants_of_samples(
@@ -129,7 +125,7 @@ def instants_of_samples(
     moved = np.array([pin.difference(model, one.q, other.q) for one, other in measured])
     v, v_after = (np.array([both[side].v for both in measured]) for side in (0, 1))
     steps, mean = (after - t)[:, None], 0.5 * (v + v_after)
-    if _agree(moved / steps, mean, _RUN_TOLERANCE):
+    if agree(moved / steps, mean, _TOLERANCE):
         q = [
             pin.integrate(model, one.q, 0.5 * d)
             for (one, _), d in zip(measured, moved, strict=True)
@@ -153,50 +149,17 @@ def _torque(sample: Sample, after: Sample) -> np.ndarray:
     return sample.torque if measured is None else np.asarray(measured, dtype=float)
 
 
-def motion_of_log(robot: Robot, log: Log, *, cutoff: float) -> MeasuredMotion:
-    """Return the motion in a log at its own times, without samples that are not finite.
-
-    Args:
-        robot: whose joints were recorded.
-        log: of the motion.
-        cutoff: of the low pass [Hz]; at most 0.4 times the sampling rate is taken.
-
-    Raises:
-        LogError: fewer than two samples are finite.
-    """
-    model, q = robot.model, log.configurations(robot)
-    finite = np.isfinite(q).all(axis=1) & np.isfinite(log.tau).all(axis=1)
-    if log.v is not None:
-        finite &= np.isfinite(log.v).all(axis=1)
-    if np.count_nonzero(finite) < 2:
-        raise LogError(
-            "fewer than two samples have all signals finite.",
-            where=log.source,
-            hint="Record all joints at the same times, or interpolate.",
-        )
-    t, q, tau = log.t[finite], q[finite], log.tau[finite]
-    moved, steps = _differences(model, q), np.diff(t)
-    if log.v is not None:
-        v = log.v[finite]
-        near = steps < 1.5 * log.period  # no sample is missing in between
-        mean = 0.5 * (v[:-1] + v[1:])
-        if _agree((moved / steps[:, None])[near], mean[near], _LOG_TOLERANCE):
-            return MeasuredMotion(t, q, v, np.gradient(v, t, axis=0), tau, False)
-    travelled = np.vstack([np.zeros(model.nv), np.cumsum(moved, axis=0)])
-    return _smoothed(model, q[0], t, travelled, tau, log.period, cutoff)
-
-
-def _differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
+def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Return how far the joints moved (N - 1, n) between configurations (N, nq) [rad or m]."""
     return np.array([pin.difference(model, *ends) for ends in pairwise(q)])
 
 
-def _agree(rates: np.ndarray, v: np.ndarray, tolerance: float) -> bool:
+def agree(rates: np.ndarray, v: np.ndarray, tolerance: float) -> bool:
     """Return whether measured velocities (N, n) are the rates of the positions."""
     return bool(np.linalg.norm(rates - v) <= tolerance * np.linalg.norm(v))
 
 
-def _smoothed(
+def smoothed(
     model: pin.Model,
     start: np.ndarray,
     t: np.ndarray,

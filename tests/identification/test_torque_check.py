@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from benchmarks import corrupted_logs
 from pinadapt.description.chain import effort_limits
-from pinadapt.information.torque_check import check_torques, on_wall
+from pinadapt.identification.torque_check import check_torques, on_wall
 from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
 from tests.support.recorded import motion, torques
