@@ -289,30 +289,36 @@ def measure(robot: str, law: str, fault: str) -> dict[str, Any]:
 
 
 def report(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table in Markdown: the worst of the robots, by fault and law."""
-    found: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
+    """Return a table in Markdown: the worst of the robots, faults of one outcome in a row."""
+    found: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         if row["status"] == "done":
-            found.setdefault(row["fault"], {}).setdefault(row["law"], []).append(row)
-    laws = list(dict.fromkeys(row["law"] for row in rows))
-    cells = [[fault, *(_worst(runs[law]) for law in laws)] for fault, runs in found.items()]
-    return markdown(["fault", *(f"`{law}`" for law in laws)], cells)
+            found.setdefault(row["fault"], []).append(row)
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for own in found.values():
+        groups.setdefault(_outcome(own), []).extend(own)
+    cells = [
+        ["; ".join(dict.fromkeys(row["fault"] for row in own)), outcome, *_worst(own)]
+        for outcome, own in groups.items()
+    ]
+    return markdown(["fault", "outcome", "deviation", "torque", "drift"], cells)
 
 
-def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return time to the refusal, way, torque and drift, each the largest of some rows."""
-    far, torque = (max(row[key] for row in rows) for key in ("farther", "torque"))
-    words = f"{_angle(far)}, {100.0 * torque:.0f} %"
+def _outcome(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return how the runs with a fault ended."""
     missed = [row["robot"] for row in rows if row["refused"] is None]
-    late = max((row["refused"] for row in rows if row["refused"] is not None), default=None)
-    if late is None:
-        return f"bridged, {words}"
-    drift = _angle(max(row["drift"] for row in rows))
+    if missed:
+        return "bridged" if len(missed) == len(rows) else f"not within 1 s: {', '.join(missed)}"
     if all(row["brakes"] is not None for row in rows):
-        drift = "brakes"
-    never = f" ({', '.join(missed)}: not within 1 s)" if missed else ""
-    return f"{late:.0f} ms{never}, {words}, {drift}"
+        return f"refused within {SOON:.0f} ms, needs brakes"
+    late = max(row["refused"] for row in rows)
+    return f"refused after {late:.0f} ms" if late > SOON else f"refused within {SOON:.0f} ms"
 
 
-def _angle(degrees: float) -> str:
-    return f"{degrees:.0f}°" if degrees >= 100.0 else f"{degrees:.2g}°" if degrees > 0.01 else "0°"
+def _worst(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the largest deviation, torque and drift of some rows."""
+    far, torque, drift = (max(row[key] for row in rows) for key in ("farther", "torque", "drift"))
+    return [f"{far:.2g}°", f"{100.0 * torque:.0f} %", f"{drift:.2g}°"]
+
+
+SOON = 20.0  # [ms]
