@@ -34,7 +34,7 @@ import numpy as np
 import pinadapt as pa
 from pinadapt._output import toml
 from pinadapt.identification import check_torques
-from pinadapt.identification.report_page import least_squares_errors
+from pinadapt.identification.report import least_squares_errors
 
 from .timing import markdown
 

@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from pinadapt.identification.report_page import least_squares_errors
+from pinadapt.identification.report import least_squares_errors
 from tests.support.recorded import identified, true_robot
 
 pytestmark = pytest.mark.slow
@@ -44,7 +44,7 @@ def row(reader, name):
 
 
 def test_a_page_is_whole_and_loads_nothing():
-    reader = Reader(identified("ur5").page(command="pinadapt excite ur5 & more"))
+    reader = Reader(identified("ur5").page())
     assert not reader.opened
     assert len(reader.sources) == 2
     assert all(source.startswith("data:image/png;base64,") for source in reader.sources)
@@ -56,7 +56,7 @@ def test_the_table_has_the_errors_of_all_models():
     found, true = identified("ur5"), true_robot("ur5")
     reader = Reader(found.page({"published": true}))
     header = next(cells for cells in reader.rows if "published" in cells)
-    total = dict(zip(header, row(reader, "all, rms"), strict=True))
+    total = dict(zip(header, row(reader, "all, rms, N m"), strict=True))
     errors = found.torque_errors
 
     def rms(values):

@@ -11,7 +11,6 @@ from typing import Any
 
 from .._output import check_writable, one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
-from ..excitation.exciting_motion import excite
 from ..identification import calibration
 from ..identification.identification import Identification, log_and_robot
 from ..identification.identification import identify as identify_log
@@ -82,13 +81,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="other models of the robot, such as a published one: URDF with friction; their errors "
         "stand in the report",
-    )
-    parser.add_argument(
-        "--excite",
-        action="store_true",
-        help=(
-            "find a more informative motion (takes some seconds), and report what it would identify"
-        ),
     )
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
@@ -487,14 +479,8 @@ def _write(found: Identification, folder: Path, options: argparse.Namespace) -> 
     """
 
     def page(beside: Path) -> None:
-        """Write the report page, with a motion to record next if it was asked for."""
-        motion = excite(found.described, unknown=found.unknown) if options.excite else None
-        frame = f" --frame {found.described.frame}"
-        command = f"pinadapt excite {options.robot}{frame * (not is_scenario)}"
-        text = found.page(options.compared, motion, command)
-        write_text(beside / "report.html", text)
+        write_text(beside / "report.html", found.page(options.compared))
 
-    is_scenario = Path(options.robot).suffix == _SCENARIO
     save = partial(found.save, mjcf=options.mjcf)
     steps: list[Callable[[Path], object]] = [found.plot, page, save]
     missing = []

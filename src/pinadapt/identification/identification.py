@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -45,12 +45,8 @@ from .fits import (
 )
 from .identified_model import IdentifiedModel, estimate_online, measurements
 from .logged_motion import motion_of_log
-from .report_page import page
 from .selection import ChosenEffects, blocks_of, choose_effects, effect_spread
 from .torque_check import TorqueCheck, check_torques, on_wall
-
-if TYPE_CHECKING:
-    from ..excitation.exciting_motion import ExcitingMotion
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
@@ -67,7 +63,7 @@ class Identification(IdentifiedModel):
     def trusted(self) -> bool:
         """Whether the log can be one of the described robot, by its torques and positions."""
         fits = self.check is None or self.check.fits
-        return fits and (not self.dynamic.names or report.of_another_robot(self) is None)
+        return fits and (not self.dynamic.names or report.position_doubt(self) is None)
 
     @property
     def verdict(self) -> str:
@@ -105,25 +101,17 @@ class Identification(IdentifiedModel):
         """
         report.save(self, Path(folder), mjcf=mjcf)
 
-    def page(
-        self,
-        compared: Mapping[str, Robot] | None = None,
-        motion: ExcitingMotion | None = None,
-        command: str = "",
-    ) -> str:
+    def page(self, compared: Mapping[str, Robot] | None = None) -> str:
         """Return the report as one web page with pictures, without external resources.
 
         Args:
             compared: other models of the same chain by name, such as a published one, with their
                 friction; the page compares their errors.
-            motion: from ``excite`` for ``found.unknown``; the page says what it would identify in
-                addition.
-            command: that finds such a motion, shown on the page.
 
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        return page(self, compared, motion, command)
+        return report.page(self, compared)
 
     def plot(self, folder: Path | str | None = None) -> Any:
         """Draw measured and predicted torques, and the online estimates in time.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -57,13 +57,9 @@ class Errors(NamedTuple):
         before, after = rms(self.described_held_out), rms(self.learned_held_out)
         return None if not np.isfinite(before) or not after > 0.0 else before / after
 
-    def summary(self) -> dict[str, list[float] | float | None]:
-        """Return all numbers for a file; None where there are none."""
-        rows: dict[str, list[float] | float | None] = {
-            name: part.tolist() if np.isfinite(part).all() else None
-            for name, part in self._asdict().items()
-        }
-        return rows | {"gain": self.gain}
+    def summary(self) -> dict[str, Any]:
+        """Return all numbers for a file."""
+        return {**self._asdict(), "gain": self.gain}
 
 
 def rms(values: np.ndarray) -> float:

@@ -1,24 +1,29 @@
-"""The report of an identification: verdict, tables, ``summary.json``, files and pictures."""
+"""The report of an identification: its record, of which text, page and ``summary.json`` consist."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, is_dataclass
+from html import escape
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._output import Sheet, Table, whole_file, write_text
+from .._output import Sheet, Table, html_page, whole_file, write_text
 from .._version import __version__
 from ..exceptions import InputError, ParameterError
 from ..information.information import Information, identifiable, known_to
 from ..information.measured_motion import CUTOFF
-from ..information.payload import PayloadEstimate, explanation_table
-from ..robot.motors import Gravity
+from ..information.payload import PayloadEstimate
+from ..models.basis import base_parameters
+from ..robot.robot import Robot
+from ..tuning.unknowns import Unknown, nominal_dynamics
+from .fits import windows_of
 from .identified_model import IdentifiedModel, rms
-from .selection import ChosenEffects
 
 if TYPE_CHECKING:
     from ..plots.style import Picture
@@ -34,12 +39,11 @@ FILES = (
     "learned.xml",
     "summary.json",
 )
-_HARDLY = 2.0  # gain up to which the estimate is hardly better than the description
-_RIGHT = 1e-3  # share of the torques up to which a description is correct
-_OFF = 0.02  # of the reach, error of the identified positions
-_LEFT = 0.05  # share of the torques that the estimate does not explain
-_DIFFERENCE = "of the difference between log and description"
-_GRAVITY = 0.7  # share of the error left when gravity is added to a log without it
+# Gain up to which the estimate is hardly better than the description, and the share of the torques
+# up to which a description is correct: half or twice as much changes words for borderline logs.
+_HARDLY, _RIGHT = 2.0, 1e-3
+_OFF = 0.02  # of the reach, error of positions from which the robot is another one; half: the same
+_SINGULAR = 1e-10  # share of the largest singular value that least squares leave out; rounding
 
 
 def verdict(found: IdentifiedModel) -> str:
@@ -47,98 +51,35 @@ def verdict(found: IdentifiedModel) -> str:
     if found.check is not None and not found.check.fits:
         return f"NOT TO BE TRUSTED: {found.check.verdict}"
     if not found.dynamic.names:
-        errors = found.position_errors
-        assert errors is not None  # else nothing was unknown
-        before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
-        return f"error of held-out positions: {1e3 * before:.3g} -> {1e3 * after:.3g} mm (rms)."
+        return f"error of held-out positions: {_of_positions(found)} (rms)."
     errors = found.torque_errors
-    before, after, gain = (
-        rms(errors.described_held_out),
-        rms(errors.learned_held_out),
-        errors.gain or 0.0,
-    )
+    before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
+    gain = errors.gain or 0.0
     words = f"error of held-out torques: {before:.3g} -> {after:.3g} {unit_of(found)} (rms), "
     words += f"{gain:.3g} times less"
-    if (doubt := of_another_robot(found)) is not None:
-        return f"{words}. {doubt}"
+    if (off := position_doubt(found)) is not None:
+        return f"{words}. {off}"
     if gain >= _HARDLY:
-        return words + "."
+        return f"{words}."
     if max(before, after) < _RIGHT * rms(errors.size):
         return f"{words}. The description was already correct to 0.1 % of the torques."
-    if leaves_gravity_out(found):
-        return (
-            f"{words}. These torques seem to lack gravity; if the arm compensates it, set "
-            'compensated = "nominal".'
-        )
     if gain < 1.0:
         return f"{words}: WORSE. The estimate from the first part does not predict the last."
     return f"{words}, hardly better than the description. Are these the joints' torques?"
 
 
-def of_another_robot(found: IdentifiedModel) -> str | None:
-    """Return why a log seems to be that of another robot, None where it does not.
-
-    Either the identified model is off the measured positions by more than 2 % of the reach, or the
-    description explains nothing of the torques and the estimate leaves 5 % of them.
-    """
-    reasons, positions = [], found.position_errors
-    if positions is not None and found.described.task.positions:
-        off = float(np.linalg.norm(positions.learned_held_out))
-        if off > _OFF * found.described.reach:
-            reasons.append(f"the positions are {1e3 * off:.3g} mm off even as identified")
-    errors = found.torque_errors
-    nothing = rms(errors.described) > rms(errors.size)
-    if nothing and rms(errors.learned_held_out) > _LEFT * rms(errors.size):
-        share = rms(errors.learned_held_out) / rms(errors.size)
-        if not leaves_gravity_out(found):
-            reasons.append(
-                "the description explains nothing of the torques, and the estimate leaves "
-                f"{share:.0%} of them"
-            )
-    if not reasons:
+def position_doubt(found: IdentifiedModel) -> str | None:
+    """Return why a log seems to be that of another robot by its positions, None if it does not."""
+    positions = found.position_errors
+    if positions is None or not found.described.task.positions:
+        return None
+    off = float(np.linalg.norm(positions.learned_held_out))
+    if off < _OFF * found.described.reach:
         return None
     return (
-        f"Is this the log of another robot, frame or base, or are its joints in another order? "
-        f"{'; '.join(reasons).capitalize()}."
+        "Is this the log of another robot, frame or base, or are its joints in another order? "
+        f"The positions are {1e3 * off:.3g} mm off even as identified."
     )
-
-
-def leaves_gravity_out(found: IdentifiedModel) -> bool:
-    """Return whether the description predicts the torques much better with gravity added."""
-    windows, robot = found.windows, found.described
-    gravity, q = Gravity(robot), found.log.configurations(robot)
-    near = np.searchsorted(found.log.t, windows.t).clip(0, len(found.log.t) - 1)
-    added = np.array(
-        [gravity(q[k]) if np.isfinite(q[k]).all() else 0.0 * windows.y[0] for k in near]
-    )
-    left = windows.residual(found.described_parameters)
-    return bool(rms(left + added) < _GRAVITY * rms(left))
-
-
-def sheet(found: IdentifiedModel) -> Sheet:
-    """Return the whole report."""
-    rows = overview(found)
-    tables = [Table(rows)]
-    if found.check is not None:
-        tables = [Table(rows), found.check.table()]
-    if found.dynamic.names:
-        tables.append(_torque_table(found))
-    if found.effects is not None:
-        tables.append(effect_table(found.effects))
-    if (load := payload_of(found)) is not None:
-        tables += load_tables(load)
-    return Sheet(title(found), [*tables, *parameter_tables(found)], verdict(found))
-
-
-def title(found: IdentifiedModel, *, folders: bool = True) -> str:
-    """Return what was identified from which logs, and on which it was tested."""
-    logs = found.log.source.split(", ")
-    parts = [[name for name in logs if name not in found.tested], list(found.tested)]
-    learned, tested = (
-        ", ".join(name if folders else Path(name).name for name in part) for part in parts
-    )
-    words = f"{found.described.name}, identified from {learned}"
-    return f"{words}, tested on {tested}" if tested else words
 
 
 def unit_of(found: IdentifiedModel) -> str:
@@ -146,7 +87,51 @@ def unit_of(found: IdentifiedModel) -> str:
     return "N m or N" if any(found.described.slides.values()) else "N m"
 
 
-def overview(found: IdentifiedModel) -> list[tuple[str, str]]:
+def _of_positions(found: IdentifiedModel) -> str:
+    """Return the errors of held-out positions before and after, in words."""
+    errors = found.position_errors
+    assert errors is not None  # else no translation is unknown
+    before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
+    return f"{1e3 * before:.3g} -> {1e3 * after:.3g} mm"
+
+
+def title(found: IdentifiedModel) -> str:
+    """Return what was identified from which logs, and on which it was tested."""
+    logs = [name for name in found.log.source.split(", ") if name not in found.tested]
+    words = f"{found.described.name}, identified from {', '.join(logs)}"
+    return f"{words}, tested on {', '.join(found.tested)}" if found.tested else words
+
+
+def sheet(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -> Sheet:
+    """Return the whole report, with the held-out errors of other models by name.
+
+    Raises:
+        ParameterError: a compared robot has other joints.
+    """
+    tables = [Table(_overview(found))]
+    if found.check is not None:
+        tables.append(found.check.table())
+    if found.dynamic.names:
+        tables.append(_torque_table(found, compared or {}))
+    if found.effects is not None:
+        rows = [
+            (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}")
+            for one in found.effects.gains
+        ]
+        what = "effect of the joints, beside viscous and Coulomb friction"
+        rows = rows or [("none lowers the error in cross-validation", "", "")]
+        tables.append(Table(rows, (what, "lowers the squared error by", "")))
+    if (load := payload_of(found)) is not None:
+        tables += load.tables()
+    units = found.parameters().units
+    start = found.estimator.controller.kinematics.initial
+    for part, before in ((found.kinematic, start), (found.dynamic, found.described_parameters)):
+        if part.names:
+            tables.append(_parameter_table(part, before, units))
+    return Sheet(title(found), tables, verdict(found))
+
+
+def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
     """Return the input, how it was processed, and how many combinations are identifiable."""
     log, online = found.log, found.online
     velocities = "as measured"
@@ -160,7 +145,7 @@ def overview(found: IdentifiedModel) -> list[tuple[str, str]]:
         ("averaged over", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
         ("held out", ", ".join(found.tested) or f"from {found.split:.4g} s on"),
     ]
-    if found.log.v is None:
+    if log.v is None:
         rows.append(("online", f"velocities from a causal low pass, {CUTOFF:g} Hz"))
     if online.refused:
         rows.append(("refused online", f"{online.refused} samples, the first {online.reason}"))
@@ -169,49 +154,71 @@ def overview(found: IdentifiedModel) -> list[tuple[str, str]]:
             rows.append((f"{name} parameters", identifiable(part)))
     if found.check is not None:
         rows += [("note", note) for note in found.check.notes]
-    if (errors := found.position_errors) is not None:
-        before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
-        words = f"{1e3 * before:.4g} -> {1e3 * after:.4g} mm (rms)"
-        rows.append(("held-out positions", words))
+    if found.position_errors is not None:
+        rows.append(("held-out positions", f"{_of_positions(found)} (rms)"))
     return rows
 
 
-def _torque_table(found: IdentifiedModel) -> Table:
-    """Return errors of the torque, one row for each joint."""
-    errors, online = found.torque_errors, found.online_held_out
-    header = (
-        "joint",
-        "torque",
-        "error: described",
-        "learned",
-        "held out: described",
-        "learned",
-        "online",
-        "times less",
-    )
-    columns = (
-        errors.size,
-        errors.described,
-        errors.learned,
-        errors.described_held_out,
-        errors.learned_held_out,
-        online,
-    )
+def _torque_table(found: IdentifiedModel, compared: Mapping[str, Robot]) -> Table:
+    """Return held-out errors of the torques, one row for each joint."""
+    errors, (plain, weighted) = found.torque_errors, least_squares_errors(found)
+    columns = {
+        "torque": errors.size,
+        "described": errors.described_held_out,
+        "OLS": plain,
+        "WLS": weighted,
+        **{name: _error_of(found, robot) for name, robot in compared.items()},
+        "identified": errors.learned_held_out,
+        "online": found.online_held_out,
+    }
+    names = [*found.described.joint_names, f"all, rms, {unit_of(found)}"]
+    values = np.array([[*part, rms(part)] for part in columns.values()]).T
     rows = [
-        (name, *(f"{values[j]:.3g}" for values in columns), f"{columns[3][j] / columns[4][j]:.3g}")
-        for j, name in enumerate(found.described.joint_names)
+        (name, *(f"{value:.3g}" for value in row), "")
+        for name, row in zip(names, values, strict=True)
     ]
-    gain = "-" if errors.gain is None else f"{errors.gain:.3g}"
-    rows.append((f"rms, {unit_of(found)}", *(f"{rms(values):.3g}" for values in columns), gain))
-    return Table(rows, header)
+    return Table(rows, ("error of held-out torques", *columns, ""))
 
 
-def effect_table(effects: ChosenEffects) -> Table:
-    """Return what each effect of the joints gained."""
-    rows = [(gain.words, f"{gain.share:.1%}", f"+- {gain.deviation:.1%}") for gain in effects.gains]
-    what = "effect of the joints, beside viscous and Coulomb friction"
-    header = what, "lowers the squared error by", ""
-    return Table(rows or [("none lowers the error in cross-validation", "", "")], header)
+def least_squares_errors(found: IdentifiedModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return the held-out errors (n) of base parameters by ordinary and weighted least squares.
+
+    They have the same effects of the joints, no prior, and need not be physical: what is usual in
+    the literature.
+    """
+    dynamics = found.estimator.controller.dynamics
+    chosen = base_parameters(dynamics, found.described).chosen
+    first = found.windows.between(-np.inf, found.split)
+    last = found.windows.between(found.split, np.inf)
+    W, errors = first.W[:, :, chosen], []
+    noise = np.ones(W.shape[1])
+    for _ in range(2):
+        A = (W / noise[:, None]).reshape(-1, len(chosen))
+        a = np.linalg.lstsq(A, (first.y / noise).ravel(), rcond=_SINGULAR)[0]
+        errors.append(_columns_rms(last.y - last.W[:, :, chosen] @ a))
+        noise = np.maximum(_columns_rms(first.y - W @ a), np.finfo(float).tiny)
+    return errors[0], errors[1]
+
+
+def _error_of(found: IdentifiedModel, robot: Robot) -> np.ndarray:
+    """Return the held-out errors (n) of the torques that another robot predicts.
+
+    Raises:
+        ParameterError: it has other joints.
+    """
+    if robot.joint_names != found.described.joint_names:
+        raise ParameterError(
+            f"its joints are {list(robot.joint_names)}, those of the log "
+            f"{list(found.described.joint_names)}.",
+            where=f"compared model {robot.name}",
+        )
+    dynamics = nominal_dynamics(robot, Unknown(bodies="none", friction=False, armature=False), ())
+    windows = windows_of(found.motion, dynamics, found.log.period, held=found.log.held)
+    return _columns_rms(windows.between(found.split, np.inf).y)
+
+
+def _columns_rms(residual: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.mean(np.square(residual), axis=0)))
 
 
 def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
@@ -220,25 +227,6 @@ def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
         return found.payload()
     except ParameterError:
         return None
-
-
-def load_tables(load: PayloadEstimate) -> list[Table]:
-    """Return a table of a load, and one of what explains the torques."""
-    rows = [*load.rows(), ("explains", f"{load.explained:.2%}", "", _DIFFERENCE)]
-    if not load.certain:
-        rows.append(
-            ("A LOAD IS NOT CERTAIN", "", "", f"more probable: {load.explanations[0].words}")
-        )
-    tables = [Table(rows, ("load", "value", "known to", "unit"))]
-    return [*tables, *([explanation_table(load.explanations)] if load.explanations else [])]
-
-
-def parameter_tables(found: IdentifiedModel) -> list[Table]:
-    """Return the identified translations, and the dynamic parameters."""
-    units = found.parameters().units
-    start = found.estimator.controller.kinematics.initial
-    parts = ((found.kinematic, start), (found.dynamic, found.described_parameters))
-    return [_parameter_table(part, before, units) for part, before in parts if part.names]
 
 
 def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, str]) -> Table:
@@ -252,23 +240,15 @@ def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, 
         if shown
     ]
     if not identified.all():
-        rows.append(
-            (
-                f"{np.count_nonzero(~identified)} others",
-                "",
-                "",
-                "",
-                "only combinations of them are identifiable",
-            )
-        )
+        others = f"{np.count_nonzero(~identified)} others"
+        rows.append((others, "", "", "", "only combinations of them are identifiable"))
     return Table(rows, ("parameter", "described", "learned", "known to", "unit"))
 
 
 def summary(found: IdentifiedModel) -> dict[str, Any]:
-    """Return the numbers of ``summary.json``; None stands for what is not finite."""
-    load, positions = payload_of(found), found.position_errors
-    held_out = found.online_held_out
-    return {
+    """Return the record of ``summary.json``; None stands for what is not finite."""
+    effects, errors = found.effects, found.torque_errors if found.dynamic.names else None
+    record = {
         "verdict": verdict(found),
         "log": found.log.source,
         "robot": found.described.name,
@@ -279,72 +259,41 @@ def summary(found: IdentifiedModel) -> dict[str, Any]:
         "velocities_from_positions": found.smoothed,
         "windows": len(found.windows.t),
         "held_out_from": found.split,
-        "tested": list(found.tested),
+        "tested": found.tested,
         "check": None if found.check is None else found.check.summary(),
-        "torque": found.torque_errors.summary() if found.dynamic.names else None,
-        "torque_online_held_out": held_out.tolist() if np.isfinite(held_out).all() else None,
-        "position": None if positions is None else positions.summary(),
+        "torque": None if errors is None else errors.summary(),
+        "torque_online_held_out": found.online_held_out,
+        "position": None if found.position_errors is None else found.position_errors.summary(),
         "dynamic_identifiable": found.dynamic.rank,
         "kinematic_identifiable": found.kinematic.rank,
         "dynamic": _values(found.dynamic),
         "kinematic": _values(found.kinematic),
-        "effects": None if found.effects is None else _effects(found.effects),
-        "payload": None if load is None else _load_summary(load),
+        "effects": None if effects is None else {"unknown": effects.words, "gains": effects.gains},
+        "payload": payload_of(found),
         "refused_online": found.online.refused,
         "version": __version__,
     }
+    return dict(plain(record))
 
 
-def _effects(effects: ChosenEffects) -> dict[str, Any]:
-    """Return the chosen effects, and the friction's shape by joint."""
-    friction = effects.friction
-    return {
-        "unknown": list(effects.words),
-        "gains": [
-            {"words": gain.words, "share": gain.share, "known_to": gain.deviation}
-            for gain in effects.gains
-        ],
-        "threshold": friction.threshold.tolist(),
-        "breakaway": friction.breakaway.tolist(),
-        "fading": friction.fading.tolist(),
-    }
+def plain(value: Any) -> Any:
+    """Return a value of what JSON has: None for what is not finite, records as their fields."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if is_dataclass(value) and not isinstance(value, type):
+        value = asdict(value)
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(part) for part in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _values(part: Information) -> list[dict[str, Any]]:
-    return [
-        {"name": name, "value": value, "known_to": known if np.isfinite(known) else None}
-        for name, value, known in zip(
-            part.names, part.estimate.tolist(), part.deviations.tolist(), strict=True
-        )
-    ]
-
-
-def _load_summary(load: PayloadEstimate) -> dict[str, Any]:
-    known = np.array([load.mass_known_to, *load.com_known_to, *load.inertia_known_to])
-    values = np.array([load.mass, *load.com, *load.inertia])
-    finite = [
-        value if np.isfinite(value) else None for value in (*values.tolist(), *known.tolist())
-    ]
-    return {
-        "mass": finite[0],
-        "com": finite[1:4],
-        "inertia": finite[4:10],
-        "mass_known_to": finite[10],
-        "com_known_to": finite[11:14],
-        "inertia_known_to": finite[14:],
-        "explained": load.explained,
-        "certain": load.certain,
-        "explanations": [
-            {
-                "words": one.words,
-                "probability": one.probability,
-                "explained": one.explained,
-                "mass": one.mass if one.loaded else None,
-                "mass_known_to": one.mass_known_to if one.loaded else None,
-            }
-            for one in load.explanations
-        ],
-    }
+    columns = zip(part.names, part.estimate.tolist(), part.deviations.tolist(), strict=True)
+    return [{"name": name, "value": value, "known_to": known} for name, value, known in columns]
 
 
 def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
@@ -380,6 +329,52 @@ def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
             missing.append(f"{name}: {reason}")
     if missing:
         raise ParameterError("; ".join(missing), where="not written")
+
+
+def page(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -> str:
+    """Return the report as a web page with pictures, without scripts and external resources.
+
+    Args:
+        found: the identification.
+        compared: other models of the same chain by name, whose held-out errors are shown.
+
+    Raises:
+        ParameterError: a compared robot has other joints.
+    """
+    whole = sheet(found, compared)
+    torque, friction = pictures_of(found).torque, _friction(found)
+    return html_page(
+        whole.title,
+        [
+            f"<h1>{escape(whole.title)}</h1>",
+            f'<div class="note">{escape(whole.note)}</div>',
+            *(table.html() for table in whole.tables),
+            "<p>OLS, WLS: ordinary and weighted least squares on base parameters.</p>",
+            "<h2>Torques</h2>",
+            _image(torque, "torques of each joint over time"),
+            "<h2>Friction: torques without those of the identified bodies, over the velocity</h2>",
+            _image(friction, "torque of each joint's friction over its velocity"),
+        ],
+    )
+
+
+def _image(picture: Picture, words: str) -> str:
+    data = b64encode(picture.png(dpi=100)).decode()
+    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
+
+
+def _friction(found: IdentifiedModel) -> Picture:
+    """Return a picture of the torque that bodies do not explain, over the velocity."""
+    from ..plots.figures import friction_figure
+    from ..plots.style import RC, matplotlib  # here, because matplotlib is slow to import
+
+    windows, motion, a = found.windows, found.motion, found.dynamic.estimate
+    size = found.estimator.controller.dynamics.inertial.size
+    seen = windows.y - windows.W[:, :, :size] @ a[:size]
+    model = windows.W[:, :, size:] @ a[size:]
+    v = np.column_stack([np.interp(windows.t, motion.t, part) for part in motion.v.T])
+    with matplotlib.rc_context(RC):
+        return friction_figure(found.described.slides, v, seen, model)
 
 
 class Pictures(NamedTuple):

@@ -73,11 +73,6 @@ class Explanation:
         """Mass of the load [kg]."""
         return float(self.load[0])
 
-    @property
-    def mass_known_to(self) -> float:
-        """Standard deviation of the mass if the explanation is true [kg]."""
-        return float(np.sqrt(self.covariance[0, 0]))
-
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
@@ -192,20 +187,6 @@ def sure(given: tuple[Explanation, ...]) -> bool:
     return not given or sum(one.probability for one in given if one.loaded) >= _SURE
 
 
-def explanation_table(given: tuple[Explanation, ...]) -> Table:
-    """Return a table of the explanations: what they explain, how probable they are, their load."""
-    rows = [
-        (
-            one.words,
-            f"{one.explained:.3%}",
-            f"{one.probability:.3f}",
-            f"{one.mass:.4g} +- {one.mass_known_to:.2g} kg" if one.loaded else "none",
-        )
-        for one in given
-    ]
-    return Table(rows, ("explanation of the data", "explains", "probability", "load"))
-
-
 _AS_DESCRIBED = 0.9999  # share explained by the load from which on the arm is as described
 _OF_MASS, _OF_REACH = 0.1, 0.1  # of the robot: mass and radius of a load that is expected
 LEAST_NOISE = 1e-4  # of a torque, where explanations are compared: no model is better
@@ -263,16 +244,25 @@ class PayloadEstimate:
         return self._sheet().html()
 
     def _sheet(self) -> Sheet:
-        inertia = [
-            (name, f"{value:.4g}", known_to(deviation), "kg m^2")
-            for name, value, deviation in zip(
-                _ENTRIES, self.inertia, self.inertia_known_to, strict=True
-            )
+        return Sheet("Load", self.tables(), self.words())
+
+    def tables(self) -> list[Table]:
+        """Return the load with its uncertainty, and what else explains the data."""
+        names = ("mass", "centre x", "centre y", "centre z", *_ENTRIES)
+        values = [self.mass, *self.com, *self.inertia]
+        known = [self.mass_known_to, *self.com_known_to, *self.inertia_known_to]
+        units = ["kg", *["m"] * 3, *["kg m^2"] * 6]
+        rows = [
+            (name, f"{value:.4g}", known_to(deviation), unit)
+            for name, value, deviation, unit in zip(names, values, known, units, strict=True)
         ]
-        tables = [Table([*self.rows(), *inertia], ("", "value", "known to", "unit"))]
-        if self.explanations:
-            tables.append(explanation_table(self.explanations))
-        return Sheet("Load", tables, self.words())
+        others = [
+            (one.words, f"{one.explained:.3%}", f"{one.probability:.3f}", f"{one.mass:.4g} kg")
+            for one in self.explanations
+        ]
+        header = ("explanation of the data", "explains", "probability", "load")
+        tables = [Table(rows, ("load", "value", "known to", "unit"))]
+        return [*tables, *([Table(others, header)] if others else [])]
 
     def words(self) -> str:
         """Return in words how much a load explains, and what explains the data better."""
@@ -290,14 +280,6 @@ class PayloadEstimate:
                 "may also be part of the load found."
             )
         return note
-
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return a row of a table for the mass and for each coordinate of its centre."""
-        centre = [
-            (f"centre {axis}", f"{1e3 * value:.2f}", known_to(1e3 * deviation), "mm")
-            for axis, value, deviation in zip("xyz", self.com, self.com_known_to, strict=True)
-        ]
-        return [("mass", f"{self.mass:.4g}", known_to(self.mass_known_to), "kg"), *centre]
 
 
 def payload_estimate(
