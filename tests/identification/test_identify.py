@@ -196,7 +196,7 @@ def test_the_command_writes_its_files(tmp_path, capsys):
     assert main(["identify", str(log), "--robot", "ur5", *known, "--out", str(out)]) == 0
     assert sorted(file.name for file in out.iterdir()) == sorted(FILES)
     page = (out / "report.html").read_text()
-    assert "pinadapt excite ur5 --frame tool0" in page and ">published.urdf<" in page
+    assert ">published.urdf<" in page
     printed, summary = capsys.readouterr().out, json.loads((out / "summary.json").read_text())
     assert summary["verdict"] in printed and summary["torque"]["gain"] > 100.0
     assert summary["payload"]["mass"] == pytest.approx(LOAD.mass, rel=1e-2)
