@@ -53,8 +53,8 @@ class InputError(PinadaptError, ValueError):
 class ArrayError(InputError):
     """Arrays that a method cannot compute with: sizes that do not fit, or no floats.
 
-    It is raised where the computation finds it, by a kernel or by Pinocchio, which costs nothing
-    while all is well, and says what the public method was given and what its description asks for.
+    It is raised where a kernel or Pinocchio finds it, and names the arguments that the public
+    method was given and the sizes that it needs.
     """
 
     def __init__(

@@ -32,8 +32,8 @@ class Measurement(NamedTuple):
             for a pose position [m] and unit quaternion xyzw (7), of either sign. None where there
             is none at this sample. A joint task ignores it, of whatever size: there x is q.
         x_time: time of x [s]; None: t.
-        xd: (m) task velocity [m/s], a pose's first three rows alone being read; needed only by the
-            laws that say so.
+        xd: (m) task velocity [m/s], a pose's first three rows alone being read; needed only by
+            laws that state it.
         a: (nv) joint acceleration [rad/s^2 or m/s^2]; filtered from v when absent.
         tau: (nv) torque that the motors gave until now [N m or N], with what the arm adds by
             itself; read by the adaptations that predict the torque, which else take it to be what

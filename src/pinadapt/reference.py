@@ -632,11 +632,10 @@ _POINTS, _PASSES = 61, 2
 
 
 class Wiggle(Trajectory):
-    """A small motion of all joints about a configuration, which begins and ends there at rest.
+    """A small excitation of all joints about a configuration, which begins and ends there at rest.
 
-    Joint j moves by A_j sin^2(pi t / T) sin(2 pi c_j t / T), a number of cycles c_j of its own, so
-    that everything which moves with the arm is seen to move. It is twice differentiable, and at
-    rest from T.
+    Joint j moves by A_j sin^2(pi t / T) sin(2 pi c_j t / T), with a number of cycles c_j of its
+    own. The motion is twice differentiable, and at rest from T.
 
     Attributes:
         duration: T [s].

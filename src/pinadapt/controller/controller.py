@@ -191,10 +191,10 @@ class Controller(Doors):
             a_k: (p_k) initial kinematic estimate [m].
             a_d: (p_d) initial dynamic estimate; natural adaptation moves unphysical bodies into the
                 cone, with a warning.
-            information: (r, p_d) rows R of what other data say of it, R^T R its inverse covariance;
-                an adaptation with a memory begins with it. None: nothing.
-            information_k: (r, p_k) the same of ``a_k``, for least squares. The position that they
-                predict is then believed at the start, more than that of the first frame.
+            information: (r, p_d) rows R of the information of other data on ``a_d``, R^T R its
+                inverse covariance; an adaptation with a memory begins with it. None: nothing.
+            information_k: (r, p_k) the same of ``a_k``, for least squares. The run then starts
+                from the position that ``a_k`` predicts, not from the first frame.
             adapting: whether the estimates move from the start; see ``ControllerState.adapt``.
 
         Raises:
@@ -623,8 +623,9 @@ class Controller(Doors):
         of the parameters, and would wind the estimates up. They then learn only from what holds
         for any torque, the prediction errors.
 
-        Where motors are declared late, and the adaptation predicts the torque, the feedforward of a
-        law that tells it leads by that time. dV/dt is then no equality; nor is it with late motors.
+        Where motors are declared late, and the adaptation predicts the torque, the feedforward
+        that a law returns leads by that time. dV/dt is then no equality; nor is it with late
+        motors.
         """
         limits = self.limits.torque
         torque, drives = command.torque, command.drives

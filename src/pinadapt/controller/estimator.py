@@ -52,16 +52,15 @@ class Estimator:
 
         da_d/dt = -Gamma_d W^T R r,        da_k/dt = -Gamma_k X_k^T R_k epsilon,
 
-    in the metric, with the weights and rates of the controller it is made of. It sees q, v, the
-    torque that the motors gave, and the task frame where that was measured; who moves the robot,
-    and why, is not its business.
+    in the metric, with the weights and rates of the controller that it is made of. It uses q, v,
+    the torque of the motors, and the task frame where that was measured, whatever moves the robot.
 
     In the first seconds of motion the torques are compared with what the initial estimate predicts,
     see ``TorqueHistory``, and refused if they cannot be the robot's.
 
-    ``init`` and ``step`` are pure. An implausible sample raises as in a controller, and
-    the state is as good as before; go on with the next one. The filters bridge what was left out up
-    to ten periods, and start anew after longer pauses, with the estimates as they were.
+    ``init`` and ``step`` are pure. An implausible sample raises as in a controller; continue from
+    the same state with the next one. The filters bridge gaps of up to ten periods, and start anew
+    after longer ones, with the estimates as they were.
 
     J.-J. Slotine, W. Li, *Composite adaptive control of robot manipulators*, Automatica 25 (1989)
     509-519, without the tracking error.

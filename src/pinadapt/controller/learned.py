@@ -35,7 +35,7 @@ _SLOW = 1e-3  # least and largest rate of a body's adaptation relative to the me
 
 @dataclass(frozen=True, eq=False)
 class AlongExcited:
-    """What a motion says of the estimates, beside where they started.
+    """What a motion identifies of the estimates, relative to their start.
 
     Attributes:
         excited: the combinations of the parameters that the motion excites.
@@ -224,7 +224,7 @@ class LearnedParameters:
         Args:
             controller: with the same dynamic parameters.
             same_load: whether the load is the one that was learned. Otherwise the information
-                leaves the last body out: it says of the others what it does whatever is carried.
+                leaves the last body out, so that it holds for any load.
 
         Raises:
             ParameterError: its parameters have other names.

@@ -1,11 +1,11 @@
-"""The start of a path in axes that nobody knows: the joints hold, and millimetres of motion tell.
+"""Unknown sensor frame: a small excitation at the start estimates it, while the joints are held.
 
-While it is not known how the axes of x stand against the robot's base, a feedback of x may drive
-the arm away from the path. That of the joints cannot. So the joints are held where they are, by the
-same law with the joints as its task, which has a V of its own and learns what the arm carries.
-The frame moves on two circles within a small ball about its place, and the frames of that tell the
-kinematic estimate, by least squares in which the prediction error is linear whatever the estimate
-is. When what it predicts of a motion in any direction is known, the path begins with it.
+While the rotation between the axes of x and the robot's base is unknown, a feedback of x may drive
+the arm away from the path; a feedback of the joints cannot. So the same law holds the joints, with
+the joints as its task and a V of its own, and learns the load. The frame moves on two circles
+within a small ball about its place. The measured frames give the kinematic estimate by least
+squares, whose prediction error is linear at any estimate. The path begins when the predicted
+velocity of the frame is accurate enough in every direction.
 """
 
 from __future__ import annotations

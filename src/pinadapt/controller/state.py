@@ -113,10 +113,10 @@ class ControllerState(NamedTuple):
         return self._replace(adapting=flag(adapting, "adapting"))
 
     def gave(self, torque: np.ndarray | None) -> ControllerState:
-        """Return the state before a sample, where the motors gave a torque (n) that was not asked.
+        """Return the state before a sample whose motors applied another torque than commanded.
 
-        It is that of the last period [N m or N]; None: the one that was asked. Where motors are
-        declared late, nothing is changed.
+        The torque (n) is that of the last period [N m or N]; None: the commanded one. Where motors
+        are declared late, nothing is changed.
         """
         memory = self.torque_filter
         if torque is None or not memory or memory.underway or np.array_equal(torque, memory.tau):

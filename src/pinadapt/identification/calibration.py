@@ -108,7 +108,7 @@ class Calibration:
             described arm seen by the tracker that fits best.
         after: error of the robot that was calibrated without the held-out part, there.
         motion: rms distance of the frames from their mean [m].
-        late: by how much the frames seem to be older than their times [s], and its deviation.
+        late: estimated age of the frames beyond their times [s], and its deviation.
         source: of the log.
     """
 

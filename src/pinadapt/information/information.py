@@ -360,7 +360,7 @@ class MotionTorques:
 
 
 class GrowingTorques:
-    """The torques of a motion that goes on, from one looked-at sample to the next.
+    """The torques of a motion while it runs, between one evaluated sample and the next.
 
     Accelerations are the change of the velocity in between, torques their mean, so neither needs
     the samples in between.

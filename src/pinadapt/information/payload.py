@@ -6,18 +6,18 @@ change of the bodies, such as a load, is (H^-1 + P)^-1. A run of the same arm wi
 to (P^-1 + H_0)^-1 around another mean, by Bayes' rule for normal distributions.
 
 The same change of the bodies may have other explanations: all inertias scaled, or links that are
-wrong. Each says that the bodies differ from their description by D = G theta, theta normal with
-mean zero and unit covariance, and leaves the coefficients of the joints free. With R the square
+wrong. Each is a model in which the bodies differ from their description by D = G theta, theta
+normal with mean zero and unit covariance, the coefficients of the joints free. With R the square
 root of the information of a run, c = R D of the least-squares estimate, both less what the
 coefficients explain, and M = R G, the evidence for it is normal too:
 
     log p = -(c^T (1 + M M^T)^-1 c + log det(1 + M M^T)) / 2.
 
-The determinant is the price of an explanation that could have explained much else. A load on an arm
-as described has ten numbers and leaves all other combinations as they are: no accident lets wrong
-links look like that. All inertias scaled by one number have the smallest price. Before the data, a
-load on the arm as described has a probability of 0.9, as that is what is asked for. D. J. C.
-MacKay, *Bayesian interpolation*, Neural Computation 4 (1992) 415-447.
+The determinant penalises models that could explain many different changes. A load on an arm as
+described has ten parameters and leaves all other combinations unchanged, which wrong links would
+do only by coincidence. All inertias scaled by one number have the smallest penalty. The prior
+probability of a load on the arm as described is 0.9. D. J. C. MacKay, *Bayesian interpolation*,
+Neural Computation 4 (1992) 415-447.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Explanation:
     """One explanation of the change of the bodies.
 
     Attributes:
-        words: what it says.
+        words: the explanation in words.
         probability: of it, relative to the others.
         explained: share, from 0 to 1, of the change that it accounts for.
         loaded: whether a load is part of it.

@@ -51,7 +51,7 @@ class FoundTracker:
     Attributes:
         tracker: placement of the base in the tracker's axes, and the translations.
         a_k: (p) the same as parameters of ``TrackerKinematics``, to start a controller from.
-        information: (p, p) rows of what the frames say of these, as ``information_k`` of
+        information: (p, p) rows of the information of the frames on these, as ``information_k`` of
             ``Controller.init``.
         deviations: (6 + k) standard deviations: of the rotation [rad] and position [m] of the base
             in the tracker's axes, and of the translations [m].

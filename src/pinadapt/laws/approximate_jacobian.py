@@ -329,7 +329,7 @@ class ApproximateJacobianGravity(ApproximateJacobian):
                   and r(q) = g(q) - Z_hat(q) a - g_0(q), what the approximate regressor leaves.
     V:            that of ``ApproximateJacobian`` with D_d(a_d) from a; dV/dt = that of
                   ``ApproximateJacobian`` - y^T r, an equality; ``dissipation`` returns the first
-                  part, as it knows no r.
+                  part, as r is unknown.
     Convergence:  take an a for which r vanishes where the arm is to rest, Z_hat a + g_0 = g there.
                   Then |r| <= nu |F|, F = J_hat^T K_P s, in the metric K_v^-1, nu the smaller the
                   stiffer K_P, and dV/dt <= -(1 - mu) |qd|^2 + (weight + mismatch + nu) |qd| |F| -
@@ -379,12 +379,12 @@ class BoundedTorque(ApproximateJacobian):
     Assumptions:  those of ``ApproximateJacobian``; the true gravity torque within G where the arm
                   goes; slides beyond a revolute joint have position limits.
 
-    Default gains: the bound is the limit of the motors, where there is none the torque that gravity
-    and the gains of ``ApproximateJacobian`` may ask for. Gravity has what it asks for at most in
-    the workspace with bodies 30 % heavier and a load of a tenth of the mass, a twentieth of the
-    reach off the frame, and what the feedback leaves, but at most 90 % of the bound. Half of the
-    rest is the spring's: K_P and width become smaller where they must, K_P by the square of what
-    width does. K_v damps critically.
+    Default gains: the bound is the limit of the motors; without one, the largest torque of gravity
+    and of the gains of ``ApproximateJacobian``. The share of gravity is the largest gravity torque
+    in the workspace with bodies 30 % heavier and a load of a tenth of the mass, a twentieth of the
+    reach off the frame, plus what the feedback leaves, at most 90 % of the bound. Half of the rest
+    is for the spring: K_P and width are reduced where necessary, K_P by the square of the factor of
+    width. K_v damps critically.
 
     Attributes:
         kinematics, K_v, K_P, width, weight: as ``ApproximateJacobian``.

@@ -35,8 +35,8 @@ class Command(Doors):
         drives: what moves the estimates; new at every call, as the controller adds the prediction
             error of the torque to the dynamic one, where the adaptation uses it.
         feedthrough: (n, n) factor of the acceleration [kg m^2 or kg], or None for zero.
-        feedforward: (n) part of the torque that the reference needs by the estimate, or None for a
-            law that does not tell it; declared late motors get it earlier.
+        feedforward: (n) part of the torque that follows from the reference and the estimate alone,
+            which declared late motors get earlier; None: the law has none.
     """
 
     shapes = "a: torque.size"

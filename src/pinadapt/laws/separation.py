@@ -125,10 +125,9 @@ class Separation(Law):
             K_D = K_v. V is the same for any K_D > 0, which may change in time.
         M_hat: returns the estimated mass matrix (n, n) of q (nq) and a_d (p), where there is a lag.
         lead: the time by which a low pass delays qd [s], see ``PositionObserver``.
-        speeds: (n) that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: it is as it
-            is. With a governor they are those that the path may ask for. V has the same derivative
-            with any differentiable qd_r. What the error asks for beyond it has to wait, and the
-            path waits with it.
+        speeds: (n) limits that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: no
+            limits. With a governor they are those of the path. V has the same derivative with any
+            differentiable qd_r. While the feedback would exceed them, the path waits.
         lever: length that makes a turn count as a way in the observation error of a pose in the
             axes of a tracker [m]; zero: no orientation is observed, the measured one is taken.
     """

@@ -1,6 +1,6 @@
 """How a recorded log is to be read: an ``Intake``, kept in a small TOML file beside the log.
 
-It holds whatever a log does not say itself: columns, rate, names and order of the joints, units,
+It holds what a log does not contain: columns, rate, names and order of the joints, units,
 gears, signs, and how the arm was mounted. It is applied in this order:
 
 1. columns and files give t, q, v and tau, ``rate`` the times, ``repeated`` leaves samples out;

@@ -2,7 +2,7 @@
 
     starting -> running -> holding -> damping -> stopped
 
-*Running* is what the stage asks for: torques computed and not sent, gravity compensation, a hold,
+*Running* is the stage itself: torques computed and not sent, gravity compensation, a hold,
 a slow motion, or the motion with adaptation. *Holding*: the time of the path comes to rest within
 0.3 s, the estimates rest. *Damping*: gravity compensation and -D v until the joints rest.
 *Stopped*: the arm's own stop. The checklist of ``safety`` says which of the last three a finding
@@ -86,8 +86,8 @@ class Scheduling:
         priority: real-time priority (SCHED_FIFO), 1 to 99; None: that of any program.
         core: processor core to stay on; None: any.
         lock: whether all memory is kept from being paged out.
-        rehearse: whether the coming step is computed once while the loop waits, and forgotten. A
-            core that has rested for most of a millisecond takes up to twice as long for a step.
+        rehearse: warm-up: whether the coming step is computed once while the loop waits, and its
+            result discarded. After an idle millisecond a step takes up to twice as long.
     """
 
     priority: int | None = 80
@@ -200,7 +200,7 @@ class Ending:
         step: time from a measurement to its torque [s].
         period: time between measurements by this computer's clock [s].
         arm_period: the same by the time of the measurements [s].
-        received: least share of its last torques that the arm has received; NaN: it does not tell.
+        received: least share of its last torques that the arm has received; NaN: not reported.
         notes: what the system did not allow, and what else was noticed.
         state: the last state of the controller; None if it never began.
         failed: whether anything but a command or the end of the time ended it.

@@ -283,10 +283,10 @@ def ringing(
 ) -> Ringing | None:
     """Return the ringing of recorded torques in the second half of a run, or None.
 
-    A loop that is at its limit of stability oscillates at one frequency, noise of sensors has all
-    of them. A joint rings where what is faster than ``slowest`` has 5 % of its torque's rms,
-    and 85 % of the power of that lies within 15 % of one frequency; or where it is a third of the
-    joint's limit: between its limits a torque has no single frequency. Spectra are means of windows
+    A loop at its limit of stability oscillates at one frequency, sensor noise at all. A joint rings
+    where the part of its torque above ``slowest`` has 5 % of the rms and 85 % of its power within
+    15 % of one frequency, or where this part is a third of the joint's limit (a torque that jumps
+    between its limits has no single frequency). Spectra are means of windows
     of a second. Frequencies above half of the rate of the record appear below it.
 
     Args:
@@ -337,7 +337,7 @@ def ringing_of(
 ) -> Ringing | None:
     """Return the ringing of torques tau (N, nv) [N m or N] of a controller's run, or None.
 
-    That is what the desired motion x_d (N, .) does not ask for, or the feedback is too slow for.
+    Only frequencies above those of the desired motion x_d (N, .) or of the feedback count.
     """
     robot, slowest = controller.kinematics.robot, _SLOWEST
     if controller.motion is not None:
@@ -346,10 +346,10 @@ def ringing_of(
 
 
 def beyond_motion(t: np.ndarray, x_d: np.ndarray) -> float:
-    """Return above which frequency [Hz] torques are faster than a desired motion asks for.
+    """Return the frequency [Hz] above which torques do not follow from a desired motion.
 
     Four times the one up to which the second half of the motion has 90 % of the power of its
-    acceleration, and at least 1.5 Hz; infinite for a record that is too short to tell.
+    acceleration, and at least 1.5 Hz; infinite for a record that is too short.
 
     Args:
         t: (N) time [s], in equal steps.

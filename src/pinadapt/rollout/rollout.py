@@ -1,4 +1,4 @@
-"""A run, and what a user asks of it: a summary, pictures, the learned robot, its uncertainty."""
+"""A run, with its summary, pictures, the learned robot and its uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run says: its numbers in files and tables, and its outcome in one line."""
+"""The summary of a run: its numbers in files and tables, and its outcome in one line."""
 
 from __future__ import annotations
 

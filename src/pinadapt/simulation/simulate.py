@@ -269,19 +269,20 @@ def wiggled(
     """Return the estimates to start from that a ``Wiggle`` of all joints of a plant shows.
 
     A controller of the joints moves it, with the default unknowns and limits. ``a_k`` (p_k) is what
-    explains the frames, ``information_k`` (p_k, p_k) how well they tell it. ``a_d`` (p_d) is what
-    the mover has learned of load and arm meanwhile, if the controller adapts the same parameters.
+    explains the frames, ``information_k`` (p_k, p_k) their information on it. ``a_d`` (p_d) is the
+    estimate of load and arm that the motion has given, if the controller adapts the same
+    parameters.
 
     Args:
         plant: at its home, to which it returns.
         controller: with an unknown tracker or camera.
         dt: period [s].
         sensors: through which the plant is seen; None for perfect ones.
-        duration: of the wiggle [s].
+        duration: of the motion [s].
 
     Raises:
         LogError: the frames show none, see ``find_tracker`` and ``find_camera``.
-        DivergedError: the arm could not be wiggled.
+        DivergedError: the motion diverged.
     """
     robot = controller.kinematics.robot
     joints = replace(robot, task=JointTask.of_chain(robot.model))

@@ -1,4 +1,4 @@
-"""What a sweep says: success rate, percentiles, which cases were lost; one page.
+"""The report of a sweep: success rate, percentiles, lost cases; one page.
 
 A lost case has no number and counts as worse than any.
 """

@@ -162,11 +162,11 @@ def bandwidth(robot: Robot, dt: float, own: float | None = None) -> float:
 
 
 def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
-    """Return the lag [s] of K_D with actuators: 1 / lag is the fastest decay that it asks for.
+    """Return the lag [s] of K_D with actuators: 1 / lag is the fastest decay that it causes.
 
-    Twice the time after which a held torque is there: two periods for motors that apply it at once.
-    Springs add 1 / ``elastic_mode``: a motor that K_D holds still lets its link swing on
-    the spring, a compliant one damps it.
+    Twice the time until a held torque acts: two periods for motors without delay. Springs add
+    1 / ``elastic_mode``: a stiff motor lets its link oscillate on the spring, a compliant one damps
+    it.
 
     Args:
         robot: the model.
