@@ -86,7 +86,13 @@ def test_summary_has_the_documented_keys(finished):
 
 def test_rollout_has_the_documented_arrays(finished):
     arrays = np.load(finished / "rollout.npz")
-    shapes = {"t": (50,), "lyapunov": (50,), "a_d": (50, 3), "a_d_true": (3,), "a_k_true": (2,)}
+    shapes = {
+        "t": (50,),
+        "lyapunov_curve": (2, 50),
+        "a_d": (50, 3),
+        "a_d_true": (3,),
+        "a_k_true": (2,),
+    }
     shapes.update(dict.fromkeys(("q", "v", "tau", "x", "x_d", "error", "a_k"), (50, 2)))
     assert {name: arrays[name].shape for name in shapes} == shapes
     assert np.allclose(arrays["a_d_true"], [3.34, 1.2, 0.97])

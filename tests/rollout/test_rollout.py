@@ -9,7 +9,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.models.right_inverse import RightInverse
 from pinadapt.rollout.recording import Evaluation, Slowdown
-from pinadapt.rollout.summary import COMPUTED, RECORDED, WATCHED
+from pinadapt.rollout.summary import COMPUTED, RECORDED
 from tests.support.chains import catalogue_robot as load
 from tests.support.loops import ARRAYS, run, with_tool_and_load
 
@@ -84,7 +84,10 @@ def test_a_record_is_without_memory_and_filters_and_has_the_same_v(modifications
     kept = rollout.evaluation.samples
     sizes = [sample.state.flat().size for sample in kept]
     assert sizes[-1] == whole[-1].state.flat().size > 10 * max(sizes[:-1])
-    V = [Evaluation(controller, rollout.evaluation.true, each).lyapunov for each in (whole, kept)]
+    V = [
+        Evaluation(controller, rollout.evaluation.true, each).storage(each)
+        for each in (whole, kept)
+    ]
     assert np.array_equal(*V) and np.isfinite(V[0]).all()
     last, before = kept[-1], kept[-2]
     torque, _ = controller.step(last.state, last.measurement, last.desired, 1e-3)
@@ -132,11 +135,11 @@ def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, un
     rollout = replace(rollout, unadapted=0.01, path_time=0.5 * rollout.t, slowed=slowed)
     rollout.save(tmp_path)
     loaded = pa.Rollout.load(tmp_path)
-    for name in RECORDED + COMPUTED + WATCHED:
+    for name in RECORDED + COMPUTED:
         assert np.array_equal(getattr(loaded, name), getattr(rollout, name)), name
     assert loaded.summary() == json.loads(json.dumps(rollout.summary()))
     assert str(loaded) == str(rollout) and loaded.task == rollout.task
-    assert np.array_equal(loaded.lyapunov_ends, rollout.lyapunov_ends)
+    assert np.array_equal(loaded.damping_share, rollout.damping_share)
     if make is not run:  # of a pose and of joints; of positions they are drawn above
         assert len(loaded.plot(tmp_path / "plots")) == 3
     with pytest.raises(pa.InputError, match="no robots"):

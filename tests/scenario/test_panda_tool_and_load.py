@@ -36,7 +36,7 @@ def test_panda_learns_its_tool_and_v_decreases(adapted):
     assert np.linalg.norm(adapted.a_k[-1] - adapted.a_k_true) < 0.1 * np.linalg.norm(
         adapted.a_k[0] - adapted.a_k_true
     )
-    first, last = adapted.lyapunov_ends
+    first, last = adapted.lyapunov[[0, -1]]
     assert last < 0.8 * first
 
 

@@ -22,7 +22,7 @@ from ..robot.robot import Robot
 from ..tasks.task import DISPLAYS, JointTask
 
 _NONE = "-"
-_SHOWN = 3  # excesses in the one-line text
+_SHOWN = 3  # excesses in the one-line text; half or twice: a shorter or longer line
 _HEADER = ("beyond limits", "position", "velocity", "effort", "of")
 
 
@@ -39,14 +39,10 @@ class Excess(NamedTuple):
     velocity: np.ndarray
     effort: np.ndarray
 
-    def of(self, joint: int) -> dict[str, float]:
-        """Return the numbers of one joint by name."""
-        return {name: float(row[joint]) for name, row in zip(self._fields, self, strict=True)}
-
 
 @dataclass(frozen=True, eq=False)
 class LimitExcess:
-    """By how much joints exceed the limits of the description; ``print`` shows those that do.
+    """By how much joints exceed the limits of the description.
 
     Attributes:
         joints: names of the joints.
@@ -77,30 +73,31 @@ class LimitExcess:
 
     @classmethod
     def of_summary(
-        cls,
-        given: Mapping[str, Mapping[str, Mapping[str, float]] | None],
-        slides: tuple[bool, ...],
-        *,
-        stated: bool,
+        cls, given: Mapping[str, Any], slides: tuple[bool, ...], *, stated: bool
     ) -> LimitExcess:
         """Return what ``summary`` was made of, given slides and ``stated`` as well."""
         plant, reference = (
-            None if given[motion] is None else _excess(given, motion)
+            None
+            if given[motion] is None
+            else Excess(*np.array([[*row.values()] for row in given[motion].values()]).T)
             for motion in ("plant", "reference")
         )
         assert plant is not None  # every run has one
-        return cls(tuple(given["plant"] or ()), slides, stated, plant, reference)
+        return cls(tuple(given["plant"]), slides, stated, plant, reference)
 
     @property
     def exceeded(self) -> bool:
         """Whether the motion or the desired motion of any joint exceeds a limit."""
-        return any(np.any(excess) for excess in self._motions().values())
+        return any(np.any(excess) for _, excess in self._motions())
 
     def summary(self) -> dict[str, dict[str, dict[str, float]] | None]:
         """Return the largest excess of plant and reference, by joint and kind of limit."""
         named = {
-            motion: {joint: excess.of(i) for i, joint in enumerate(self.joints)}
-            for motion, excess in self._motions().items()
+            motion: {
+                joint: dict(zip(Excess._fields, map(float, row), strict=True))
+                for joint, *row in zip(self.joints, *excess, strict=True)
+            }
+            for motion, excess in self._motions()
         }
         return {"reference": None, **named}
 
@@ -108,61 +105,52 @@ class LimitExcess:
         """Return in a few words how many joints exceed a limit."""
         if not self.stated:
             return "none in the description"
-        if not self.exceeded:
-            return "kept"
         counts = [
-            f"{np.any(excess, axis=0).sum()} ({motion})"
-            for motion, excess in self._motions().items()
+            f"{np.any(excess, axis=0).sum()} ({motion})" for motion, excess in self._motions()
         ]
-        return f"exceeded at {', '.join(counts)} of {len(self.joints)} joints"
+        words = f"exceeded at {', '.join(counts)} of {len(self.joints)} joints"
+        return words if self.exceeded else "kept"
 
     def words(self) -> str:
         """Return in one line which joints exceed which limit by how much."""
         found = [
             f"{joint} {kind} by {value}{'' if motion == 'plant' else ' (desired)'}"
-            for joint, *values, motion in self.rows()
+            for joint, *values, motion in self.table.rows
             for kind, value in zip(Excess._fields, values, strict=True)
             if value != _NONE
         ]
         more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
         return f"beyond limits: {', '.join(found[:_SHOWN])}{more}"
 
-    def rows(self) -> Iterator[tuple[str, ...]]:
-        """Yield joint, excess of position, velocity and effort, and motion, where there is any."""
-        for motion, excess in self._motions().items():
-            for i in np.flatnonzero(np.any(excess, axis=0)).tolist():
-                shown = [self._shown(i, kind, value) for kind, value in excess.of(i).items()]
-                yield self.joints[i], *shown, motion
-
     @property
     def table(self) -> Table:
         """The joints beyond a limit, one in each row."""
-        return Table(list(self.rows()), _HEADER)
+        rows = []
+        for motion, excess in self._motions():
+            for i in np.flatnonzero(np.any(excess, axis=0)):
+                shown = [_shown(each[i], kind, self.slides[i]) for kind, each in _named(excess)]
+                rows.append((self.joints[i], *shown, motion))
+        return Table(rows, _HEADER)
 
-    def __str__(self) -> str:
-        """Return the table, or the verdict where no joint is beyond a limit."""
-        return str(self.table) if self.exceeded else f"joint limits: {self.verdict()}"
-
-    def _motions(self) -> dict[str, Excess]:
+    def _motions(self) -> list[tuple[str, Excess]]:
         """Return the excess of plant and, if there is one, of the reference."""
-        both = {"plant": self.plant, "reference": self.reference}
-        return {motion: excess for motion, excess in both.items() if excess is not None}
-
-    def _shown(self, joint: int, kind: str, value: float) -> str:
-        """Return one number with its unit, a dash for zero."""
-        if not value:
-            return _NONE
-        slide = self.slides[joint]
-        if kind == "effort":
-            return f"{value:.4g} {'N' if slide else 'N m'}"
-        shown = DISPLAYS["m" if slide else "rad"]
-        return f"{value * shown.scale:.4g} {shown.unit}{'/s' if kind == 'velocity' else ''}"
+        reference = [] if self.reference is None else [("reference", self.reference)]
+        return [("plant", self.plant), *reference]
 
 
-def _excess(given: Mapping[str, Any], motion: str) -> Excess:
-    """Return the excess of a motion from its numbers by joint and kind of limit."""
-    rows = [[numbers[kind] for kind in Excess._fields] for numbers in given[motion].values()]
-    return Excess(*np.array(rows, dtype=float).reshape(-1, len(Excess._fields)).T)
+def _named(excess: Excess) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield kind and numbers (nv) of an excess."""
+    return zip(Excess._fields, excess, strict=True)
+
+
+def _shown(value: float, kind: str, slide: bool) -> str:
+    """Return one number with its unit, a dash for zero."""
+    if not value:
+        return _NONE
+    if kind == "effort":
+        return f"{value:.4g} {'N' if slide else 'N m'}"
+    shown = DISPLAYS["m" if slide else "rad"]
+    return f"{value * shown.scale:.4g} {shown.unit}{'/s' if kind == 'velocity' else ''}"
 
 
 class DrivenMotion(NamedTuple):

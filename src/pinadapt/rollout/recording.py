@@ -25,8 +25,8 @@ from .limit_excess import LimitExcess, motion_of_plant, motion_of_reference
 _NONE_BRIDGED = Bridged()
 
 
-class Evaluation:
-    """Quantities of N recorded samples, each computed at its first use and then stored.
+class Evaluation(NamedTuple):
+    """What the quantities of N recorded samples are computed from.
 
     Attributes:
         controller: that ran; its private models are overwritten by the computations.
@@ -34,9 +34,9 @@ class Evaluation:
         samples: what was recorded (N).
     """
 
-    def __init__(self, controller: Controller, true: Succession, samples: Sequence[Sample]) -> None:
-        """Take what the quantities are computed from."""
-        self.controller, self.true, self.samples = controller, true, samples
+    controller: Controller
+    true: Succession
+    samples: Sequence[Sample]
 
     @property
     def last_state(self) -> ControllerState:
@@ -52,132 +52,49 @@ class Evaluation:
             raise ParameterError("the last estimates are not finite.", where="rollout")
         return state
 
-    @cached_property
-    def a_k_true(self) -> np.ndarray | None:
-        """The true kinematic parameters [m], as ``Rollout`` has them."""
-        return self._in_time(self._true_k)
+    def robots_at(self, samples: Sequence[Sample]) -> np.ndarray:
+        """Return the index of the true robot at each of the samples (k)."""
+        return self.true.index(np.array([sample.t for sample in samples]))
 
-    @cached_property
-    def a_d_true(self) -> np.ndarray | None:
-        """The true dynamic parameters, as ``Rollout`` has them."""
-        return self._in_time(self._true_d)
-
-    @cached_property
-    def _true_k(self) -> list[np.ndarray] | None:
-        """The true kinematic parameters (p_k) of each robot, or None where one has none."""
-        return self._of_all(self.controller.kinematics.value)
-
-    @cached_property
-    def _true_d(self) -> list[np.ndarray] | None:
-        """The true dynamic parameters (p_d) of each robot, or None where one has none."""
-        return self._of_all(self.controller.dynamics.value)
-
-    def _of_all(self, value: Callable[[Robot], np.ndarray | None]) -> list[np.ndarray] | None:
+    def of_robots(self, value: Callable[[Robot], np.ndarray | None]) -> list[np.ndarray] | None:
+        """Return a value of each true robot, None where one has none."""
         if not self.true.known:
             return None
         values = [value(robot) for robot in self.true.robots]
         known = [part for part in values if part is not None]
         return known if len(known) == len(values) else None
 
-    def _in_time(self, values: list[np.ndarray] | None) -> np.ndarray | None:
+    def in_time(self, value: Callable[[Robot], np.ndarray | None]) -> np.ndarray | None:
         """Return the one value (p), or those of all samples (N, p) where there are several."""
+        values = self.of_robots(value)
         if values is None or len(values) == 1:
             return None if values is None else values[0]
-        return np.array(values)[self._phases(self.samples)]
+        return np.array(values)[self.robots_at(self.samples)]
 
-    def _phases(self, samples: Sequence[Sample]) -> np.ndarray:
-        """Return the index of the true robot at each of the samples (k)."""
-        return self.true.index(np.array([sample.t for sample in samples]))
-
-    @cached_property
     @np.errstate(all="ignore")  # a loop that diverges overflows
-    def smallest_eigenvalues(self) -> np.ndarray:
-        """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
-        dynamics, project, M = self.controller.dynamics, self.controller.adaptation_d.project, []
-        for sample in self.samples:
-            q = sample.measurement.q
-            dynamics.load(project(sample.state.dynamic, q))
-            M.append(dynamics.mass_matrix(q))
-        return _of_finite(np.linalg.eigvalsh, M).min(axis=1, initial=np.inf)
-
-    @cached_property
-    @np.errstate(all="ignore")
-    def singular_values(self) -> np.ndarray:
-        """Singular values (N, m) of the estimated Jacobian, descending; NaN where not finite."""
-        kinematics, J = self.controller.kinematics, []
-        for sample in self.samples:
-            kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
-            J.append(kinematics.J)
-        return _of_finite(lambda stack: np.linalg.svd(stack, compute_uv=False), J)
-
-    @cached_property
-    def smallest_singular_values(self) -> np.ndarray:
-        """Smallest singular value (N) of the estimated Jacobian."""
-        return self.singular_values.min(axis=1, initial=np.inf)
-
-    @cached_property
-    @np.errstate(all="ignore")
-    def damping(self) -> np.ndarray:
-        """The mu^2 (N) of the estimated Jacobian's right inverse, as ``RightInverse`` has it."""
-        threshold = self.controller.limits.singular
-        s_squared = 1.0 / np.sum(self.singular_values**-2.0, axis=1)
-        return np.maximum(0.5 * (threshold**2 - s_squared), 0.0)
-
-    @property
-    def effort_limits(self) -> np.ndarray:
-        """The description's effort limits (nv) [N m or N], infinite where it has none."""
-        return effort_limits(self.true.robots[0].model)
-
-    @cached_property
-    def limits(self) -> LimitExcess:
-        """By how much the true robot, and the reference of its joints, exceed their limits."""
-        true, samples = self.true.robots[0], self.samples
-        return LimitExcess.of(
-            true, motion_of_plant(true, samples), motion_of_reference(true, samples)
-        )
-
-    @cached_property
-    @np.errstate(all="ignore")
-    def beside_picture(self) -> float | None:
-        """The largest distance [m] in the last 10 %, as ``Recording`` has it."""
-        if not (self.true.known and self.samples):
-            return None
-        last = self.samples[-max(1, len(self.samples) // _TENTH) :]
-        seen, found = last[:: max(1, len(last) // _LOOKS)], []
-        for sample, k in zip(seen, self._phases(seen), strict=True):
-            robot = self.true.robots[k]
-            assert isinstance(robot.task, ImageTask)
-            p = robot.placement(sample.truth.q).translation
-            found.append(robot.task.distance(p, sample.desired.x_d))
-        return extreme(np.max, np.array(found))
-
-    @cached_property
-    def lyapunov(self) -> np.ndarray | None:
-        """V(t) (N), or None where a truth is unknown or an adaptation has no part of V for it."""
-        return self.storage(self.samples)
-
-    @np.errstate(all="ignore")
     def storage(self, samples: Sequence[Sample]) -> np.ndarray | None:
         """Return V at some of the samples (k), or None where it is undefined for all of them.
 
         NaN at a sample that the controller had to bridge.
         """
-        if self._true_k is None or self._true_d is None or not samples:
+        controller, V = self.controller, []
+        true_k = self.of_robots(controller.kinematics.value)
+        true_d = self.of_robots(controller.dynamics.value)
+        if true_k is None or true_d is None or not samples:
             return None
         plants = [PinocchioPlant(robot) for robot in self.true.robots]
-        law, V = self.controller.law, []
-        for sample, k in zip(samples, self._phases(samples), strict=True):
-            plant, a_k, a_d = plants[k], self._true_k[k], self._true_d[k]
-            parts = self.controller.parameter_storage(sample.state, a_k, a_d)
+        for sample, k in zip(samples, self.robots_at(samples), strict=True):
+            plant, a_k, a_d = plants[k], true_k[k], true_d[k]
+            parts = controller.parameter_storage(sample.state, a_k, a_d)
             if parts is None:
                 return None
             try:
-                signals = self.controller.observe(sample.state, sample.measurement, sample.desired)
+                signals = controller.observe(sample.state, sample.measurement, sample.desired)
             except ImplausibleError:
                 V.append(np.nan)
                 continue
-            of_law = law.storage_unchecked(signals, truth_at(plant, sample, a_k, a_d))
-            V.append(parts + of_law)
+            truth = truth_at(plant, sample, a_k, a_d)
+            V.append(parts + controller.law.storage_unchecked(signals, truth))
         return np.array(V)
 
 
@@ -512,7 +429,8 @@ class Recording:
 
         Of each sample (N, p_k) where the true robot changes during the run.
         """
-        return self.evaluated().a_k_true
+        run = self.evaluated()
+        return run.in_time(run.controller.kinematics.value)
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
@@ -520,7 +438,8 @@ class Recording:
 
         Of each sample (N, p_d) where the true robot changes during the run.
         """
-        return self.evaluated().a_d_true
+        run = self.evaluated()
+        return run.in_time(run.controller.dynamics.value)
 
     @cached_property
     def prediction(self) -> TorquePrediction | None:
@@ -567,39 +486,52 @@ class Recording:
     @cached_property
     def lyapunov(self) -> np.ndarray | None:
         """V(t) (N), or None where undefined; it jumps where the true robot changes."""
-        return self.evaluated().lyapunov
+        run = self.evaluated()
+        return run.storage(run.samples)
 
     @cached_property
     def lyapunov_curve(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Times [s] and V of at most 1000 samples, for a figure, or None where undefined."""
+        """Times [s] and V of at most 1000 samples, or None where undefined."""
         chosen = np.unique(np.linspace(0, len(self.t) - 1, min(len(self.t), _DRAWN)).astype(int))
-        if "lyapunov" in self.__dict__:
-            V = None if self.lyapunov is None else self.lyapunov[chosen]
-        else:
-            evaluation = self.evaluated()
-            V = evaluation.storage([evaluation.samples[k] for k in chosen])
+        run = self.evaluated()
+        V = run.storage([run.samples[k] for k in chosen])
         return None if V is None else (self.t[chosen], V)
 
     @cached_property
-    def lyapunov_ends(self) -> np.ndarray | None:
-        """V of the first and the last sample (2), or None where undefined."""
-        evaluation = self.evaluated()
-        return evaluation.storage([evaluation.samples[k] for k in (0, -1)]) if len(self.t) else None
-
-    @cached_property
+    @np.errstate(all="ignore")
     def min_eig_M_hat(self) -> np.ndarray:
-        """Smallest eigenvalue (N) of the estimated mass matrix."""
-        return self.evaluated().smallest_eigenvalues
+        """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
+        run, M = self.evaluated(), []
+        dynamics, project = run.controller.dynamics, run.controller.adaptation_d.project
+        for sample in run.samples:
+            q = sample.measurement.q
+            dynamics.load(project(sample.state.dynamic, q))
+            M.append(dynamics.mass_matrix(q))
+        return _of_finite(np.linalg.eigvalsh, M).min(axis=1, initial=np.inf)
 
     @cached_property
+    @np.errstate(all="ignore")
+    def singular_J_hat(self) -> np.ndarray:
+        """Singular values (N, m) of the estimated Jacobian, descending; NaN where not finite."""
+        run, J = self.evaluated(), []
+        kinematics = run.controller.kinematics
+        for sample in run.samples:
+            kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
+            J.append(kinematics.J)
+        return _of_finite(lambda stack: np.linalg.svd(stack, compute_uv=False), J)
+
+    @property
     def min_singular_J_hat(self) -> np.ndarray:
         """Smallest singular value (N) of the estimated Jacobian."""
-        return self.evaluated().smallest_singular_values
+        return self.singular_J_hat.min(axis=1, initial=np.inf)
 
     @cached_property
+    @np.errstate(all="ignore")
     def damping(self) -> np.ndarray:
         """The mu^2 (N) of the estimated Jacobian's ``RightInverse``, zero where that is exact."""
-        return self.evaluated().damping
+        threshold = self.evaluated().controller.limits.singular
+        s_squared = 1.0 / np.sum(self.singular_J_hat**-2.0, axis=1)
+        return np.maximum(0.5 * (threshold**2 - s_squared), 0.0)
 
     @property
     def damping_share(self) -> np.ndarray:
@@ -608,12 +540,26 @@ class Recording:
         return self.damping / np.maximum(whole, np.finfo(float).tiny)
 
     @cached_property
+    @np.errstate(all="ignore")
     def beside_picture(self) -> float | None:
         """Largest distance of the tool from where its picture is the desired one [m].
 
         In the last 10 %, to the nearest such point; None for tasks other than a picture.
         """
-        return self.evaluated().beside_picture if isinstance(self.task, ImageTask) else None
+        if not isinstance(self.task, ImageTask) or not len(self.t):
+            return None
+        run = self.evaluated()
+        if not run.true.known:
+            return None
+        last = window(np.arange(len(self.t)), False)
+        seen = [run.samples[k] for k in last[:: max(1, len(last) // _LOOKS)]]
+        found = []
+        for sample, k in zip(seen, run.robots_at(seen), strict=True):
+            robot = run.true.robots[k]
+            assert isinstance(robot.task, ImageTask)
+            p = robot.placement(sample.truth.q).translation
+            found.append(robot.task.distance(p, sample.desired.x_d))
+        return extreme(np.max, np.array(found))
 
     @cached_property
     def disturbance(self) -> np.ndarray | None:
@@ -636,12 +582,16 @@ class Recording:
     @cached_property
     def limits(self) -> LimitExcess:
         """How far motion and desired motion of each joint exceeded the description's limits."""
-        return self.evaluated().limits
+        run = self.evaluated()
+        robot = run.true.robots[0]
+        moved, desired = (of(robot, run.samples) for of in (motion_of_plant, motion_of_reference))
+        assert moved is not None
+        return LimitExcess.of(robot, moved, desired)
 
     @cached_property
     def effort_limits(self) -> np.ndarray:
         """Effort limits (nv) of the description [N m or N], infinite where it has none."""
-        return self.evaluated().effort_limits
+        return effort_limits(self.evaluated().true.robots[0].model)
 
     def evaluated(self) -> Evaluation:
         """Return what the properties are computed by: robots, controller and samples.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from textwrap import wrap
@@ -13,7 +13,6 @@ import numpy as np
 
 from .._output import Sheet, Table, number, percent, whole_file, write_text
 from .._version import __version__
-from ..controller.governor import SINGULAR
 from ..controller.state import Bridged
 from ..exceptions import InputError
 from ..information.information import TorquePrediction
@@ -27,9 +26,11 @@ Run = TypeVar("Run", bound=Recording)
 
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
-COMPUTED = ("error", "a_k_true", "a_d_true", "lyapunov", "disturbance", "disturbance_noise")
-_WIDTH = 70  # characters of a long cell
-WATCHED = ("min_eig_M_hat", "min_singular_J_hat", "damping", "damping_share")
+COMPUTED = (
+    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "disturbance_noise"),
+    *("min_eig_M_hat", "singular_J_hat", "damping"),
+)
+_WIDTH = 70  # characters of a long cell; half: twice the lines; twice: wider than a terminal
 
 
 def summary(rollout: Recording) -> dict[str, Any]:
@@ -65,7 +66,10 @@ def summary(rollout: Recording) -> dict[str, Any]:
         "kinematic_base": rollout.kinematic_base,
         "torque_prediction": _prediction(rollout),
         "changes": [_transient(transient) for transient in rollout.transients],
-        "slowed": [_slowdown(slowdown) for slowdown in rollout.slowed],
+        "slowed": [
+            dict(zip(("from", "to", "cause", "least_rate"), each, strict=True))
+            for each in rollout.slowed
+        ],
         "ringing": None if rollout.ringing is None else rollout.ringing._asdict(),
         "bridged": rollout.bridged._asdict(),
         "recorded": _recorded(rollout),
@@ -82,17 +86,15 @@ def _of_picture(rollout: Recording) -> dict[str, float | None]:
 
 def _recorded(rollout: Recording) -> dict[str, Any]:
     """Return what ``load`` needs beside the arrays and the numbers that people read."""
-    limits = rollout.limits
-    continuous = rollout.task.continuous if isinstance(rollout.task, JointTask) else ()
-    return {
-        "path_extent": rollout.path_extent,
-        "unadapted": rollout.unadapted,
-        "marks": [[at, what] for at, what in rollout.marks],
-        "continuous": list(continuous),
-        "slides": list(limits.slides),
+    limits, task = rollout.limits, rollout.task
+    found = {
+        **{name: getattr(rollout, name) for name in _FIELDS},
+        "continuous": task.continuous if isinstance(task, JointTask) else (),
+        "slides": limits.slides,
         "limits_stated": limits.stated,
         "effort_limits": [x if np.isfinite(x) else None for x in rollout.effort_limits.tolist()],
     }
+    return dict(json.loads(json.dumps(found)))  # lists in place of tuples
 
 
 def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
@@ -150,13 +152,6 @@ def _transient(transient: Transient) -> dict[str, Any]:
     }
 
 
-_SLOWDOWN = ("from", "to", "cause", "least_rate")
-
-
-def _slowdown(slowdown: Slowdown) -> dict[str, Any]:
-    return dict(zip(_SLOWDOWN, slowdown, strict=True))
-
-
 def brief(rollout: Recording) -> Sheet:
     """Return robot, law, duration and the largest errors."""
     numbers, unit = _errors(rollout.distance, "error"), rollout.task.groups[0].shown
@@ -182,13 +177,8 @@ def sheet(rollout: Recording) -> Sheet:
         ("robot", f"{rollout.robot}, {numbers['nv']} joints"),
         ("law", rollout.law),
         ("adaptation", f"{rollout.adaptation}: {sizes}"),
-        *_error_rows(numbers, "error", group.shown, ("max_first", "max_last", "rms_last")),
-        *(
-            []
-            if rollout.angle is None
-            else _error_rows(numbers, "angle", DISPLAYS["rad"], ("max_first", "max_last"))
-        ),
-        *_picture_rows(numbers),
+        *_error_rows(numbers, "error", group.shown),
+        *_error_rows(numbers, "angle", DISPLAYS["rad"]),
         ("largest torque", _largest_torque(rollout)),
         ("smallest eigenvalue of M_hat", number(numbers["min_eig_M_hat"], "kg m^2", digits=5)),
         (
@@ -196,7 +186,7 @@ def sheet(rollout: Recording) -> Sheet:
             number(numbers["min_singular_J_hat"], singular, digits=4),
         ),
         *_prediction_rows(rollout),
-        ("V, first and last", _ends(rollout.lyapunov_ends)),
+        ("V, first and last", _ends(rollout.lyapunov_curve)),
         ("joint limits", rollout.limits.verdict()),
         ("samples", f"{numbers['steps']} in {rollout.wall_time:.1f} s"),
         *_remarks(rollout, numbers),
@@ -205,23 +195,23 @@ def sheet(rollout: Recording) -> Sheet:
     return Sheet(rollout.title, [Table(rows), *joints])
 
 
-def _error_rows(
-    numbers: dict[str, Any], name: str, shown: Display, kinds: tuple[str, ...]
-) -> list[tuple[str, str]]:
-    rows = []
-    for kind in kinds:
-        statistic, part = kind.split("_")
-        value = number(numbers[f"{statistic}_{name}_{part}"], shown.unit, scale=shown.scale)
-        rows.append((f"{name}, {part} 10 % ({statistic})", value))
+def _error_rows(numbers: dict[str, Any], name: str, shown: Display) -> list[tuple[str, str]]:
+    """Return rows of the errors of a name, as far as there are any, and of the tool beside it."""
+    keys = {
+        f"max_{name}_first": f"{name}, first 10 % (max)",
+        f"max_{name}_last": f"{name}, last 10 % (max)",
+        f"rms_{name}_last": f"{name}, last 10 % (rms)",
+    }
+    rows = [
+        (words, number(numbers[key], shown.unit, scale=shown.scale))
+        for key, words in keys.items()
+        if key in numbers
+    ]
+    far, mm = numbers.get("max_tool_error_last"), DISPLAYS["m"]
+    if name == "error" and far is not None:
+        words = "tool error, from the picture, last 10 % (max)"
+        rows.append((words, number(far, mm.unit, scale=mm.scale)))
     return rows
-
-
-def _picture_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return a row of the tool's error in space, where only its picture is followed."""
-    far = numbers.get("max_tool_error_last")
-    shown = DISPLAYS["m"]
-    words = "tool error, from the picture, last 10 % (max)"
-    return [] if far is None else [(words, number(far, shown.unit, scale=shown.scale))]
 
 
 def _largest_torque(rollout: Recording) -> str:
@@ -235,10 +225,8 @@ def _largest_torque(rollout: Recording) -> str:
     return f"{number(tau.max(), unit, digits=1)} ({limits.joints[joint]})"
 
 
-def _ends(lyapunov: np.ndarray | None) -> str:
-    if lyapunov is None or np.isnan(lyapunov).any():
-        return "undefined"
-    return f"{lyapunov[0]:.4g} -> {lyapunov[1]:.4g}"
+def _ends(curve: Sequence[np.ndarray] | None) -> str:
+    return "undefined" if curve is None else f"{curve[1][0]:.4g} -> {curve[1][-1]:.4g}"
 
 
 def _remarks(rollout: Recording, numbers: dict[str, Any]) -> list[tuple[str, str]]:
@@ -272,16 +260,12 @@ def _ended_early(rollout: Recording) -> list[tuple[str, str]]:
 
 def _change_rows(changes: list[dict[str, Any]], shown: Display) -> list[tuple[str, str]]:
     """Return one row for each change of the robot or announcement."""
-    rows, whole = [], shown == DISPLAYS["m"]
-    close = number(CLOSE, shown.unit, scale=shown.scale, digits=0 if whole else 3)
+    rows = []
+    close = f"{CLOSE * shown.scale:.3g} {shown.unit}"
     for change in changes:
-        worst, back = (
-            number(change["max_error"], shown.unit, scale=shown.scale),
-            change["time_back"],
-        )
-        words = {None: f"not back under {close}", 0.0: f"always under {close}"}.get(
-            back, f"under {close} after {number(back, 's')}"
-        )
+        worst = number(change["max_error"], shown.unit, scale=shown.scale)
+        back = change["time_back"]
+        words = f"not back under {close}" if back is None else f"under {close} after {back:.3f} s"
         rows.append((f"{change['what']} at {change['at']:g} s", f"worst {worst}, {words}"))
     return rows
 
@@ -292,7 +276,7 @@ def save(rollout: Recording, folder: Path) -> None:
     Each is written atomically. The recorded arrays are saved first, then again with those that are
     computed from them: this takes a while, and an interruption must not lose the run.
     """
-    for names in (RECORDED, RECORDED + COMPUTED + WATCHED):
+    for names in (RECORDED, RECORDED + COMPUTED):
         arrays = {name: getattr(rollout, name) for name in names}
         with whole_file(folder / "rollout.npz") as file:
             np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
@@ -312,39 +296,17 @@ def load(folder: Path, kind: type[Run]) -> Run:
     try:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         with np.load(folder / "rollout.npz") as file:
-            arrays = {name: file[name] for name in file.files}
+            arrays = {name: file.get(name) for name in RECORDED + COMPUTED}
         rest = numbers["recorded"]
-        names = {field.name for field in fields(kind)}
-        given = {name: value for name, value in numbers.items() if name in names}
-        given |= {name: array for name, array in arrays.items() if name in names}
-        given |= {name: rest[name] for name in ("path_extent", "unadapted")}
+        given = {name: rest[name] for name in _FIELDS} | {name: arrays[name] for name in RECORDED}
         given |= {name: tuple(numbers[name]) for name in _NAMES}
-        given["task"] = _task(
-            numbers["task"],
-            given["joint_names"],
-            rest["continuous"],
-            given["x"].shape[1],
-            numbers.get("pixel"),
-        )
-        given["slowed"] = tuple(
-            Slowdown(*(part[name] for name in _SLOWDOWN)) for part in numbers["slowed"]
-        )
-        if numbers["ringing"] is not None:
-            given["ringing"] = Ringing(**numbers["ringing"])
-        given["bridged"] = Bridged(**numbers["bridged"])
-        given["marks"] = tuple((at, what) for at, what in rest["marks"])
-        given["step_time"], given["wall_time"] = (
-            numbers["step_time_us"] / 1e6,
-            numbers["wall_time_s"],
-        )
-        run = kind(**given, evaluation=None)
-        V = arrays.get("lyapunov")
-        computed = {name: arrays.get(name) for name in (*COMPUTED, *WATCHED)}
-        del computed["damping_share"]  # follows from the others
+        given |= {name: of(given[name]) for name, of in _FIELDS.items() if given[name] is not None}
+        pixel, width = numbers.get("pixel"), given["x"].shape[1]
+        task = _task(numbers["task"], given["joint_names"], rest["continuous"], width, pixel)
+        run = kind(**given, task=task, evaluation=None)
         efforts = [np.inf if x is None else x for x in rest["effort_limits"]]
         run.__dict__.update(
-            computed,
-            lyapunov_ends=None if V is None or not len(V) else V[[0, -1]],
+            {name: arrays[name] for name in COMPUTED},
             beside_picture=numbers.get("max_tool_error_last"),
             kinematic_base=numbers["kinematic_base"],
             prediction=_prediction_of(numbers["torque_prediction"]),
@@ -369,6 +331,16 @@ def load(folder: Path, kind: type[Run]) -> Run:
 
 
 _NAMES = ("joint_names", "kinematic_names", "dynamic_names")
+# fields of a run as JSON has them, and what makes them again of that
+_FIELDS: dict[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(("title", "robot", "law", "adaptation", "reason"), str),
+    **dict.fromkeys(("diverged", "interrupted", "wall_time", "step_time"), float),
+    **dict.fromkeys(("path_extent", "unadapted"), float),
+    "marks": lambda rows: tuple((at, what) for at, what in rows),
+    "slowed": lambda rows: tuple(Slowdown(*row) for row in rows),
+    "ringing": lambda row: Ringing(*row),
+    "bridged": lambda row: Bridged(*row),
+}
 
 
 def _task(
@@ -400,14 +372,13 @@ BETTER = 0.2  # error relative to that without adaptation, above which adaptatio
 FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
 TURN = 0.2  # [rad] taken as the extent of a change of orientation
 _POINT = CLOSE / ACCURATE  # taken as the extent of a point [m or rad]
-_OFTEN, _MOSTLY = 0.05, 0.5  # shares of the samples
-_SETTLED = 5.0  # [s] after which a loop with default gains has converged
+_OFTEN = (
+    0.05  # share of the samples; half or twice: other advice for runs that fail for two reasons
+)
+_SETTLED = 5.0  # [s] after which a loop with default gains has converged; half or twice: as _OFTEN
 _READABLE = 1e6  # larger numbers are written with an exponent
 _MOTION = "desired"  # first word of the reason if the desired motion ended the loop
-_STOPPED = 0.01  # rate of the path, below which it stands
-_SHOWN = 2  # times at which the path was slowed, in words
 _LEAST_LAG, _MOST_LAG = 0.01, 0.03  # [s]; motors 15 ms late ring at 0.01, and not at 0.015 or 0.06
-_FALLING = 0.7  # error in the last third of a run relative to the second, below which it falls
 
 
 def error_share(rollout: Recording) -> float | None:
@@ -510,24 +481,16 @@ def _short(value: float, digits: int = 3) -> str:
 
 
 def slowed_words(rollout: Recording) -> str:
-    """Return when a governor slowed the path, and why, and how late the path is at the end."""
-    longest = sorted(rollout.slowed, key=lambda each: each.start - each.end)[:_SHOWN]
-    words = [
-        f"from {_short(each.start)} to {_short(each.end)} s by {each.cause} (rate down to "
-        f"{round(each.least_rate, 2):g})"
-        for each in sorted(longest)
-    ]
-    if more := len(rollout.slowed) - len(longest):
-        words.append(f"{more} more times")
+    """Return when a governor slowed the path most, and why, and how late the path is at the end."""
+    longest = max(rollout.slowed, key=lambda each: each.end - each.start)
+    words = (
+        f"{len(rollout.slowed)} times, longest from {_short(longest.start)} to "
+        f"{_short(longest.end)} s by {longest.cause} (rate down to {longest.least_rate:.2g})"
+    )
     if rollout.path_time is not None:
-        words.append(f"{_short(float(rollout.t[-1] - rollout.path_time[-1]), 2)} s late at the end")
-    last = max(rollout.slowed, key=lambda each: each.end)
-    if last.end >= rollout.t[-1] and last.least_rate < _STOPPED and SINGULAR in last.cause:
-        words.append(
-            "and it stays there, since this law needs a Jacobian far from singular: keep the path "
-            f"inside the workspace, or take the law '{DEFAULT}', which goes through"
-        )
-    return ", ".join(words)
+        late = float(rollout.t[-1] - rollout.path_time[-1])
+        words += f", {_short(late, 2)} s late at the end"
+    return words
 
 
 def _beyond(rollout: Recording) -> str:
@@ -540,51 +503,28 @@ def _advice(rollout: Recording) -> str:
     """Return the most likely remedy for a run that went badly, or nothing."""
     if rollout.interrupted is not None or grade(rollout) == FOLLOWS or rollout.ringing is not None:
         return ""
-    if rollout.diverged is not None:
-        if str(rollout.reason).startswith(_MOTION):
-            return ""
-        if rollout.saturated.mean() > _MOSTLY:
-            return _relief(rollout)
-        often = f"{_at_limit(rollout)}; " if rollout.saturated.mean() > _OFTEN else ""
+    if str(rollout.reason).startswith(_MOTION):
+        return ""
+    saturated, law = float(rollout.saturated.mean()), LAWS.get(rollout.law)
+    if rollout.adaptation == "none" or (law is not None and not law.adapts):
+        return 'nothing was adapted: try controller.adaptation = "natural", or another law'
+    if saturated > _OFTEN:
         return (
-            f"{often}try a fifth of controller.gamma_k or gamma_d, a longer reference.period, or a "
+            f"the motors were at their limit {saturated:.0%} of the time: try a longer "
+            "reference.period, a smaller path, or a smaller load"
+        )
+    if rollout.diverged is not None:
+        return (
+            "try a fifth of controller.gamma_k or gamma_d, a longer reference.period, or a "
             "shorter simulation.dt"
         )
-    law = LAWS.get(rollout.law)
-    if law is not None and not law.adapts:
-        return "this law does not adapt: try another controller.law"
-    if rollout.adaptation == "none":
-        return 'nothing was adapted: try controller.adaptation = "natural"'
-    if law is not None and law.set_point and not _falling(rollout.distance):
-        return _set_point()
-    if rollout.saturated.mean() > _OFTEN:
-        return _relief(rollout)
     if (rollout.damping > 0.0).mean() > _OFTEN:
         return "the path comes close to a singularity: try another robot.q0 or a smaller path"
-    if rollout.t[-1] < _SETTLED or _falling(rollout.distance):
-        return "the error was still falling: try a longer simulation.duration"
+    if law is not None and law.set_point:
+        return (
+            "this law does not adapt the kinematics: measure the tool, take a set point inside "
+            f'the workspace, or set controller.law = "{DEFAULT}", which adapts'
+        )
+    if rollout.t[-1] < _SETTLED:
+        return "the error may still fall: try a longer simulation.duration"
     return "try controller.gamma_d three times as large, then gamma_k"
-
-
-def _set_point() -> str:
-    """Return the remedy for a set point that is not reached."""
-    return (
-        "this law does not adapt the kinematics: measure the tool, take a set point inside the "
-        f'workspace, or set controller.law = "{DEFAULT}", which adapts'
-    )
-
-
-def _relief(rollout: Recording) -> str:
-    """Return the remedy for saturated motors."""
-    return f"{_at_limit(rollout)}: try a longer reference.period, a smaller path, or a smaller load"
-
-
-def _at_limit(rollout: Recording) -> str:
-    """Return how often the motors were saturated."""
-    return f"the motors were at their limit {rollout.saturated.mean():.0%} of the time"
-
-
-def _falling(distance: np.ndarray) -> bool:
-    """Return whether the largest error of the last third is clearly below that of the second."""
-    before, last = (part.max(initial=0.0) for part in np.array_split(distance, 3)[1:])
-    return bool(last < _FALLING * before)
