@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt._output import toml
 from pinadapt.logs import Intake
 from tests.logs.test_logs import columns_of, same, write_bag, write_csv
 from tests.support.chains import catalogue_robot
@@ -72,7 +71,7 @@ def test_a_rate_replaces_missing_or_jittering_times(tmp_path, robot, log):
         pa.read_log(path, robot)
     (tmp_path / "bare.csv").write_text(rows_of([log.q, log.v, log.tau]))
     with (
-        pytest.raises(pa.LogError, match=r"neither a header nor a column of .*times.*--rate HZ"),
+        pytest.raises(pa.LogError, match=r"no times found.*--rate HZ"),
         pytest.warns(UserWarning, match="q 1-6, v 7-12, tau 13-18"),
     ):
         pa.read_log(tmp_path / "bare.csv", robot)
@@ -223,10 +222,7 @@ def test_an_intake_is_written_and_read(tmp_path):
             if one.name == "files":
                 given = expected or {}
             assert np.array_equal(value, given) or list(value) == list(given), one.name
-    keys = {line.split("=")[0].strip("# ") for line in Intake().text().splitlines() if "=" in line}
-    assert keys == {one.name for one in fields(Intake)}
-    examples = [line.lstrip("# ") for line in Intake().text().splitlines() if "=" in line]
-    assert set(toml.loads("\n".join(examples))) == keys
+    assert all(f"# {one.name}: " in Intake().text() for one in fields(Intake))
 
 
 # Bags

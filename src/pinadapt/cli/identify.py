@@ -417,7 +417,7 @@ def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | No
         f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms.",
         f"Checked: {check.verdict}",
         *check.notes,
-        "Keys that begin with # are as by default.",
+        "Keys in comments are as by default.",
     ]
     write_text(place, intake.updated(**log.assumed).text(about))
     print(check.sheet())

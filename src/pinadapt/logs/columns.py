@@ -1,9 +1,15 @@
-"""The signals t, q, v, tau and x of a log, found among named columns."""
+"""The signals t, q, v, tau and x of a log, found among named columns.
+
+A column is called after a signal and a joint: ``q_elbow``, ``elbow.position``, ``tau[3]``, or for q
+the joint alone. Joints are found by their names, by their index from 0 or 1, or else by names that
+are alike, see ``match_joints``.
+"""
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any
@@ -44,88 +50,68 @@ class Selection:
 
 # Usual names of each signal, the likeliest first; case is ignored.
 _NAMES = {
-    "t": ("t", "time", "timestamp", "stamp", "times", "time_s", "%time"),
-    "q": ("q", "position", "pos", "joint_position", "joint_positions", "actual_q", "angle"),
-    "v": (
-        "v",
-        "qd",
-        "dq",
-        "qdot",
-        "velocity",
-        "vel",
-        "joint_velocity",
-        "joint_velocities",
-        "actual_qd",
-    ),
-    "tau": (
-        "tau",
-        "effort",
-        "torque",
-        "eff",
-        "tau_j",
-        "joint_torque",
-        "joint_torques",
-        "joint_effort",
-    ),
-    "x": ("x", "ee_position", "tool_position"),
-    "x_time": ("x_time", "t_x", "camera_time"),
+    "t": "t time timestamp stamp times time_s %time",
+    "q": "q position pos joint_position joint_positions actual_q angle",
+    "v": "v qd dq qdot velocity vel joint_velocity joint_velocities actual_qd",
+    "tau": "tau effort torque eff tau_j joint_torque joint_torques joint_effort",
+    "x": "x ee_position tool_position",
+    "x_time": "x_time t_x camera_time",
 }
-_FRAMES = (("x", "y", "z", "qx", "qy", "qz", "qw"), ("x", "y", "z"), ("px", "py", "pz"))
-_SEPARATORS = ("", "_", ".", "/", "[", " ")
-_GAP = 3.0  # typical intervals, beyond which nothing is interpolated
-_SAME_MOTION = 0.8  # correlation of a velocity with the rate of the positions
+_FRAMES = ("x y z qx qy qz qw", "x y z", "px py pz", "x0 x1 x2", "x_0 x_1 x_2")
+_GAP = 3.0  # typical intervals, beyond which nothing is interpolated; 1.5 loses jittering samples
+_SAME_MOTION = (
+    0.8  # correlation of a velocity with the rate of the positions; others have below 0.5
+)
 
 
 def log_of_columns(table: Mapping[str, np.ndarray], selection: Selection, source: str) -> Log:
     """Return the log in a table of columns (N) or arrays (N, n) by name.
 
-    Joints are found by their names (``q_elbow``, ``elbow.position``, for q also ``elbow`` alone) or
-    by their index from 0 or 1 (``q0``, ``tau[3]``), else by names that are alike, see
-    ``match_joints``. Columns of a file without header, called 1, 2 and so on, are taken in the
-    order t, q, v, tau, with the velocities recognised as the rate of the positions. Signals of
-    other files are interpolated at the times of the positions.
+    Columns of a file without header, called 1, 2 and so on, are taken in the order t, q, v, tau,
+    with the velocities recognised as the rate of the positions. Signals of other files are
+    interpolated at the times of the positions.
 
     Raises:
         LogError: a needed signal has no columns, or a name in ``selection.columns`` is unknown.
     """
-    table, separate = dict(table), {}
-    assumed: dict[str, Any] = {}
-    for signal, (other, name) in selection.tables.items():
-        separate[signal] = _SignalFinder(other, selection, name, only=signal)
-    named = {column for names in selection.columns.values() for column in ranges(names) if names}
-    if set(table) - named and all(name.isdecimal() for name in table) and not named:
+    table, assumed = dict(table), dict[str, Any]()
+    for signal in selection.columns:
+        if signal not in SIGNALS:
+            guess = did_you_mean(signal, SIGNALS)
+            what = f"there is no signal '{signal}'; there are {list(SIGNALS)}.{guess}"
+            raise LogError(what, where="columns")
+    if all(name.isdecimal() for name in table) and not selection.columns:
         table, assumed["columns"] = _named_columns(table, selection, source)
-    finder = _SignalFinder(table, selection, source)
-    finder.headed = "columns" not in assumed
-    q, tau, v = (
-        separate.get(signal, finder).of_joints(signal, alone=signal in separate)
-        for signal in ("q", "tau", "v")
-    )
+    own = _Columns(table, selection, source)
+    homes = {
+        signal: _Columns(dict(other), selection, name, only=signal)
+        for signal, (other, name) in selection.tables.items()
+    }
+    places = {signal: homes.get(signal, own) for signal in ("q", "v", "tau")}
+    parts = {signal: place.of_joints(signal) for signal, place in places.items()}
+    q, v, tau = parts["q"], parts["v"], parts["tau"]
     if q is None:
-        raise finder.missing("q")
+        raise places["q"].missing("q")
     if tau is None:
         if selection.torques:
-            raise separate.get("tau", finder).missing("tau")
+            raise places["tau"].missing("tau")
         tau = np.full(q.shape, np.nan)
-    t = separate.get("q", finder).times(len(q)) if "q" in separate else finder.times(len(q))
+    t = places["q"].times(len(q))
     if t is None:
-        if selection.torques or not finder.headed:
-            raise finder.missing("t")
+        if selection.torques:
+            raise own.missing("t")
         t = np.arange(float(len(q)))
-    apart = {"tau", "v"} if "q" in separate else {"tau", "v"} & set(separate)
-    homes = {signal: separate.get(signal, finder) for signal in apart}
-    if "tau" in homes:
-        tau = _of_file(t, tau, "tau", homes["tau"])
-    if "v" in homes and v is not None:
-        v = _of_file(t, v, "v", homes["v"])
-    x, x_time = finder.of_frame(), finder.single("x_time")
-    stated = tuple(selection.joints) if selection.named or finder.named else ()
-    joints = _joints(table) or stated
-    assumed |= {"joints": finder.matched} if finder.matched else {}
+    if places["tau"] is not places["q"]:
+        tau = _of_file(t, tau, "tau", places["tau"])
+    if v is not None and places["v"] is not places["q"]:
+        v = _of_file(t, v, "v", places["v"])
+    joints = _joints(table) or (tuple(selection.joints) if own.by_name or selection.named else ())
+    assumed |= {"joints": own.matched} if own.matched else {}
+    x, x_time = own.of_frame(), own.single("x_time")
     return Log(t, q, tau, v, joints, x, x_time, source=source, assumed=assumed)
 
 
-def _of_file(t: np.ndarray, values: np.ndarray, signal: str, home: _SignalFinder) -> np.ndarray:
+def _of_file(t: np.ndarray, values: np.ndarray, signal: str, home: _Columns) -> np.ndarray:
     """Return values (M, n) of another file at times (N) [s]; NaN where it has none."""
     own, where = home.times(len(values)), f"{home.source}: {signal}"
     if own is not None:
@@ -199,57 +185,38 @@ def _named_columns(
     Raises:
         LogError: they are not a multiple of the joints, or their meaning is ambiguous.
     """
-    n, count = len(selection.joints), len(table)
-    timed = bool((np.diff(table["1"]) > 0.0).all())
-    first = 2 if timed else 1
-    blocks, left = divmod(count + 1 - first, n)
-    apart = [range(first + k * n, first + (k + 1) * n) for k in range(blocks)]
-    within = [range(first + k, count + 1, blocks) for k in range(blocks)]
-    t = table["1"] if timed else np.arange(len(table["1"])) / (selection.rate or 1.0)
-    found = [
-        (layout, a, b)
-        for layout in (apart, within)
-        for a, b in permutations(range(blocks), 2)
-        if not left and _is_rate(_numbered(table, layout[a]), _numbered(table, layout[b]), t)
-    ]
-    without = [] if "tau" in selection.tables else ["tau"]
-    usual = {1 + len(without): ["q", *without], 3: ["q", "v", "tau"]}
-    parts, order = (apart, usual.get(blocks)) if not left else (apart, None)
-    if found and order is not None:
-        parts, a, b = found[0]
+    n, columns = len(selection.joints), list(table.values())
+    timed = bool((np.diff(columns[0]) > 0.0).all())
+    blocks, left = divmod(len(columns) - timed, n)
+    t = columns[0] if timed else np.arange(len(columns[0])) / (selection.rate or 1.0)
+    parts = [np.column_stack(columns[timed + k * n : timed + (k + 1) * n]) for k in range(blocks)]
+    torque = [] if "tau" in selection.tables else ["tau"]
+    order = {1 + len(torque): ["q", *torque], 3: ["q", "v", "tau"]}.get(blocks)
+    pairs = permutations(range(blocks), 2)
+    rates = [(a, b) for a, b in pairs if _is_rate(parts[a], parts[b], t)]
+    if rates and order is not None:
         order = ["tau"] * blocks
-        order[a], order[b] = "q", "v"
-    if order is None or (without and "tau" not in order):
+        order[rates[0][0]], order[rates[0][1]] = "q", "v"
+    if order is None or left or (torque and "tau" not in order):
         raise LogError(
-            f"has no header, and {count} columns for {n} joints: their meaning is ambiguous.",
+            f"has no header, and {len(columns)} columns for {n} joints: their meaning is "
+            "ambiguous.",
             where=source,
             hint="State the numbers of the columns: --columns t=1 q=2-8 tau=16-22, or begin the "
             "file with a line of names such as t,q0,q1,v0,v1,tau0,tau1.",
         )
-    chosen = {"t": ["1"]} if timed else {}
-    chosen |= {signal: _shortened(at) for signal, at in zip(order, parts, strict=True)}
-    named = {"t": table["1"]} if timed else {}
-    for signal, at in zip(order, parts, strict=True):
-        named |= {f"{signal}{j}": table[str(k)] for j, k in enumerate(at)}
-    words = ", ".join(f"{signal} {','.join(at)}" for signal, at in chosen.items())
+    named, chosen = ({"t": t}, {"t": ["1"]}) if timed else ({}, {})
+    for k, (signal, part) in enumerate(zip(order, parts, strict=True)):
+        named |= {f"{signal}{j}": column for j, column in enumerate(part.T)}
+        first = 1 + timed + k * n
+        chosen[signal] = [f"{first}-{first + n - 1}" if n > 1 else str(first)]
+    words = ", ".join(f"{signal} {at[0]}" for signal, at in chosen.items())
     warnings.warn(
         f"{source} has no header; its columns were taken for {words}. --columns names others, such "
         "as q=2-8.",
         stacklevel=2,
     )
     return named, chosen
-
-
-def _shortened(numbers: Sequence[int]) -> list[str]:
-    """Return numbers of columns as text, neighbouring ones as a range such as 2-8."""
-    first, last = numbers[0], numbers[-1]
-    whole = len(numbers) > 1 and list(numbers) == list(range(first, last + 1))
-    return [f"{first}-{last}"] if whole else [str(k) for k in numbers]
-
-
-def _numbered(table: Mapping[str, np.ndarray], numbers: Iterable[int]) -> np.ndarray:
-    """Return the columns (N, n) of a file without header that have some numbers."""
-    return np.column_stack([table[str(k)] for k in numbers])
 
 
 def _is_rate(q: np.ndarray, v: np.ndarray, t: np.ndarray) -> bool:
@@ -268,14 +235,13 @@ def _joints(table: Mapping[str, np.ndarray]) -> tuple[str, ...]:
     return ()
 
 
-class _SignalFinder:
-    """Finds signals among named columns; ``only`` is what a file of one signal has.
+class _Columns:
+    """The columns of a file, by signal and joint; ``only`` is what a file of one signal has.
 
     Attributes:
         source: of the columns, for messages.
         matched: the log's names of the joints, in the order of the robot's, if they are others.
-        named: whether columns were found by names of joints, so that they are in their order.
-        headed: whether the file has a header.
+        by_name: whether columns were found by names of joints, so that they are in their order.
     """
 
     def __init__(
@@ -285,167 +251,130 @@ class _SignalFinder:
         source: str,
         only: str | None = None,
     ) -> None:
-        self._table, self._selection, self.source = table, selection, source
+        self._table, self._selection, self.source, self._only = table, selection, source, only
         self._known = {name.strip().lower(): name for name in reversed(list(table))}
-        self._only, self.matched, self.named, self.headed = only, list[str](), False, True
-        for signal in selection.columns:
-            if signal not in SIGNALS:
-                raise LogError(
-                    f"there is no signal '{signal}'; there are {list(SIGNALS)}."
-                    f"{did_you_mean(signal, SIGNALS)}",
-                    where="columns",
-                )
+        self.matched, self.by_name = list[str](), False
 
     def times(self, count: int) -> np.ndarray | None:
         """Return the times (N) [s] of ``count`` samples, None where there are none."""
         if self._selection.rate is not None:
             return np.arange(count) / self._selection.rate
-        t = self.single("t")
         first = next(iter(self._table.values()))
-        if t is None and self._only and len(self._table) == len(self._selection.joints) + 1:
-            return first if bool((np.diff(first) > 0.0).all()) else None
+        more = self._only and len(self._table) == len(self._selection.joints) + 1
+        if (t := self.single("t")) is None and more and bool((np.diff(first) > 0.0).all()):
+            return first
         return t
 
     def single(self, signal: str) -> np.ndarray | None:
         """Return a signal of one column (N), None where there is none."""
-        named = self._named(signal)
-        if named is not None and len(named) == 1:
-            return named[0].reshape(-1)
-        for name in _NAMES[signal]:
-            if name in self._known:
-                return self._table[self._known[name]].reshape(-1)
-        return None
+        if (named := self._stated(signal)) is not None:
+            return named.reshape(-1)
+        found = next((name for name in _NAMES[signal].split() if name in self._known), None)
+        return None if found is None else self._table[self._known[found]].reshape(-1)
 
-    def of_joints(self, signal: str, *, alone: bool = False) -> np.ndarray | None:
-        """Return a signal of the joints (N, n), None where there is none.
-
-        ``alone``: the table has nothing else but times.
-        """
-        named = self._named(signal)
-        if named is not None:
-            return _stacked(named)
-        for name in _NAMES[signal]:
-            array = self._table.get(self._known.get(name, ""))
-            if array is not None and array.ndim == 2:
-                return array
-        joints, n = self._selection.joints, len(self._selection.joints)
-        indices = () if self._selection.named else (_indices(n, first) for first in (0, 1))
-        for labels in (joints, *indices):
-            found = [self._of_joint(signal, label, labels is joints) for label in labels]
-            if all(column is not None for column in found):
-                self.named |= labels is joints
-                after = str(int(labels[0]) + n) if labels is not joints else ""
-                if after and signal == "q" and self._of_joint(signal, after, False) is not None:
+    def of_joints(self, signal: str) -> np.ndarray | None:
+        """Return a signal of the joints (N, n), None where there is none."""
+        if (named := self._stated(signal)) is not None or (
+            named := self._array(signal)
+        ) is not None:
+            return named
+        labels, joints = self._labels(signal), [name.lower() for name in self._selection.joints]
+        if signal in ("q", self._only):  # a column may be called after its joint alone
+            labels = {name: name for name in joints if name in self._known} | labels
+        if set(joints) <= set(labels):
+            self.by_name = True
+            return self._stacked([labels[name] for name in joints])
+        if set(joints) & set(labels):
+            lacking = next(name for name in joints if name not in labels)
+            raise LogError(
+                f"no column has {signal} of joint '{lacking}', but other joints have one; the "
+                f"columns are {list(self._table)}.",
+                where=self.source,
+                hint=f"--columns {signal}=NAME,NAME,... names them in the robot's order.",
+            )
+        for first in (0, 1) if not self._selection.named else ():
+            indices = [str(first + j) for j in range(len(joints))]
+            if set(indices) <= set(labels):
+                if str(first + len(joints)) in labels and signal == "q":
                     warnings.warn(
-                        f"{self.source} has positions of more than the robot's {n} joints: those "
-                        f"of {list(joints)} are taken from {found[0]} to {found[-1]}. Is it the "
-                        f"log of another robot? --columns {signal}=NAME,NAME,... names them.",
+                        f"{self.source} has positions of more than the robot's {len(joints)} "
+                        f"joints: those of {joints} are taken from {labels[indices[0]]} to "
+                        f"{labels[indices[-1]]}. Is it the log of another robot? --columns "
+                        f"{signal}=NAME,NAME,... names them.",
                         stacklevel=2,
                     )
-                return _stacked([self._table[column] for column in found if column is not None])
-            if any(column is not None for column in found) and labels is joints:
-                lacking = labels[[column is None for column in found].index(True)]
-                raise LogError(
-                    f"no column has {signal} of joint '{lacking}', but other joints have one; the "
-                    f"columns are {list(self._table)}.",
-                    where=self.source,
-                    hint=f"--columns {signal}=NAME,NAME,... names them in the robot's order.",
-                )
-        if len(joints) == 1 and (column := next(self._plain(signal), None)) is not None:
-            return _stacked([self._table[column]])
-        return self._of_other_names(signal) if not alone else self._all_of(signal)
+                return self._stacked([labels[index] for index in indices])
+        if len(joints) == 1 and (column := self.single(signal)) is not None:
+            return column[:, None]
+        return None if self._selection.named else self._of_other_names(signal, labels)
 
-    def _of_other_names(self, signal: str) -> np.ndarray | None:
-        """Return a signal of joints with other names than the robot's, None where there is none."""
-        if self._selection.named:
+    def _of_other_names(self, signal: str, labels: Mapping[str, str]) -> np.ndarray | None:
+        """Return a signal of joints with other names, or of a file that has nothing else."""
+        joints = self._selection.joints
+        order = match_joints(list(labels), joints, self.source)
+        if order is not None:
+            self.matched, self.by_name = [list(labels)[k] for k in order], True
+            return self._stacked([labels[name] for name in self.matched])
+        if signal != self._only:
             return None
-        labels: dict[str, str] = {}
-        for key, column in reversed(self._known.items()):
-            for name in sorted(_NAMES[signal], key=len, reverse=True):
-                label = next(
-                    (
-                        key[len(name + mark) :]
-                        for mark in _SEPARATORS[1:]
-                        if key.startswith(name + mark)
-                    ),
-                    None,
-                ) or next(
-                    (
-                        key[: -len(mark + name)]
-                        for mark in _SEPARATORS[1:]
-                        if key.endswith(mark + name)
-                    ),
-                    None,
-                )
-                if label and self._table[column].ndim == 1:
-                    labels.setdefault(label.rstrip("]"), column)
-                    break
-        order = match_joints(list(labels), self._selection.joints, self.source)
-        if order is None:
+        names = [name for key, name in self._known.items() if key not in _NAMES["t"].split()][::-1]
+        names = names[len(names) == len(joints) + 1 :]
+        if len(names) != len(joints):
             return None
-        self.matched, self.named = [list(labels)[k] for k in order], True
-        return _stacked([self._table[labels[label]] for label in self.matched])
-
-    def _all_of(self, signal: str) -> np.ndarray | None:
-        """Return the signal of a file that has nothing else, perhaps with times before it."""
-        joints, names = self._selection.joints, list(self._table)
-        if all(name in self._known for name in map(str.lower, joints)):
-            return _stacked([self._table[self._known[name.lower()]] for name in joints])
-        timed = [name for name in names if name.strip().lower() in _NAMES["t"]]
-        rest = [name for name in names if name not in timed]
-        if not timed and len(rest) == len(joints) + 1:
-            rest = rest[1:]
-        if len(rest) == len(joints) and not all(name.isdecimal() for name in rest):
-            order = match_joints(rest, joints, self.source)
-            rest = [rest[k] for k in order] if order else rest
-        if len(rest) != len(joints):
-            return self._of_other_names(signal)
-        return _stacked([self._table[name] for name in rest])
+        unnamed = all(name.isdecimal() for name in names)
+        order = None if unnamed else match_joints(names, joints, self.source)
+        return self._stacked([names[k] for k in order] if order else names)
 
     def of_frame(self) -> np.ndarray | None:
         """Return coordinates of the frame (N, m), None where there are none."""
-        named = self._named("x")
-        if named is not None:
-            return _stacked(named)
-        for name in _NAMES["x"]:
-            array = self._table.get(self._known.get(name, ""))
-            if array is not None and array.ndim == 2:
-                return array
-        indexed = (tuple(f"x{mark}{i}" for i in range(3)) for mark in ("", "_"))
-        for names in (*_FRAMES, *indexed):
-            if all(name in self._known for name in names):
-                return _stacked([self._table[self._known[name]] for name in names])
-        return None
+        if (named := self._stated("x")) is not None or (named := self._array("x")) is not None:
+            return named
+        found = (names.split() for names in _FRAMES if set(names.split()) <= set(self._known))
+        names = next(found, None)
+        return None if names is None else self._stacked(names)
 
     def missing(self, signal: str) -> LogError:
         """Return the error of a signal that has no columns."""
-        if signal == "t" and not self.headed:
-            return LogError(
-                "has neither a header nor a column of ascending times.",
-                where=self.source,
-                hint="--rate HZ states the rate, or --columns t=NUMBER the column of the times.",
-            )
         what = {"t": "times", "q": "joint positions", "tau": "joint torques"}[signal]
-        torque = (
-            " Without torques no dynamic parameters can be estimated." if signal == "tau" else ""
-        )
+        hint = f"Usual names are {', '.join(_NAMES[signal].split()[:3])}. Others are stated: "
+        hint += f"--columns {signal}=NAME"
+        ends = {
+            "t": ", or the rate if there are no times: --rate HZ.",
+            "q": ",NAME,....",
+            "tau": ",NAME,.... In another file: --files tau=FILE.",
+        }
         return LogError(
-            f"no {what} found among the columns {list(self._table)}.{torque}",
+            f"no {what} found among the columns {list(self._table)}.",
             where=self.source,
-            hint=f"Usual names are {', '.join(_NAMES[signal][:3])}. Others are stated: --columns "
-            f"{signal}=NAME"
-            + (", or the rate if there are no times: --rate HZ." if signal == "t" else ",NAME,....")
-            + (" In another file: --files tau=FILE." if signal == "tau" else ""),
+            hint=hint + ends[signal],
         )
 
-    def _named(self, signal: str) -> list[np.ndarray] | None:
-        """Return the columns that the user named for a signal."""
+    def _array(self, signal: str) -> np.ndarray | None:
+        """Return an array (N, n) that is called after a signal."""
+        found = (self._table.get(self._known.get(name, "")) for name in _NAMES[signal].split())
+        return next((one for one in found if one is not None and one.ndim == 2), None)
+
+    def _labels(self, signal: str) -> dict[str, str]:
+        """Return label of a joint -> column, of all columns that are called after a signal."""
+        words = "|".join(map(re.escape, sorted(_NAMES[signal].split(), key=len, reverse=True)))
+        form = re.compile(rf"(?:{words})(?:[_./\[ ](.+?)\]?|(\d+))|(.+)[_./ ](?:{words})")
+        found = {key: form.fullmatch(key) for key in reversed(self._known)}
+        return {
+            next(filter(None, match.groups())): key
+            for key, match in found.items()
+            if match is not None and self._table[self._known[key]].ndim == 1
+        }
+
+    def _stated(self, signal: str) -> np.ndarray | None:
+        """Return the columns that the user named for a signal, by the * for names or indices."""
         names = self._selection.columns.get(signal)
         if names is None:
             return None
-        names = ranges(names)
+        names, joints = ranges(names), self._selection.joints
         if len(names) == 1 and "*" in names[0]:
-            names = self._of_pattern(names[0])
+            labels = [joints, *([str(k + j) for j in range(len(joints))] for k in (0, 1))]
+            filled = [[names[0].replace("*", label) for label in part] for part in labels]
+            names = next((part for part in filled if set(part) <= set(self._table)), filled[0])
         for name in names:
             if name not in self._table:
                 raise LogError(
@@ -453,44 +382,10 @@ class _SignalFinder:
                     f"{did_you_mean(name, self._table)}",
                     where=f"{self.source}: columns.{signal}",
                 )
-        return [self._table[name] for name in names]
+        parts = [self._table[name] for name in names]
+        return parts[0] if len(parts) == 1 and parts[0].ndim == 2 else np.column_stack(parts)
 
-    def _of_pattern(self, pattern: str) -> list[str]:
-        """Return the columns that match a pattern, by the joints' names or by indices."""
-        joints = self._selection.joints
-        filled = [
-            [pattern.replace("*", label) for label in labels]
-            for labels in (joints, _indices(len(joints), 0), _indices(len(joints), 1))
-        ]
-        whole = (names for names in filled if all(name in self._table for name in names))
-        return next(whole, filled[0])
-
-    def _of_joint(self, signal: str, label: str, named: bool) -> str | None:
-        """Return the column of a joint, by its name or index."""
-        key = label.lower()
-        forms = [form for name in _NAMES[signal] for form in _forms(name, key, named)]
-        forms += [key] if named and signal == "q" else []
-        return next((self._known[form] for form in forms if form in self._known), None)
-
-    def _plain(self, signal: str) -> Iterator[str]:
-        return (self._known[name] for name in _NAMES[signal] if name in self._known)
-
-
-def _indices(count: int, first: int) -> list[str]:
-    return [str(index) for index in range(first, first + count)]
-
-
-def _forms(name: str, label: str, named: bool) -> Iterator[str]:
-    """Yield possible names of a signal of a joint, such as ``q_elbow`` or ``elbow.q``."""
-    for mark in _SEPARATORS:
-        closing = "]" if mark == "[" else ""
-        yield f"{name}{mark}{label}{closing}"
-        if named and mark not in ("", "["):
-            yield f"{label}{mark}{name}"
-
-
-def _stacked(columns: Sequence[np.ndarray]) -> np.ndarray:
-    """Return columns (N), or one array (N, n), as an array (N, n)."""
-    if len(columns) == 1 and columns[0].ndim == 2:
-        return columns[0]
-    return np.column_stack(columns)
+    def _stacked(self, names: Sequence[str]) -> np.ndarray:
+        """Return columns (N, n) by their names."""
+        known = {**self._known, **{name: name for name in self._table}}
+        return np.column_stack([self._table[known[name]] for name in names])

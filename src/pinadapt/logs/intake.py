@@ -13,13 +13,13 @@ gears, signs, and how the arm was mounted. It is applied in this order:
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 from numpy.typing import ArrayLike
 
 from .._checks import flag, instance, mapping, name_list, numbers, positive, vector, word
@@ -303,24 +303,24 @@ class Intake:
             yield from ((signal, list(self.joints)) for signal in SIDES)
 
     def text(self, comments: Sequence[str] = ()) -> str:
-        """Return the intake as TOML, what is as by default as a comment."""
-        plain, lines, tables = Intake(), [*(f"# {line}" for line in comments), ""], []
-        for one in fields(self):
-            value = getattr(self, one.name)
-            words = _SAID[one.name]
-            same = _same(value, getattr(plain, one.name))
-            if isinstance(value, Mapping) and not same:
-                tables += ["", f"[{one.name}]  # {words}"]
-                tables += [f"{_key(key)} = {_toml(part)}" for key, part in value.items()]
-            elif same:
-                lines.append(f"# {one.name} = {_EXAMPLES[one.name]}  # {words}")
-            else:
-                lines.append(f"{one.name} = {_toml(value)}  # {words}")
-        return "\n".join([*lines, *tables]) + "\n"
+        """Return the intake as TOML, with what is stated, and the other keys as comments."""
+        document, plain = tomlkit.document(), Intake()
+        for line in comments:
+            document.add(tomlkit.comment(line))
+        document.add(tomlkit.nl())
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        stated = [key for key, value in values.items() if not _same(value, getattr(plain, key))]
+        for key in values:
+            if key not in stated:
+                document.add(tomlkit.comment(f"{key}: {_SAID[key]}"))
+        for key in sorted(stated, key=lambda key: isinstance(values[key], Mapping)):
+            value = values[key]
+            document[key] = value.tolist() if isinstance(value, np.ndarray) else value
+        return tomlkit.dumps(document)
 
 
 _SAID = {
-    "columns": "signal -> its columns",
+    "columns": "signal -> its columns, such as { t = 'stamp', q = 'pos_*' }",
     "files": "signal -> another file that has it",
     "joints": "the log's joints in the robot's order; without names there: those of its columns",
     "rate": "samples a second",
@@ -338,25 +338,6 @@ _SAID = {
     "mount": "or wall, ceiling",
     "doubtful": "go on although the torques do not fit",
 }
-_EXAMPLES = {
-    "columns": '{ t = "stamp", q = "pos_*" }',
-    "files": '{ tau = "torques.csv" }',
-    "joints": '["a1", "a2"]',
-    "rate": "100.0",
-    "repeated": '"refuse"',
-    "degrees": "false",
-    "gear": "[101.0, 101.0, 55.0]",
-    "motor_side": '["q", "v", "tau"]',
-    "torque_gain": "[0.12, 0.12, 0.09]",
-    "flip": '["a2"]',
-    "offset": "{ a2 = 1.5708 }",
-    "topic": '{ q = "/joint_states", tau = "/motor_torques" }',
-    "pose_topic": '"/tracker/pose"',
-    "compensated": '"nominal"',
-    "gravity": "[0.0, 0.0, -9.81]",
-    "mount": '"floor"',
-    "doubtful": "false",
-}
 
 
 def place_beside(log: Path | str) -> Path:
@@ -372,28 +353,6 @@ def _same(value: object, default: object) -> bool:
     if isinstance(default, tuple) and isinstance(value, Sequence):
         return list(value) == list(default)
     return bool(value == default)
-
-
-def _toml(value: Any) -> str:
-    """Return a value as TOML."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return f'"{escaped}"'
-    if isinstance(value, Mapping):
-        inner = ", ".join(f"{_key(key)} = {_toml(part)}" for key, part in value.items())
-        return f"{{ {inner} }}"
-    if isinstance(value, Sequence):
-        return f"[{', '.join(_toml(part) for part in value)}]"
-    return repr(value)
-
-
-def _key(name: Any) -> str:
-    """Return a key as TOML, quoted where it has to be."""
-    return str(name) if re.fullmatch(r"[A-Za-z0-9_-]+", str(name)) else _toml(str(name))
 
 
 def _at(name: str | None) -> str:
