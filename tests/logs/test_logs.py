@@ -103,14 +103,12 @@ def flawed(log, robot):
     return {
         "ascend; sample 40": replace(log, t=backwards),
         "too short": replace(log, t=1e-3 * log.t),
-        "If these are milliseconds, the rate is stated instead: --rate 250": replace(
-            log, t=1e3 * log.t
-        ),
+        "If these are milliseconds: --rate 250": replace(log, t=1e3 * log.t),
         "all torques are zero": replace(log, tau=0.0 * log.tau),
         "Are these other units": replace(log, tau=far),
         "Are these degrees": replace(log, q=np.degrees(log.q), v=None),
-        "the velocities look like degrees a second": replace(log, v=np.degrees(log.v)),
-        "the sign is wrong": replace(log, v=-log.v),
+        "57.3 times the rate": replace(log, v=np.degrees(log.v)),
+        "-1 times the rate": replace(log, v=-log.v),
         "only 0%": replace(log, tau=np.nan * log.tau),
         "joint 'elbow_joint' is missing": replace(
             log, joints=tuple(name.replace("elbow", "knee") for name in robot.joint_names)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -13,24 +13,23 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import instance
-from ..description.chain import configuration_from_angles, effort_limits, is_slide
+from ..description.chain import configuration_from_angles, effort_limits, position_limits
 from ..exceptions import LogError, did_you_mean
 from ..robot.robot import Robot
 
-_EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970
-_SHORTEST, _FEWEST = 1.0, 100  # [s] and samples
-_FASTEST = 1e-4  # [s] between samples of robots
-_SLOWEST = 0.2  # [s] between samples, beyond which inertia has no visible effect
-_REPEATED = 0.05  # share of the samples that may repeat the one before
-_MEASURED = 0.5  # share of the samples that must be finite
+_EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970; twelve days of recording
+_SHORTEST, _FEWEST = 1.0, 100  # [s] and samples; half as many leave nothing to hold out
+_SLOWEST = 0.2  # [s] between samples: windows of four samples have no inertia left at twice as much
+_REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
+_MEASURED = 0.5  # share of the samples that must be finite; half as many are a log of its own
 _TURNS = 4.0 * math.pi  # [rad] beyond which a joint without limits hardly turns
-_TURN = 2.0 * math.pi  # [rad] up to which numbers are angles in radians rather than in degrees
-_BEYOND, _RANGE = 0.5, 0.25  # beyond a limit by more than calibration: [rad], or share of the range
-_OUTSIDE = 0.5  # share of the samples there
-_TOO_STRONG = 5.0  # times the effort limit, root mean square
-_MOVING = 0.02  # [rad/s or m/s] root mean square of a velocity that can be compared
-_AVERAGED = 25  # samples over which velocities are averaged before they are compared
-_FACTORS = (0.5, 2.0)  # between which a velocity agrees with the positions
+# Beyond a limit by more than calibration: [rad], or share of the range; and share of the samples
+# there. Half as much refuses arms with another zero, twice as much takes degrees for radians.
+_BEYOND, _RANGE, _OUTSIDE = 0.5, 0.25, 0.5
+_TOO_STRONG = 5.0  # times the effort limit, rms: motors give twice; currents in mA are far above
+_MOVING = 0.02  # [rad/s or m/s] rms of a velocity that can be compared; half is noise of encoders
+_AVERAGED = 25  # samples over which velocities are averaged; half leaves noise of slow motions
+_FACTORS = (0.5, 2.0)  # between which a velocity agrees with the positions; units are far outside
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,61 +295,33 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
         LogError: times that do not ascend, too few or too short a time, more than half of a signal
             not finite, torques that are all zero, or numbers that look like other units.
     """
-    _check_times(log)
-    _check_finite(log, robot, "q")
-    _check_degrees(log, robot)
-    if torques:
-        _check_rate(log)
-        _check_repeated(log)
-        _check_finite(log, robot, "tau")
-        _check_velocities(log, robot)
-        _check_torques(log, robot)
-
-
-def _check_times(log: Log) -> None:
-    where = f"{log.source}: t"
-    if not np.isfinite(log.t).all():
-        row = int(np.flatnonzero(~np.isfinite(log.t))[0])
-        raise LogError(f"sample {row} has no time.", where=where)
-    steps = np.diff(log.t)
-    if (steps <= 0.0).any():
-        row = int(np.flatnonzero(steps <= 0.0)[0]) + 1
+    late = np.append(False, ~(np.diff(log.t) > 0.0)) | ~np.isfinite(log.t)
+    if late.any():
+        row = int(np.argmax(late))
         raise LogError(
-            f"times must ascend; sample {row} is at {log.t[row]:.6g} s, the one before at "
-            f"{log.t[row - 1]:.6g} s. There are {np.count_nonzero(steps <= 0.0)} such samples.",
-            where=where,
+            f"times must ascend; sample {row} is at {log.t[row]:.6g} s. There are "
+            f"{np.count_nonzero(late)} such samples.",
+            where=f"{log.source}: t",
             hint="--repeated drop leaves out samples of repeated or earlier times. Otherwise name "
             "another column: --columns t=NAME.",
         )
-
-
-def _check_rate(log: Log) -> None:
-    where = f"{log.source}: t"
+    _check_finite(log, robot, "q")
+    _check_degrees(log, robot)
+    if not torques:
+        return
     if len(log.t) < _FEWEST or log.duration < _SHORTEST:
         raise LogError(
             f"{len(log.t)} samples over {log.duration:.3g} s are too short; at least {_FEWEST} and "
             f"{_SHORTEST:g} s are needed.",
-            where=where,
-            hint="Times are in seconds." if log.duration < 0.1 else None,
+            where=f"{log.source}: t",
         )
     if log.period > _SLOWEST:
+        milliseconds = f" If these are milliseconds: --rate {1e3 / log.period:.4g}."
         raise LogError(
             f"samples are {log.period:.4g} s apart, too far for inertia to have a visible effect.",
-            where=where,
-            hint=f"Record at 20 Hz or more, with times in seconds.{_other_unit(log.period)}",
+            where=f"{log.source}: t",
+            hint=f"Record at {1.0 / _SLOWEST:g} Hz or more, with times in seconds.{milliseconds}",
         )
-
-
-def _other_unit(period: float) -> str:
-    """Return the unit that the times may have, by a period that is too long in seconds."""
-    for unit, per_second in (("milli", 1e3), ("micro", 1e6), ("nano", 1e9)):
-        if _FASTEST <= period / per_second <= _SLOWEST:
-            rate = per_second / period
-            return f" If these are {unit}seconds, the rate is stated instead: --rate {rate:.4g}."
-    return ""
-
-
-def _check_repeated(log: Log) -> None:
     share = float(np.mean(repeated(log)))
     if share > _REPEATED:
         raise LogError(
@@ -359,6 +330,9 @@ def _check_repeated(log: Log) -> None:
             where=log.source,
             hint="--repeated drop leaves them out.",
         )
+    _check_finite(log, robot, "tau")
+    _check_velocities(log, robot)
+    _check_torques(log, robot)
 
 
 def _check_finite(log: Log, robot: Robot, name: str) -> None:
@@ -376,39 +350,25 @@ def _check_degrees(log: Log, robot: Robot) -> None:
     """Refuse positions far outside of the limits: in degrees, or those of another robot."""
     if log.q.shape[1] != robot.model.nv:
         return
-    for j, low, high in _revolute(robot):
+    low, high = position_limits(robot.model)
+    slides = np.array(list(robot.slides.values()))
+    free = slides | ~np.isfinite(high - low)
+    low, high = np.where(free, -_TURNS, low), np.where(free, _TURNS, high)
+    margin = np.maximum(_BEYOND, _RANGE * (high - low))
+    outside = np.mean((log.q < low - margin) | (log.q > high + margin), axis=0) > _OUTSIDE
+    if (outside & ~slides).any():
+        j = int(np.argmax(outside & ~slides))
         q = log.q[np.isfinite(log.q[:, j]), j]
-        margin = max(_BEYOND, _RANGE * (high - low))
-        outside = np.mean((q < low - margin) | (q > high + margin))
-        if outside > _OUTSIDE:
-            turned = float(np.abs(q).max()) > _TURN
-            what = (
-                "Are these degrees, or angles of the motor before a gear?"
-                if turned
-                else "Is this the log of another robot?"
-            )
-            degrees = "--degrees or --gear N reads them. " if turned else ""
-            raise LogError(
-                f"{robot.joint_names[j]} is at {q.min():.4g} to {q.max():.4g}, and its limits are "
-                f"{low:.4g} and {high:.4g} rad. {what}",
-                where=f"{log.source}: q",
-                hint=f"{degrees}Columns without joint names must be in the robot's order.",
-            )
-
-
-def _revolute(robot: Robot) -> Iterator[tuple[int, float, float]]:
-    """Yield index and limits [rad] of the revolute joints."""
-    model: pin.Model = robot.model
-    for j, joint in enumerate(model.joints[1:]):
-        if is_slide(joint):
-            continue
-        bounds = (-_TURNS, _TURNS)
-        if joint.nq == 1:
-            low = float(model.lowerPositionLimit[joint.idx_q])
-            high = float(model.upperPositionLimit[joint.idx_q])
-            if -1e3 < low < high < 1e3:
-                bounds = (low, high)
-        yield j, *bounds
+        what, option = "Is this the log of another robot?", ""
+        if np.abs(q).max() > 2.0 * math.pi:
+            what = "Are these degrees, or angles of the motor before a gear?"
+            option = "--degrees or --gear N reads them. "
+        raise LogError(
+            f"{robot.joint_names[j]} is at {q.min():.4g} to {q.max():.4g}, and its limits are "
+            f"{low[j]:.4g} and {high[j]:.4g} rad. {what}",
+            where=f"{log.source}: q",
+            hint=f"{option}Columns without joint names must be in the robot's order.",
+        )
 
 
 def _check_velocities(log: Log, robot: Robot) -> None:
@@ -417,56 +377,40 @@ def _check_velocities(log: Log, robot: Robot) -> None:
         return
     q = log.configurations(robot)
     moved = np.array([pin.difference(robot.model, *ends) for ends in pairwise(q)])
-    rates = moved / np.diff(log.t)[:, None]
-    for j, name in enumerate(robot.joint_names):
-        mean = 0.5 * (log.v[1:, j] + log.v[:-1, j])
-        both = np.isfinite(mean) & np.isfinite(rates[:, j])
-        rate = rates[both, j]
-        if not len(rate) or _rms(rate) < _MOVING or _rms(_averages(rate)) < _MOVING:
+    rates, mean = moved / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
+    for name, rate, velocity in zip(robot.joint_names, rates.T, mean.T, strict=True):
+        both = np.isfinite(velocity) & np.isfinite(rate)
+        rate, velocity = _averages(rate[both]), _averages(velocity[both])
+        if not len(rate) or float(np.sqrt(np.mean(rate**2))) < _MOVING:
             continue
-        velocity, rate = _averages(mean[both]), _averages(rate)
-        factor = float(rate @ velocity / max(rate @ rate, 1e-300))
+        factor = float(rate @ velocity / (rate @ rate))
         if not _FACTORS[0] < factor < _FACTORS[1]:
             raise LogError(
-                f"the velocity of {name} is {factor:.3g} times the rate of its positions"
-                f"{_guess(factor)}.",
+                f"the velocity of {name} is {factor:.3g} times the rate of its positions: 57.3 "
+                "where it is in degrees a second, 0.0175 where the positions are in degrees, -1 "
+                "where one sign is wrong, the ratio of a gear where one is that of the motor.",
                 where=f"{log.source}: v",
                 hint="Convert both to rad and rad/s (m and m/s), or leave velocities out: they are "
                 "then computed from the positions.",
             )
 
 
-def _guess(factor: float) -> str:
-    if abs(factor - math.degrees(1.0)) < 6.0:
-        return "; the velocities look like degrees a second"
-    if abs(factor - math.radians(1.0)) < 2e-3:
-        return "; the positions look like degrees"
-    if abs(factor + 1.0) < 0.2:
-        return "; the sign is wrong"
-    if not _FACTORS[0] / 2.0 < abs(factor) < 2.0 * _FACTORS[1]:
-        ratio = max(abs(factor), 1.0 / max(abs(factor), 1e-9))
-        return f"; one of them may be that of the motor, before a gear of {ratio:.4g}"
-    return ""
+def _averages(values: np.ndarray) -> np.ndarray:
+    """Return running averages, in which the noise of differenced encoders cancels."""
+    return np.convolve(values, np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")
 
 
 def _check_torques(log: Log, robot: Robot) -> None:
-    finite = np.isfinite(log.tau)
-    squares = np.where(finite, log.tau, 0.0) ** 2
-    sizes = np.sqrt(squares.sum(axis=0) / finite.sum(axis=0))
-    if not sizes.any():
-        raise LogError(
-            "all torques are zero; without torques no dynamic parameters can be estimated.",
-            where=f"{log.source}: tau",
-            hint="Record the efforts of the motors.",
-        )
+    """Refuse torques that are zero, or far above the limits: not recorded, or of other units."""
+    sizes, limits = np.sqrt(np.nanmean(log.tau**2, axis=0)), effort_limits(robot.model)
     if not sizes.all():
         name = robot.joint_names[int(np.argmin(sizes))]
+        who = f"the torque of {name} is" if sizes.any() else "all torques are"
         raise LogError(
-            f"the torque of {name} is zero in all samples: it was not recorded.",
+            f"{who} zero in all samples: not recorded.",
             where=f"{log.source}: tau",
-            hint=f"--lock {name} leaves the joint out if it did not move.",
+            hint=f"Record the efforts of the motors; --lock {name} leaves out what did not move.",
         )
-    limits = effort_limits(robot.model)
     if (sizes > _TOO_STRONG * limits).any():
         joint = int(np.argmax(sizes / limits))
         raise LogError(
@@ -476,15 +420,6 @@ def _check_torques(log: Log, robot: Robot) -> None:
             hint="Torques must be those of the joints, after the gears, in N m or N. --torque-gain "
             "multiplies them, with N m/A for currents.",
         )
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
-
-
-def _averages(values: np.ndarray) -> np.ndarray:
-    """Return running averages, in which the noise of differenced encoders cancels."""
-    return np.convolve(values, np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")
 
 
 def joined(logs: Sequence[Log], pause: float) -> Log:
