@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pinadapt.information.information import GrowingTorques
 from tests.support.loops import run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
@@ -33,19 +32,3 @@ def test_errors_of_the_torques_are_those_of_the_estimates(rollout):
     assert found.error_last == pytest.approx(exact[1], rel=0.1, abs=1e-3 * found.rms)
     assert found.share_last < 0.05 * found.share_first
     assert found.identifiable_error < 0.3
-
-
-def test_a_motion_that_goes_on_has_the_same_torques_in_the_end(rollout):
-    """From every eighth sample, 32 ms apart, with the mean torque in between."""
-    evaluation, found = rollout.evaluated(), rollout.motion_torques()
-    samples, start = evaluation.samples, rollout.a_d[0]
-    growing = GrowingTorques(evaluation.controller, start)
-    assert growing.share(start) is None and growing.left(start, rollout.a_d_true) is None
-    for k in range(0, len(samples) - 8, 8):
-        torque = np.mean([sample.torque for sample in samples[k : k + 8]], axis=0)
-        growing.add(samples[k], samples[k + 8], torque)
-    assert growing.share(start) == pytest.approx(found.share(start), rel=0.05)
-    last = rollout.a_d[-1]
-    assert growing.share(last) == pytest.approx(found.share(last), rel=0.3, abs=0.01)
-    truth = rollout.a_d_true
-    assert growing.left(last, truth) == pytest.approx(found.left(last, truth), rel=0.3)

@@ -31,7 +31,6 @@ _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were n
 _INVISIBLE = 1e-8  # share of the largest scale up to which a parameter has no effect
 _LEAST_NOISE = 1e-9  # share of the size of a signal
 _INSTANTS = 400  # at most, of which the torques are taken
-_LOOKED_AT = 30  # additions between two looks at what a growing motion excites
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,45 +355,6 @@ class MotionTorques:
         None where that is zero.
         """
         start = self.excited.distance(self.first, truth)
-        return self.excited.distance(a, truth) / start if start > 0.0 else None
-
-
-class GrowingTorques:
-    """The torques of a motion while it runs, between one evaluated sample and the next.
-
-    Accelerations are the change of the velocity in between, torques their mean, so neither needs
-    the samples in between.
-    """
-
-    def __init__(self, controller: Controller, start: np.ndarray) -> None:
-        """Begin a motion at which the estimate is ``start`` (p)."""
-        self._dynamics, self._model = controller.dynamics, controller.kinematics.robot.model
-        self._start, self._root = start, scales(controller.dynamics, start)
-        self._sums = TorqueSums(self._model.nv, start)
-        self._added = 0
-        self.excited: Excited | None = None
-
-    def add(self, before: Sample, after: Sample, torque: np.ndarray) -> None:
-        """Add the true motion from one sample to another, with its mean torque (n)."""
-        (t, q, v, *_), (t_after, q_after, v_after, *_) = before.truth, after.truth
-        middle = pin.integrate(self._model, q, 0.5 * pin.difference(self._model, q, q_after))
-        state = middle, 0.5 * (v + v_after), (v_after - v) / (t_after - t)
-        self._dynamics.load(self._start)
-        Y = self._dynamics.regressor(*state)
-        self._sums.add(Y[None], (torque - self._dynamics.torque(*state))[None], torque[None])
-        if self._added % _LOOKED_AT == 0:
-            self.excited = self._sums.excited(self._dynamics.names, self._root)
-        self._added += 1
-
-    def share(self, a: np.ndarray) -> float | None:
-        """Return the rms error of the torques so far at a (p), relative to them."""
-        return self._sums.error(a) / self._sums.size if self._sums.size > 0.0 else None
-
-    def left(self, a: np.ndarray, truth: np.ndarray) -> float | None:
-        """Return the error at a (p) of what is excited so far, relative to that of the start."""
-        if self.excited is None:
-            return None
-        start = self.excited.distance(self._start, truth)
         return self.excited.distance(a, truth) / start if start > 0.0 else None
 
 

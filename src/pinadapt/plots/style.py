@@ -7,11 +7,9 @@ import sys
 import warnings
 from collections.abc import Sequence
 from io import BytesIO
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
-
-from ..tasks.task import Task
 
 try:  # image files need no backend, so an unknown one is tolerated
     import matplotlib
@@ -61,6 +59,10 @@ RC: Any = {
     "text.usetex": False,
 }
 _MARKS = 9  # markers on a curve
+
+
+# a ``pinadapt.Rollout``, or what has its properties; its class imports this package
+Drawable: TypeAlias = Any
 
 
 def colour(index: int) -> str:
@@ -175,119 +177,3 @@ class Picture(Figure):
     def _repr_png_(self) -> bytes:
         """Return the picture for Jupyter."""
         return self.png()
-
-
-class Drawable(Protocol):
-    """What the figures need of a run of N samples; ``Rollout`` has it."""
-
-    @property
-    def title(self) -> str:
-        """Title of the figures."""
-
-    @property
-    def law(self) -> str:
-        """Name of the law."""
-
-    @property
-    def adaptation(self) -> str:
-        """Name of the adaptation."""
-
-    @property
-    def task(self) -> Task:
-        """The controlled coordinates."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Name of each joint."""
-
-    @property
-    def effort_limits(self) -> np.ndarray:
-        """Effort limits of the description (nv) [N m or N], infinite for none."""
-
-    @property
-    def kinematic_names(self) -> tuple[str, ...]:
-        """Name of each kinematic parameter."""
-
-    @property
-    def dynamic_names(self) -> tuple[str, ...]:
-        """Name of each dynamic parameter."""
-
-    @property
-    def t(self) -> np.ndarray:
-        """Time (N) [s]."""
-
-    @property
-    def x(self) -> np.ndarray:
-        """True task coordinates (N, .)."""
-
-    @property
-    def x_d(self) -> np.ndarray:
-        """Desired task coordinates (N, .)."""
-
-    @property
-    def slowed(self) -> Sequence[tuple[float, float, str, float]]:
-        """Intervals in which the path was slowed: start and end [s], cause, least rate."""
-
-    @property
-    def error(self) -> np.ndarray:
-        """Task error (N, m) [m or rad]."""
-
-    @property
-    def tau(self) -> np.ndarray:
-        """Motor torques (N, nv) [N m or N]."""
-
-    @property
-    def disturbance(self) -> np.ndarray | None:
-        """Torque (N, nv) that is not in the model [N m or N]; None: not observed."""
-
-    @property
-    def disturbance_noise(self) -> np.ndarray | None:
-        """Its standard deviation (N, nv) by noise of the sensors [N m or N]; None: unknown."""
-
-    @property
-    def a_k(self) -> np.ndarray:
-        """Kinematic estimates (N, p_k) [m]."""
-
-    @property
-    def a_d(self) -> np.ndarray:
-        """Dynamic estimates (N, p_d)."""
-
-    @property
-    def not_excited(self) -> tuple[str, ...]:
-        """Names of the dynamic parameters that the motion does not excite."""
-
-    @property
-    def a_k_true(self) -> np.ndarray | None:
-        """True kinematic parameters (p_k), or at each sample (N, p_k); None: unknown."""
-
-    @property
-    def a_d_true(self) -> np.ndarray | None:
-        """True dynamic parameters (p_d), or at each sample (N, p_d); None: unknown."""
-
-    @property
-    def lyapunov_curve(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Times [s] and V(t) to draw, or None where undefined."""
-
-    @property
-    def min_eig_M_hat(self) -> np.ndarray:
-        """Smallest eigenvalue of the estimated mass matrix (N)."""
-
-    @property
-    def damping(self) -> np.ndarray:
-        """Damping mu^2 of the right inverse of the estimated Jacobian (N)."""
-
-    @property
-    def saturated(self) -> np.ndarray:
-        """Whether a torque was at its limit (N)."""
-
-    @property
-    def marks(self) -> tuple[tuple[float, str], ...]:
-        """Time [s] and description of each event during the run."""
-
-    @property
-    def interrupted(self) -> float | None:
-        """Time at which the run was interrupted [s]; None: it was not."""
-
-    @property
-    def diverged(self) -> float | None:
-        """Time of divergence [s]; None: it did not diverge."""

@@ -8,7 +8,7 @@ import webbrowser
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import BoundedSemaphore, Condition, Thread
+from threading import Condition, Thread
 from time import perf_counter, sleep
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -17,12 +17,11 @@ import numpy as np
 
 from ..controller.controller import Controller
 from ..exceptions import DivergedError
-from ..information.information import GrowingTorques
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .drawing import DESIRED, TRUE, Poses, Window, framed
-from .page import Moment, Page, curves_of, not_excited_words, reading_of, viewpoint_for
-from .scene import Scene, ShownEstimates, desired_tip, estimated_axes, motion_in_time, motion_of
+from .page import Moment, Page, curves_of, reading_of, viewpoint_for
+from .scene import Scene, desired_tip, estimated_axes, motion_in_time, motion_of
 
 if TYPE_CHECKING:
     from ..controller.state import Sample
@@ -40,7 +39,6 @@ def _has_display() -> bool:
     return True
 
 
-_VISITORS = 32  # connections at a time; a browser has up to six
 _PATIENCE = 2.0  # [s] for browsers to read the last messages before the server stops
 
 
@@ -134,33 +132,17 @@ class Server:
 
 
 class _Local(ThreadingHTTPServer):
-    """Answers requests for this machine, a bounded number at a time.
+    """Answers requests for this machine.
 
     A page of another site whose name was made to point here sends that name as Host, and is
     refused (DNS rebinding).
     """
 
     daemon_threads = True
-    request_queue_size = 2 * _VISITORS  # a few that are refused must not make others wait
 
     def __init__(self, port: int, handler: type[BaseHTTPRequestHandler]) -> None:
         super().__init__(("127.0.0.1", port), handler)
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
-        self._free = BoundedSemaphore(_VISITORS)
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread of its own, or end the connection if there are too many."""
-        if self._free.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, then free the place for another request."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -264,17 +246,11 @@ class LiveView:
             OSError: the port is not available.
         """
         self._robots, self._controller = Succession.of(true, changes), controller
-        self._curves = curves_of(self._robots, controller)
-        self._shown = ShownEstimates(self._robots, controller.kinematics)
+        self._curves = curves_of(self._robots, controller, torques=False)
         self._window, self._poses = Broadcast(), Poses()
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | None = None
-        self._looked_at: Sample | None = None
-        self._torques: list[np.ndarray] = []  # since the sample that was looked at
-        self._growing: GrowingTorques | None = None
-        self._truths = [controller.dynamics.value(robot) for robot in self._robots.robots]
-        self._still = ""
         self._end = "the run has ended"
         self._traced: list[np.ndarray] = []
         here = motion_of(true, true.q0[None])
@@ -295,21 +271,14 @@ class LiveView:
             return
         if open_in_browser(self.url):
             self._window.wait_for_reader(_ARRIVAL)
-        elif on_terminal():
-            self._wait_for_visitor()
-        else:
-            _say(f"There is no display here. {_LATER}")
-
-    def _wait_for_visitor(self) -> None:
-        """Give somebody at a terminal without a display the time to open the page elsewhere."""
-        port = self.url.rpartition(":")[2].rstrip("/")
+            return
+        at = self.url.rpartition(":")[2].rstrip("/")
         _say(
             f"There is no display here: open the address in a browser of this machine, or of "
-            f"another one after `ssh -L {port}:127.0.0.1:{port}`. The run starts with the first "
-            f"visitor, at the latest in {_PATIENT:g} s."
+            f"another one after `ssh -L {at}:127.0.0.1:{at}`. {_LATER}"
         )
-        if not self._window.wait_for_reader(_PATIENT):
-            _say(f"No browser has connected; the run starts. {_LATER}")
+        if on_terminal():  # somebody reads this
+            self._window.wait_for_reader(_PATIENT)
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
@@ -318,7 +287,6 @@ class LiveView:
                 self._last = sample
                 if sample.t >= self._next:
                     self.show(sample)
-                self._torques.append(sample.torque)
                 yield sample
         except DivergedError as error:
             self._end = f"diverged at {error.time:.2f} s"
@@ -343,8 +311,7 @@ class LiveView:
         t = np.array([sample.t])
         truth = motion_in_time(self._robots, t, q[None])
         kinematics = self._controller.kinematics
-        drawn = self._shown.at(t, a_k[None])
-        estimated = motion_of(kinematics.robot, q[None], kinematics, drawn)
+        estimated = motion_of(kinematics.robot, q[None], kinematics, a_k[None])
         self._scene.place(t, truth, estimated, self._poses)
         desired = desired_tip(self._robots.robots[0], sample.desired.x_d[None], truth.tip)
         self._scene.move_point(desired, self._poses)
@@ -353,37 +320,8 @@ class LiveView:
             self._scene.move_estimated_path(axes, self._poses)
         self._trace(truth.tip[0])
         assert sample.truth.x is not None  # perfect sensors see the task
-        predicted = self._predicted(sample)
-        x, x_d = sample.truth.x, sample.desired.x_d
-        moment = Moment(sample.t, x, x_d, a_k, sample.state.a_d, *predicted)
+        moment = Moment(sample.t, sample.truth.x, sample.desired.x_d, a_k, sample.state.a_d)
         self._window.note(("reading", sample.t), reading=reading_of(self._curves, moment))
-
-    def _predicted(self, sample: Sample) -> tuple[float | None, float | None]:
-        """Return the two errors of the dynamic estimate, as of ``Moment``, for the motion so far.
-
-        The motion begins anew where the true robot changes. Takes a millisecond, and once a second
-        some more.
-        """
-        before, torques = self._looked_at, self._torques
-        self._looked_at, self._torques = sample, []
-        a, controller = sample.state.a_d, self._controller
-        if before is None or not torques or not controller.dynamics.size:
-            return None, None
-        robot = int(self._robots.index(sample.t))
-        if self._growing is None or robot != self._robots.index(before.t):
-            self._growing = GrowingTorques(controller, before.state.a_d)
-        if not (np.isfinite(a).all() and np.isfinite(torques).all()):
-            return None, None
-        if sample.t > before.t:
-            self._growing.add(before, sample, np.mean(torques, axis=0))
-        if self._growing.excited is not None:
-            words = not_excited_words(self._growing.excited)
-            if words != self._still:
-                self._still = words
-                self._window.note("still", still=words)
-        truth = self._truths[robot]
-        left = None if truth is None else self._growing.left(a, truth)
-        return self._growing.share(a), left
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""

@@ -12,7 +12,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import meshcat
 import numpy as np
@@ -21,13 +21,12 @@ from .._checks import positive
 from .._output import write_text
 from ..controller.controller import Controller
 from ..exceptions import PinadaptError
-from ..information.information import MotionTorques
 from ..models.excited import Excited, names_together
 from ..robot.robot import Robot, Succession
 from ..tasks.frame import ImageTask
 from ..tasks.task import RowGroup
 from .drawing import DESIRED, TRUE, Keyframes, Window, framed, ghost
-from .scene import Scene, ShownEstimates, desired_tip, estimated_axes, motion_in_time, motion_of
+from .scene import Scene, desired_tip, estimated_axes, motion_in_time, motion_of
 
 
 class Moment(NamedTuple):
@@ -68,7 +67,7 @@ class Curve:
         return {"label": self.label, "unit": self.unit}
 
 
-def curves_of(robots: Succession, controller: Controller) -> list[Curve]:
+def curves_of(robots: Succession, controller: Controller, *, torques: bool = True) -> list[Curve]:
     """Return the curves of a loop: errors of the task, of translations, and of the torques."""
     task = robots.robots[0].task
     curves = [_error(task, group) for group in task.groups]
@@ -78,10 +77,11 @@ def curves_of(robots: Succession, controller: Controller) -> list[Curve]:
     known = all(truth is not None for truth in truths)
     if controller.kinematics.size and controller.kinematics.calibrated and known:
         curves.append(_translations(robots, truths))
-    if controller.dynamics.size:
-        curves.append(Curve("error of predicted torque", "%", _percent("torque_error")))
+    if not torques or not controller.dynamics.size:
+        return curves
+    curves.append(Curve("error of predicted torque", "%", _percent("torque_error")))
     truths = [controller.dynamics.value(robot) for robot in robots.robots]
-    if controller.dynamics.size and all(truth is not None for truth in truths):
+    if all(truth is not None for truth in truths):
         read = _percent("identifiable_error")
         curves.append(Curve("identifiable parameters", "% of the start", read))
     return curves
@@ -327,47 +327,8 @@ class Animation:
         return f"<Animation of {len(self.html) / 1e6:.1f} MB, .save(path) writes it>"
 
 
-class Animatable(Protocol):
-    """What the animation needs of a run of N samples; ``Rollout`` has it."""
-
-    @property
-    def title(self) -> str:
-        """Title of the page."""
-
-    @property
-    def t(self) -> np.ndarray:
-        """Time (N) [s]."""
-
-    @property
-    def q(self) -> np.ndarray:
-        """True configurations (N, nq)."""
-
-    @property
-    def x(self) -> np.ndarray:
-        """True task coordinates (N, .)."""
-
-    @property
-    def x_d(self) -> np.ndarray:
-        """Desired task coordinates (N, .)."""
-
-    @property
-    def a_k(self) -> np.ndarray:
-        """Kinematic estimates (N, p_k) [m]."""
-
-    @property
-    def a_d(self) -> np.ndarray:
-        """Dynamic estimates (N, p_d)."""
-
-    def motion_torques(self) -> MotionTorques | None:
-        """Return the torques since the last event, and which parameters they depend on."""
-
-    @property
-    def marks(self) -> tuple[tuple[float, str], ...]:
-        """Time [s] and description of each event during the run."""
-
-
 def animation_of(
-    rollout: Animatable,
+    rollout: Any,
     robots: Succession,
     controller: Controller,
     *,
@@ -379,7 +340,7 @@ def animation_of(
     translations that are estimated at that moment. Curves show the errors of task and estimates.
 
     Args:
-        rollout: the run.
+        rollout: a ``Rollout``, whose class imports this module.
         robots: the true robot, and what it changed to.
         controller: the controller of the run.
         frames_per_second: of the animation; there is at most one frame per sample.
@@ -395,8 +356,7 @@ def animation_of(
     a_k = rollout.a_k if some else np.asarray(kinematics.initial)[None]
     frames, line = _samples(t, rate, _MOST_FRAMES), _samples(t, _LINE_RATE, _MOST_POINTS)
     truth = motion_in_time(robots, t[frames], q[frames])
-    drawn = ShownEstimates(robots, kinematics).at(t[frames], a_k[frames])
-    estimated = motion_of(kinematics.robot, q[frames], kinematics, drawn)
+    estimated = motion_of(kinematics.robot, q[frames], kinematics, a_k[frames])
     traced = motion_in_time(robots, t[line], q[line]).tip
     desired = desired_tip(true, rollout.x_d[line], traced) if some else traced
     viewpoint = viewpoint_for(np.vstack([truth.points, desired]), desired)
@@ -420,7 +380,7 @@ def animation_of(
 
 
 def _curves(
-    rollout: Animatable, robots: Succession, controller: Controller, window: Messages
+    rollout: Any, robots: Succession, controller: Controller, window: Messages
 ) -> list[Curve]:
     """Return the curves of a rollout, and send their values to a window."""
     if not len(rollout.t):
@@ -441,7 +401,7 @@ def _curves(
 
 
 def _predictions(
-    rollout: Animatable, robots: Succession, controller: Controller
+    rollout: Any, robots: Succession, controller: Controller
 ) -> Callable[[int], dict[str, Any]]:
     """Return a function from a sample to the two errors of its dynamic estimate, as of ``Moment``.
 

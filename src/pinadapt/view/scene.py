@@ -149,43 +149,6 @@ def estimated_axes(true: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> 
     return np.array(placements)
 
 
-_POSES = 50  # at which differences of the tool are looked for
-_SEEN = 1e-6  # of the largest singular value of dx/da
-
-
-class ShownEstimates:
-    """Estimated translations as they are drawn: without differences that no motion can show.
-
-    Several links may be wrong together without moving the tool anywhere, such as the two
-    translations along one joint axis. Then no measurement of the motion can tell them
-    from the truth, and a ghost that stands beside the robot would look like an error. Where the
-    truth is known, such combinations are drawn as they truly are.
-    """
-
-    def __init__(self, robots: Succession, kinematics: TaskKinematics) -> None:
-        """Look at the tool at random poses of the estimated robot."""
-        truths = [kinematics.value(robot) for robot in robots.robots]
-        known = [truth for truth in truths if truth is not None]
-        self._robots = robots
-        self._truths = np.array(known) if len(known) == len(truths) and kinematics.size else None
-        if self._truths is None:
-            return
-        model, rng = kinematics.robot.model, np.random.default_rng(0)
-        kinematics.update(kinematics.initial, kinematics.robot.q0, np.zeros(model.nv))
-        poses = (rng.uniform(-np.pi, np.pi, model.nv) for _ in range(_POSES))
-        X = np.vstack([kinematics.at(configuration_from_angles(model, pose))[1] for pose in poses])
-        _, sizes, rows = np.linalg.svd(X, full_matrices=False)
-        seen = rows[sizes > _SEEN * sizes[0]]
-        self._seen = seen.T @ seen  # (p, p) projector
-
-    def at(self, t: np.ndarray, a_k: np.ndarray) -> np.ndarray:
-        """Return what is drawn of the estimates a_k (F, p) [m] at times t (F) [s]."""
-        if self._truths is None:
-            return a_k
-        truth = self._truths[self._robots.index(t)]
-        return np.asarray(truth + (a_k - truth) @ self._seen)
-
-
 _STEEL = 7850.0  # [kg/m^3]
 
 
