@@ -20,7 +20,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",
-    "rooms",
+    "packages",
     "docstrings",
     "links",
     "executed",

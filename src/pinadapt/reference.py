@@ -78,7 +78,7 @@ def joint_motion(
 
     For a task of the frame by inverse kinematics: damped least squares from one instant to the
     next, with the return of the null space to the home pose that the control laws have by default,
-    at the motion's own speed. Where the damping holds the robot back, for example outside of the
+    at the motion's own speed. Where the damping limits the motion, for example outside of the
     workspace, ``off`` exceeds 1.
 
     Args:
@@ -279,9 +279,8 @@ def within_limits(
     looked at up to its ``horizon``, or until it settles; beyond the horizon it goes on at the
     slowest rate found.
 
-    Without model of the task's frame there is no way around a point that cannot be reached: where
-    the motion leaves the workspace, or a joint its range, a warning says when and where. Time
-    scaling does not help there; those instants do not count for the rate.
+    Time scaling does not help where the motion leaves the workspace, or a joint its range: a
+    warning says when and where, and those instants do not count for the rate.
 
     Args:
         motion: of the task's coordinates, as ``as_trajectory`` takes it.

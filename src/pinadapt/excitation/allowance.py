@@ -1,4 +1,4 @@
-"""What an exciting motion may use: limits with a margin, and the space where nothing touches."""
+"""The limits of an exciting motion, with a margin, and the distances between bodies."""
 
 from __future__ import annotations
 

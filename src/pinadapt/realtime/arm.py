@@ -105,7 +105,7 @@ class ArmFacts:
 
 
 def as_measured(given: Any, sizes: Mapping[str, int], t: float) -> tuple[Measurement, str]:
-    """Return what a driver's ``read`` gave, in arrays of its own, and what is wrong with it, or "".
+    """Return a driver's measurement in new arrays, and what is wrong with it, or "".
 
     Lists and integers are converted. What is wrong becomes NaN, a signal that may be missing None,
     and a time that is none becomes t.
@@ -162,7 +162,7 @@ class Arm(ABC):
     Attributes:
         facts: what it declares.
         received: share of the last torques that have reached the arm, updated by ``read``; NaN
-            where it does not tell.
+            if unknown.
     """
 
     facts: ArmFacts

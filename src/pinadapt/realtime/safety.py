@@ -1,4 +1,4 @@
-"""The safety checklist: what is looked at in every cycle, and what each finding leads to.
+"""The safety checklist: the checks of every cycle, and the response to each finding.
 
 Every way out ends in damped rest: the path is held, then the arm is damped by gravity compensation,
 with the disturbance that the law observes, such as that of an unknown load, and -D v, then the
@@ -48,7 +48,7 @@ class SafetyFinding:
     Attributes:
         check: its name.
         words: what is wrong, with numbers.
-        answer: what it leads to.
+        answer: the response.
     """
 
     check: str

@@ -185,8 +185,7 @@ def find_swing(robot: Robot) -> JointSwing:
     that the joints pass many poses together: the shortest is 3 s, or 3 sqrt(L) s for a reach of L >
     1 m. The amplitudes are smaller where joints would exceed 80 % of their velocity limits. All of
     them are halved until the chain stays on its side of the mounting plane, and the torques of the
-    described robot within 80 % of the effort limits, but no more than five times: where home itself
-    is at a limit nothing helps.
+    described robot within 80 % of the effort limits, but no more than five times.
 
     Args:
         robot: any robot; read only.

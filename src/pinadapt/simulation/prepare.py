@@ -76,7 +76,7 @@ def findings(
     motors: np.ndarray | None = None,
     actuators: Actuators | None = None,
 ) -> list[str]:
-    """Return what of period, camera, encoders and motors would spoil a run.
+    """Return the findings on period, camera, encoders and motors before a run.
 
     Args:
         true: the true robot.

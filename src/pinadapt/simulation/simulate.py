@@ -354,8 +354,8 @@ def record(
 ) -> Record:
     """Take a sample for each index and keep those whose index is a multiple of ``every``.
 
-    The last state is kept whole, the others as ``Controller.recorded`` has them. What there is by
-    then is kept where the loop diverges or a ``KeyboardInterrupt`` stops it.
+    The last state is kept whole, the others as ``Controller.recorded`` returns them. Samples so far
+    are kept if the loop diverges or a ``KeyboardInterrupt`` stops it.
     """
     kept, last = Record(), 0.0
     samples, before = kept.samples, None

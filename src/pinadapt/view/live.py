@@ -191,7 +191,7 @@ _LATER = (
 
 
 def on_terminal() -> bool:
-    """Return whether somebody is at a terminal and reads standard error."""
+    """Return whether standard error is a terminal."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 

@@ -55,8 +55,8 @@ def packages():
     below = [name for name in top if isinstance(getattr(pinadapt, name), ModuleType)]
     found = {"pinadapt": [name for name in top if name not in below]}
     below.append("realtime")  # no name of the package itself, which has enough
-    rooms = {name: import_module(f"pinadapt.{name}") for name in sorted(below)}
-    return found | {f"pinadapt.{name}": public(room) for name, room in rooms.items()}
+    below_it = {name: import_module(f"pinadapt.{name}") for name in sorted(below)}
+    return found | {f"pinadapt.{name}": public(each) for name, each in below_it.items()}
 
 
 def short(full):
@@ -111,7 +111,7 @@ def table(package, names):
 
 
 def entry(package):
-    """Return what the front page tells of a package."""
+    """Return the entry of a package on the front page."""
     return f":doc:`{package} <{short(package)}>`\n   {summary(package)}"
 
 
