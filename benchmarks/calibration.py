@@ -8,9 +8,6 @@ noise of 0.1 to 0.3 mm, and of 1 mrad where it measures poses. The tracker is in
 base, or anywhere. A quarter of the frames is held out; besides, the calibrated arm is compared with
 the true one, without noise, at 200 other configurations.
 
-"First order" is what the same motion leaves of the true positions if the placements enter linearly,
-x = p(q) + K(q) d at the described ones, with the best d: the remainder of second order.
-
 ``make geometry_online.table`` runs the sweep ``geometry_online.toml``: such arms with right
 encoders follow a circle for 6 s at 500 Hz with default gains, tool or whole geometry unknown.
 """
@@ -27,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
-from pinadapt.description.chain import angles_from_configuration, configuration_from_angles
+from pinadapt.description.chain import configuration_from_angles
 from pinadapt.identification import calibrate
 
 from .timing import markdown
@@ -136,7 +133,6 @@ def measure(robot: str, frames: str, number: int) -> dict[str, Any]:
         "after": 1e3 * found.after.position,
         "noise": 1e3 * float(np.sqrt(3.0)) * noise,
         "true": 1e3 * _rms(true - seen),
-        "first_order": 1e3 * first_order(described, truth),
         "told": len(found.combinations),
         "numbers": len(found.names),
     }
@@ -157,32 +153,11 @@ def follow(robot: str, unknown: str, number: int) -> dict[str, Any]:
     for a_k, q, v, x in zip(run.a_k[ends], run.q[ends], run.v[ends], run.x[ends], strict=True):
         kinematics.update(a_k, q, v)
         left.append(np.linalg.norm(kinematics.x_hat - x))
-    way = np.array([angles_from_configuration(described.model, q) for q in run.q[::20]])
     return {
         "largest": 1e3 * float(run.distance.max()),
         "last": 1e3 * float(run.distance[ends].max()),
         "predicted": 1e3 * float(np.max(left)),
-        "first_order": 1e3 * first_order(described, measured(real, way, rng)),
     }
-
-
-def first_order(described: pa.Robot, log: pa.Log) -> float:
-    """Return the rms distance that placements leave which enter linearly, the best ones [m]."""
-    model, data = described.model, described.model.createData()
-    assert log.x is not None
-    rows, right = [], []
-    for angles, x in zip(log.q, log.x, strict=True):
-        q = configuration_from_angles(model, angles)
-        pin.computeJointJacobians(model, data, q)
-        at = pin.updateFramePlacement(model, data, described.frame_id)
-        K = pin.computeFrameKinematicRegressor(
-            model, data, described.frame_id, pin.LOCAL_WORLD_ALIGNED
-        )
-        rows.append(np.hstack([K[:3], at.rotation]))
-        right.append(x - at.translation)
-    W, r = np.vstack(rows), np.concatenate(right)
-    d = np.linalg.lstsq(W, r, rcond=1e-10)[0]
-    return _rms((r - W @ d).reshape(-1, 3))
 
 
 def _rms(distances: np.ndarray) -> float:
@@ -194,9 +169,9 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault(row["frames"], []).append(row)
-    keys = ("before", "after", "true", "first_order")
+    keys = ("before", "after", "true")
     lines = [[frames, len(own), *_spread(own, keys)] for frames, own in groups.items()]
-    head = ["frames", "arms", "described", "calibrated", "true error", "of first order alone"]
+    head = ["frames", "arms", "described", "calibrated", "true error"]
     return markdown(head, lines)
 
 

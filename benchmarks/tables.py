@@ -42,7 +42,7 @@ from . import (
     strangers,
     tracker,
 )
-from .timing import HERE, table_rows
+from .timing import HERE, markdown, table_rows
 
 ROOT = HERE.parent
 RUNNING = ROOT / "out" / "tables"  # rows of tables that are being measured
@@ -54,16 +54,16 @@ _MARKED = re.compile(r"(<!-- table: (\S+) -->\n\n)(.*?)(\n*<!-- end of table -->
 
 
 def zoo(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return the results of the zoo as a table in Markdown, by task and adaptation."""
+    """Return the results of the zoo as a table in Markdown, by task."""
     lines = [
-        "| task | adaptation | chains | converged | not adapted, median | error, median | largest "
+        "| task | chains | converged | not adapted, median | error, median | largest "
         "| of the orientation | largest |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    groups: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
-        groups.setdefault((row["task"], row["adaptation"]), []).append(row)
-    for (task, adaptation), own in groups.items():
+        groups.setdefault(row["task"], []).append(row)
+    for task, own in groups.items():
         ran = [row for row in own if row["adapted"] is not None]
         before, shares = (
             [
@@ -80,7 +80,6 @@ def zoo(rows: Iterable[Mapping[str, Any]]) -> str:
         ]
         cells = [
             task,
-            f"`{adaptation}`" if adaptation else "the default",
             str(len(own)),
             str(sum(row["verdict"] == "converged" for row in own)),
             _middle_and_worst(before, " %")[0],
@@ -101,8 +100,12 @@ def _middle_and_worst(found: Sequence[tuple[float, str]], unit: str) -> tuple[st
 
 def errors_of_the_default(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the errors in each reality, without those of the pushes of several forces."""
-    without = [row for row in rows if not row["force"]]
-    return realities.table(without, ("reality", "contender"), ("error", "first"))
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if not row["force"]:
+            groups.setdefault(row["reality"], []).append(row)
+    cells = [[name, *realities.cells(own, ["error"])] for name, own in groups.items()]
+    return markdown(["the real robot has", "lost", "error [%]"], cells)
 
 
 # --- the pages ---
@@ -133,7 +136,7 @@ TABLES: dict[str, Callable[[], str]] = {
         [row for row in table_rows("strangers") if "natural" not in row["run"]]
     ),
     "tracker": of("tracker", tracker.report),
-    "zoo": of("zoo", zoo),
+    "zoo": lambda: zoo([row for row in table_rows("zoo") if not row["adaptation"]]),
     **{name: of("scenarios", make, table=name) for name, make in scenarios.TABLES.items()},
 }
 
