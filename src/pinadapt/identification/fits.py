@@ -96,11 +96,10 @@ def _fitted(
         if last:
             deviation *= np.sqrt(_repetition(residual))
         noise = np.maximum(deviation, least)
-    A, b = _whitened(windows.W, windows.y, noise)
-    score = A.T @ (b - A @ a)
     assert fitted is not None  # set in the first round
     spread = jackknife(physical, windows, fitted, gamma, blocks, a) if blocks else None
-    return Information(names, a, A.T @ A, score, noise, rows, spread)
+    found = Information.of_rows(names, a, windows.W, windows.residual(a), noise)
+    return replace(found, spread=spread)
 
 
 def jackknife(
@@ -318,18 +317,15 @@ def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
     The prior is the description, with a standard deviation of half the reach in every direction, so
     that no choice of axes matters. It decides only what the motion does not identify.
     """
-    m, p, reach = kinematics.positions, kinematics.size, kinematics.robot.reach
-    noise, step = np.full(m, _POSITION_NOISE * reach), np.zeros(p)
-    prior = np.eye(p) / (_PRIOR * reach) ** 2
+    reach, names = kinematics.robot.reach, kinematics.names
+    noise, step = np.full(kinematics.positions, _POSITION_NOISE * reach), np.zeros(len(names))
     for _ in range(_ROUNDS if len(rows.t) else 0):
-        A, b = _whitened(rows.W, rows.r, noise)
-        step = np.linalg.solve(A.T @ A + prior, A.T @ b)
+        prior = 1.0 / (_PRIOR * reach) ** 2
+        step = Information.of_rows(names, step, rows.W, rows.r, noise, prior).solution
         deviation = np.sqrt(np.mean((rows.r - rows.W @ step) ** 2, axis=0))
         noise = np.maximum(deviation, _LEAST_POSITION_NOISE * reach)
-    A, b = _whitened(rows.W, rows.r, noise)
-    score = A.T @ (b - A @ step)
-    estimate = kinematics.initial + step
-    return Information(tuple(kinematics.names), estimate, A.T @ A, score, noise, b.size)
+    left = rows.r - rows.W @ step
+    return Information.of_rows(names, kinematics.initial + step, rows.W, left, noise)
 
 
 def _whitened(W: np.ndarray, y: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,9 +7,10 @@ least-squares estimate, and its null space what the motion does not excite.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -31,6 +32,9 @@ _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were n
 _INVISIBLE = 1e-8  # share of the largest scale up to which a parameter has no effect
 _LEAST_NOISE = 1e-9  # share of the size of a signal
 _INSTANTS = 400  # at most, of which the torques are taken
+_ROUNDS, _CONVERGED = 60, 1e-6  # of Gauss-Newton; of a deviation: a thousand times changes nothing
+
+State = TypeVar("State")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +60,49 @@ class Information:
     noise: np.ndarray
     rows: int
     spread: np.ndarray | None = None
+
+    @classmethod
+    def of_rows(
+        cls,
+        names: Sequence[str],
+        estimate: np.ndarray,
+        W: np.ndarray,
+        r: np.ndarray,
+        noise: np.ndarray | float = 1.0,
+        prior: np.ndarray | float = 0.0,
+        off: np.ndarray | float = 0.0,
+    ) -> Information:
+        """Return the information of rows W (N, n, p) with residuals r (N, n), and of a prior.
+
+        Args:
+            names: of the parameters.
+            estimate: (p) of them.
+            W: slopes of the signals.
+            r: residuals at the estimate.
+            noise: (n) of the signals.
+            prior: (p) inverse variances of what was known before.
+            off: (p) what was known before, less the estimate.
+        """
+        sizes = np.broadcast_to(noise, r.shape[1:]).astype(float)
+        rows = (W / sizes[:, None]).reshape(r.size, len(names))
+        H = rows.T @ rows + np.diag(np.broadcast_to(prior, len(names)))
+        score = rows.T @ (r / sizes).ravel() + prior * off
+        return cls(tuple(names), estimate, H, score, sizes, r.size)
+
+    def beside(self, W: np.ndarray, r: np.ndarray, column: np.ndarray) -> tuple[float, float]:
+        """Return the value of one more parameter at the best fit, and its deviation.
+
+        Args:
+            W: (N, n, p) slopes of the fit, in units of the noise.
+            r: (N, n) its residuals.
+            column: (N, n) the effect of the other parameter.
+        """
+        rows, column = W.reshape(column.size, -1), column.ravel()
+        own = column - rows @ (self.covariance @ (rows.T @ column))
+        size = float(column @ own)
+        if not size > _UNEXCITED * float(column @ column):
+            return 0.0, np.inf
+        return float(own @ r.ravel()) / size, 1.0 / np.sqrt(size)
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -92,6 +139,11 @@ class Information:
     def correction(self) -> np.ndarray:
         """Step (p) from the estimate to the least-squares one, within the excited directions."""
         return self.covariance @ self.score
+
+    @property
+    def solution(self) -> np.ndarray:
+        """The step (p) from the estimate where a prior makes all of it certain."""
+        return np.linalg.solve(self.H, self.score)
 
     @cached_property
     def equations(self) -> tuple[np.ndarray, np.ndarray]:
@@ -241,23 +293,43 @@ def _information(
     counts = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
     count, least = int(counts.sum()), least_noise * np.maximum(level, np.finfo(float).tiny)
     noise = np.maximum(level, np.finfo(float).tiny)
-    found = _weighted(names, a, W, r, noise)
+    found = Information.of_rows(names, a, W, r, noise)
     for _ in range(2 if count else 0):
         residual = r - W @ found.correction
         degrees = max(1.0 - found.rank / count, 1.0 / count)
         variance = np.sum(residual**2, axis=0) / np.maximum(counts, 1)
         noise = np.where(counts > 0, np.maximum(np.sqrt(variance / degrees), least), noise)
-        found = _weighted(names, a, W, r, noise)
+        found = Information.of_rows(names, a, W, r, noise)
     return replace(found, rows=count)
 
 
-def _weighted(
-    names: tuple[str, ...], a: np.ndarray, W: np.ndarray, r: np.ndarray, noise: np.ndarray
-) -> Information:
-    rows = (W / noise[:, None]).reshape(W.shape[0] * W.shape[1], len(names))
-    return Information(
-        tuple(names), a, rows.T @ rows, rows.T @ (r / noise).ravel(), noise, len(rows)
-    )
+def gauss_newton(
+    rows: Callable[[State], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    moved: Callable[[State, np.ndarray], State],
+    state: State,
+    prior: np.ndarray,
+) -> State:
+    """Return the state whose residuals are least, in units of their noise, from one close by.
+
+    Steps are solved by QR, not by normal equations, as what rows do not show may be 1e8 times less
+    certain than what they show.
+
+    Args:
+        rows: slopes (N, n, p) and residuals (N, n) at a state, both in units of the noise, and what
+            was known before (p), less the state.
+        moved: a state after a step (p).
+        state: to begin with.
+        prior: (p) inverse variances of what was known before.
+    """
+    root = np.sqrt(prior)
+    for _ in range(_ROUNDS):
+        W, r, off = rows(state)
+        A = np.vstack([W.reshape(-1, root.size), np.diag(root)])
+        step = np.linalg.lstsq(A, np.concatenate([r.ravel(), root * off]), rcond=None)[0]
+        state = moved(state, step)
+        if np.linalg.norm(A @ step) <= _CONVERGED * np.sqrt(root.size):
+            break
+    return state
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -23,11 +23,9 @@ from ..models.camera_kinematics import CameraKinematics
 from ..models.task_kinematics import TaskKinematics
 from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
-from .information import Information, frames
+from .information import Information, frames, gauss_newton
 
 _LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
-_ROUNDS = 20
-_CONVERGED = 1e-12
 _PRIOR = 0.1  # of the reach: standard deviation of a described translation
 _LEAST_NOISE = 1e-6  # of the reach
 _FEWEST = 4
@@ -37,7 +35,6 @@ _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _LEAST_SHARE = 0.2
 _LARGEST = 10.0  # motion of a picture over that of the arm
 _MIRRORED = -0.5  # determinant; near zero where the motion does not show all axes
-_EXPLAINED = 0.5  # share of the residual's size that a mistake must take away
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
 _CERTAIN = 5.0  # deviations
@@ -133,15 +130,16 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         )
     found = _lumped(kinematics, p, r, x)
     check_axes(found.reshape(x.shape[1], -1)[:, :3], p, x, motion)
-    tracker, residual, information = _fitted(kinematics, kinematics.tracker(found), p, r, x)
+    tracker, residual, information, late = _fitted(
+        kinematics, kinematics.tracker(found), (p, r, x, rate)
+    )
     names = information.names
     sigma = _noise(residual, len(names), reach)
     if sigma * _correlated(residual) > _WORST * motion:
-        _, other, timed = _fitted(kinematics, tracker, p, r, x, rate)
         cause = ""
-        if _noise(other, len(names), reach) < _EXPLAINED * sigma:
-            late = 1e3 * float(timed.estimate[-1])
-            cause = f"; frames taken {late:.3g} ms before their time stamps would explain it"
+        if abs(late[0]) > _CERTAIN * late[1]:
+            early = f"{1e3 * late[0]:.2g} ms"
+            cause = f"; frames taken {early} before their time stamps would explain more"
         raise LogError(
             f"no tracker explains these frames: they are off by {1e3 * sigma:.3g} mm (rms) in a "
             f"motion of {1e3 * motion:.3g} mm{cause}.",
@@ -193,10 +191,8 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
         )
     a_0 = kinematics.standing_at(x[0])
-    told, residual = _filmed(kinematics, found, a_0, a_0)
+    told, residual, (late, uncertain) = _filmed(kinematics, found, a_0)
     sigma = _noise(residual, len(a_0), reach)
-    timed = _filmed(kinematics, found, a_0, np.append(told.estimate, 0.0))[0]
-    late, uncertain = timed.estimate[-1], timed.deviations[-1]
     cause = ""
     if abs(late) > max(_LATE, _CERTAIN * uncertain):
         cause = f"frames taken about {1e3 * late:.2g} ms before their time stamps would explain it"
@@ -218,34 +214,39 @@ def _filmed(
     kinematics: CameraKinematics,
     found: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
     a_0: np.ndarray,
-    start: np.ndarray,
-) -> tuple[Information, np.ndarray]:
+) -> tuple[Information, np.ndarray, tuple[float, float]]:
     """Return what frames say of a camera at the best fit, and the residual (N, m_p).
+
+    The last is how late the frames seem to be, and the deviation of that [s].
 
     Args:
         kinematics: of the camera, p parameters.
         found: q (nq), v (nv) and x (m_p) of each of N frames.
-        a_0: (p) known before.
-        start: (p) to begin with, or (p + 1) with how late the frames are [s].
+        a_0: (p) known before, to begin with.
     """
-    timed, names = len(start) > len(a_0), kinematics.names
-    names, a = (*names, "late") if timed else names, start.copy()
-    known = np.append(1.0 / kinematics.sizes**2, np.zeros(int(timed)))
-    before = np.append(a_0, np.zeros(int(timed)))
-    for _ in range(_ROUNDS):
+    known, reach = 1.0 / kinematics.sizes**2, kinematics.robot.reach
+
+    def seen(a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return slopes (N, m_p, p), residuals (N, m_p) and the rate of the picture (N, m_p)."""
         kept = []
         for q, v, y in found:
-            then = pin.integrate(kinematics.robot.model, q, -a[-1] * v) if timed else q
-            kinematics.update(a[: len(a_0)], then, v)
-            rate = -kinematics.xd_hat[: len(y), None] if timed else np.zeros((len(y), 0))
-            kept.append((np.append(kinematics.X_k, rate, axis=1), y - kinematics.p_hat))
-        W, residual = (np.array(column) for column in zip(*kept, strict=True))
-        sigma = _noise(residual, len(a), kinematics.robot.reach)
-        told = _told(names, a, W / sigma, residual / sigma, known, before - a)
-        a = a + told.correction
-        if np.abs(told.correction).max() < _CONVERGED:
-            break
-    return told, residual
+            kinematics.update(a, q, v)
+            kept.append((kinematics.X_k, y - kinematics.p_hat, kinematics.xd_hat[: len(y)]))
+        X_k, left, rate = (np.array(column) for column in zip(*kept, strict=True))
+        return X_k, left, rate
+
+    def rows(a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        W, left, _ = seen(a)
+        sigma = _noise(left, len(a), reach)
+        return W / sigma, left / sigma, a_0 - a
+
+    a = gauss_newton(rows, lambda a, step: a + step, a_0, known)
+    W, left, rate = seen(a)
+    sigma = _noise(left, len(a), reach)
+    told = Information.of_rows(
+        kinematics.names, a, W / sigma, left / sigma, prior=known, off=a_0 - a
+    )
+    return told, left, told.beside(W / sigma, left / sigma, -rate / sigma)
 
 
 def _seen(
@@ -273,80 +274,56 @@ def _lumped(
     W = np.kron(np.array(phi), np.eye(m)).reshape(len(p), m, -1, m)
     W = W.swapaxes(2, 3).reshape(len(p), m, -1)
     prior = (_LUMPED * kinematics.robot.reach / kinematics.sizes) ** 2 * len(p)
-    found = _told(kinematics.names, start.ravel(), W, x - start[:, -1], prior)
+    found = Information.of_rows(kinematics.names, start.ravel(), W, x - start[:, -1], prior=prior)
     return found.estimate + found.correction
-
-
-def _told(
-    names: tuple[str, ...],
-    a: np.ndarray,
-    W: np.ndarray,
-    residual: np.ndarray,
-    prior: np.ndarray,
-    off: np.ndarray | float = 0.0,
-) -> Information:
-    """Return what rows W (N, m_p, p) with a residual (N, m_p) say of parameters a (p).
-
-    Args:
-        names: of the parameters.
-        a: estimate.
-        W: slopes.
-        residual: at the estimate.
-        prior: (p) inverse variances of what was known before, times the noise's variance.
-        off: (p) what was known before, less the estimate.
-    """
-    rows, r = W.reshape(-1, len(a)), residual.ravel()
-    H, score = rows.T @ rows + np.diag(prior), rows.T @ r + prior * off
-    return Information(names, a, H, score, np.ones(W.shape[1]), len(W))
 
 
 def _fitted(
     kinematics: TrackerKinematics,
     start: Tracker,
-    p: np.ndarray,
-    r: np.ndarray,
-    x: np.ndarray,
-    rate: np.ndarray | None = None,
-) -> tuple[Tracker, np.ndarray, Information]:
+    seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+) -> tuple[Tracker, np.ndarray, Information, tuple[float, float]]:
     """Return tracker, residual (N, m_p) [m] and what the frames say at the best fit.
+
+    The last is how late the frames seem to be, and the deviation of that [s].
 
     Args:
         kinematics: with the described translations, which are known to a tenth of the reach.
         start: tracker to begin with.
-        p: (N, 3) positions in the axes of the base by the description [m].
-        r: (N, 3, k) their derivatives by the translations.
-        x: (N, m_p) frames [m].
-        rate: (N, 3) dp/dt, if the frames may all be late; None: they are in time. Then the last
-            parameter is how late they are [s].
+        seen: p (N, 3), r (N, 3, k), x (N, m_p) and dp/dt (N, 3), see ``_seen``.
     """
-    R, t, a = start.placement.rotation, start.placement.translation, start.a
-    a_0, rows, reach = kinematics.nominal, kinematics.task.place, kinematics.robot.reach
-    lateness = [0.0] if rate is not None else []
+    p, r, x, rate = seen
+    a_0, place, reach = kinematics.nominal, kinematics.task.place, kinematics.robot.reach
     turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
-    names = (*turned, *kinematics.translation_names, *("late" for _ in lateness))
-    known = np.repeat([0.0, 1.0 / (_PRIOR * reach) ** 2, 0.0], [6, len(a), len(lateness)])
-    for _ in range(_ROUNDS):
-        moved = p if rate is None else p - lateness[0] * rate
-        y = (moved + r @ (a - a_0)) @ R.T
-        residual = x - (y + t)[:, rows]
-        slopes = [
-            np.array([-pin.skew(each) for each in y]),
-            np.tile(np.eye(3), (len(y), 1, 1)),
-            R @ r,
-        ]
-        if rate is not None:
-            slopes.append(-(rate @ R.T)[:, :, None])
-        W = np.concatenate(slopes, axis=2)[:, rows]
-        sigma = _noise(residual, len(names), reach)
-        estimate = np.concatenate([pin.log3(R), t, a, lateness])
-        off = np.concatenate([np.zeros(6), a_0 - a, np.zeros(len(lateness))])
-        told = _told(names, estimate, W / sigma, residual / sigma, known, off)
-        step = told.correction
-        R, t, a = pin.exp3(step[:3]) @ R, t + step[3:6], a + step[6 : 6 + len(a)]
-        lateness = [late + float(step[-1]) for late in lateness]
-        if np.abs(step).max() < _CONVERGED:
-            break
-    return Tracker(pin.SE3(R, t), a), residual, told
+    names = (*turned, *kinematics.translation_names)
+    known = np.repeat([0.0, 1.0 / (_PRIOR * reach) ** 2], [6, len(a_0)])
+
+    def residual(tracker: Tracker) -> np.ndarray:
+        seen_from = (p + r @ (tracker.a - a_0)) @ tracker.placement.rotation.T
+        return np.asarray(x - (seen_from + tracker.placement.translation)[:, place])
+
+    def rows(tracker: Tracker) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        R, left = tracker.placement.rotation, residual(tracker)
+        turns = np.array([-pin.skew(each) for each in (p + r @ (tracker.a - a_0)) @ R.T])
+        shifts = np.tile(np.eye(3), (len(p), 1, 1))
+        W = np.concatenate([turns, shifts, R @ r], axis=2)[:, place]
+        sigma = _noise(left, len(names), reach)
+        return W / sigma, left / sigma, np.append(np.zeros(6), a_0 - tracker.a)
+
+    def moved(tracker: Tracker, step: np.ndarray) -> Tracker:
+        placement = tracker.placement
+        R, t = pin.exp3(step[:3]) @ placement.rotation, placement.translation + step[3:6]
+        return Tracker(pin.SE3(R, t), tracker.a + step[6:])
+
+    best = gauss_newton(rows, moved, start, known)
+    W, r_n, off = rows(best)
+    estimate = np.concatenate(
+        [pin.log3(best.placement.rotation), best.placement.translation, best.a]
+    )
+    found = Information.of_rows(names, estimate, W, r_n, prior=known, off=off)
+    left = residual(best)
+    column = -(rate @ best.placement.rotation.T)[:, place] / _noise(left, len(names), reach)
+    return best, left, found, found.beside(W, r_n, column)
 
 
 def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:

@@ -402,7 +402,8 @@ def _averages(values: np.ndarray) -> np.ndarray:
 
 def _check_torques(log: Log, robot: Robot) -> None:
     """Refuse torques that are zero, or far above the limits: not recorded, or of other units."""
-    sizes, limits = np.sqrt(np.nanmean(log.tau**2, axis=0)), effort_limits(robot.model)
+    tau = np.where(np.isfinite(log.tau), log.tau, np.nan)
+    sizes, limits = np.sqrt(np.nanmean(tau**2, axis=0)), effort_limits(robot.model)
     if not sizes.all():
         name = robot.joint_names[int(np.argmin(sizes))]
         who = f"the torque of {name} is" if sizes.any() else "all torques are"
