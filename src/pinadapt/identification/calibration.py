@@ -38,6 +38,7 @@ from .._checks import flag, name_list, positive, vector
 from .._output import Sheet, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError, did_you_mean
+from ..information.information import Information, gauss_newton
 from ..information.tracker import check_axes
 from ..logs.intake import Intake
 from ..logs.log import Log
@@ -50,11 +51,13 @@ from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..tasks.frame import TASKS, FrameTask, matrix
 from .identification import log_of
+from .report import plain
 
 OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
 FILES = ("learned.urdf", "summary.json")
 
+_ROBOTS = ("described", "robot", "sheet")  # attributes that are no numbers
 _AS_GOOD = 1.2  # ratio of two errors up to which they are the same
 _WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
 _LATE = 5.0  # deviations from which the frames have another clock
@@ -222,35 +225,12 @@ class Calibration:
             yield place, *cells, f"{value:.3g}", f"+- {deviation:.2g} {unit}"
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``."""
-        tracker = None if self.tracker is None else self.tracker.homogeneous.tolist()
-        return {
-            "verdict": self.verdict,
-            "trusted": self.trusted,
-            "log": self.source,
-            "robot": self.described.name,
-            "frames": self.frames,
-            "outliers": self.outliers,
-            "before": self.before._asdict(),
-            "after": self.after._asdict(),
-            "noise": self.noise,
-            "motion": self.motion,
-            "late": self.late,
-            "tracker": tracker,
-            "parameters": [
-                {"name": name, "value": value, "known_to": known, "described_to": prior}
-                for name, value, known, prior in zip(
-                    self.names,
-                    self.estimate.tolist(),
-                    self.deviations.tolist(),
-                    self.prior.tolist(),
-                    strict=True,
-                )
-            ],
-            "combinations": self.combinations,
-            "unidentified": self.unidentified,
-            "version": __version__,
-        }
+        """Return the record of ``summary.json``: its attributes but the robots, and the verdict."""
+        record = {name: value for name, value in vars(self).items() if name not in _ROBOTS}
+        tracker = None if self.tracker is None else self.tracker.homogeneous
+        about = {"robot": self.described.name, "tracker": tracker, "version": __version__}
+        words = {"verdict": self.verdict, "trusted": self.trusted}
+        return dict(plain({**words, **record, **about}))
 
     def save(self, folder: Path | str) -> None:
         """Write ``learned.urdf``, with the calibrated placements, and ``summary.json``.
@@ -706,7 +686,6 @@ _HUBER, _OUTLIER = 3.0, 6.0  # deviations from which a frame counts less, and no
 _MOST_OUTLIERS = 0.2  # share of the frames
 _LEAST_SHARE = 0.3  # of the variance, below which the noise of a tracker is found slowly
 _LEAST_NOISE = 1e-7  # of the reach, and [rad]
-_TINY = 1e-9
 
 
 class _GeometryFit(NamedTuple):
@@ -745,79 +724,72 @@ def _fitted(
     Raises:
         LogError: too few frames, too many that do not fit, or no convergence.
     """
-    m, s = seen.task.size, geometry.prior
+    m, s, count = seen.task.size, geometry.prior, len(seen.x)
     groups = [group.rows for group in seen.task.groups]
     least = np.array([_LEAST_NOISE * geometry.reach, _LEAST_NOISE])[: len(groups)]
-    kept, weights = np.ones(len(seen.x), dtype=bool), np.ones(len(seen.x))
-    robust, noise = known is None, np.zeros(len(groups)) if known is None else known
-    for _ in range(_ROUNDS):
+    kept, robust = np.ones(count, dtype=bool), known is None
+    noise = np.zeros(len(groups)) if known is None else known
+    if known is None:
+        r, _, _ = geometry.rows(seen)
+        noise = np.array([math.sqrt(float(np.median(r[:, part] ** 2))) for part in groups])
+        noise = np.maximum(noise, least)
+
+    def whitened() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return slopes (M, m, p), residuals, and effects of lateness (M, m), and noise shares."""
         r, W, J = geometry.rows(seen)
-        if not noise.all():
-            noise = np.array([math.sqrt(float(np.median(r[:, part] ** 2))) for part in groups])
-            noise = np.maximum(noise, least)
         roots, share = _inverse_roots(J, groups, noise, seen.encoder)
-        A, b, moved = (roots @ part for part in (W * s, r[:, :, None], J @ seen.v[:, :, None]))
-        off = np.sqrt(np.mean(b**2, axis=(1, 2)))
-        if robust:
-            weights = np.minimum(1.0, _HUBER / np.maximum(off, 1.0))
-        step, covariance, last = _step(A, b, weights, geometry.value() / s)
-        rank, count = len(s) - float(np.trace(covariance)), int(np.count_nonzero(kept)) * m
-        if count < _LEAST * rank:
+        parts = W * s, r[:, :, None], J @ -seen.v[:, :, None]
+        A, b, late = (roots @ part for part in parts)
+        return A, b[:, :, 0], late[:, :, 0], share
+
+    def rows(geometry: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        A, b, *_ = whitened()
+        off = np.sqrt(np.mean(b**2, axis=1))
+        weights = np.minimum(1.0, _HUBER / np.maximum(off, 1.0)) if robust else kept
+        counted = np.sqrt(weights)[:, None]
+        return A * counted[:, :, None], b * counted, -geometry.value() / s
+
+    def moved(geometry: _Geometry, step: np.ndarray) -> _Geometry:
+        geometry.move(step * s)
+        return geometry
+
+    for _ in range(_ROUNDS):
+        gauss_newton(rows, moved, geometry, np.ones(len(s)))
+        A, b, late, share = whitened()
+        R = np.linalg.qr(np.vstack([A[kept].reshape(-1, len(s)), np.eye(len(s))]), mode="r")
+        inverse = np.linalg.inv(R)
+        covariance = inverse @ inverse.T
+        rank = len(s) - float(np.trace(covariance))
+        if np.count_nonzero(kept) * m < _LEAST * rank:
             raise LogError(
-                f"{count // m} frames of {m} numbers are too few for {rank:.0f} combinations of "
-                "the geometry.",
+                f"{np.count_nonzero(kept)} frames of {m} numbers are too few for {rank:.0f} "
+                "combinations of the geometry.",
                 where=where,
                 hint=f"Record {math.ceil(_ENOUGH * rank / m)} or more, or name fewer unknowns.",
             )
-        geometry.move(step * s)
-        if known is None:
-            growth = _growth(b, groups, None if robust else kept, rank / count)
-            noise = np.maximum(noise * growth ** (1.0 / np.maximum(share, _LEAST_SHARE)), least)
-            last = max(last, *np.where(noise > least, np.abs(growth - 1.0), 0.0))
-        if last > (_NEARLY if robust else _CONVERGED):
-            continue
-        found = kept & (off < _OUTLIER)
-        if known is not None or (not robust and (found == kept).all()):
+        if known is not None:
             break
-        robust, kept, weights = False, found, found.astype(float)
-        if np.mean(kept) < 1.0 - _MOST_OUTLIERS:
-            raise LogError(
-                f"{np.mean(~kept):.0%} of the frames do not fit the others.",
-                where=where,
-                hint="Lost frames of a tracker are NaN, not 0; is x of this frame?",
-            )
-    else:
+        explained = rank / (np.count_nonzero(kept) * m)
+        growth = _growth(b, groups, None if robust else kept, explained)
+        noise = np.maximum(noise * growth ** (1.0 / np.maximum(share, _LEAST_SHARE)), least)
+        change = np.where(noise > least, np.abs(growth - 1.0), 0.0).max()
+        if not robust and change < _CONVERGED:
+            break
+        if robust and change < _NEARLY:
+            robust, kept = False, np.sqrt(np.mean(b**2, axis=1)) < _OUTLIER
+    if np.mean(kept) < 1.0 - _MOST_OUTLIERS or robust:
         raise LogError(
-            "no geometry near the described one explains these frames.",
+            f"no geometry near the described one explains these frames: {np.mean(~kept):.0%} of "
+            "them do not fit the others.",
             where=where,
-            hint="Is x of this frame, of this robot, and timed on the clock of q?",
+            hint="Is x of this frame, of this robot, and timed on the clock of q? Lost frames of a "
+            "tracker are NaN, not 0.",
         )
-    rows, right = A[kept].reshape(-1, len(s)), b[kept].ravel()
-    late = _lateness(rows, right, covariance, -moved[kept].ravel())
-    return _GeometryFit(kept, rows / s, covariance, noise, late)
-
-
-def _step(
-    A: np.ndarray, b: np.ndarray, weights: np.ndarray, value: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the step (p) of a Gauss-Newton round, its covariance, and its size in deviations.
-
-    All parameters are in units of their prior, which has the description as mean.
-
-    Args:
-        A: (M, m, p) slopes, in units of the noise.
-        b: (M, m, 1) residuals, likewise.
-        weights: (M) of the frames.
-        value: (p) how far the parameters are from the description.
-    """
-    counted, p = np.sqrt(weights)[:, None, None], len(value)
-    rows, right = (A * counted).reshape(-1, p), (b * counted).ravel()
-    # Not by normal equations: unidentified directions have 1 there, the rest up to 1e16.
-    Q, R = np.linalg.qr(np.vstack([rows, np.eye(p)]))
-    inverse = np.linalg.inv(R)
-    score = Q.T @ np.concatenate([right, -value])
-    size = math.sqrt(float(score @ score) / p)
-    return inverse @ score, inverse @ inverse.T, size
+    A, b, late = A[kept], b[kept], late[kept]
+    fitted = Information.of_rows(geometry.names, geometry.value() / s, A, b, prior=1.0)
+    return _GeometryFit(
+        kept, A.reshape(-1, len(s)) / s, covariance, noise, fitted.beside(A, b, late)
+    )
 
 
 def _inverse_roots(
@@ -849,10 +821,10 @@ def _inverse_roots(
 def _growth(
     b: np.ndarray, groups: Sequence[slice], kept: np.ndarray | None, explained: float
 ) -> np.ndarray:
-    """Return by what factor residuals b (M, m, 1) are larger than their unit, one for each group.
+    """Return by what factor residuals b (M, m) are larger than their unit, one for each group.
 
     Args:
-        b: the residuals, in units of their noise.
+        b: (M, m) the residuals, in units of their noise.
         groups: of coordinates.
         kept: (M) the frames that count; None: it is taken from the median.
         explained: share of the numbers that the parameters explain in any case.
@@ -861,31 +833,13 @@ def _growth(
 
     found = np.empty(len(groups))
     for g, part in enumerate(groups):
-        squares = np.sum(b[:, part, 0] ** 2, axis=1)
+        squares = np.sum(b[:, part] ** 2, axis=1)
         size = part.stop - part.start
         if kept is None:
             found[g] = float(np.median(squares)) / float(chdtri(size, 0.5))
         else:
             found[g] = float(np.mean(squares[kept])) / size / (1.0 - explained)
     return np.sqrt(found)
-
-
-def _lateness(
-    rows: np.ndarray, right: np.ndarray, covariance: np.ndarray, column: np.ndarray
-) -> tuple[float, float]:
-    """Return a parameter of one more column (N) beside those of a fit, and its deviation.
-
-    Args:
-        rows: (N, p) of the fit.
-        right: (N) its residuals.
-        covariance: (p, p) of its parameters.
-        column: (N) the effect of the other one.
-    """
-    own = column - rows @ (covariance @ (rows.T @ column))
-    size = float(column @ own)
-    if not size > _TINY * float(column @ column):
-        return 0.0, math.inf
-    return float(own @ right) / size, 1.0 / math.sqrt(size)
 
 
 # What the motion identifies
