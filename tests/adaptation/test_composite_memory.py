@@ -119,35 +119,6 @@ def test_errors_in_excited_directions_decay_without_further_excitation():
     assert np.allclose(untold @ after, untold @ before, atol=1e-9)
 
 
-def test_a_prior_bounds_directions_that_only_noise_excites():
-    """Noise pulls unexcited estimates to zero, and halfway with a prior of the same weight."""
-    P, R, noise, dt = np.eye(2), 10.0, 0.1, 0.05
-    prior = np.diag([0.0, R * noise**2])
-    start, truth = np.array([3.0, 2.0]), np.array([1.0, 2.0])
-    found = []
-    for heavy in (0.0, 1.0):
-        adaptation = pa.adaptation.CompositeMemory(
-            pa.adaptation.Gradient(P, 2), R, rate=5.0, noise=1.0, prior=heavy * prior
-        )
-        estimate, rng = adaptation.init(start), np.random.default_rng(4)
-        for _ in range(2000):
-            W = np.array([[1.0, noise * rng.standard_normal()]])
-            residual = W @ estimate.value - truth[:1]
-            drive = pa.adaptation.Drive(np.zeros((1, 2)), None)
-            estimate = adaptation.step(estimate, drive.with_prediction_error(W, residual), dt)
-        found.append(estimate.value)
-    assert np.allclose(np.array(found)[:, 0], 1.0, atol=0.01)
-    assert abs(found[0][1]) < 0.2 and found[1][1] == pytest.approx(1.0, abs=0.1)
-    # its part of dV/dt is an equality too
-    rate = adaptation.rate(estimate, drive.with_prediction_error(W, residual)).value
-    slope = adaptation.inner.divergence
-    moved = [slope(estimate.value + h * rate, truth) for h in (1e-4, -1e-4)]
-    stated = adaptation.dissipation(estimate, drive.with_prediction_error(W, residual), truth)
-    assert (moved[0] - moved[1]) / 2e-4 == pytest.approx(stated, rel=1e-6)
-    announced = adaptation.reset_to(estimate, truth, truth)
-    assert np.array_equal(announced.memory[-1][1:], prior @ truth)
-
-
 def excited(**gains):
     """Return an adaptation, an estimate whose memory four combinations fill, and the truth (6)."""
     adaptation, estimate, truth = remembering(**gains)

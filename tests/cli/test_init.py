@@ -10,7 +10,6 @@ from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import example_path
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.scenario.template import three_digits
 from tests.support.paths import ARM4
 
 pytestmark = pytest.mark.slow
@@ -54,48 +53,6 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
     last = rollout.distance[late].max()
     assert last < 0.06 * tables["reference"]["radius"]
     assert last < 0.4 * fixed.distance[late].max()
-
-
-def test_the_gains_in_the_comments_are_the_ones_in_use(tmp_path):
-    """A lag and rates of the user's own take the place of those that change after the start."""
-    file = written(tmp_path, "solo8_fl_leg")
-    text = file.read_text()
-    uncommented = text
-    for key in ("alpha", "beta", "gamma_k", "R_k"):
-        assert f"\n# {key} = " in text
-        uncommented = uncommented.replace(f"\n# {key} = ", f"\n{key} = ")
-    other = tmp_path / "uncommented.toml"
-    other.write_text(uncommented)
-    short = ["simulation.duration=0.2"]
-    scenario = Scenario.read(file, short)
-    assert np.allclose(scenario.run().x, Scenario.read(other, short).run().x, atol=2e-5)
-    law, bodies = scenario.controller.law, scenario.controller.adaptation_d.inner.parts[0][0]
-    assert f"\n# gamma_d = {three_digits(bodies.gamma)} " in text
-    gains = ", ".join(f"{gain:.3g}" for gain in np.diag(law.K_v))
-    assert f"\n# Kv = [{gains}] " in text and f"\n# lag = {law.lag:g} " in text
-
-
-def test_an_existing_file_is_kept_unless_forced(tmp_path, capsys):
-    file = written(tmp_path, ARM4)
-    file.write_text("mine")
-    assert main(["init", str(ARM4), "--out", str(file)]) == 2
-    assert "exists already. Overwrite it by --force" in capsys.readouterr().err
-    assert file.read_text() == "mine"
-    assert main(["init", str(ARM4), "--out", str(file), "--force"]) == 0
-    assert "[reference]" in file.read_text()
-
-
-@pytest.mark.parametrize("name", ['say "ah"', "two\nlines", "tab\t#=[]'", "back\\slash\x07\u2028"])
-def test_the_file_is_valid_whatever_joints_links_and_files_are_called(tmp_path, name):
-    arm, link = tmp_path / f"{name}.urdf", name.replace("\x07", "")  # XML has no such letter
-    escaped = link.translate({34: "&quot;", 10: "&#10;", 9: "&#9;"})
-    text = ARM4.read_text().replace('"joint2"', f'"{escaped} joint"')
-    arm.write_text(text.replace('"tip"', f'"{escaped}"'))
-    file = written(tmp_path, arm, "--frame", link)
-    tables = read_toml(file)
-    assert tables["title"] == name
-    assert (tables["robot"]["source"], tables["robot"]["frame"]) == (str(arm), link)
-    assert Scenario.read(file).estimated.joint_names[1] == f"{link} joint"
 
 
 ONE_JOINT = """<robot name="one"><link name="a"/><link name="b"><inertial><mass value="1"/>

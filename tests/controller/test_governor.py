@@ -116,21 +116,6 @@ def test_laws_without_speed_bounds_stop_before_a_singularity():
         assert cause == ("" if expected == 1.0 else "singularity")
 
 
-def test_errors_of_rotations_and_of_joints_are_angles():
-    robot = catalogue_robot("panda", task="pose")
-    found = pa.Governor().of(robot, robot.task, pa.Sensors(), None)
-    still, inverse = (np.zeros(6), np.zeros(6)), RightInverse(np.eye(6, 7))
-    rest = robot.q0.copy(), still, inverse, np.zeros(7), 0.0
-    assert found.target(PathTime(), np.array([0, 0, 0, 0.2, 0.2, 0.2]), *rest) == (0.2, "error")
-    assert found.target(PathTime(), np.array([0, 0, 0, 0.05, 0.05, 0.0]), *rest) == (1.0, "")
-    joints = catalogue_robot("panda", task="joint")
-    found = pa.Governor().of(joints, joints.task, pa.Sensors(), None)
-    still, inverse = (np.zeros(7), np.zeros(7)), RightInverse(np.eye(7))
-    rest = robot.q0.copy(), still, inverse, np.zeros(7), 0.0
-    assert found.target(PathTime(), np.full(7, 0.08), *rest) == (1.0, "")
-    assert found.target(PathTime(), np.full(7, 0.31), *rest) == (0.2, "error")
-
-
 # --- the state ---
 
 

@@ -17,7 +17,6 @@ from tests.support.chains import catalogue_robot
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 
 ROBOTS = ["ur5", "scara", "kinova"]
-LUMPED = pa.Unknown(tool=False, translations=("tool", "elbow_joint"))
 
 
 @cache
@@ -96,13 +95,6 @@ def test_the_panda_that_was_learned_learns_from_torques_and_tool(tmp_path):
     assert np.linalg.norm(np.subtract(*tools), axis=1).max() < 1e-4
 
 
-def test_lumped_parameters_give_no_bodies():
-    controller, rollout = run("ur5", unknown=LUMPED, adaptation="gradient")
-    with pytest.raises(pa.ParameterError, match="no bodies follow"):
-        rollout.learned()
-    assert rollout.parameters().start(controller)["a_d"].size == controller.dynamics.size
-
-
 def test_unphysical_bodies_are_refused():
     controller = pa.make_controller(catalogue_robot("ur5"), adaptation="gradient")
     state = controller.init(pa.plants.PinocchioPlant(catalogue_robot("ur5")).measure())
@@ -141,74 +133,6 @@ def test_unexcited_parameters_and_their_torques_stay_unchanged(name, adaptation)
     assert np.abs(slopes).max() < 1e-3 * np.linalg.norm(np.linalg.solve(T.T, h) @ excited.root)
 
 
-def test_noise_moves_masses_that_only_the_start_can_know():
-    """A memory under quantised encoders drifts far where the motion says next to nothing."""
-    sensors = pa.Sensors(encoder=2.0 * np.pi / 2**14)
-    described = catalogue_robot("ur5")
-    true = described.changed(payload=pa.Payload(0.5, (0.0, 0.0, 0.03)))
-    controller = pa.make_controller(
-        described, adaptation="natural-memory", sensors=sensors, dt=4e-3
-    )
-    path = pa.reachable_circle(true)
-    rollout = pa.simulate(true, controller, path, duration=6.0, sensors=sensors, record_every=4)
-    state, start = rollout.evaluated().last_state, around(controller.dynamics, rollout.a_d[0])
-    kept = rollout.parameters().start(controller)["a_d"]
-    assert start.divergence(kept) < 0.8 * start.divergence(state.a_d)
-    before, after = (predicted(rollout, a) for a in (state.a_d, kept))
-    assert after == pytest.approx(before, rel=0.1)
-
-
-def test_lumped_parameters_stay_in_the_metric_of_their_adaptation():
-    controller, rollout = run("ur5", unknown=LUMPED, adaptation="gradient")
-    learned = rollout.parameters()
-    kept, last = learned.start(controller)["a_d"], rollout.a_d[-1]
-    assert "as near to the initial values" in learned.remark and not np.array_equal(kept, last)
-    assert predicted(rollout, kept) == pytest.approx(predicted(rollout, last), rel=0.1)
-
-
-def test_the_urdf_names_parameters_kept_at_their_initial_values(tmp_path):
-    _, rollout = run("ur5")
-    assert "Not excited by the motion: bodies of shoulder_pan_joint" in rollout.learned().urdf()
-    assert "Not excited" not in rollout.learned(all_estimates=True).urdf()
-
-
-def test_samples_of_hardware_show_what_they_excite():
-    controller, rollout = run("ur5")
-    evaluation = rollout.evaluated()
-    along = pa.information.along_excited(controller, evaluation.samples)
-    robot = controller.learned(evaluation.last_state, along)
-    same = rollout.learned().model.inertias
-    assert all(a.isApprox(b) for a, b in zip(robot.model.inertias, same, strict=True))
-
-
-def test_torques_of_no_physical_robot_leave_the_rest_at_the_start_all_the_same():
-    """A negative friction, as least squares may leave one, is kept; a body at rest stays."""
-    controller, rollout = run("ur5", 0.5, adaptation="least-squares")
-    along = pa.information.along_excited(controller, rollout.evaluated().samples)
-    state, names = rollout.evaluated().last_state, controller.dynamics.names
-    wrong, still = names.index("wrist_1_joint.coulomb"), names.index("shoulder_pan_joint.m")
-    a_d = state.a_d.copy()
-    a_d[wrong], a_d[still] = -1.0, 9.0
-    other = state._replace(dynamic=state.dynamic.with_value(a_d))
-    with pytest.warns(UserWarning, match="not physical"):
-        given, words = along.estimate(controller, other)
-    assert given[wrong] < 0.0 and given[still] == pytest.approx(state.a_0[still])
-    assert "No physical parameters" in words
-    assert np.linalg.norm(along.excited.rows @ (given - a_d)) < 1e-3
-
-
-def test_estimates_outside_their_domain_are_kept_as_learned():
-    controller, rollout = run("ur5")
-    along = pa.information.along_excited(controller, rollout.evaluated().samples)
-    state = rollout.evaluated().last_state
-    a_d = state.a_d.copy()
-    a_d[controller.dynamics.names.index("wrist_1_joint.coulomb")] = -1.0
-    other = state._replace(dynamic=state.dynamic.with_value(a_d))
-    with pytest.warns(UserWarning):
-        given, words = along.estimate(controller, other)
-    assert given is a_d and "All estimates are kept as learned" in words
-
-
 # --- numbers to start from ---
 
 
@@ -238,67 +162,6 @@ def test_a_run_continues_where_another_one_ended(tmp_path):
     fresh, warm = (pa.simulate(true, other, path, duration=1.0, start=s) for s in (None, start))
     assert (warm.a_d[0] == start["a_d"]).all()
     assert np.linalg.norm(warm.distance[125:]) < 0.3 * np.linalg.norm(fresh.distance[125:])
-
-
-def test_information_leaves_the_last_body_out_unless_the_load_is_the_same(tmp_path):
-    """Without the last body it is the Schur complement of that body's block."""
-    controller = pa.make_controller(catalogue_robot("ur5"))
-    names, size = controller.dynamics.names, controller.dynamics.size
-    state = controller.init(
-        pa.Measurement(0.0, catalogue_robot("ur5").q0, np.zeros(6), np.zeros(3))
-    )
-    R = np.random.default_rng(2).standard_normal((size, size))
-    pa.LearnedParameters.of(controller, state, rows=R).save(tmp_path / "learned.json")
-    learned = pa.LearnedParameters.load(tmp_path / "learned.json")
-    assert np.allclose(learned.start(controller, same_load=True)["information"], R, rtol=1e-8)
-    own = np.array(["wrist_3_joint." in name and "." not in name[14:] for name in names])
-    own &= np.arange(size) < 60
-    assert np.count_nonzero(own) == 10
-    H, left = R.T @ R, learned.start(controller)["information"]
-    schur = H[~own][:, ~own] - H[~own][:, own] @ np.linalg.solve(H[own][:, own], H[own][:, ~own])
-    H_left = left.T @ left
-    assert np.allclose(H_left[~own][:, ~own], schur, rtol=1e-6, atol=1e-6)
-    assert not H_left[own].any()
-    with pytest.raises(pa.ParameterError, match="rows of"):
-        controller.init(
-            pa.Measurement(0.0, catalogue_robot("ur5").q0, np.zeros(6), np.zeros(3)),
-            information=R[:, 1:],
-        )
-
-
-def test_other_parameters_are_refused():
-    _, rollout = run("ur5")
-    learned = rollout.parameters()
-    for options in (
-        {"unknown": pa.Unknown(bodies="payload")},
-        {"unknown": pa.Unknown(friction=False, armature=False)},
-        {"unknown": pa.Unknown(tool=False)},
-    ):
-        with pytest.raises(pa.ParameterError, match="same robot, with the same unknown"):
-            learned.start(pa.make_controller(catalogue_robot("ur5"), **options))
-    with pytest.raises(pa.ParameterError, match=r"learned\.dynamic"):
-        learned.start(pa.make_controller(catalogue_robot("scara")))
-
-
-@pytest.mark.parametrize(
-    "content",
-    ["", "[]", "{}", '{"format": "pinadapt learned parameters"}', "NaN"],
-    ids=["empty", "list", "other", "lacking", "number"],
-)
-def test_other_files_are_refused(content, tmp_path):
-    (tmp_path / "learned.json").write_text(content)
-    with pytest.raises(pa.ParameterError, match=r"learned\.json"):
-        pa.LearnedParameters.load(tmp_path / "learned.json")
-
-
-def test_numbers_in_a_file_are_checked(tmp_path):
-    _, rollout = run("scara")
-    rollout.parameters().save(tmp_path / "learned.json")
-    content = json.loads((tmp_path / "learned.json").read_text())
-    content["dynamic"][3]["value"] = "much"
-    (tmp_path / "learned.json").write_text(json.dumps(content))
-    with pytest.raises(pa.ParameterError, match=r"learned\.json"):
-        pa.LearnedParameters.load(tmp_path / "learned.json")
 
 
 # --- on the command line ---

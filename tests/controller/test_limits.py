@@ -150,23 +150,6 @@ def test_damping_brings_the_arm_back_from_beyond_its_reach(name, law):
     assert "damped near a singularity" in str(rollout)
 
 
-@pytest.mark.parametrize("name", ["planar_2r", "scara", "panda", "kinova"])
-def test_ordinary_runs_are_exact(name):
-    robot = load(name)
-    path = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 1.0).starting_at(
-        robot.position(robot.q0)
-    )
-    rollout = pa.simulate(
-        robot,
-        pa.make_controller(robot, adaptation="natural"),
-        path,
-        duration=1.0,
-        engine=pa.Engine(dt=4e-3, substeps=1),
-    )
-    assert rollout.diverged is None and rollout.summary()["max_damping"] == 0.0
-    assert "singularity" not in str(rollout)
-
-
 # --- torque limits ---
 
 

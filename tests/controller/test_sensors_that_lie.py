@@ -153,32 +153,3 @@ def test_cosine_and_sine_of_a_continuous_joint_are_checked_at_every_sample():
         for _ in loop.samples(0.1):
             pass
     assert loop.liar.count == 9 and loop.state.bridged.joints == 8
-
-
-def test_a_repeated_time_is_not_a_period(moving):
-    """Estimates and filters stay in a sample with the same time as the last."""
-    loop = copy.deepcopy(moving[0][False])
-    _, sample = loop.measured()
-    desired = loop.motion.at(sample.t)
-    _, once = loop.controller.step(loop.state, sample, desired, DT)
-    _, twice = loop.controller.step(once, sample, desired, DT)
-    assert np.array_equal(once.a_d, twice.a_d) and np.array_equal(once.a_k, twice.a_k)
-    assert (once.a_d != loop.state.a_d).any() and twice.bridged.times == 1
-
-
-def test_a_run_says_how_many_samples_were_bridged(tmp_path):
-    robot = pa.load("planar_2r")
-
-    class Glitch(pa.plants.PinocchioPlant):
-        def measure(self):
-            sample = super().measure()
-            return sample._replace(x=sample.x + 1.0 * (abs(sample.t - 0.05) < 1e-9))
-
-    controller = pa.make_controller(robot, adaptation="natural")
-    rollout = pa.simulate(
-        robot, controller, pa.reachable_circle(robot), duration=0.1,
-        engine=pa.Engine(plant=lambda robot, **given: Glitch(robot, **given)),
-    )  # fmt: skip
-    rollout.save(tmp_path)
-    assert rollout.bridged.frames == 1 and "1 of frames" in str(rollout)
-    assert pa.Rollout.load(tmp_path).bridged == rollout.bridged

@@ -5,11 +5,8 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt._output import read_toml
-from pinadapt.cli.command_line import main
 from pinadapt.description.chain import is_physical
 from pinadapt.description.missing_inertia import _as_it_is, _hull
-from pinadapt.scenario.scenario import Scenario
 
 CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]])
 CLOSED = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
@@ -97,15 +94,6 @@ def test_inertias_are_those_of_uniform_solids(tmp_path):
     assert np.allclose(found["fore"].inertia, np.trace(about) * np.eye(3) - about)
 
 
-@pytest.mark.filterwarnings("ignore:bare")
-@pytest.mark.parametrize("triangles", [CLOSED[:3], CLOSED[1:]], ids=["lidless", "bottomless"])
-def test_an_open_mesh_counts_as_its_convex_hull(tmp_path, triangles):
-    closed = pa.load(arm(tmp_path), frame="tip", mass=30)
-    opened = pa.load(arm(tmp_path, triangles=triangles), frame="tip", mass=30)
-    for ours, theirs in zip(closed.model.inertias, opened.model.inertias, strict=True):
-        assert ours.isApprox(theirs, 1e-6)
-
-
 def test_a_closed_mesh_that_is_not_convex_keeps_its_volume():
     import coal
 
@@ -122,16 +110,6 @@ def test_a_closed_mesh_that_is_not_convex_keeps_its_volume():
     assert np.isclose(_as_it_is(mesh).mass, sum(inside)) and sum(inside) < 0.6 * hull
 
 
-@pytest.mark.filterwarnings("ignore:bare")
-def test_a_flat_mesh_has_no_volume(tmp_path):
-    shapes = {**SHAPES, "hand": None}
-    flat = pa.load(arm(tmp_path, triangles=CLOSED[:1]), frame="tip", mass=30)
-    rods = pa.load(arm(tmp_path, shapes={**SHAPES, "fore": None}), frame="tip", mass=30)
-    assert bodies(flat)["fore"].isApprox(bodies(rods)["fore"])
-    ball = bodies(pa.load(arm(tmp_path, shapes=shapes), frame="tip", mass=30))["hand"]
-    assert is_physical(ball.toDynamicParameters())
-
-
 HEAVY = (
     '<inertial><origin xyz="0 0 0.1"/><mass value="12"/>'
     '<inertia ixx="0.2" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.1"/></inertial>'
@@ -145,73 +123,3 @@ def test_described_inertias_are_kept_and_counted(tmp_path):
     assert np.isclose(found["upper"].mass, 12.0) and np.isclose(found["upper"].inertia[2, 2], 0.1)
     density = 18 / sum(VOLUMES[link] for link in VOLUMES if link != "upper")
     assert np.isclose(found["fore"].mass, density * TETRAHEDRON)
-
-
-@pytest.mark.parametrize(
-    ("mass", "words"),
-    [
-        (12, "12 kg is given for the whole robot, but the description already contains 12 kg"),
-        (0.0, "must be positive"),
-        (np.nan, "must be positive"),
-        (True, "expected a number"),
-        ("30", "expected a number"),
-    ],
-)
-def test_impossible_masses_are_refused(tmp_path, mass, words):
-    with pytest.raises(pa.RobotError, match=words):
-        pa.load(arm(tmp_path, inertials={"upper": HEAVY}), frame="tip", mass=mass)
-
-
-def test_a_completely_described_robot_takes_no_mass():
-    with pytest.raises(pa.RobotError, match=r"every body of 'panda' .*17.45 kg.* Omit mass"):
-        pa.load("panda", mass=20.0)
-
-
-def test_without_a_mass_the_error_names_the_links_and_suggests_it(tmp_path, capsys):
-    assert main(["init", str(arm(tmp_path))]) == 2
-    error = capsys.readouterr().err
-    for word in ("'upper' after 'to_upper'", "'hand' after 'to_hand'", "init --mass KG"):
-        assert word in error
-    assert not list(tmp_path.glob("*.toml"))
-
-
-def with_hand(tmp_path, inertia):
-    """Return an arm whose hand has a mass of 1 kg and some principal moments of inertia."""
-    moments = dict(zip(("ixx", "iyy", "izz"), inertia, strict=True))
-    numbers = " ".join(f'{key}="{value}"' for key, value in moments.items())
-    hand = f'<inertial><mass value="1"/><inertia {numbers} ixy="0" ixz="0" iyz="0"/></inertial>'
-    return arm(tmp_path, inertials=dict.fromkeys(STEPS, HEAVY) | {"hand": hand})
-
-
-def test_another_singular_mass_matrix_names_the_joint(tmp_path):
-    rod = 1.0, 1.0, 0.0  # about the joint's axis
-    with pytest.raises(
-        pa.RobotError, match="joint 'to_hand', which moves 'hand', moves without inertia"
-    ):
-        pa.load(with_hand(tmp_path, rod), frame="tip")
-
-
-def test_a_point_mass_that_turns_about_itself_becomes_a_ball(tmp_path):
-    with pytest.warns(UserWarning, match="get that of a ball of aluminium: hand 0.00079 kg"):
-        robot = pa.load(with_hand(tmp_path, (0.0, 0.0, 0.0)), frame="tip")
-    ball = robot.model.inertias[robot.model.njoints - 1]
-    assert ball.mass == pytest.approx(1.0)
-    radius = np.sqrt(ball.inertia[0, 0] / 0.4)
-    assert 2700.0 * 4.0 / 3.0 * np.pi * radius**3 == pytest.approx(1.0)
-    robot.save(tmp_path / "saved.urdf", shapes=False)
-    again = pa.load(tmp_path / "saved.urdf", frame="tip").model.inertias[robot.model.njoints - 1]
-    assert np.allclose(again.inertia, ball.inertia)
-
-
-@pytest.mark.slow
-def test_init_warns_and_its_scenario_runs(tmp_path, capsys):
-    file = tmp_path / "bare.toml"
-    assert main(["init", str(arm(tmp_path)), "--mass", "30", "--out", str(file)]) == 0
-    assert "30 kg distributed" in capsys.readouterr().err
-    text = file.read_text()
-    assert read_toml(file)["robot"]["mass"] == 30.0
-    assert "# Total mass of the robot [kg]. These links are described without inertia" in text
-    assert all(link in text for link in STEPS)
-    scenario = Scenario.read(file, ["simulation.duration=4.0", "simulation.dt=2e-3"])
-    radius = scenario.tables.reference.radius
-    assert scenario.run().distance[-300:].max() < 0.005 * radius

@@ -37,20 +37,6 @@ def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
     check_holds_home(robot)
 
 
-def test_only_shapes_with_a_missing_mesh_are_left_out(tmp_path):
-    with pytest.warns(UserWarning, match=r"not drawn.*meshes/shell.stl"):
-        shapes = pa.load(mjcf(tmp_path), frame="tip").visual.geometryObjects
-    assert sum(thing.meshPath.endswith("rib.stl") for thing in shapes) == 1
-    assert len(shapes) == 6  # base, two capsules of links 1 and 3, that of link 2, the rib, the tip
-
-
-def test_a_floating_base_is_fixed_unless_refused(tmp_path):
-    path = mjcf(tmp_path, FREE)
-    with pytest.raises(pa.RobotError, match=r"floating.*weld_root=True"):
-        pa.load(path, frame="tip", weld_root=False)
-    assert pa.load(path, frame="tip").joint_names == ["j1", "j2", "j3"]
-
-
 @pytest.mark.parametrize("text", [MJCF, FREE], ids=["fixed", "free"])
 @pytest.mark.slow
 def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
@@ -59,20 +45,6 @@ def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
     settings = ["simulation.duration=3.0", "simulation.dt=4e-3", 'reference.start="moving"']
     rollout = Scenario.read(file, settings).run()
     assert rollout.distance[-100:].max() < 0.1 * rollout.distance[:100].max()
-
-
-def test_joints_coupled_by_an_equality_are_refused(tmp_path):
-    coupled = '<equality><joint joint1="j3" joint2="j2"/></equality></mujoco>'
-    path = mjcf(tmp_path, MJCF.replace("</mujoco>", coupled))
-    with pytest.raises(pa.RobotError, match=r"\['j3'\] mimic"):
-        pa.load(path, frame="tip")
-    assert pa.load(path, frame="tip", locked="j3", task="xy").joint_names == ["j1", "j2"]
-
-
-def test_loops_are_opened_with_a_warning(tmp_path):
-    loop = '<equality><connect body1="tip" body2="base" anchor="0 0 0"/></equality></mujoco>'
-    with pytest.warns(UserWarning, match="1 kinematic loops closed by <equality> are opened"):
-        pa.load(mjcf(tmp_path, MJCF.replace("</mujoco>", loop)), frame="tip")
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
 from pinadapt.description.chain import angles_from_configuration
 from tests.support.chains import catalogue_robot, random_state
-from tests.support.effects import with_everything
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -52,33 +50,6 @@ def test_accelerations_and_frames_are_those_of_the_robot(name):
         )
         site = data.site(robot.frame).xpos
         np.testing.assert_allclose(site, robot.placement(q).translation, atol=1e-8)
-
-
-def test_a_special_friction_is_named_and_a_body_without_distribution_refused():
-    robot = catalogue_robot("ur5")
-    special = robot.changed(friction=pa.Friction(np.ones(6), np.ones(6), load=0.1, breakaway=1.5))
-    comment = special.mjcf().split("-->")[0]
-    assert "load" in comment and "breakaway" in comment and "offset" not in comment
-    model = robot.model.copy()
-    model.inertias[3] = pin.Inertia(1.0, np.zeros(3), np.diag([0.1, 0.1, 1.0]))
-    bad = pa.Robot(robot.name, model, robot.frame, robot.task, robot.q0, robot.friction)
-    with pytest.raises(pa.RobotError, match="elbow_joint"):
-        bad.mjcf()
-
-
-@pytest.mark.parametrize("name", ["ur5", "planar_2r"])
-def test_effects_of_joints_survive_a_urdf(name, tmp_path):
-    robot = with_everything(catalogue_robot(name), np.random.default_rng(1))
-    robot.save(tmp_path / "robot.urdf", shapes=False)
-    again = pa.load(tmp_path / "robot.urdf", frame=robot.frame, joint_effects=True)
-    for attribute in ("viscous", "coulomb", *robot.friction.special):
-        found, written = (getattr(part.friction, attribute) for part in (again, robot))
-        np.testing.assert_allclose(found, written)
-    np.testing.assert_allclose(again.model.armature, robot.model.armature)
-    text = (tmp_path / "robot.urdf").read_text()
-    assert "Not in a URDF: the motors that turn with" in text
-    plain = pa.load(tmp_path / "robot.urdf", frame=robot.frame)
-    assert not plain.friction.present
 
 
 @pytest.mark.parametrize("parent", ["base_link", "wrist_3_link"])

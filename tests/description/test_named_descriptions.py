@@ -54,19 +54,3 @@ def test_init_and_scenarios_take_them(package, tmp_path):
     assert main(["init", "arm4_description", "--out", str(file)]) == 0
     assert 'source = "arm4_description"' in file.read_text()
     assert main(["run", str(file), "--set", "simulation.duration=0.1", "--no-html"]) == 0
-
-
-def test_an_unknown_name_is_refused_with_a_suggestion(package):
-    with pytest.raises(pa.RobotError, match=r"no 'arm5_description'. Did you mean 'arm4_descr"):
-        pa.load("arm5_description")
-
-
-def test_a_failed_download_says_what_to_do(package):
-    with pytest.raises(pa.RobotError, match=r"could not fetch .*resolve host.*try again online"):
-        pa.load("offline_description")
-
-
-def test_without_the_extra_the_error_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "robot_descriptions", None)
-    assert main(["init", "panda_description"]) == 2
-    assert 'pip install "pinadapt[descriptions]"' in capsys.readouterr().err

@@ -5,7 +5,6 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main
 from tests.support.descriptions import arm4
-from tests.support.paths import ARM4
 
 
 @pytest.mark.parametrize(
@@ -36,16 +35,3 @@ def test_unreadable_numbers_are_refused(tmp_path, old, new, words, capsys):
     assert words in str(error.value) and str(path) in str(error.value)
     assert main(["init", str(path)]) == 2
     assert words in capsys.readouterr().err
-
-
-def test_shapes_are_checked_too(tmp_path):
-    box = '<visual><geometry><box size="1 2"/></geometry></visual>'
-    path = arm4(tmp_path, ('<link name="base"/>', f'<link name="base">{box}</link>'))
-    with pytest.raises(pa.RobotError, match=r"link 'base', <box>: size=\"1 2\" is not 3 numbers"):
-        pa.load(path, frame="tip")
-
-
-def test_numbers_outside_links_and_joints_are_not_checked(tmp_path):
-    gazebo = '<gazebo reference="base"><mass value="heavy"/></gazebo></robot>'
-    assert pa.load(arm4(tmp_path, ("</robot>", gazebo)), frame="tip").model.nv == 4
-    assert pa.load(ARM4, frame="tip").model.nv == 4

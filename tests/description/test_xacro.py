@@ -1,7 +1,5 @@
 """Xacro files are expanded with arguments and without ROS; errors name file and reason."""
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -57,15 +55,6 @@ def test_arguments_are_numbers_texts_and_booleans(arm, given):
     assert not robot.model.existFrame("probe")
 
 
-def test_no_ros_is_needed_and_xacro_is_left_unchanged(arm):
-    from xacro import substitution_args
-
-    before = substitution_args._eval_find
-    pa.load(arm, frame="tip")
-    assert substitution_args._eval_find is before
-    assert "ament_index_python" not in sys.modules
-
-
 @pytest.mark.parametrize("name", ["arm.xml", "arm.urdf"])
 def test_a_file_is_a_program_only_by_its_name(arm, name):
     with pytest.raises(pa.RobotError, match=r"whose name ends in \.xacro"):
@@ -116,44 +105,6 @@ def test_errors_name_file_and_reason(arm, old, new, words, capsys):
         assert word in error
 
 
-def test_an_error_in_an_included_file_names_that_file(arm):
-    broken = arm.parents[1] / "parts" / "macros.xacro"
-    broken.write_text(MACROS.replace("</link>", ""))
-    with pytest.raises(pa.RobotError, match=f"{arm}.* cannot expand {broken}: mismatched tag"):
-        pa.load(arm)
-
-
-def test_unknown_arguments_are_refused_with_a_suggestion(arm):
-    with pytest.raises(pa.RobotError, match=r"no xacro argument 'reech'.* 'reach'.*reach, tool"):
-        pa.load(arm, xacro={"reech": 1})
-
-
-@pytest.mark.parametrize("source", [ARM4, "panda"])
-def test_only_xacro_files_take_arguments(source):
-    with pytest.raises(pa.RobotError, match=r"takes no (xacro )?arguments"):
-        pa.load(source, xacro={"reach": 1})
-
-
-def test_messages_of_xacro_are_warnings(arm):
-    arm.write_text(ARM.replace("<xacro:if ", '<xacro:property name="pi" value="3"/><xacro:if '))
-    with pytest.warns(
-        UserWarning, match=rf"{arm}: message of xacro: .*redefining global symbol: pi"
-    ):
-        pa.load(arm, frame="tip")
-
-
-def test_arguments_must_be_a_mapping(arm):
-    with pytest.raises(pa.RobotError, match="expected a mapping from names to values"):
-        pa.load(arm, xacro=["reach=0.4"])
-
-
-@pytest.mark.parametrize("text", ["reach", "=0.4"])
-def test_the_command_line_needs_name_and_value(arm, text, capsys):
-    with pytest.raises(SystemExit):
-        main(["init", str(arm), "--xacro", text])
-    assert "name=value is expected" in capsys.readouterr().err
-
-
 # --- packages ---
 
 
@@ -192,20 +143,3 @@ def test_every_form_of_a_file_name_is_resolved(tmp_path, name):
 
 
 # --- meshes ---
-
-
-def test_only_shapes_with_an_unreadable_mesh_are_left_out(tmp_path):
-    names = ["good.stl", "gone.stl", "broken.stl"]
-    shapes = "".join(
-        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>' for name in names
-    )
-    shapes += '<visual><geometry><box size="1 1 1"/></geometry></visual>'
-    (tmp_path / "good.stl").write_text(TRIANGLE)
-    (tmp_path / "broken.stl").write_text("no mesh")
-    path = tmp_path / "arm.urdf"
-    base = '<link name="base"/>'
-    path.write_text(ARM4.read_text().replace(base, f'<link name="base">{shapes}</link>'))
-    with pytest.warns(UserWarning, match=r"gone.stl: no such file; broken.stl: ") as told:
-        drawn = pa.load(path, frame="tip").visual.geometryObjects
-    assert len(told) == 1
-    assert len(drawn) == 2 and np.allclose(drawn[1].geometry.halfSide, 0.5)

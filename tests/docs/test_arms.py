@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.exceptions import ArmError
 from pinadapt.realtime import PlantArm, RealtimeLoop, Safety
 from tests.support.arms import ORDINARY, robot
 from tests.support.paths import ROOT
@@ -178,7 +177,6 @@ def test_the_node_of_ros_drives_an_arm(ros):
     assert not ending.failed and len(ros.efforts) > 100 and not ros.running
     assert np.abs(ros.plant.plant.measure().q - robot().q0).max() < 1e-3
     assert not ros.point.effort[0] and not any(ros.point.velocities)  # by its own gains from now on
-    assert len((ROOT / "docs/arms/ros2.py").read_text().splitlines()) <= 90
 
 
 def test_the_node_of_ros_passes_on_what_is_measured(ros):
@@ -200,106 +198,3 @@ def test_the_node_of_ros_passes_on_what_is_measured(ros):
         assert np.isnan(on.read().v).all()
         on.send(np.zeros(2))
         assert np.isfinite([ros.point.positions, ros.point.velocities]).all()
-
-
-def test_an_arm_of_ros2_control_rests_after_the_node_has_died(ros):
-    """In mid-motion, without a word; the same controller without a timeout keeps the effort."""
-    on = loaded("ros2", "RosArm")("/arm", robot())
-    ros.mute = 200
-    on.stop = on.close = lambda *reason: None
-    swing = pa.trajectories.Sinusoid(robot().home_angles, 0.2, 1.0)
-    ending = hold(joints(), on, "adapt", swing, 9.0)
-    assert "no joint state came for 0.5 s" in ending.reason
-    begun = ros.plant.plant.measure()
-    assert np.abs(begun.v).max() > 0.1
-    last = len(ros.efforts)
-    for _ in range(1000):
-        ros.update()
-    rest = ros.plant.plant.measure()
-    assert np.abs(rest.v).max() < 1e-3 and np.abs(rest.q - begun.q).max() < 0.2
-    assert np.abs(ros.efforts[-1] - ros.efforts[last - 1]).max() > 0.1
-    ros.parameters["/arm"]["cmd_timeout"] = 0.0
-    ros.parameters["/arm"].update(dict.fromkeys([f"gains.{joint}.p" for joint in JOINTS], 0.0))
-    on.send(ros.efforts[-1] + 1.0)
-    for _ in range(500):
-        ros.update()
-    assert np.abs(ros.plant.plant.measure().v).max() > 0.1
-
-
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"cmd_timeout": 0.0}, "keeps the last one"),
-        ({"constraints.goal_time": 0.1}, "keeps the last one"),
-        ({"gains.joint2.d": 0.0}, "holds undamped"),
-        ({"command_interfaces": ["position"]}, "refuses efforts"),
-        ({"allow_nonzero_velocity_at_trajectory_end": False}, "refuses efforts"),
-        (None, "does not run, or has not command_interfaces, cmd_timeout"),
-    ],
-)
-def test_a_controller_of_ros2_control_that_is_not_safe_is_refused(ros, changed, words):
-    """None: one that has no such parameters, as a forward_command_controller."""
-    ros.parameters["/arm"] = {"joints": JOINTS} if changed is None else {**SAFE, **changed}
-    with pytest.raises(ArmError, match=f"/arm: .*{words}"):
-        loaded("ros2", "RosArm")("/arm", robot())
-
-
-def test_the_arm_of_ur_rtde_runs_and_is_marked_untested(monkeypatch):
-    plant = pa.plants.PinocchioPlant(robot(), compensation=pa.robot.Gravity(robot()))
-    said = {"now": None, "stopped": False, "script": True}
-
-    class Receive:
-        def __init__(self, address, rate):
-            assert (address, rate) == ("10.0.0.1", 500.0)
-            self.count = -1
-
-        def getActualQ(self):
-            self.count += 1
-            if said["now"] is not None:
-                plant.step(np.array(said["now"]), PERIOD)
-            return plant.measure().q.tolist()
-
-        def getActualQd(self):
-            return plant.measure().v.tolist()
-
-        def getTimestamp(self):
-            return self.count * PERIOD
-
-        def isConnected(self):
-            return True
-
-        def isProtectiveStopped(self):
-            return said["stopped"]
-
-        def isEmergencyStopped(self):
-            return False
-
-        def disconnect(self):
-            pass
-
-    class Control:
-        def __init__(self, address, rate):
-            pass
-
-        def directTorque(self, torque):
-            said["now"] = torque
-            return len(torque) == 2
-
-        def stopScript(self):
-            said["script"] = False
-
-        def disconnect(self):
-            pass
-
-    module(monkeypatch, "rtde_receive", RTDEReceiveInterface=Receive)
-    module(monkeypatch, "rtde_control", RTDEControlInterface=Control)
-    described = pa.load("planar_2r", task="joint", gravity=[0.0, -9.81, 0.0])
-    of = pa.make_controller(described, dt=PERIOD, adaptation="natural", compensated="nominal")
-    kind = loaded("ur", "UniversalRobot")
-    ending = hold(of, kind("10.0.0.1", robot()))
-    assert not ending.failed and not said["script"]
-    assert np.abs(plant.measure().q - robot().q0).max() < 1e-3
-    said["stopped"] = True
-    with pytest.raises(ArmError, match="protective or emergency stop"):
-        hold(of, kind("10.0.0.1", robot()))
-    assert "UNTESTED" in (ROOT / "docs/arms/ur.py").read_text()

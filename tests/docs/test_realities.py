@@ -6,8 +6,7 @@ import pytest
 
 import pinadapt as pa
 from benchmarks import realities
-from benchmarks.realities import ElasticArm, Observed, Reality, RigidArm
-from pinadapt.plants.elastic_plant import ElasticPlant
+from benchmarks.realities import ElasticArm, Reality, RigidArm
 
 SPRINGS = pa.robot.Actuators(stiffness=5e3)
 
@@ -45,16 +44,6 @@ def test_a_push_accelerates_the_links_by_its_torque(robot, kind):
         assert np.abs(arm.measure().v).max() < 1e-3 * np.abs(v).max()
 
 
-def test_springs_without_play_are_those_of_the_library(robot):
-    arm = ElasticArm(robot, case=Reality(stiffness=5e3), seed=0, axis="+x", actuators=SPRINGS)
-    plain = ElasticPlant(robot, actuators=SPRINGS)
-    for k in range(100):
-        tau = gravity(robot) + 5.0 * np.sin(0.1 * k + np.arange(robot.model.nv))
-        arm.step(tau, 1e-3)
-        plain.step(tau, 1e-3)
-    assert arm._links == pytest.approx(plain._links, abs=1e-9)
-
-
 def test_play_makes_no_energy(robot):
     case = Reality(stiffness=5e3, play=5e-4)
     arm = ElasticArm(robot, case=case, seed=0, axis="+x", actuators=SPRINGS)
@@ -76,30 +65,3 @@ def test_play_makes_no_energy(robot):
         assert energy() == pytest.approx(start, abs=0.02)
     moving = pin.computeKineticEnergy(arm._model, arm._data, arm._links, arm._v)
     assert crossed > 5 and moving > 10.0
-
-
-def test_ripple_and_torque_sensor_are_shares_of_the_efforts(robot):
-    arm = RigidArm(robot, case=Reality(ripple=0.01, torque_off=0.02), seed=0, axis="+x")
-    n, efforts = robot.model.nv, np.array(robot.model.effortLimit)
-    turn = np.linspace(0.0, 2.0 * np.pi, 10001)
-    torques = np.array([arm.rippled(np.zeros(n), robot.q0 + angle) for angle in turn])
-    assert np.abs(torques).max(axis=0) == pytest.approx(0.01 * efforts, rel=1e-2)
-    assert (np.diff(np.sign(torques), axis=0) > 0).sum(axis=0).tolist() == [realities.GEAR] * n
-    arm.step(gravity(robot), 1e-3)
-    assert arm.measure().tau == pytest.approx(gravity(robot) + 0.02 * efforts)
-
-
-def test_an_observer_sees_a_disturbance_at_its_rate(robot):
-    """The push begins after 0.1 s; p is the observer's prediction for the sample that comes."""
-    made = pa.make_controller(robot, adaptation="none", limits=pa.Limits(guards=False))
-    controller = Observed.around(made, 1.0)
-    plant = RigidArm(robot, case=Reality(push=40.0, duration=0.2), seed=0, axis="-z")
-    motion, seen, predicted = realities.case_of("ur5").motion, [], np.zeros(robot.model.nv)
-    for sample in pa.simulation.run(plant, controller, motion, duration=0.15):
-        momentum = plant.mass_matrix(sample.truth.q) @ sample.truth.v
-        seen.append(controller.k * (momentum - predicted))
-        predicted = controller.p
-    pushed = plant.pushed(sample.truth.q)
-    share = 1.0 - np.exp(-0.05 * controller.k)
-    assert seen[-1] == pytest.approx(share * pushed, abs=0.05 * np.abs(pushed).max())
-    assert np.abs(seen[99]).max() < 0.05 * np.abs(pushed).max()

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks import tables
 from pinadapt.exceptions import InputError
-from pinadapt.sweep import CaseTable, Plan, read
+from pinadapt.sweep import CaseTable, Plan
 
 SWEPT = sorted(path.stem for path in tables.HERE.glob("*.csv"))
 
@@ -63,22 +63,3 @@ def test_only_what_is_missing_or_asked_for_is_measured(place):
         tables.measure("t", ["plac=2"], 0)
     with pytest.raises(InputError, match=r"there is no s\.toml"):
         tables.measure("s", None, 0)
-
-
-def test_a_case_that_fails_leaves_the_table_and_keeps_the_other_rows(place):
-    sweep_file(place, [1, 2])
-    tables.measure("t", None, 0)
-    before = (place / "t.csv").read_text()
-    sweep_file(place, [1, 2, 3], "missing")
-    with pytest.raises(InputError, match="cannot be imported"):
-        tables.measure("t", None, 0)
-    sweep_file(place, [5, "x"])  # a folder of that name cannot be marked
-    (place / "marks" / "x").mkdir()
-    with pytest.raises(InputError, match="case 1: IsADirectoryError"):
-        tables.measure("t", None, 0)
-    assert (place / "t.csv").read_text() == before
-    assert read(place / "running" / "t")["status"].tolist() == ["done", "failed"]
-    (place / "marks" / "x").rmdir()
-    tables.measure("t", None, 0)
-    assert CaseTable.load(place / "t.csv")["status"].tolist() == ["done", "done"]
-    assert len((place / "marks" / "5").read_text()) == 1

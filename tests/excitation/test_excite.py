@@ -221,16 +221,3 @@ def test_bodies_and_floor_stay_apart(monkeypatch):
     assert " between " in str(kept) and "no collision geometry" in str(free)
     assert kept.excitation.dynamic.rank == kept.identifiable[0]
     assert kept.information_gain > 0.8 * free.information_gain
-
-
-def test_distances_of_alike_configurations_are_exact_where_bodies_are_near():
-    """One distance bounds all where no pair is near its margin; elsewhere each is computed."""
-    robot, rng = catalogue_robot("ur5"), np.random.default_rng(4)
-    shapes = Shapes.of(robot, None, None)
-    q = robot.q0 + rng.uniform(-1.5, 1.5, (40, 6))
-    q = np.concatenate([q, q + 1e-6 * rng.standard_normal(q.shape)])
-    together = shapes.distances(q)
-    each = np.vstack([shapes.distances(one[None]) for one in q])
-    near = (each - shapes.margins).min(axis=1) < 5e-4
-    assert near.any() and np.allclose(together[near], each[near], atol=1e-9)
-    assert np.abs(together - each).max() < 1e-4

@@ -18,8 +18,6 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.controller import LearnedParameters
-from pinadapt.logs.mcap import McapWriter
-from pinadapt.realtime import CycleLog
 from pinadapt.sweep.table import CaseTable, has_parquet
 from tests.logs.test_logs import columns_of, write_bag, write_csv
 from tests.support.chains import catalogue_robot
@@ -160,24 +158,3 @@ def test_a_damaged_file_is_read_or_refused(kind, whole, tmp_path):
                 refused += 1
                 assert str(error)
     assert refused > 0
-
-
-def test_the_error_names_the_file_and_the_reason(tmp_path, robot):
-    path = tmp_path / "a.npz"
-    with zipfile.ZipFile(path, "w") as archive:
-        head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 99), }\n"
-        archive.writestr("t.npy", b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head)
-    with pytest.raises(pa.LogError, match=r"a\.npz: is damaged, or larger than the memory"):
-        pa.read_log(path, robot)
-    for code in (0x110000, 0xD800):
-        names = np.array([code] + [97] * 5, dtype="=u4").view("=U1")
-        np.savez(path, t=np.arange(9.0), q=np.zeros((9, 6)), joint_names=names)
-        with pytest.raises(pa.LogError, match="joint_names has texts with characters that do not"):
-            pa.read_log(path, robot)
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        McapWriter(file, [])
-    with path.open("ab") as file:  # a record of a message that is too short for its own head
-        file.write(b"\x05" + (3).to_bytes(8, "little") + bytes(3))
-    with pytest.raises(pa.LogError, match=r"a\.mcap"):
-        CycleLog.read(path)

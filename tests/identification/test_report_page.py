@@ -2,11 +2,9 @@
 
 from html.parser import HTMLParser
 
-import numpy as np
 import pytest
 
-from pinadapt.identification.report import least_squares_errors
-from tests.support.recorded import identified, true_robot
+from tests.support.recorded import identified
 
 pytestmark = pytest.mark.slow
 
@@ -39,35 +37,8 @@ class Reader(HTMLParser):
             self.rows[-1][-1] += data
 
 
-def row(reader, name):
-    return next(cells for cells in reader.rows if cells and cells[0] == name)
-
-
 def test_a_page_is_whole_and_loads_nothing():
     reader = Reader(identified("ur5").page())
     assert not reader.opened
     assert len(reader.sources) == 2
     assert all(source.startswith("data:image/png;base64,") for source in reader.sources)
-
-
-@pytest.mark.usefixtures("blank_pictures")
-def test_the_table_has_the_errors_of_all_models():
-    """The true robot, as another model, predicts to the noise; least squares to nearly that."""
-    found, true = identified("ur5"), true_robot("ur5")
-    reader = Reader(found.page({"published": true}))
-    header = next(cells for cells in reader.rows if "published" in cells)
-    total = dict(zip(header, row(reader, "all, rms, N m"), strict=True))
-    errors = found.torque_errors
-
-    def rms(values):
-        return f"{np.sqrt(np.mean(np.square(values))):.3g}"
-
-    assert total["described"] == rms(errors.described_held_out)
-    assert total["identified"] == rms(errors.learned_held_out)
-    last = found.windows.between(found.split, np.inf)
-    exact = found.estimator.controller.dynamics.value(true)
-    assert total["published"] == rms(last.residual(exact))
-    assert float(total["published"]) < 0.1 * float(total["described"])
-    plain, weighted = least_squares_errors(found)
-    assert (total["OLS"], total["WLS"]) == (rms(plain), rms(weighted))
-    assert float(total["WLS"]) < 0.2 * float(total["described"])

@@ -243,30 +243,3 @@ def test_a_bag_of_several_topics_and_other_names_is_read(tmp_path, robot, log):
     with pytest.warns(UserWarning, match=r"those of '/joint_states'; /gripper lack"):
         found = pa.read_log(path, robot)
     assert same(found, log, ("q", "v", "tau")) and found.assumed == {"topic": "/joint_states"}
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
-def test_torques_of_another_topic_are_interpolated(tmp_path, robot, log, kind):
-    log = replace(log, x=np.zeros((1, 3)), x_time=np.zeros(1))
-    kept = np.arange(0, len(log.t), 2)  # half the rate
-    kept = kept[(kept < 100) | (kept > 120)]  # and a gap
-    slow = replace(log, t=log.t[kept], q=log.q[kept], v=log.v[kept], tau=log.tau[kept])
-    path = tmp_path / ("a.bag" if kind == "ros1" else "a")
-    names = robot.joint_names
-    write_bag(path, kind, log, names, effort=False, torques=slow, late=0.25)
-    inside = (log.t <= slow.t[-1]) & ((log.t <= log.t[100 - 2]) | (log.t >= log.t[122]))
-    expected = np.column_stack([np.interp(log.t, slow.t, column) for column in slow.tau.T])
-    expected[~inside] = np.nan
-    with pytest.warns(UserWarning) as told:
-        found = pa.read_log(path, robot)  # the only topics that go together
-    said = " ".join(str(each.message) for each in told)
-    assert "those of '/joint_states', the torques those of '/efforts'" in said
-    lost = np.count_nonzero(~inside)
-    assert f"{lost} of {len(log.t)} samples have no value" in said and "within 24 ms" in said
-    assert np.allclose(found.tau, expected, atol=1e-4, equal_nan=True)
-    assert found.assumed["topic"] == {"q": "/joint_states", "tau": "/efforts"}
-    with pytest.warns(UserWarning, match="less the 250 ms by which"):
-        found = pa.read_log(path, robot, intake={"topic": {"tau": "/currents"}})
-    assert np.allclose(found.tau, expected, atol=1e-4, equal_nan=True)
-    assert np.allclose(found.q, log.q) and np.allclose(found.v, log.v)

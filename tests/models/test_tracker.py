@@ -10,11 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import pinadapt as pa
 from pinadapt.information.tracker import find_tracker
-from pinadapt.models.tracker_kinematics import Tracker, TrackerKinematics
+from pinadapt.models.tracker_kinematics import TrackerKinematics
 from pinadapt.reference import Wiggle
 from pinadapt.tasks.frame import turned
 from tests.support.chains import catalogue_robot, chains, random_state, seeded
-from tests.support.differences import derivative
 from tests.support.identities import check_motion
 from tests.support.loops import check_kinematic_part, energy_along, with_tool_and_load
 
@@ -175,30 +174,6 @@ def test_with_a_wiggle_the_angle_of_the_tracker_has_no_influence():
     assert rollout.distance[-30:].max() < 3e-4
 
 
-def at_half_a_turn(name):
-    """Return a robot, and the true one with a tool that a tracker sees turned by 180 degrees."""
-    robot, turn = catalogue_robot(name), np.pi * TURN / np.linalg.norm(TURN)
-    return robot, robot.changed(tool_translation=TOOL).seen_from(turn, PLACE), turn
-
-
-@pytest.mark.slow
-def test_without_a_wiggle_the_joints_hold_until_millimetres_have_told_the_axes():
-    robot, true, turn = at_half_a_turn("scara")
-    controller = pa.make_controller(robot, unknown=UNKNOWN, adaptation="natural", dt=1e-2)
-    circle = circle_of(true, robot, 0.04, turn, np.zeros(3))
-    rollout = pa.simulate(true, controller, circle, duration=4.5, start={})
-    (waited,) = rollout.slowed
-    began = rollout.t > waited.end
-    assert rollout.diverged is None and waited.cause == "unknown axes"
-    moved = rollout.t[np.argmax(rollout.path_time > 0.0)]
-    assert 3.6 < moved < 3.8 and moved < waited.end < moved + 0.15  # its rate rises meanwhile
-    lag = 0.5 * (moved + waited.end)
-    assert rollout.path_time[-1] == pytest.approx(rollout.t[-1] - lag, abs=0.02)
-    assert rollout.distance[began].max() < 2.1e-3  # as with the true axes from the start
-    assert rollout.distance[rollout.t < 0.5].max() < 1e-5
-    assert 0.002 * robot.reach < rollout.distance.max() < 0.003 * robot.reach
-
-
 @pytest.mark.slow
 def test_a_pose_is_followed_whose_marker_is_turned_on_the_tool():
     """Tracker at 120 degrees and marker at 79 degrees, both unknown, and a tilt of 0.2 rad."""
@@ -250,47 +225,3 @@ def test_the_tracker_is_that_of_the_closed_form(frames):
     assert found.translation == pytest.approx(t, abs=1e-8)
     off = pin.log3(found.rotation @ true.tracker.rotation.T)
     assert 1e-5 < np.linalg.norm(off) < 1e-2  # the noise is felt by both
-
-
-def test_sums_over_frames_tell_the_same_tracker(frames):
-    true, kinematics, samples = frames
-    rng = np.random.default_rng(0)
-    noisy = [s._replace(x=s.x + 1e-3 * rng.standard_normal(3)) for s in samples[::4]]
-    found, truth = find_tracker(kinematics, noisy), kinematics.tracker(kinematics.value(true))
-
-    def aside(d):
-        R, t = pin.exp3(d[:3]) @ truth.placement.rotation, truth.placement.translation + d[3:6]
-        return Tracker(pin.SE3(R, t), truth.a + d[6:])
-
-    G = [derivative(lambda t, e=e: kinematics.parameters(aside(t * e))) for e in np.eye(9)]
-    assert kinematics.slopes(truth) == pytest.approx(np.array(G).T, abs=1e-8)
-    H, score = np.zeros((kinematics.size, kinematics.size)), np.zeros(kinematics.size)
-    for sample in noisy:
-        kinematics.update(kinematics.initial, sample.q, sample.v)
-        X_k = kinematics.X_k / found.noise
-        H, score = H + X_k.T @ X_k, score + X_k.T @ sample.x / found.noise
-    start = aside(np.full(9, 0.05))
-    tracker, told = kinematics.explaining_tracker(H, score, start)
-    assert kinematics.parameters(tracker) == pytest.approx(found.a_k, abs=1e-7)
-    deviations = np.sqrt(np.diag(np.linalg.inv(told)))
-    assert deviations == pytest.approx(found.deviations, rel=1e-3)
-
-
-def test_a_controller_begins_with_what_the_frames_tell(frames):
-    true, kinematics, samples = frames
-    controller = pa.make_controller(kinematics.robot, unknown=UNKNOWN, adaptation="natural")
-    noisy = [s._replace(x=s.x + 1e-3 * (-1.0) ** k) for k, s in enumerate(samples)]
-    found, first = find_tracker(kinematics, noisy), noisy[0]
-    state = controller.init(first, **found.start)
-    fit = controller.adaptation_k.inner
-    told = found.information.T @ found.information
-    (P,) = state.kinematic.memory
-    assert P @ (np.linalg.inv(fit.P_0) + fit.unit * told) == pytest.approx(np.eye(39), abs=1e-6)
-    kinematics.update(found.a_k, first.q, first.v)  # one noisy frame has little weight
-    assert state.sensed.x == pytest.approx(kinematics.p_hat, abs=1e-12)
-    assert (
-        np.abs(first.x - true.position(first.q)).min()
-        > 5.0 * np.abs(state.sensed.x - true.position(first.q)).max()
-    )
-    with pytest.raises(pa.ParameterError, match="rows of 39 numbers, one a kinematic parameter"):
-        controller.init(first, a_k=found.a_k, information_k=np.eye(3))

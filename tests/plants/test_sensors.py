@@ -118,36 +118,6 @@ def test_the_stated_share_of_frames_is_lost_but_never_the_first():
     assert len(set(shares)) > 1  # other seeds lose other frames
 
 
-def test_runs_of_the_same_sensors_repeat_after_reset():
-    robot, truths = load("panda"), moving(load("panda"), 300)
-    faults = pa.Sensors(
-        camera=pa.Camera(rate=60.0, delay=0.03, dropout=0.4),
-        noise={"q": 1e-3, "v": 1e-2, "x": 1e-3},
-        encoder=1e-3,
-    )
-    sensors = pa.plants.SimulatedSensors(robot, DT, faults, seed=4)
-    first = [sensors.measure(truth) for truth in truths]
-    sensors.reset()
-    for one, truth in zip(first, truths, strict=True):
-        other = sensors.measure(truth)
-        assert np.array_equal(one.q, other.q) and np.array_equal(one.v, other.v)
-        assert one.x_time == other.x_time and (one.x is None) == (other.x is None)
-        assert one.x is None or np.array_equal(one.x, other.x)
-
-
-def test_a_pose_is_seen_frame_by_frame():
-    robot = pa.load("panda", task="pose")
-    noise = {"x": 1e-3, "angle": 0.02}
-    truths, samples = seen(robot, 2000, camera={"rate": 250.0, "delay": 0.01}, noise=noise)
-    at, of = arrivals(samples)
-    errors = np.array(
-        [robot.task.error(samples[k].x, truths[i].x) for k, i in zip(at, of, strict=True)]
-    )
-    assert np.isclose(errors[:, :3].std(), 1e-3, rtol=0.1)
-    assert np.isclose(errors[:, 3:].std(), 0.02, rtol=0.1)
-    assert np.allclose([np.linalg.norm(samples[k].x[3:]) for k in at], 1.0)
-
-
 # --- encoders ---
 
 

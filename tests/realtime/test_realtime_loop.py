@@ -12,15 +12,12 @@ import pinadapt as pa
 from pinadapt.exceptions import ArmError
 from pinadapt.realtime import (
     PlantArm,
-    RealtimeLoop,
     Safety,
 )
 from tests.support.arms import (
-    ORDINARY,
     PERIOD,
     Loop,
     arm,
-    circle,
     controller,
     faulty,
     heavy,
@@ -45,19 +42,6 @@ def test_log_only_computes_torques_and_sends_none():
     assert loop.phases == ["running", "stopped"] and moved(loop) == 0.0
 
 
-def test_in_unknown_axes_the_joints_are_held():
-    """Turned by 180 degrees against the description, the feedback of x would drive the arm away."""
-    true = heavy().changed(tool_translation=[0.03, 0.02, 0.0]).seen_from([0.0, 0.0, np.pi])
-    unknown = controller(unknown=pa.Unknown(tracker=True))
-    described = unknown.kinematics.initial_at(true.q0, true.position(true.q0))
-    for start, held in ((None, True), ({"a_k": described}, False)):
-        loop = Loop(arm(true), "hold", 0.2, of=unknown, start=start)
-        ending = loop.ended()
-        assert (moved(loop) < 0.01) is held
-        waits = ending.state.path is not None and ending.state.path.cause == "unknown axes"
-        assert waits is held
-
-
 def test_gravity_compensation_lets_the_arm_be_moved_by_hand():
     """A push moves it on, and with the right model it neither falls nor returns."""
 
@@ -70,17 +54,6 @@ def test_gravity_compensation_lets_the_arm_be_moved_by_hand():
     loop.ended()
     assert loop.phases == ["running", "damping", "stopped"]
     assert moved(loop) > 0.005
-
-
-def test_gravity_compensation_holds_what_was_learned():
-    dynamics = controller().dynamics
-    a_d = np.where(dynamics.initial > 0.0, dynamics.initial, dynamics.value(heavy()))
-    bodies = dynamics.inertial.size
-    a_d[:bodies] = dynamics.value(heavy())[:bodies]
-    for start, holds in (({"a_d": a_d}, True), ({}, False)):
-        loop = Loop(arm(heavy()), "gravity", 0.2, start=start)
-        loop.ended()
-        assert (moved(loop) < 1e-3) is holds
 
 
 def test_adaptation_learns_the_load():
@@ -227,42 +200,6 @@ def test_a_driver_that_fails_in_mid_motion_stops_the_arm(fault, words, stage):
     assert re.search(words, ending.reason)
 
 
-def stuck(later):
-    """Return a fault: the first joint's encoder stops, and its v is zero, then or at once."""
-
-    def fault(arm, m):
-        arm.last = getattr(arm, "last", m)
-        if later and m is arm.last:
-            return m
-        q, v = m.q.copy(), m.v.copy()
-        q[0], v[0] = arm.last.q[0], 0.0
-        return m._replace(q=q, v=v)
-
-    return fault
-
-
-@pytest.mark.parametrize(
-    ("later", "at", "soon", "said"),
-    [
-        (
-            True,
-            175,
-            0.02,
-            "unseen: neither q nor v of joint1 is measured any more; it needs brakes",
-        ),
-        (False, 150, 1.6, r"contact: \S+ N m at joint1 that the model does not explain"),
-    ],
-)
-def test_an_arm_with_unmeasured_joints_is_left_to_its_brakes(later, at, soon, said):
-    """In the second case the encoder seems to be that of a joint that stands, against a torque."""
-    loop = Loop(faulty(stuck(later), at=at), "adapt", seconds=9.0)
-    ending = loop.ended()
-    (damped, _, _), (stopped, _, why) = ending.phases[-2:]
-    assert ending.failed and loop.phases == ["running", "damping", "stopped"]
-    assert re.fullmatch(said, why) and stopped - damped < soon
-    assert pytest.approx(0.0, abs=1e-2) == np.abs(loop.arm.plant.measure().v).max()
-
-
 def test_an_arm_in_error_refuses_before_anything_moves():
     class InError(PlantArm):
         def begin(self):
@@ -294,26 +231,6 @@ def test_torques_change_at_most_at_their_rate():
     loop.ended()
     changes = [np.abs(b - a).max() for a, b in itertools.pairwise(loop.arm.sent)]
     assert 0.0 < max(changes) <= 50.0 * PERIOD * (1.0 + 1e-9)
-
-
-def test_two_loops_do_not_drive_one_arm():
-    refused, on = [], faulty(None)
-
-    def second(arm, m):
-        if arm.cycle == arm.at:
-            with pytest.raises(
-                ArmError, match=r"planar_2r: is driven by another loop\. Let that end"
-            ):
-                RealtimeLoop(arm, controller(), circle(), scheduling=ORDINARY).run(0.1)
-            refused.append(arm.cycle)
-        return m
-
-    on.fault = second
-    assert not Loop(on, "hold").ended().failed and refused == [75]
-    once_more = arm()
-    for _ in range(2):
-        assert not Loop(once_more, "log", 0.02).run().failed
-        once_more.stopped = ""  # as if it were switched on again
 
 
 NONSENSE = {

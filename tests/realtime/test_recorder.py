@@ -6,7 +6,6 @@ they are new ones there, as in ``tests/cli/test_drive.py``.
 
 import json
 import os
-import resource
 import signal
 import time
 from functools import partial
@@ -178,28 +177,6 @@ def test_a_file_without_its_end_is_read_up_to_there(run, tmp_path):
 
 
 @pytest.mark.usefixtures("forked")
-def test_a_disk_full_during_motion_ends_it_and_keeps_the_log(tmp_path):
-    """The writing process may write no larger file than some size, as if the disk were full."""
-    path = tmp_path / "full.mcap"
-    with Recorder(path, controller()) as recorder:
-        size = []
-
-        def fill(arm, m):
-            if not size and path.stat().st_size > 20_000:
-                size.append(path.stat().st_size + 100)
-                resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size[0], size[0]))
-            time.sleep(1e-4)
-            return m
-
-        loop = Loop(faulty(fill, at=0), recorder=recorder, seconds=60.0)
-        ending = loop.ended()
-    assert ending.failed and loop.phases == ["running", "holding", "damping", "stopped"]
-    assert "log: the log cannot be written: File too large" in ending.reason
-    log = CycleLog.read(path)
-    assert not log.whole and 20 < len(log) < ending.cycles
-
-
-@pytest.mark.usefixtures("forked")
 def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_path):
     """After kill -9 of everything nobody ends the file; and a loop whose writer dies stops."""
     path = tmp_path / "killed.mcap"
@@ -222,23 +199,6 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
 
 
 # --- commands ---
-
-
-def test_commands_come_by_the_loopback(run):
-    _, _, loop, _, answers = run
-    state = answers["state"]
-    assert state["phase"] == "running" and state["adapting"] and len(state["q"]) == 2
-    assert len(state["a_d"]) == controller().dynamics.size
-    assert answers["hold"] == {"done": "hold"} and "there is no command 'fly'" in answers["fly"]
-    said = " ".join(loop.said)
-    for words in (
-        "load announced: {'mass': 0.5}",
-        "holding: commanded",
-        "running: new reference",
-        "the adaptation rests: commanded",
-        "refused: go: not while running",
-    ):
-        assert words in said, words
 
 
 # --- processes that are killed ---

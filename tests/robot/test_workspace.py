@@ -62,24 +62,6 @@ def test_the_circle_can_be_followed_with_a_longer_tool_too(name):
         assert np.abs(speeds).max() < 1.65
 
 
-@pytest.mark.parametrize("name", ["scara", "ur5"])
-def test_the_circle_is_reproducible(name):
-    assert find_circle(catalogue_robot(name)) == find_circle(catalogue_robot(name))
-
-
-def test_a_task_of_two_coordinates_has_one_plane():
-    assert find_circle(catalogue_robot("solo8_fl_leg")).plane == "xz"
-    assert find_circle(catalogue_robot("quadruped_br_leg")).plane == "yz"
-
-
-def test_narrower_limits_make_a_smaller_circle():
-    robot = catalogue_robot("panda")
-    model, angles = robot.model.copy(), robot.home_angles
-    model.lowerPositionLimit, model.upperPositionLimit = angles - 0.08, angles + 0.08
-    narrow = pa.reachable_circle(replace(robot, model=model))
-    assert narrow.radius < 0.7 * pa.reachable_circle(robot).radius
-
-
 def test_slower_joints_take_longer():
     robot = catalogue_robot("ur5")
     model = robot.model.copy()
@@ -94,42 +76,7 @@ def test_slower_joints_take_longer():
     )
 
 
-def test_a_home_at_its_limit_is_refused():
-    robot = catalogue_robot("ur5")
-    model = robot.model.copy()
-    model.upperPositionLimit = robot.home_angles
-    with pytest.raises(
-        pa.RobotError, match=r"ur5: no circle through the home pose .* Give a home pose q0"
-    ):
-        pa.reachable_circle(replace(robot, model=model))
-
-
-def test_a_singular_home_is_refused():
-    with pytest.raises(pa.RobotError, match="no circle"):
-        pa.reachable_circle(catalogue_robot("planar_2r").at([0.5, 0.0]))
-
-
 # --- home poses ---
-
-
-@pytest.mark.parametrize(
-    "name", ["kinova", "so100", "human_left_arm", "simple_humanoid_left_leg", "alex_left_thumb"]
-)
-def test_a_description_whose_pose_is_at_or_beyond_a_limit_gets_another(name):
-    robot = catalogue_robot(name)
-    lower, upper = position_limits(robot.model)
-    limited = np.isfinite(lower)
-    room = (
-        np.minimum(robot.home_angles - lower, upper - robot.home_angles)[limited]
-        / (upper - lower)[limited]
-    )
-    assert room.min() > 0.1
-    assert (
-        conditioning(
-            robot.model, robot.model.createData(), robot.frame_id, robot.task.rows, robot.q0
-        )[1]
-        > 0.2
-    )
 
 
 def test_the_searched_home_beats_random_poses_inside_the_limits():
@@ -164,10 +111,3 @@ def test_the_sines_of_the_joints_keep_all_limits(name):
         assert (np.abs(torque) < effort_limits(model)).all()
     start = motion.at(0.0)
     assert np.allclose(start.x_d, robot.home_angles, atol=1e-9) and np.allclose(start.xd_d, 0.0)
-
-
-def test_sines_from_outside_the_limits_are_refused():
-    with pytest.warns(UserWarning, match="outside"):
-        robot = pa.load("panda", task="joint", q0=[0.0, -3.0, 0.0, -2.0, 0.0, 1.5, 0.0])
-    with pytest.raises(pa.exceptions.RobotError, match="outside the joint limits"):
-        find_swing(robot)

@@ -161,26 +161,6 @@ def test_sampled_poses_have_the_derivatives_of_the_sampled_motion(signs):
 # --- orientations ---
 
 
-@pytest.mark.parametrize(
-    "orientation",
-    [
-        lambda t: SWING.at(t).x_d,
-        lambda t: tuple(SWING.at(t)),
-        Path(SWING),
-        Path(SWING, position),
-    ],
-)
-def test_an_orientation_may_be_a_function_or_an_object(orientation):
-    motion = pa.trajectories.PoseTrajectory(lambda t: CIRCLE.at(t).x_d, orientation)
-    for t in (0.4, 2.7):
-        assert close(motion.at(t), MOVING_POSE.at(t), 1e-7, 1e-6)
-    start = np.array([0.3, -0.2, 0.5, 0.0, 1.0, 0.0, 0.0])
-    moved, exact = motion.starting_at(start), MOVING_POSE.starting_at(start)
-    assert np.allclose(POSE.error(moved.at(0.0).x_d, start), 0.0, atol=1e-14)
-    assert np.allclose(POSE.error(moved.at(0.7).x_d, exact.at(0.7).x_d), 0.0, atol=1e-12)
-    assert np.allclose(moved.at(0.7).xd_d, exact.at(0.7).xd_d, atol=1e-7)
-
-
 # --- what the library computes for them ---
 
 
@@ -193,19 +173,6 @@ class Own(pa.trajectories.Trajectory):
 
     def at(self, t):
         return self._motion.at(t)
-
-
-@pytest.mark.parametrize("motion", [CIRCLE, SWING, MOVING_POSE], ids=["position", "turn", "pose"])
-def test_a_subclass_needs_no_method_but_at(motion):
-    own, m = Own(motion), motion.at(0.0).xd_d.size
-    assert own.extent is None and own.settles is None
-    by = np.linspace(-0.3, 0.4, m)
-    for t in (0.0, 0.7):
-        assert close(own.shifted(by).at(t), motion.shifted(by).at(t), 1e-12, 1e-12)
-        twice = own.shifted(by).shifted(-0.5 * by)
-        assert close(twice.at(t), motion.shifted(by).shifted(-0.5 * by).at(t), 1e-12, 1e-12)
-    start = motion.shifted(by).at(0.0).x_d
-    assert close(own.starting_at(start).at(0.7), motion.starting_at(start).at(0.7), 1e-12, 1e-12)
 
 
 # --- wherever a motion is taken ---

@@ -23,24 +23,6 @@ def made(**options):
 # --- how much of it ---
 
 
-def test_each_noisy_channel_needs_its_own_filter():
-    """Noise of the joint velocity is a leak of natural adaptation, and noise of a memory."""
-    camera = pa.Sensors(noise={"x": 1e-3}, camera=pa.Camera(rate=30.0))
-    frames = made(sensors=camera)
-    assert math.isfinite(frames.senses.compensator.smoothing) and frames.senses.low_pass is None
-    assert frames.law.lambda_s == math.inf
-    encoders = pa.Sensors(noise={"v": 0.02})
-    joints = made(sensors=encoders)
-    assert joints.senses.compensator.smoothing == math.inf
-    assert math.isfinite(joints.law.lambda_s)
-    for sensors, leaks in ((camera, False), (encoders, True)):
-        adaptation = made(adaptation="natural", sensors=sensors).adaptation_d
-        assert isinstance(adaptation, pa.adaptation.Leak) is leaks
-    assert isinstance(joints.adaptation_d, pa.adaptation.CompositeMemory)
-    assert (joints.adaptation_d.noise > frames.adaptation_d.noise).all()
-    assert joints.senses.low_pass.bandwidth > joints.law.lambda_s > joints.motion.bandwidth
-
-
 def test_an_encoder_is_the_noise_of_its_differences():
     """Two roundings, each a twelfth of a count squared."""
     deviation = COUNT / 1e-3 * math.sqrt(2.0 / 12.0)
@@ -93,25 +75,6 @@ def test_small_steps_follow_the_rate(inner):
     assert misses[0].max() < 1e-2 * np.abs(rate.value).max()
     assert misses[1].max() < 0.55 * misses[0].max()  # first order in h
     assert not rate.memory[0].any()
-
-
-def test_a_leak_and_a_box_go_around_each_other():
-    leak, a = leaking("gradient", 5.0)
-    low, high = a - 0.01 * np.abs(a) - 1e-3, a + 0.01 * np.abs(a) + 1e-3
-    rng = np.random.default_rng(6)
-    for both in (
-        pa.adaptation.BoxProjection(leak, low, high),
-        pa.adaptation.Leak(pa.adaptation.BoxProjection(leak.inner, low, high), 5.0),
-    ):
-        estimate, touched = both.init(a), 0
-        for _ in range(50):
-            estimate = both.step(estimate, along(30.0 * rng.standard_normal(a.size)), 1e-2)
-            assert ((low <= estimate.value) & (estimate.value <= high)).all()
-            touched += not np.array_equal(estimate.value, a)
-        assert touched and np.array_equal(estimate.memory[0], a)
-        for _ in range(400):
-            estimate = both.step(estimate, along(np.zeros(a.size)), 1e-2)
-        assert np.allclose(estimate.value, a, atol=1e-7)
 
 
 # --- the regressor free of noise ---

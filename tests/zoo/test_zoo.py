@@ -1,18 +1,12 @@
 """The zoo: cases as documented, robots that converge with default gains, and verdicts."""
 
 import json
-import os
-import signal
-import time
-from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt._output import write_text
 from pinadapt.cli.command_line import main
 from pinadapt.cli.zoo import zoo_table
 from pinadapt.zoo.experiment import (
@@ -109,42 +103,3 @@ def test_a_robot_that_cannot_run_is_a_row_with_the_reason(monkeypatch):
 
     monkeypatch.setattr("pinadapt.zoo.experiment.find_circle", refuse)
     assert zoo_row("ur5", "adaptive-jacobian").verdict == "refused: no circle will do."
-
-
-def children():
-    """Return the processes that this one has started and that have not ended."""
-    found = set()
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            tracker = b"resource_tracker" in (folder / "cmdline").read_bytes()
-            if int(fields[1]) == os.getpid() and fields[0] != "Z" and not tracker:
-                found.add(folder.name)
-    return found
-
-
-@pytest.mark.usefixtures("interruptible")
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc")
-def test_a_zoo_that_is_interrupted_leaves_its_finished_rows_and_no_process(
-    tmp_path, monkeypatch, capsys
-):
-    """Killed, its processes end as those of any sweep; here they have nothing to compile."""
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
-    before, while_it_ran = children(), set()
-
-    def interrupted(*arguments):
-        write_text(*arguments)
-        while_it_ran.update(children())
-        signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr("pinadapt.cli.zoo.write_text", interrupted)
-    arguments = ["--robots", "scara,planar_2r", "--processes", "1", "--task", "pose"]
-    assert main(["zoo", *arguments, "--out", str(tmp_path)]) == 130
-    rows = json.loads((tmp_path / "zoo.json").read_text())
-    out, err = capsys.readouterr()
-    assert [row["robot"] for row in rows] == ["scara"] and rows[0]["verdict"]  # refused at once
-    assert "Traceback" not in err and "scara" in out and "1 have not run" in out
-    deadline = time.monotonic() + 30.0
-    while children() - before and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert while_it_ran - before and not children() - before
