@@ -57,7 +57,7 @@ def two():
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(execution, "get_context", lambda kind: get_context("forkserver"))
-        engine = Processes(2, timeout=2.0)
+        engine = Processes(2, timeout=8.0)
         engine.submit(os.getpid).result()
         yield engine
         engine.shutdown()
@@ -99,7 +99,7 @@ def test_failures_are_rows_with_reasons_and_cost_one_case(two):
     assert table["status"].tolist() == ["timeout", "done", "failed", "crashed", "done", "done"]
     reasons = table["reason"].tolist()
     assert reasons[2] == "ValueError: one (swept.py:16)" and "its process ended" in reasons[3]
-    assert reasons[0] == "took longer than 2 s" and not any(reasons[1:2] + reasons[4:])
+    assert reasons[0] == "took longer than 8 s" and not any(reasons[1:2] + reasons[4:])
     assert table["square"].tolist()[4:] == [16.0, 25.0] and table.lost.tolist().count(True) == 3
 
 

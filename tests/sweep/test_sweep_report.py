@@ -65,7 +65,5 @@ def test_the_page_has_all_figures_and_marks_lost_cases(lost, request):
     assert alone in page and page.count("sweep out --case") == 1 + lost
     assert page.count("data:image/png;base64,") == 2 and "http" not in page.split("</style>")[1]
     assert ("<h2>Lost cases" in page) == lost
-    panels = found.map("a", "b").axes
-    assert [ax.get_title() for ax in panels[:2]] == ["x", "y"]
-    crosses = sum(len(ax.collections[1].get_offsets()) for ax in panels[:2])
-    assert crosses == int(found.table.lost.sum())
+    ax = found.map("a", "b").axes[0]
+    assert len(ax.collections[1].get_offsets()) == int(found.table.lost.sum())

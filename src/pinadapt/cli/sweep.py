@@ -9,7 +9,7 @@ from typing import Any
 
 from ..exceptions import InputError
 from ..rollout.summary import sheet
-from ..sweep.cases import COPY, MANY, METHODS, Plan
+from ..sweep.cases import COPY, METHODS, Plan
 from ..sweep.execution import Progress, ScenarioWork, claimed, engine, run_plan, work_of
 from ..sweep.table import CaseTable, read
 from .command_line import (
@@ -76,7 +76,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--case", type=not_negative, metavar="N", help="run one case alone")
     parser.add_argument("--force", action="store_true", help="remove another sweep in the folder")
-    parser.add_argument("--yes", action="store_true", help=f"run more than {MANY:.0e} cases")
     add_out(parser, "out/ and the file's name and -sweep")
 
 
@@ -92,7 +91,6 @@ def sweep(options: argparse.Namespace) -> int:
         return _alone(plan, options.case, folder)
     if given.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    _ask(len(plan.cases), options.yes)
     work = work_of(plan)
     resume = options.resume or options.retry
     try:
@@ -135,25 +133,6 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
         name: own[name] for name in ("timeout", "success") if own[name] is not None
     }
     return Plan.of(Plan.load(path).tables() | changed), path
-
-
-def _ask(count: int, yes: bool) -> None:
-    """Ask whether to run very many cases.
-
-    Raises:
-        InputError: the question is not answered with yes.
-    """
-    if count <= MANY or yes:
-        return
-    if sys.stdin.isatty():
-        print(f"{count:,} cases. Run them? [y/N] ", end="", flush=True, file=sys.stderr)
-        if sys.stdin.readline().strip().lower() in ("y", "yes"):
-            return
-    raise InputError(
-        f"{count:,} cases are more than {MANY:,}.",
-        where="--vary",
-        hint="Take fewer values, or samples in place of a grid; or say --yes.",
-    )
 
 
 def _alone(plan: Plan, number: int, folder: Path) -> int:

@@ -122,9 +122,7 @@ class Judge:
             InputError: the cases have no such result.
         """
         changed = (replace(case, values=case.values | dict(gains)) for case in cases)
-        table = CaseTable.of(
-            list(rows(work_of(self.plan), changed, self.engine, self.plan.timeout))
-        )
+        table = CaseTable.of(list(rows(work_of(self.plan), changed, self.engine)))
         lost = table["status"] != DONE
         found = np.full(len(table), np.nan) if lost.all() else table[self.column].astype(float)
         errors = np.where(lost | np.isnan(found), np.inf, found)

@@ -40,7 +40,6 @@ from ..scenario.schema import put, tables_with, toml_value
 from .table import plain
 
 METHODS = ("random", "lhs", "sobol")
-MANY = 1_000_000  # cases, above which a user is asked; half or twice: asked sooner or later
 _CHECKED = (
     1000  # values of an axis that are all checked before the first case; twice: a later start
 )

@@ -50,7 +50,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
 from ..scenario.schema import tables_with
-from .cases import COPY, MANY, Case, Cases, Plan
+from .cases import COPY, Case, Cases, Plan
 from .table import (
     AGAIN,
     CRASHED,
@@ -258,27 +258,13 @@ def run_case(work: Work, case: Case, version: str) -> dict[str, Any]:
     return {**head, **found, "seconds": time.perf_counter() - started}
 
 
-def _run(packed: bytes, case: Case, version: str, limit: float | None) -> dict[str, Any]:
-    """Run a case of pickled work, within a limit [s] if there is one.
+def _run(packed: bytes, case: Case, version: str) -> dict[str, Any]:
+    """Run a case of pickled work.
 
     Raises:
         EngineError: the work cannot be imported here, or the versions differ.
     """
-    if limit is None:
-        return run_case(_unpacked(packed), case, version)
-    found: Future[dict[str, Any]] = Future()
-
-    def target() -> None:
-        """Run the case and hand over its row, or what it raised."""
-        try:
-            found.set_result(run_case(_unpacked(packed), case, version))
-        except BaseException as error:
-            found.set_exception(error)
-
-    # a thread that is left behind: none can be ended
-    threading.Thread(target=target, daemon=True).start()
-    done, _ = wait([found], timeout=limit)
-    return found.result() if done else _hung(limit)
+    return run_case(_unpacked(packed), case, version)
 
 
 @lru_cache(maxsize=2)
@@ -468,9 +454,7 @@ def _ahead(engine: Executor) -> int:
 # --- all cases ---
 
 
-def rows(
-    work: Work, cases: Iterable[Case], engine: Executor, timeout: float | None = None
-) -> Iterator[dict[str, Any]]:
+def rows(work: Work, cases: Iterable[Case], engine: Executor) -> Iterator[dict[str, Any]]:
     """Yield the rows of cases as they end; few cases are in the engine at a time.
 
     Raises:
@@ -479,7 +463,7 @@ def rows(
     """
     ahead, coming = _ahead(engine), iter(cases)
     running: dict[Future[Any], Case] = {}
-    if isinstance(engine, Here) and timeout is None:  # nothing is pickled: any function will do
+    if isinstance(engine, Here):  # nothing is pickled: any function will do
         task: Callable[..., Any] = partial(run_case, work)
     else:
         try:
@@ -490,7 +474,7 @@ def rows(
                 where="function",
                 hint=f"{_IMPORTABLE} Or run it in this process: executor=0.",
             ) from error
-        task = partial(_run, packed, limit=None if isinstance(engine, Processes) else timeout)
+        task = partial(_run, packed)
     with threadpool_limits(1, "blas"):
         try:
             while True:
@@ -580,12 +564,11 @@ def sweep(
             a process for each core. Functions and ``reduce`` have to be at the top of a module.
         reduce: returns what is kept of a rollout, numbers by name; None: ``numbers_of``.
         folder: keeps the table while it grows; a folder of the same sweep is completed.
-        timeout: [s] of a case.
+        timeout: [s] of a case in a process of its own.
         progress: whether to show a bar; None: if standard error is a terminal.
 
     Raises:
-        InputError: a value or a key is not allowed, there are more than a million cases, or the
-            folder holds another sweep.
+        InputError: a value or a key is not allowed, or the folder holds another sweep.
         EngineError: no case can run.
     """
     tables: dict[str, Any] = {"samples": samples, "method": method, "repeat": repeat, "seed": seed}
@@ -600,8 +583,6 @@ def sweep(
         path = Path(work)
         tables |= {"scenario": read_toml(path), "folder": str(path.resolve().parent)}
     plan = Plan.of({key: value for key, value in tables.items() if value is not None})
-    if len(plan.cases) > MANY:
-        raise InputError(f"{len(plan.cases):,} cases are more than {MANY:,}.", where="cases")
     found = work_of(plan)
     with engine(executor, timeout=plan.timeout) as workers:
         place = None if folder is None else claimed(Path(folder), plan, resume=True)
@@ -662,7 +643,7 @@ def run_plan(
     """
     if folder is None:
         found = []
-        for row in rows(work, plan.cases, workers, plan.timeout):
+        for row in rows(work, plan.cases, workers):
             found.append(row)
             if progress is not None:
                 progress.tell(row)
@@ -677,7 +658,7 @@ def run_plan(
         if progress is not None:
             progress.start(len(done))
         try:
-            for row in rows(work, missing, workers, plan.timeout):
+            for row in rows(work, missing, workers):
                 store.add(row)
                 if progress is not None:
                     progress.tell(row)

@@ -40,7 +40,6 @@ _LENGTHS = (
 )
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one
 _BANDS = (0.05, 0.5, 0.95)
-_PANELS = 4  # words that are drawn apart; twice: panels too narrow to read
 # Ratio of the quartiles above which an axis is logarithmic, 3 if uniform from 0. Half: uniform
 # axes are logarithmic too; twice: as well.
 _WIDE = 5.0
@@ -288,40 +287,21 @@ class Report:
         """The figures as PNG files, by file name."""
         return {name: figure.png(dpi=_DPI) for name, figure in self.figures().items()}
 
-    @cached_property
-    def _split(self) -> dict[str, np.ndarray]:
-        """The cases of each word of the first parameter of few words; else all."""
-        for name in self.parameters:
-            column = self.table[name].astype(str)
-            distinct = dict.fromkeys(column.tolist())
-            if self.table[name].dtype == object and len(distinct) <= _PANELS:
-                return {word: column == word for word in distinct}
-        return {"": np.ones(len(self.table), bool)}
-
     def map(self, x: str, y: str) -> Picture:
         """Return a map of the main result over two parameters, lost cases marked."""
         import matplotlib
 
         a, b, values = self.table[x], self.table[y], self.values(self.main)
         finite, (scale, _) = np.isfinite(values), _unit(self.main)
-        norm = _norm(scale * values[finite])
         with matplotlib.rc_context(RC):
-            width = 7.0 if len(self._split) == 1 else 3.6 * len(self._split) + 1.0
-            figure = Picture(figsize=(width, 4.6), layout="constrained")
-            count = len(self._split)
-            panels = figure.subplots(1, count, sharex=True, sharey=True, squeeze=False)[0]
-            for ax, (word, own) in zip(panels, self._split.items(), strict=True):
-                there, gone = own & finite, own & ~finite
-                drawn = ax.scatter(a[there], b[there], c=scale * values[there], norm=norm, s=18)
-                ax.scatter(a[gone], b[gone], marker="x", color=RED, s=28, label="lost")
-                ax.set_xscale("log" if _logarithmic(a) else "linear")
-                ax.set_yscale("log" if _logarithmic(b) else "linear")
-                ax.set_title(literal(word), fontsize=9)
-                ax.set_xlabel(literal(x))
-            panels[0].set_ylabel(literal(y))
+            figure = Picture(figsize=(7.0, 4.6), layout="constrained")
+            ax, norm = figure.add_subplot(), _norm(scale * values[finite])
+            drawn = ax.scatter(a[finite], b[finite], c=scale * values[finite], norm=norm, s=18)
+            ax.scatter(a[~finite], b[~finite], marker="x", color=RED, s=28, label="lost")
+            _label_axes(ax, (x, a), (y, b))
             if not finite.all():
-                legend(panels[-1])
-            figure.colorbar(drawn, ax=panels, label=literal(_label(self.main)), format="%g")
+                legend(ax)
+            figure.colorbar(drawn, ax=ax, label=literal(_label(self.main)), format="%g")
         return figure
 
     def bands(self, x: str) -> Picture:
@@ -333,19 +313,16 @@ class Report:
         with matplotlib.rc_context(RC):
             figure = Picture(figsize=(7.0, 4.6), layout="constrained")
             ax = figure.add_subplot()
-            for k, (word, own) in enumerate(self._split.items()):
-                places, groups = _classes(a[own])
-                levels = np.array(
-                    [np.quantile(values[own][g], _BANDS, method="inverted_cdf") for g in groups]
-                ).T
-                low, median, high = scale * np.where(np.isfinite(levels), levels, np.nan)
-                label = None if word else "5 to 95 %"
-                ax.fill_between(places, low, high, color=colour(k), alpha=0.2, lw=0.0, label=label)
-                curve(ax, places, median, k, k, literal(word or "median"))
-            ax.set_ylabel(literal(_label(self.main)))
-            ax.set_xlabel(literal(x))
-            ax.set_xscale("log" if _logarithmic(a) else "linear")
-            ax.set_yscale("log" if _logarithmic(values[np.isfinite(values)]) else "linear")
+            places, groups = _classes(a)
+            levels = np.array(
+                [np.quantile(values[g], _BANDS, method="inverted_cdf") for g in groups]
+            ).T
+            low, median, high = scale * np.where(np.isfinite(levels), levels, np.nan)
+            ax.fill_between(
+                places, low, high, color=colour(0), alpha=0.2, lw=0.0, label="5 to 95 %"
+            )
+            curve(ax, places, median, 0, 0, "median")
+            _label_axes(ax, (x, a), (_label(self.main), values[np.isfinite(values)]))
             legend(ax)
         return figure
 
@@ -431,6 +408,14 @@ def _classes(column: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         return distinct, [np.flatnonzero(column == each) for each in distinct]
     groups = np.array_split(np.argsort(column, kind="stable"), _CLASSES)
     return np.array([float(np.median(column[g])) for g in groups]), groups
+
+
+def _label_axes(ax: Any, x: tuple[str, np.ndarray], y: tuple[str, np.ndarray]) -> None:
+    """Name both axes, and make them logarithmic where their values are."""
+    ax.set_xlabel(literal(x[0]))
+    ax.set_ylabel(literal(y[0]))
+    ax.set_xscale("log" if _logarithmic(x[1]) else "linear")
+    ax.set_yscale("log" if _logarithmic(y[1]) else "linear")
 
 
 def _norm(values: np.ndarray) -> Any:
