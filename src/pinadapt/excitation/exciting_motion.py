@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, keywords, positive, whole
+from .._checks import instance, positive, whole
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -244,11 +244,6 @@ _STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
 _BISECTIONS = 20  # in the last check
 
 
-@keywords(
-    dynamic='unknown=pa.Unknown(bodies="all")',
-    joint="unknown=pa.Unknown(friction=True, armature=True)",
-    kinematic="unknown=pa.Unknown(tool=True), with base, translations and lengths beside it",
-)
 def excite(
     robot: Robot | Controller,
     *,

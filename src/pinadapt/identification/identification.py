@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import keywords, positive
+from .._checks import positive
 from .._output import Sheet
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
@@ -19,7 +19,7 @@ from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchErr
 from ..information.measured_motion import CUTOFF, Averages, MeasuredMotion
 from ..information.payload import PayloadEstimate
 from ..logs.formats import read_log
-from ..logs.intake import REPLACED, Intake
+from ..logs.intake import Intake
 from ..logs.log import Log, joined, starts_of
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST, PlacedTranslations
@@ -125,12 +125,6 @@ class Identification(IdentifiedModel):
         return report.pictures_of(self) if folder is None else report.draw(self, Path(folder))
 
 
-@keywords(
-    kinematic="unknown=pa.Unknown(tool=True), with base, translations and lengths beside it",
-    dynamic='unknown=pa.Unknown(bodies="all")',
-    joint="unknown=pa.Unknown(friction=True, armature=True)",
-    **REPLACED,
-)
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def identify(
     log: Path | str | Log | Rollout | Sequence[Any],

@@ -32,12 +32,6 @@ from .log import Log
 SUFFIX = ".intake.toml"
 REPEATED = ("refuse", "drop")
 MOUNTS = ("floor", "wall", "ceiling")
-REPLACED = {  # former arguments, and how they are given now
-    "columns": 'intake={"columns": {...}}',
-    "degrees": 'intake={"degrees": True}',
-    "topic": 'intake={"topic": ...}',
-    "pose_topic": 'intake={"pose_topic": ...}',
-}
 SIDES = ("q", "v", "tau")
 _PARALLEL = 1e-9  # relative size of a singular value below which gears cannot be inverted
 

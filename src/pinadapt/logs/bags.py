@@ -1,0 +1,339 @@
+"""Bags of ROS 1 and 2, and MCAP files: joint states, trajectories, arrays and poses."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..exceptions import LogError, did_you_mean
+from .columns import Selection, at_times
+from .log import Log, match_joints
+
+SIDES = ("q", "v", "tau")
+_STATES = ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
+_LOOKED_AT = 50  # messages of a topic, by which it is chosen; half as many miss a slow gripper's
+_DEPTH = (
+    2  # of messages inside messages, whose numbers are offered; half misses those of franka_ros
+)
+
+
+def _position(part: Any) -> list[float]:
+    return [part.x, part.y, part.z]
+
+
+def _pose(position: Any, rotation: Any) -> list[float]:
+    return [*_position(position), rotation.x, rotation.y, rotation.z, rotation.w]
+
+
+# Message type -> coordinates (3) or (7), position and quaternion xyzw.
+_POSES: dict[str, Callable[[Any], list[float]]] = {
+    "geometry_msgs/msg/PointStamped": lambda m: _position(m.point),
+    "geometry_msgs/msg/PoseStamped": lambda m: _pose(m.pose.position, m.pose.orientation),
+    "geometry_msgs/msg/TransformStamped": lambda m: _pose(
+        m.transform.translation, m.transform.rotation
+    ),
+}
+
+
+def read_bag(path: Path, selection: Selection) -> Log:
+    """Return the log in a bag: one sample a message that has all joints of the robot.
+
+    Times are those of the headers, or of the bag where these are not set. Messages are sorted by
+    time, and repeated times are left out. Velocities and efforts that a message leaves out were not
+    measured. Those of a topic of their own are interpolated, see ``at_times``.
+
+    Raises:
+        LogError: it cannot be read, has no such topic, or lacks a joint.
+    """
+    with _opened(path) as bag:
+        places, assumed = _places(bag, selection, path)
+        found = {place: _series(bag, place, selection, path) for place in set(places.values())}
+        x_time, x = _frames(bag, selection.pose_topic, path)
+        contents = _contents(bag)
+    main = found[places["q"]]
+    if main.joints and main.joints != list(selection.joints):
+        assumed["joints"] = main.joints
+    parts = dict(zip(SIDES, main.parts, strict=True))
+    for signal in places:
+        if places[signal] != places["q"]:
+            own, where = found[places[signal]], f"{path}, {places[signal]}"
+            values = own.parts[SIDES.index(signal)]
+            parts[signal] = at_times(main.t, values, own.times_by(main, where), where)
+    if selection.torques and not np.isfinite(parts["tau"]).any():
+        raise LogError(
+            f"'{places.get('tau', places['q'])}' has no efforts of the joints. {contents}",
+            where=str(path),
+            hint="--topic tau=NAME, or tau=NAME:FIELD, names a topic that has them.",
+        )
+    return Log(
+        main.t - main.t[0],
+        parts["q"],
+        parts["tau"],
+        parts["v"] if np.isfinite(parts["v"]).any() else None,
+        tuple(selection.joints) if main.joints else (),
+        x,
+        None if x_time is None else x_time - main.t[0],
+        source=str(path),
+        assumed=assumed,
+    )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a bag with the message types that it holds, or else those of ROS 2 Humble."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise LogError(
+            f"a bag needs the package rosbags: {error}.",
+            where=str(path),
+            hint='Install it: pip install "pinadapt[bags]".',
+        ) from error
+    store = Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else Stores.ROS2_HUMBLE
+    try:
+        with AnyReader([path], default_typestore=get_typestore(store)) as bag:
+            yield bag
+    except (AnyReaderError, OSError) as error:
+        raise LogError(f"cannot be read: {error}.", where=str(path)) from error
+
+
+def _places(bag: Any, selection: Selection, path: Path) -> tuple[dict[str, str], dict[str, Any]]:
+    """Return where q is, and v and tau if they are elsewhere; and what of this was assumed.
+
+    Places are written as TOPIC or TOPIC:FIELD, such as /states:tau_J. If q has none, it is that of
+    the one topic with positions and efforts of all joints, or of the one with the positions beside
+    one with the efforts.
+
+    Raises:
+        LogError: a topic that does not exist, or several fit.
+    """
+    stated = dict(selection.topics)
+    for signal, place in stated.items():
+        topic = place.partition(":")[0]
+        if topic not in bag.topics:
+            guess = did_you_mean(topic, list(bag.topics))
+            raise LogError(
+                f"'{topic}' is not a topic of it. {_contents(bag)}{guess}",
+                where=f"{path}: {signal}",
+            )
+    if "q" in stated:
+        return stated, {}
+    states = [name for name, info in bag.topics.items() if info.msgtype in _STATES]
+    filled = {name: _filled(bag, name, selection.joints) for name in states}
+    whole = {"q"} if "tau" in stated else {"q", "tau"}
+    fitting = [name for name in states if whole <= filled[name]]
+    if fitting or len(states) == 1:
+        options = {"q": fitting or states}
+    else:
+        options = {
+            signal: [name for name in states if signal in filled[name]] for signal in ("q", "tau")
+        }
+    if any(len(names) != 1 for names in options.values()):
+        raise LogError(
+            f"not one topic fits, but {options}. {_contents(bag)}",
+            where=str(path),
+            hint="Say which: --topic NAME, or --topic q=NAME,tau=NAME.",
+        )
+    found = {signal: names[0] for signal, names in options.items()}
+    if len(states) > 1:
+        words = f"the joint states are those of '{found['q']}'"
+        words += f", the torques those of '{found['tau']}'" if "tau" in found else ""
+        lack = ", ".join(name for name in states if name not in found.values())
+        words += f"; {lack} lack joints or efforts" if lack else ""
+        warnings.warn(f"{path}: {words}. --topic names others.", stacklevel=2)
+    places = {**found, **stated}
+    return places, {"topic": places["q"] if len(places) == 1 else places}
+
+
+def _filled(bag: Any, topic: str, joints: Sequence[str]) -> set[str]:
+    """Return which of q, v and tau the messages of a topic have for all joints."""
+    states = (state for _, message in _messages(bag, topic) for state in _states(message, ""))
+    whole = (one for one in islice(states, _LOOKED_AT) if set(joints) <= set(one.joints))
+    return {
+        signal
+        for one in whole
+        for signal, part in zip(SIDES, one.parts, strict=True)
+        if len(part) == len(one.joints)
+    }
+
+
+def _contents(bag: Any) -> str:
+    """Return the topics of a bag in words."""
+    topics = sorted((name, info.msgtype) for name, info in bag.topics.items())
+    return f"Its topics: {', '.join(f'{name} ({kind})' for name, kind in topics)}."
+
+
+class _Time(NamedTuple):
+    """The time of a message [s], when the bag received it, and whether its header has the time."""
+
+    stamp: float
+    received: float
+    stamped: bool
+
+
+class _State(NamedTuple):
+    """Names of joints, their positions, velocities and efforts, and how late they are [s]."""
+
+    joints: Sequence[str]
+    parts: tuple[Sequence[float], Sequence[float], Sequence[float]]
+    since: float = 0.0
+
+
+class _Series(NamedTuple):
+    """The messages of one topic, sorted by time.
+
+    Attributes:
+        t: (N) times [s] of the headers, or of the bag where they have none.
+        received: (N) times of the bag [s].
+        stamped: whether the headers have times.
+        parts: (3, N, n) positions, velocities and efforts; the same numbers three times if they are
+            those of a field.
+        joints: names of the columns; none if the messages do not name joints.
+    """
+
+    t: np.ndarray
+    received: np.ndarray
+    stamped: bool
+    parts: np.ndarray
+    joints: list[str]
+
+    def times_by(self, other: _Series, where: str) -> np.ndarray:
+        """Return the times (N) by the clock of another series [s].
+
+        If the headers of only one of them have times, both are compared by when the bag received
+        them, by the median of its delay; a warning with ``where`` says so.
+        """
+        if self.stamped == other.stamped:
+            return self.t
+        lag, other_lag = (float(np.median(each.received - each.t)) for each in (self, other))
+        without, delay = ("it", other_lag) if other.stamped else ("the positions' topic", lag)
+        warnings.warn(
+            f"{where}: the messages of {without} have no times, so those of the bag were taken, "
+            f"less the {1e3 * delay:.3g} ms by which the bag is late with the other topic.",
+            stacklevel=3,
+        )
+        return np.asarray(self.t + lag - other_lag)
+
+
+def _messages(bag: Any, topic: str) -> Iterator[tuple[_Time, Any]]:
+    """Yield time and content of each message."""
+    for connection, received, raw in bag.messages(bag.topics[topic].connections):
+        message, at = bag.deserialize(raw, connection.msgtype), 1e-9 * received
+        header = getattr(message, "header", None)
+        stamp = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
+        yield _Time(stamp if stamp > 0.0 else at, at, stamp > 0.0), message
+
+
+def _states(message: Any, field: str) -> Iterator[_State]:
+    """Yield the joint state of a message, of each point of a trajectory, or a field of numbers."""
+    if field:
+        yield _State((), (attrgetter(field)(message),) * 3)
+    elif hasattr(message, "points"):
+        for point in message.points:
+            since = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+            parts = point.positions, point.velocities, point.effort
+            yield _State(message.joint_names, parts, since)
+    else:
+        yield _State(message.name, (message.position, message.velocity, message.effort))
+
+
+def _fields(message: Any, size: int, depth: int = _DEPTH) -> Iterator[str]:
+    """Yield the names of the fields of a message that are a number of numbers, inner ones too."""
+    for name in getattr(message, "__dataclass_fields__", ()):
+        part = getattr(message, name)
+        if isinstance(part, np.ndarray) and part.shape == (size,) and part.dtype.kind in "fiu":
+            yield name
+        elif depth:
+            yield from (f"{name}.{inner}" for inner in _fields(part, size, depth - 1))
+
+
+def _series(bag: Any, place: str, selection: Selection, path: Path) -> _Series:
+    """Return the messages of a topic that have all joints, or the numbers of a field.
+
+    Raises:
+        LogError: none has, or there is no such field.
+    """
+    (topic, _, field), wanted = place.partition(":"), list(selection.joints)
+    where = f"{path}, {topic}"
+    if bag.topics[topic].msgtype not in _STATES:
+        fields = list(_fields(next((one for _, one in _messages(bag, topic)), None), len(wanted)))
+        field = field or (fields[0] if len(fields) == 1 else "")
+        if field not in fields:
+            raise LogError(
+                f"no field '{field}' of its messages has {len(wanted)} numbers, one for each "
+                f"joint; these have: {fields}.",
+                where=where,
+                hint="--topic SIGNAL=TOPIC:FIELD names it.",
+            )
+    orders: dict[tuple[str, ...], list[int] | None] = {}
+    rows: dict[float, tuple[_Time, list[list[float]]]] = {}
+    joints: list[str] = []
+    for time, message in _messages(bag, topic):
+        for state in _states(message, field):
+            names = tuple(state.joints)
+            if names not in orders:
+                orders[names] = _order(names, wanted, where, known=bool(joints) or selection.named)
+            if (order := orders[names]) is None:
+                continue
+            joints = joints or [names[k] for k in order if names]
+            values = [
+                [float(part[k]) for k in order] if len(part) > max(order) else [np.nan] * len(order)
+                for part in state.parts
+            ]
+            rows.setdefault(time.stamp + state.since, (time, values))
+    if not rows:
+        others = sorted({name for found in orders for name in found})
+        raise LogError(
+            f"no message of '{topic}' has all of the joints {wanted}; there are {others}.",
+            where=str(path),
+            hint="Record a topic with all joints in one message, such as that of "
+            "joint_state_broadcaster, or name the log's: --joints A,B,....",
+        )
+    t = np.array(sorted(rows))
+    times = [rows[stamp][0] for stamp in t]
+    return _Series(
+        t,
+        np.array(
+            [time.received + (stamp - time.stamp) for stamp, time in zip(t, times, strict=True)]
+        ),
+        all(time.stamped for time in times),
+        np.array([rows[stamp][1] for stamp in t]).swapaxes(0, 1),
+        joints,
+    )
+
+
+def _order(
+    names: Sequence[str], wanted: Sequence[str], where: str, *, known: bool
+) -> list[int] | None:
+    """Return the index of each joint in a message, None where not all are in it.
+
+    Names that are not the robot's are matched only where the log's names are not ``known``.
+    """
+    if not names:
+        return list(range(len(wanted)))
+    if set(wanted) <= set(names):
+        return [list(names).index(name) for name in wanted]
+    return None if known else match_joints(names, wanted, where)
+
+
+def _frames(bag: Any, topic: str | None, path: Path) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return times (M) [s] and coordinates (M, 3 or 7) of a topic of positions or poses."""
+    if topic is None:
+        return None, None
+    kind = bag.topics[topic].msgtype if topic in bag.topics else "not a topic of it"
+    if kind not in _POSES:
+        raise LogError(
+            f"'{topic}' is {kind}, and has no positions. {_contents(bag)}",
+            where=str(path),
+            hint=f"Positions are {', '.join(_POSES)}: --pose-topic NAME.",
+        )
+    frames = [(time.stamp, _POSES[kind](message)) for time, message in _messages(bag, topic)]
+    return np.array([time for time, _ in frames]), np.array([frame for _, frame in frames])
