@@ -103,8 +103,8 @@ def advance(
 ) -> None:
     """Move low, (Z_k, xi, z) as in ``filtered_rates``, on for dt with its inputs held.
 
-    Each goes the share 1 - exp(-bandwidth dt) of the way to its input, X_k, d and v; W_k (m_p, p),
-    y (m_p) and a (n) are these ways times the bandwidth.
+    Each moves by the share 1 - exp(-bandwidth dt) towards its input, X_k, d and v; W_k (m_p, p),
+    y (m_p) and a (n) are these changes times the bandwidth.
     """
     m, p = W_k.shape
     size = m * p + m + len(a)

@@ -37,7 +37,7 @@ class InputCheck:
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
     ) -> tuple[Measurement, Desired]:
-        """Return measurement and desired motion as arrays of floats, the given ones if they are.
+        """Return measurement and desired motion as arrays of floats, copied only if necessary.
 
         Raises:
             MeasurementError: a signal that the law needs is missing, of the wrong size, or not

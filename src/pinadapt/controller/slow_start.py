@@ -102,7 +102,7 @@ class Start(NamedTuple):
 
 
 class SlowStart(Controller):
-    """A controller that moves nothing but joints by millimetres until the axes of x are known.
+    """A controller that excites the joints by millimetres until the axes of x are known.
 
     That is where the state begins without a kinematic estimate; with one the path begins at once.
     The frame is to stay within 0.22 % of the reach of its place. A cycle of its motion takes 3.5 s;

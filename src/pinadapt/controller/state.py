@@ -125,7 +125,7 @@ class ControllerState(NamedTuple):
         return self._replace(torque_filter=memory._replace(y=y, tau=torque))
 
     def flat(self) -> np.ndarray:
-        """Return what moves, estimates, filters with their memories, path time, as one array."""
+        """Return the continuous states as one array: estimates, filters, memories, path time."""
         leaves: list[np.ndarray] = []
         for part in (*self[1:5], self.torque_filter, self.path):
             _collect(part, leaves)

@@ -109,7 +109,7 @@ class Dynamics(Doors, ABC):
     slotine_li_unchecked = slotine_li
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return the torque as the rate of a momentum and a rest, both without acceleration.
+        """Return the torque as the rate of a momentum and a remainder, both without acceleration.
 
         M a + C v + g = d/dt (Y_M a_d + p_0) + Y_0 a_d + tau_0. It does not depend on the loaded
         estimate.

@@ -138,8 +138,8 @@ def bound_smoothly(
     """Return x (n), shortened so that |x_i| < most limits_i, and its rate (n) changed with it.
 
     Both are as given up to r = knee, r the norm of x / limits with the eighth power, which is
-    hardly more than the largest. Beyond, x is multiplied by g(r) / r, with g = knee + w tanh((r -
-    knee) / w), w = most - knee: twice continuously differentiable.
+    slightly above the largest entry. Beyond, x is multiplied by g(r) / r, with g = knee + w
+    tanh((r - knee) / w), w = most - knee: twice continuously differentiable.
     """
     shares = x / limits
     largest = np.abs(shares).max(initial=0.0)

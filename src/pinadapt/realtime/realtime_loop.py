@@ -156,7 +156,7 @@ def _reserved() -> list[bytes]:
 
 
 class Histogram:
-    """Times to a microsecond, of which the number is not limited; above 100 ms they are one."""
+    """Histogram of times in bins of a microsecond; those above 100 ms share one bin."""
 
     def __init__(self) -> None:
         """Begin without times."""

@@ -219,7 +219,7 @@ class Checklist:
         )
 
     def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> tuple[np.ndarray, bool]:
-        """Return a torque (n) within its limits, near the one before, and whether it is another."""
+        """Return a torque (n) within its limits of size and change, and whether it was changed."""
         safe = limited_torque(torque, self.limit, before, self._rate * dt)
         return safe, not np.array_equal(safe, torque)
 
