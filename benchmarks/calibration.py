@@ -181,14 +181,3 @@ def _spread(rows: list[Mapping[str, Any]], keys: Iterable[str]) -> list[str]:
         f"{median(row[key] for row in rows):.2g} / {max(row[key] for row in rows):.2g}"
         for key in keys
     ]
-
-
-def followed(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return a table in Markdown: median / largest of the arms of each robot, in mm."""
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["robot"], row["unknown"]), []).append(row)
-    keys = ("largest", "last", "predicted")
-    lines = [[*who, *_spread(own, keys)] for who, own in groups.items()]
-    head = ["arm", "unknown", "largest error", "of the last tenth", "of the predicted position"]
-    return markdown(head, lines)

@@ -123,7 +123,6 @@ TABLES: dict[str, Callable[[], str]] = {
         "alternatives", lambda rows: alternatives_report.report(list(alternatives.runs_of(rows)))
     ),
     "calibration": of("calibration", calibration.report),
-    "geometry_online": of("geometry_online", calibration.followed),
     "identification": of("identification", identification.report),
     "image": of("image", image.report),
     "lying_sensors": of("lying_sensors", lying_sensors.report, law="separation"),
