@@ -7,11 +7,9 @@ import json
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 from .._output import check_writable, columns, number, one_run, write_text
-from ..adaptation.adaptation import Frozen
 from ..description.catalogue import robots_folder
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
@@ -29,7 +27,7 @@ from .command_line import (
     names,
     status_of,
 )
-from .run import RUN_FILES, check_place, run_beside, run_scenario, unadapted, write_run
+from .run import RUN_FILES, check_place, run_beside, unadapted, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
 _FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]
@@ -198,38 +196,11 @@ def _row(rollout: Rollout, scale: float) -> list[str]:
 
 # The demo
 
-_GRADIENT = ('controller.adaptation="gradient"', "controller.gamma_d=[4.5, 1.5, 1.5]")
-_PLANAR, _PANDA = "planar_2r/wang_xie_2009.toml", "panda/tool_and_load.toml"
-
-# folder, scenario file, settings
-SHOWCASE: tuple[tuple[str, str, Sequence[str]], ...] = (
-    (
-        "planar_known",
-        _PLANAR,
-        (
-            'title="planar arm, known"',
-            'controller.law="resolved-acceleration"',
-            "belief.kinematic=[1.0, 1.2]",
-            "belief.dynamic=[3.34, 1.2, 0.97]",
-        ),
-    ),
-    (
-        "planar_improved",
-        _PLANAR,
-        (
-            'title="planar arm, improved law"',
-            'controller.law="adaptive-inverse-dynamics-improved"',
-            *_GRADIENT,
-        ),
-    ),
-    (
-        "planar_passivity_based",
-        _PLANAR,
-        ('title="planar arm, passivity based"', 'controller.law="adaptive-jacobian"', *_GRADIENT),
-    ),
-    ("panda_unadapted", _PANDA, ('title="panda, unadapted"', 'controller.adaptation="none"')),
-    ("panda_adaptive", _PANDA, ('title="panda, unknown tool and load"',)),
-)
+# folder and scenario file
+SHOWCASE = {
+    "planar": "planar_2r/wang_xie_2009.toml",
+    "panda": "panda/tool_and_load.toml",
+}
 
 
 def demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -239,22 +210,16 @@ def demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 def demo(options: argparse.Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnusedGainWarning)  # all laws use the gains of one file
-        scenarios = [Scenario.read(robots_folder() / file, given) for _, file, given in SHOWCASE]
-    folders = [check_place(options.out / name) for name, _, _ in SHOWCASE]
+    folders = [check_place(options.out / name) for name in SHOWCASE]
     rollouts: list[Rollout] = []
-    unadapted: dict[tuple[str, str], float | None] = {}  # (file, law) -> last error
     try:
-        for scenario, folder, (_, file, _) in zip(scenarios, folders, SHOWCASE, strict=True):
-            rollout = run_scenario(scenario)
-            loop = file, rollout.law
-            if rollout.adaptation == Frozen.name:
-                unadapted[loop] = rollout.summary()["max_error_last"]
-            else:
-                rollout = replace(rollout, unadapted=unadapted.get(loop))
-            rollouts.append(rollout)
-            write_run(rollout, folder, html=True)
+        for file, folder in zip(SHOWCASE.values(), folders, strict=True):
+            path = robots_folder() / file
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UnusedGainWarning)  # of a run without adaptation
+                without = Scenario.read(path, ['controller.adaptation="none"'])
+            rollouts.append(run_beside(Scenario.read(path), without))
+            write_run(rollouts[-1], folder, html=True)
             if interrupted(rollouts):
                 break
     finally:

@@ -10,9 +10,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from .._output import check_writable, one_run
 from ..citation import citation
 from ..exceptions import InputError, Interrupted
+from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.scenario import Scenario
@@ -84,7 +87,9 @@ def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = Fal
     first = run_scenario(without)
     if first.interrupted is not None:
         return first
-    return replace(run_scenario(scenario, live=live), unadapted=first.summary()["max_error_last"])
+    return replace(
+        run_scenario(scenario, live=live), unadapted=extreme(np.max, first.window(False))
+    )
 
 
 def view_arguments(parser: argparse.ArgumentParser) -> None:
