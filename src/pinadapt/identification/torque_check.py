@@ -37,7 +37,7 @@ from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
 from .logged_motion import motion_of_log
 
-_MOST, _FEWEST_WINDOWS = 250, 5  # of them; half as many give the same verdicts on the real logs
+_MOST = 250  # windows; half as many give the same verdicts on the real logs
 _SLIDING = 0.02  # [rad/s or m/s] from where Coulomb friction has its full size; half: the same
 # Factors between which a joint is as described, and between which residuals are compared. Half as
 # wide refuses worn or wrongly described arms, twice as wide accepts a robot of another size.
@@ -48,20 +48,18 @@ _CLEAR, _LEAST = 0.75, 0.4  # correlations of a clear relation, and of one that 
 _VISIBLE, _CLAIMED = 0.05, 0.3
 _CLOSE = 0.2  # of the torques of judged joints, that a good explanation leaves; it changes words
 _TURNED = math.radians(25.0)  # from the described gravity: tilts of half as much are found as well
-_STRENGTH = (0.6, 1.6)  # of gravity, between which its direction is believed
-_SCATTER = 1.5  # by which the factors of joints differ that have one gain in common; words
 # In log(residual^2): the price of a chosen number, and by how much a mistake must be likelier than
 # none. Quarters of real logs gain up to 0.8 by mistakes nobody made; the least visible one that
 # somebody made gains 1.2, so half refuses good logs and twice as much accepts a wrong sign.
 _PRICE, _SURELY = 0.15, 1.0
 _LOAD_NUMBERS, _RARE = 4, 8  # numbers of a load; for which a rare mistake counts
-_AS_GOOD, _NAMED = 0.5, 3  # log(residual^2) within which mistakes are named together; at most
 # Of the robot's mass: a load. Half as much refuses rated loads, twice as much takes a UR10 for a
-# loaded UR5. Then of the reach: its centre; and mass and length of a usual one, a weak prior.
-_HEAVIEST, _FARTHEST, _USUAL_LOAD = 0.3, 0.6, 0.2
+# loaded UR5. A usual one has this share of mass and reach, a weak prior.
+_HEAVIEST = 1.0 / 3.0
 _LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
-_SURE, _MATCH = 4.0, 0.15  # deviations of a mass that is missing, and its distance from a body's
-_ZERO, _FLAT = 1e-9, 0.02  # of torques, and of gravity's directions that a motion does not show
+_MATCH = 0.15  # relative distance of a mass that is missing from a body's; a note without effect
+_FLAT = 0.02  # of gravity's directions, that a motion does not show; half: the same
+_ZERO = 1e-9  # [N m or N] of a torque that is none
 
 
 class JointFactor(NamedTuple):
@@ -184,7 +182,7 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
         LogError: fewer than two samples are finite.
     """
     motion = _averages(log, robot)
-    if len(motion.q) < _FEWEST_WINDOWS:
+    if not len(motion.q):
         return TorqueCheck(log.source, (), np.full(3, np.nan), (0.0, np.inf), ())
     return _Comparison(motion, robot, named=bool(log.joints)).result(log.source)
 
@@ -203,7 +201,7 @@ def on_wall(log: Log, robot: Robot) -> Robot:
     size = float(np.linalg.norm(robot.model.gravity.linear))
     across = np.append(seen[:2], 0.0)
     strength = float(np.linalg.norm(across)) / size
-    if not (_STRENGTH[0] < strength < _STRENGTH[1] and abs(seen[2]) < _STRENGTH[0] * size):
+    if not (_FACTORS[0] < strength < _FACTORS[1] and abs(seen[2]) < _FACTORS[0] * size):
         raise LogError(
             f"the torques show a gravity of ({', '.join(f'{x:.2f}' for x in seen)}) m/s^2 in the "
             "axes of the base, which is not that of an arm on a wall.",
@@ -414,7 +412,7 @@ class _Comparison:
         model, robot = self._model, self._robot
         model.gravity.linear = gravity
         usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
-        usual *= _USUAL_LOAD ** np.repeat([1, 2, 3], [1, 3, 6])
+        usual *= _HEAVIEST ** np.repeat([1, 2, 3], [1, 3, 6])
         whole = [
             pin.computeJointTorqueRegressor(model, self._data, *each)[:, -PER_BODY:]
             for each in self._states(motion)
@@ -430,7 +428,7 @@ class _Comparison:
         mass, deviation = x[0] * usual[0], math.sqrt(inverse[0, 0]) * usual[0]
         body = float(model.inertias[model.njoints - 1].mass)
         heaviest = _HEAVIEST * robot.mass
-        near = np.linalg.norm(x[1:4] * usual[1:4]) <= _FARTHEST * robot.reach * max(mass, body)
+        near = np.linalg.norm(x[1:4] * usual[1:4]) <= robot.reach * max(mass, body)
         return _Load(mass, deviation, bool(-body <= mass <= heaviest and near), Y @ x)
 
     def _causes(self, plain: _Fit) -> Iterator[Cause]:
@@ -444,8 +442,8 @@ class _Comparison:
         healthy = min((one.score for one in fitting if one.cause is None), default=np.inf)
         tried = sorted((one for one in fitting if one.cause), key=lambda one: one.score)
         if tried and tried[0].score < healthy - _SURELY:
-            good = [one.cause for one in tried if one.score < tried[0].score + _AS_GOOD]
-            yield from list(dict.fromkeys(cause for cause in good if cause))[:_NAMED]
+            good = [one.cause for one in tried if one.score < tried[0].score + 0.5 * _SURELY]
+            yield from dict.fromkeys(cause for cause in good if cause)
             if not (tried[0].fit.left[tried[0].fit.judged] < _CLOSE).all():
                 yield Cause("it is the log of another robot, as this does not fit well either")
         elif healthy == np.inf:
@@ -529,7 +527,8 @@ class _Comparison:
         if not off.any():
             return
         common = float(np.exp(np.mean(np.log(sizes[clear]))))
-        alike = bool((np.abs(np.log(sizes[clear] / common)) < math.log(_SCATTER)).all())
+        spread = sizes[clear] / common
+        alike = bool(((spread > _USUAL[0]) & (spread < 1.0 / _USUAL[0])).all())
         ask = "Are they motor currents (A) or torques before the gear"
         if alike:
             gains = np.full(self._n, 1.0 / common)
@@ -552,7 +551,7 @@ class _Comparison:
         """Yield the explanation by another mounting, if the log shows one."""
         seen, size = self.seen_gravity(), float(np.linalg.norm(self._gravity))
         strength = float(np.linalg.norm(seen)) / size if size else np.nan
-        if not _STRENGTH[0] < strength < _STRENGTH[1]:  # also for NaN
+        if not _FACTORS[0] < strength < _FACTORS[1]:  # also for NaN
             return
         direction, near = seen / (strength * size), math.cos(_TURNED)
         if direction @ self._gravity / size > near:
@@ -606,12 +605,10 @@ class _Comparison:
                 f"the torques fit only with a load of {load.mass:.2f} kg behind the last joint, "
                 "which is not described. Without such a load it may be the log of a larger robot."
             )
-        if load.mass > -_SURE * load.deviation:
-            return
         links = self._end_links()
         for k in range(len(links)):
             mass = sum(one for _, one in links[k:])
-            if abs(-load.mass / mass - 1.0) < _MATCH:
+            if abs(load.mass + mass) < _MATCH * mass:
                 names = ", ".join(name for name, _ in links[k:])
                 yield (
                     f"{names} ({mass:.2f} kg) may be described and not mounted: the log shows "
