@@ -7,11 +7,8 @@ import time
 import numpy as np
 import pytest
 
-import pinadapt as pa
 from pinadapt.cli import main
-from pinadapt.realtime import CycleLog, PlantArm, franka, tell
-from pinadapt.realtime.franka import at_task_frame
-from pinadapt.robot import Gravity
+from pinadapt.realtime import CycleLog, tell
 from tests.support.arms import ORDINARY
 
 SCENARIO = """
@@ -78,31 +75,6 @@ def test_a_users_own_arm_is_driven_replayed_and_identified(folder, capsys):
     out = capsys.readouterr().out
     largest = [float(number) for number in re.findall(r"^joint\d.* (\S+)$", out, re.M)]
     assert len(largest) == 2 and max(largest) > 1e-3 and "bit for bit" not in out
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("forked")
-def test_a_franka_compensates_the_load_that_is_set_on_it(folder, capsys, monkeypatch):
-    """A stand-in adds the gravity of what it carries; the scenario is changed to know it."""
-    made = {}
-
-    def stand_in(address, robot, **given):
-        made.update(given, address=address)
-        true = pa.load("panda", task="joint").changed(payload=at_task_frame(given["load"], robot))
-        plant = pa.plants.PinocchioPlant(true, compensation=Gravity(true))
-        made["arm"] = PlantArm(plant, 1e-3)
-        return made["arm"]
-
-    monkeypatch.setattr(franka, "FrankaArm", stand_in)
-    log = folder / "franka.mcap"
-    load = '{"mass": 1.5, "com": [0.01, 0.02, 0.15], "inertia": [0.01, 0, 0.01, 0, 0, 0.01]}'
-    given = ["drive", "franka", "here", "--hold", "--duration", "0.05", "--log", str(log)]
-    low = [str(each) for each in range(11, 18)]
-    assert main([*given, "--load", load, "--collision", *low]) == 0
-    assert made["collision"] == [*range(11, 18)] and made["load"].mass == 1.5
-    cycles = CycleLog.read(log).cycles
-    assert np.abs(cycles.sent).max() < 1e-6 and np.ptp(cycles.q, axis=0).max() < 1e-9
-    assert main(["replay", str(log)]) == 0 and "bit for bit" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -11,7 +11,6 @@ import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.simulation.simulate import record
-from tests.support.loops import circle_at_home
 
 pytestmark = pytest.mark.slow
 
@@ -42,36 +41,6 @@ def stop_run(monkeypatch, number, at=50):
         return simulate(*arguments, **options)
 
     monkeypatch.setattr("pinadapt.scenario.scenario.simulate", stopped)
-
-
-@pytest.mark.parametrize(
-    ("mode", "at"), [("sampled", 0), ("sampled", 1), ("sampled", 30), ("continuous", 30)]
-)
-def test_an_interrupt_carries_the_rollout_so_far(mode, at, tmp_path, request):
-    robot = pa.load("planar_2r")
-    loop = robot, pa.make_controller(robot, adaptation="natural"), circle_at_home(robot)
-    whole = pa.simulate(
-        *loop, duration=0.05, engine=pa.Engine(continuous=mode == "continuous"), progress=False
-    )
-    with pytest.raises(KeyboardInterrupt) as stop:
-        pa.simulate(
-            *loop,
-            duration=0.05,
-            engine=pa.Engine(continuous=mode == "continuous"),
-            progress=stopping(at),
-        )
-    assert isinstance(stop.value, pa.Interrupted)
-    rollout = stop.value.rollout
-    assert np.array_equal(rollout.q, whole.q[:at]) and rollout.diverged is None
-    assert rollout.interrupted == (rollout.t[-1] if at else 0.0)
-    assert rollout.verdict.startswith("interrupted at ") and "INTERRUPTED" in str(rollout)
-    rollout.save(tmp_path)
-    if at == 0:  # many samples are drawn elsewhere
-        assert all(path.stat().st_size > 5000 for path in rollout.plot(tmp_path))
-    if at == 1:
-        request.getfixturevalue("unpainted")
-        assert len(rollout.plot(tmp_path)) == 3
-    assert json.loads((tmp_path / "summary.json").read_text())["steps"] == at
 
 
 @pytest.mark.usefixtures("blank_pictures", "interruptible")

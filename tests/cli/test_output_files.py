@@ -130,32 +130,6 @@ def test_a_killed_run_leaves_the_files_of_the_previous_one(tmp_path, monkeypatch
 # --- a place that cannot be written ---
 
 
-@pytest.mark.parametrize(
-    "arguments", [["run", PLANAR], ["compare", PLANAR], ["demo"], ["zoo"]], ids=lambda a: a[0]
-)
-@pytest.mark.parametrize("taken", ["file", "below", "read-only"])
-def test_an_out_that_cannot_be_written_is_refused_before_anything_runs(
-    arguments, taken, tmp_path, capsys, monkeypatch
-):
-    def refuse(*_, **__):
-        raise OSError(errno.EROFS, "Read-only file system")
-
-    place = tmp_path / "out"
-    if taken == "read-only":
-        monkeypatch.setattr("pinadapt._output.tempfile.TemporaryFile", refuse)
-    else:
-        place.write_text("in the way")
-        place = place / "deeper" if taken == "below" else place
-    if "demo" not in arguments and "zoo" not in arguments:
-        arguments = [*arguments, "--set", "controller.law=adaptive-inverse-dynamics"]
-        arguments += ["--laws", "adaptive-jacobian"] if "compare" in arguments else []
-    for module in ("scenario.scenario.simulate", "zoo.experiment.engine"):
-        monkeypatch.setattr(f"pinadapt.{module}", lambda *_, **__: pytest.fail("it ran"))
-    assert main([*arguments, "--out", str(place)]) == 2
-    error = capsys.readouterr().err
-    assert str(place) in error and "--out" in error and "Traceback" not in error
-
-
 # --- a full disk ---
 
 

@@ -11,7 +11,6 @@ import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.models.bodies import unphysical_bodies
 from pinadapt.models.excited import around
-from pinadapt.robot.robot import Succession
 from tests.support.chains import catalogue_robot
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
@@ -148,20 +147,6 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
     assert (start["a_d"] == state.a_d).all()
     slide = "slide_joint.viscous"
     assert learned.units.get(slide, "N s/m") == "N s/m" and "" not in learned.units.values()
-
-
-def test_a_run_continues_where_another_one_ended(tmp_path):
-    _, first = run("ur5", 2.0, adaptation="natural-memory")
-    first.parameters().save(tmp_path / "learned.json")
-    other = pa.make_controller(catalogue_robot("ur5").changed(inertial_scale=0.7), dt=4e-3)
-    start = pa.LearnedParameters.load(tmp_path / "learned.json").start(other)
-    evaluation = first.evaluated()
-    assert isinstance(evaluation.true, Succession)
-    true = evaluation.true.robots[0]
-    path = pa.reachable_circle(true)
-    fresh, warm = (pa.simulate(true, other, path, duration=1.0, start=s) for s in (None, start))
-    assert (warm.a_d[0] == start["a_d"]).all()
-    assert np.linalg.norm(warm.distance[125:]) < 0.3 * np.linalg.norm(fresh.distance[125:])
 
 
 # --- on the command line ---

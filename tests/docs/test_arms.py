@@ -177,24 +177,3 @@ def test_the_node_of_ros_drives_an_arm(ros):
     assert not ending.failed and len(ros.efforts) > 100 and not ros.running
     assert np.abs(ros.plant.plant.measure().q - robot().q0).max() < 1e-3
     assert not ros.point.effort[0] and not any(ros.point.velocities)  # by its own gains from now on
-
-
-def test_the_node_of_ros_passes_on_what_is_measured(ros):
-    on = loaded("ros2", "RosArm")("/arm", robot())
-    with on:
-        on.read()
-        on.begin()
-        on.send(np.array([3.0, -2.0]))
-        on.read()
-        assert np.array_equal(on.read().tau, ros.efforts[-2])
-        assert np.allclose(ros.efforts[-2], [3.0, -2.0], atol=1.5)  # and what the gains add
-        update = ros.update
-        for kind, empty in (("effort", []), ("effort", [np.nan, 1.0])):
-            ros.update = lambda kind=kind, empty=empty: SimpleNamespace(
-                **{**vars(update()), kind: empty}
-            )
-            assert on.read().tau is None
-        ros.update = lambda: SimpleNamespace(**{**vars(update()), "velocity": []})
-        assert np.isnan(on.read().v).all()
-        on.send(np.zeros(2))
-        assert np.isfinite([ros.point.positions, ros.point.velocities]).all()

@@ -2,7 +2,6 @@
 
 import re
 
-import numpy as np
 import pytest
 
 import pinadapt as pa
@@ -43,73 +42,11 @@ def test_the_page_without_calibration_runs():
     assert scope["rollout"].distance.max() < 2e-3
 
 
-class Arm:
-    """A simulated arm with the interface that the page on hardware describes."""
-
-    def __init__(self, robot, samples):
-        """Take the true robot, which compensates described gravity, and the number of samples."""
-        self.plant = pa.plants.PinocchioPlant(robot, compensation=pa.robot.Gravity(pa.load("ur5")))
-        self.left, self.sent, self.error = samples, [], None
-        self.driven, self.reached = 0, None
-
-    def read(self):
-        """Return a measurement."""
-        truth = self.plant.measure()
-        return pa.Measurement(truth.t, truth.q, truth.v, x=truth.x, x_time=truth.t)
-
-    def enabled(self):
-        """Return whether the run continues; at its end, keep how many torques came and where."""
-        self.left -= 1
-        if self.left == -1:
-            self.driven, self.reached = len(self.sent), self.read()
-        return self.left >= 0
-
-    def send(self, torque):
-        """Move for a period."""
-        self.sent.append(torque)
-        self.plant.step(torque, 1e-3)
-
-    def stop(self, error):
-        """Keep the error."""
-        self.error = error
-
-
-class Operator:
-    """An operator who presses the button from the n-th sample on."""
-
-    def __init__(self, after):
-        """Take n."""
-        self.left = after
-
-    def pressed(self, button):
-        """Return whether the button is pressed."""
-        self.left -= 1
-        return self.left < 0
-
-
 @pytest.mark.usefixtures("forked")
 def test_the_realtime_loop_on_the_page_on_hardware_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(blocks("hardware")[0], {"__name__": "__main__"})
     assert "stopped" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("after", [200, 10_000])
-def test_the_loop_on_hardware_runs_and_adapts_only_when_enabled(after):
-    _, block, _ = blocks("hardware")
-    arm = Arm(pa.load("ur5").changed(payload=pa.Payload(mass=1.0)), samples=600)
-    block = block.replace('pa.load("my_robot.urdf", frame="tool0")', 'pa.load("ur5")')
-    scope = {"arm": arm, "operator": Operator(after)}
-    exec(block, scope)
-    assert arm.error is None and arm.driven == 600
-    state, initial = scope["state"], scope["controller"].dynamics.initial
-    assert state.adapting == (after < 600)
-    assert np.array_equal(state.a_d, initial) == (after > 600)
-    reached = scope["motion"].at(0.6).x_d
-    assert np.linalg.norm(arm.reached.x - reached) < 0.01
-    assert len(arm.sent) > 600 and np.abs(arm.read().v).max() < 0.01  # then it comes to rest
-    assert np.linalg.norm(arm.read().x - reached) < 0.03  # where a load not learned sags
-    assert np.abs(arm.sent[0]).max() < 30.0  # without the gravity torque that the arm adds itself
 
 
 def test_the_declaration_of_actuators_on_the_page_on_hardware_runs(capsys):

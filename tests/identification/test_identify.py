@@ -1,20 +1,17 @@
 """A robot and its load are identified from a recorded motion."""
 
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from benchmarks.calibration import measured, random_angles, wrong_arm
 from pinadapt.cli.command_line import main
 from pinadapt.identification.identification import log_and_robot
 from pinadapt.identification.report import FILES
 from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
-from tests.support.paths import ROOT
 from tests.support.recorded import LOAD, identified, motion, recorded, torques, true_robot
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
@@ -136,54 +133,6 @@ def as_csv(path, log, robot):
         comments="",
     )  # fmt: skip
     return path
-
-
-class Arm:
-    """A robot that another controller drives."""
-
-    def __init__(self, log):
-        """Take its measurements."""
-        self.rows = [
-            pa.Measurement(t, q, v, tau=tau)
-            for t, q, v, tau in zip(log.t.tolist(), log.q, log.v, log.tau, strict=True)
-        ]
-
-    def enabled(self):
-        """Return whether there is another sample."""
-        return bool(self.rows)
-
-    def read(self):
-        """Return the next sample."""
-        return self.rows.pop(0)
-
-
-def test_the_code_of_the_page_runs(tmp_path, monkeypatch):
-    page = ROOT / "docs" / "identify.md"
-    whole, geometry, loop, online = re.findall(r"```python\n(.*?)```", page.read_text(), re.S)
-    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=3.0)
-    robot.save(tmp_path / "my_robot.urdf", shapes=False)
-    as_csv(tmp_path / "log.csv", log, robot)
-    monkeypatch.chdir(tmp_path)
-    scope = {"pa": pa, "arm": Arm(log)}
-    exec(whole, scope)
-    assert pa.load("learned.urdf").model.nv == 6
-    assert (tmp_path / "identified" / "summary.json").is_file()
-    real, rng = wrong_arm(robot, np.random.default_rng(0)), np.random.default_rng(1)
-    poses = measured(real, random_angles(robot, rng, 60), rng)
-    header = ",".join([*(f"q_{name}" for name in robot.joint_names), *"xyz"])
-    rows = np.hstack([poses.q, poses.x])
-    np.savetxt("poses.csv", rows, "%.9g", ",", header=header, comments="")
-    exec(geometry, own := {"pa": pa})
-    place = own["found"].robot.position(real.q0)
-    assert pa.load("learned.urdf").position(real.q0) == pytest.approx(place, abs=1e-12)
-    exec(online, scope)
-    assert len(scope["numbers"].dynamic) == 78
-    true = pa.load("my_robot.urdf")
-    start = pa.Measurement(0.0, true.q0, np.zeros(6), true.position(true.q0))
-    scope |= {"true": true, "path": pa.reachable_circle(true), "measurement": start}
-    exec(loop, scope)
-    assert (scope["state"].a_d == scope["found"].dynamic.estimate).all()
-    assert scope["rollout"].diverged is None
 
 
 def test_the_command_writes_its_files(tmp_path, capsys):

@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -61,46 +60,3 @@ def test_errors_of_the_arm_need_a_prior_or_a_run_without_load():
     off, known = misses(loaded.payload(refined=True, empty=empty), 1.5)
     assert (np.abs(off) < 3.0 * known).all()
     assert abs(off[0]) < 0.02 * 1.5 and np.abs(off[1:]).max() < 2.0
-
-
-def torques(robot, motion):
-    """Return the torques (N, n) that a motion of the joints needs."""
-    model, data = robot.model, robot.model.createData()
-    desired = [motion.at(t) for t in np.arange(0.0, 10.0, 0.02)]
-    return np.array(
-        [pin.rnea(model, data, *each) + robot.friction.torque(each.xd_d) for each in desired]
-    )
-
-
-def test_the_urdf_of_two_runs_learns_from_torques_and_places_the_tool(tmp_path):
-    """Bodies, rotors and friction from the exciting motion; the tool, in no torque, from x."""
-    described = pa.load("panda", task="joint")
-    changes = {
-        "payload": pa.Payload(1.5, COM),
-        "tool_translation": (0.03, -0.02, 0.12),
-        "viscous": 0.3,
-        "coulomb": 0.5,
-    }
-    true, believed = described.changed(**changes), described.changed(inertial_scale=0.7)
-    exciting = Scenario.read(ROOT / "tests" / "data" / "panda_excited.toml").trajectory
-    controller = pa.make_controller(believed, adaptation="natural-memory", dt=5e-3)
-    first = pa.simulate(true, controller, exciting, duration=10.0).learned()
-    first.save(tmp_path / "bodies.urdf")
-    chain = {"frame": described.frame, "locked": list(described.locked), "joint_effects": True}
-    known = pa.load(tmp_path / "bodies.urdf", task="xyz", q0=described.home_angles, **chain)
-
-    seen = pa.load("panda").changed(**changes)
-    controller = pa.make_controller(known, adaptation="natural-memory", dt=5e-3)
-    path = pa.reachable_circle(seen)
-    pa.simulate(seen, controller, path, duration=4.0).learned().save(tmp_path / "all.urdf")
-    learned = pa.load(tmp_path / "all.urdf", **chain)
-
-    held_out = pa.trajectories.Sinusoid(described.home_angles, 0.5, np.linspace(2.0, 4.0, 7), 0.0)
-    tau = torques(true, held_out)
-    before, after = (
-        np.sqrt(np.mean((torques(robot, held_out) - tau) ** 2)) for robot in (believed, learned)
-    )
-    assert before > 50.0 * after
-    places = [held_out.at(t).x_d for t in np.arange(0.0, 10.0, 0.2)]
-    off = [learned.position(q) - seen.position(q) for q in places]
-    assert np.linalg.norm(off, axis=1).max() < 1e-4

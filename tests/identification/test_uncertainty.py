@@ -104,18 +104,3 @@ def test_the_load_is_the_difference_to_a_log_of_the_empty_arm():
             unknown=known,
             progress=False,
         )
-
-
-def test_several_logs_are_learned_from_and_others_predicted():
-    robot, logs = catalogue_robot("ur5"), [log_of_arm(seed) for seed in (0, 1, 2)]
-    both = pa.identify(logs[:2], robot, test=logs[2], progress=False)
-    assert both.tested == ("log 2",) and "log 2" in both.report()
-    one = identified(0)
-    each = len(identified(1).windows.t)  # all logs are as long
-    assert len(one.windows.t) == len(one.windows.between(-np.inf, one.split).t) + each
-    assert len(both.windows.t) == 3 * each  # none across two logs
-    assert len(both.windows.between(-np.inf, both.split).t) == 2 * each
-    assert np.array_equal(both.before_split, both.dynamic.estimate)  # nothing from the test
-    left, alone = (np.sqrt(np.mean(part.torque_errors.learned_held_out**2)) for part in (both, one))
-    described = np.sqrt(np.mean(both.torque_errors.described_held_out**2))
-    assert left < 1.1 * alone < 0.5 * described

@@ -9,14 +9,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 import pinadapt as pa
-from pinadapt.models.right_inverse import bound_smoothly
 from pinadapt.realtime.safety import limited_torque
 
-LAYOUTS = {
-    "C": np.ascontiguousarray,
-    "F": np.asfortranarray,
-    "strided": lambda x: np.repeat(x, 2, axis=-1)[..., ::2],
-}
 NAN = float("nan")
 LMI = np.array([[[1.0, 0], [0, 0]], [[0.0, 1], [1, 0]], [[-1.0, 0], [0, 1]]])
 
@@ -24,15 +18,6 @@ LMI = np.array([[[1.0, 0], [0, 0]], [[0.0, 1], [1, 0]], [[-1.0, 0], [0, 1]]])
 @pytest.fixture
 def rng():
     return np.random.default_rng(1)
-
-
-@pytest.fixture(params=LAYOUTS)
-def laid(request):
-    return LAYOUTS[request.param]
-
-
-def filled(*shape):
-    return np.full(shape, NAN)
 
 
 def close(a, b, tolerance=1e-12):
@@ -77,31 +62,6 @@ def test_geodesics(which, size, most, rng):
     assert close(cone.follow_geodesic(np.repeat(a, 2)[::2], g, h, most), after)
     g[0] = NAN
     assert np.isnan(cone.follow_geodesic(a, g, h, most)).any()
-
-
-def test_bound_smoothly(rng, laid):
-    """Zero up to the knee, direction and rate beyond it, bounded by the largest value."""
-    x, rate, limits = rng.standard_normal(6), rng.standard_normal(6), rng.uniform(0.5, 2.0, 6)
-    limits[2] = np.inf
-    r = ((np.abs(x) / limits) ** 8).sum() ** 0.125
-
-    def bound(size, t=0.0):
-        given, given_rate = laid(size * (x + t * rate)), laid(size * rate)
-        found, found_rate = bound_smoothly(laid(limits), 0.5, 0.6, given, given_rate)
-        return found is not given, found, found_rate
-
-    did, found, found_rate = bound(0.49 / r)
-    assert not did and np.array_equal(found, 0.49 / r * x)
-    for size in (0.51 / r, 1.0 / r, 1e6 / r):
-        did, found, found_rate = bound(size)
-        assert did and close(found / np.linalg.norm(found), x / np.linalg.norm(x))
-        assert (np.abs(found) <= 0.6 * limits).all()
-        g = 0.5 + 0.1 * np.tanh((size * r - 0.5) / 0.1)
-        assert close(found, x * g / r)
-        numerical = (bound(size, 1e-6)[1] - bound(size, -1e-6)[1]) / 2e-6
-        assert close(found_rate, numerical, 1e-6)
-    for nothing in (np.zeros(6), np.full(6, NAN)):
-        assert bound_smoothly(limits, 0.5, 0.6, nothing, rate)[0] is nothing
 
 
 NUMBERS = st.floats(width=64) | st.sampled_from([NAN, np.inf, -np.inf, 1e300, -2000.0, 0.0])

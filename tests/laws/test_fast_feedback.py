@@ -102,29 +102,6 @@ def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptatio
     assert fast.law == "separation, fast feedback"
 
 
-def test_it_is_the_law_where_link_and_motor_move_alike():
-    robot = catalogue_robot("ur5")
-    # the torque sent is part of the memory of another adaptation
-    plain = made(robot, adaptation="natural")
-    fast = made(robot, FastFeedback("separation", 30.0), adaptation="natural")
-    assert fast.law.alpha == plain.law.alpha and np.array_equal(fast.law.K_v, plain.law.K_v)
-    assert fast.adaptation_d.name == plain.adaptation_d.name
-    states, rng = [each.init(start(robot)) for each in (plain, fast)], np.random.default_rng(0)
-    motion = circle_at_home(robot)
-    for k in range(20):
-        at = start(robot)._replace(t=1e-3 * k, v=0.1 * rng.standard_normal(6))
-        w = 0.1 * rng.standard_normal(6)
-        desired = motion.at(at.t)
-        same, _ = fast.step(states[1], at._replace(w=at.v), desired, 1e-3)
-        torque, states[0] = plain.step(states[0], at, desired, 1e-3)
-        other, states[1] = fast.step(states[1], at._replace(w=w), desired, 1e-3)
-        assert np.array_equal(same, torque)
-        limits = fast.limits.torque
-        assert np.allclose(other, np.clip(torque + 30.0 * (at.v - w), -limits, limits))
-    cited = pa.citation(fast)
-    assert "GhorbelHungSpong1989" in cited and "Wang2017" in cited
-
-
 def start(robot):
     """Return the first measurement of a robot at rest."""
     return pa.plants.PinocchioPlant(robot).measure()

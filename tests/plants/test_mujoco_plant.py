@@ -89,35 +89,6 @@ def test_free_motion_is_that_of_pinocchio_to_integration_error(name):
     check_alike(*ends, atol=1e-9)
 
 
-def test_a_changed_robot_continues_from_its_state_and_reset_restores_the_first():
-    first = load("panda")
-    second = first.changed(
-        payload=pa.Payload(2.0, [0.0, 0.02, 0.05]), tool_translation=[0.03, 0.0, 0.1], armature=0.2,
-        viscous=1.0, link_translation={"panda_joint4": [0.0, 0.0, 0.02]},
-    )  # fmt: skip
-    ends = []
-    for plant in (
-        pa.plants.MujocoPlant(first),
-        pa.plants.PinocchioPlant(first, integrator="runge-kutta"),
-    ):
-        drive(plant, lambda t: np.zeros(7), 0.05)
-        before = plant.measure()
-        plant.become(second)
-        after = plant.measure()
-        assert after.t == before.t and np.array_equal(after.q, before.q)
-        assert np.array_equal(after.v, before.v) and not np.allclose(after.x, before.x)
-        ends.append(drive(plant, lambda t: np.zeros(7), 0.05))
-    check_alike(*ends, atol=1e-9)
-    plant = pa.plants.MujocoPlant(first)
-    fresh = drive(plant, lambda t: np.ones(7), 0.02)
-    plant.become(second)
-    plant.reset()
-    assert plant.robot is first
-    check_alike(drive(plant, lambda t: np.ones(7), 0.02), fresh, atol=1e-15)
-    with pytest.raises(pa.RobotError, match="cannot change"):
-        plant.become(load("ur5"))
-
-
 # --- friction, stops and motors ---
 
 

@@ -100,24 +100,6 @@ def test_frames_are_taken_at_multiples_of_the_interval_and_arrive_late():
         assert sample.t == truth.t and sample.q is truth.q and sample.v is truth.v
 
 
-def test_the_stated_share_of_frames_is_lost_but_never_the_first():
-    robot, share, count = load("planar_2r"), 0.3, 1400
-    truth = pa.plants.PinocchioPlant(robot).measure()
-    shares = []
-    for seed in range(3):
-        sensors = pa.plants.SimulatedSensors(
-            robot, DT, pa.Sensors(camera=pa.Camera(rate=500.0, dropout=share)), seed=seed
-        )
-        arrived = [sensors.measure(truth).x is not None for _ in range(2 * count)]
-        assert arrived[0] and not any(arrived[1::2])
-        shares.append(1.0 - np.mean(arrived[::2]))
-        sensors.reset()
-        assert arrived == [sensors.measure(truth).x is not None for _ in range(2 * count)]
-    deviation = np.sqrt(share * (1.0 - share) / (3 * count))
-    assert np.mean(shares) == pytest.approx(share, abs=4.0 * deviation)
-    assert len(set(shares)) > 1  # other seeds lose other frames
-
-
 # --- encoders ---
 
 
@@ -177,29 +159,6 @@ def test_continuous_mode_has_perfect_sensors(faults):
 def test_only_pose_tasks_have_angle_noise(task):
     with pytest.raises(pa.InputError, match="no orientation"):
         pa.plants.SimulatedSensors(pa.load("ur5", task=task), DT, pa.Sensors(noise={"angle": 0.1}))
-
-
-def test_torques_are_measured_only_if_they_have_noise():
-    robot = load("ur5")
-    sizes = np.array([3.0, 3.0, 1.0, 0.5, 0.0, 0.1])
-    given = np.arange(6.0)
-    sensors = pa.plants.SimulatedSensors(robot, DT, pa.Sensors(noise={"tau": sizes}), seed=3)
-    truth = moving(robot, 1)[0]
-    assert (
-        sensors.measure(truth).tau is None and not sensors.sensors.perfect
-    )  # nothing was given yet
-    off = np.array([sensors.measure(truth, given).tau - given for _ in range(4000)])
-    assert np.allclose(off.std(axis=0), sizes, rtol=0.05) and (off[:, 4] == 0.0).all()
-    sensors.reset()
-    assert np.array_equal(sensors.measure(truth, given).tau - given, off[0])
-    assert (
-        pa.plants.SimulatedSensors(robot, DT, pa.Sensors(noise={"q": 1e-3}))
-        .measure(truth, given)
-        .tau
-        is None
-    )
-    with pytest.raises(pa.InputError, match="must not be negative"):
-        pa.plants.SimulatedSensors(robot, DT, pa.Sensors(noise={"tau": -1.0}))
 
 
 def test_measured_torques_are_those_of_the_last_period():

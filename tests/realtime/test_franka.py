@@ -8,15 +8,14 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.cli import main
-from pinadapt.exceptions import ArmError
 from pinadapt.realtime import ArmFacts, CycleLog, RealtimeLoop, Recorder, Safety
 from tests.support.arms import ORDINARY
-from tests.support.franka_server import MASS, TOOL, Franka
+from tests.support.franka_server import TOOL, Franka
 
 pytestmark = pytest.mark.slow
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
 pytest.importorskip("franky_sim", reason="franky-sim is not installed")
-from pinadapt.realtime.franka import FrankaArm, at_task_frame  # noqa: E402
+from pinadapt.realtime.franka import FrankaArm  # noqa: E402
 
 
 @cache
@@ -112,51 +111,6 @@ def test_tool_and_load_are_learned_on_a_circle(franka, tmp_path):
     assert (
         np.abs(ending.state.a_k - truth).max() < 1e-3 < np.abs(of.kinematics.initial - truth).max()
     )
-
-
-def test_a_push_beyond_the_collision_behaviour_is_a_reflex_that_is_acknowledged(franka):
-    """Below the thresholds nothing happens; the reflex and its recovery are those of our server."""
-
-    def push(newtons, hold):
-        def pushing(count, m):
-            if count in (80, 80 + hold):
-                franka.tell(push=[0.0, 0.0, newtons if count == 80 else 0.0])
-
-        return pushing
-
-    gentle, *_ = drive(franka, "hold", 0.25, each=push(-20.0, 20))
-    assert not gentle.failed or gentle.reason.startswith("late: ")
-    low = {"collision": [8.0] * 7}
-    reflex, said, _, _ = drive(franka, "hold", 5.0, each=push(-20.0, 10**6), arm=low)
-    franka.tell(push=[0.0, 0.0, 0.0])
-    assert reflex.failed and "has stopped the motion: " in reflex.reason, reflex
-    assert "eflex" in reflex.reason and "--recover" in reflex.reason
-    assert said[-1].startswith("stopped")
-    with pytest.raises(ArmError, match="is in error: joint_reflex"):
-        drive(franka, "hold", 0.2)
-    after, *_ = drive(franka, "hold", 0.05, arm={"recover": True})
-    assert not after.failed, after
-
-
-def test_a_load_that_is_set_on_the_robot_is_carried_by_it(franka):
-    """com in the axes of the flange there, in those of the tool in the description."""
-    turn = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]]) / np.sqrt(2.0)
-    load = pa.Payload(
-        MASS, turn @ (TOOL + np.array([0.0, 0.0, 0.1034])), [1e-3, 0.0, 1e-3, 0.0, 0.0, 1e-3]
-    )
-    seen = at_task_frame(load, robot())
-    assert np.allclose(seen.com, TOOL, atol=1e-4) and seen.mass == MASS
-    carrying = robot().changed(payload=seen)
-    moved = {}
-    for name, arm in {"unset": {}, "set": {"robot": carrying, "load": load}}.items():
-        described = arm.get("robot", robot())
-        of = pa.make_controller(described, adaptation="none", compensated="nominal")
-        _, _, q, sent = drive(franka, "gravity", 0.3, of=of, arm=arm)
-        moved[name] = np.abs(q - q[0]).max()
-        assert np.abs(sent[:20]).max() < 0.5
-    with FrankaArm(franka.address, robot()) as plain:
-        plain._robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
-    assert moved["set"] < 2e-3 < 5e-3 < moved["unset"], moved
 
 
 def test_one_command_identifies_the_load(franka, tmp_path, capsys):

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.logs.mcap import McapWriter, Topic, read_mcap
 from pinadapt.realtime import (
     CycleLog,
     ProcessArm,
@@ -22,7 +21,6 @@ from pinadapt.realtime import (
     Recorder,
     Safety,
     tell,
-    watched,
 )
 from tests.support.arms import (
     ORDINARY,
@@ -152,30 +150,6 @@ def test_mcap_reads_it(run):
     assert events == CycleLog.read(run[0]).events and "begun" in events[0]
 
 
-def test_a_file_without_its_end_is_read_up_to_there(run, tmp_path):
-    content, cut = read_mcap(run[0]), tmp_path / "cut.mcap"
-    topic, rows = "/pinadapt/cycle", content.messages["/pinadapt/cycle"]
-    with cut.open("wb") as file:
-        writer = McapWriter(file, [Topic(topic, "Cycle", content.definitions[topic])])
-        for k, (stamp, row) in enumerate(rows[:90]):
-            writer.add(0, stamp, row)
-            if k % 30 == 29:
-                writer.flush()
-        writer.close()
-    raw = cut.read_bytes()
-    for share, left in ((0.75, 60), (0.5, 30)):
-        cut.write_bytes(raw[: round(share * len(raw))])
-        log = CycleLog.read(cut)
-        assert not log.whole and len(log) == left
-        assert np.array_equal(log.cycles.q, CycleLog.read(run[0]).cycles.q[:left])
-    cut.write_bytes(raw[:20])
-    with pytest.raises(pa.LogError, match="no cycle"):
-        CycleLog.read(cut)
-    cut.write_bytes(b"table")
-    with pytest.raises(pa.LogError, match="not an MCAP file"):
-        CycleLog.read(cut)
-
-
 @pytest.mark.usefixtures("forked")
 def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_path):
     """After kill -9 of everything nobody ends the file; and a loop whose writer dies stops."""
@@ -202,40 +176,6 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
 
 
 # --- processes that are killed ---
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("forked")
-def test_a_viewer_sees_the_loop_and_its_death_changes_nothing():
-    """A live view draws what the process of the log answers; another viewer is killed meanwhile."""
-    from pinadapt.view.live import LiveView
-
-    of, shown, seen = controller(), [], []
-    with Recorder(None, of, port=0) as recorder:
-
-        def look():
-            while tell(recorder.port, "state"):
-                time.sleep(2e-3)
-
-        other = copied(look)
-
-        def view(arm, m):
-            if not shown:
-                shown.append(watched(recorder.port, of, heavy()))
-            if arm.cycle % 50 == 0:
-                seen.append(next(shown[0]))
-            if arm.cycle == 150:
-                os.kill(other, signal.SIGKILL)
-            return m
-
-        loop = Loop(faulty(view, at=0), of=of, seconds=0.8, recorder=recorder)
-        ending = loop.ended()
-        assert os.waitpid(other, 0)[1] == signal.SIGKILL
-    assert not ending.failed and len(seen) >= 4
-    with LiveView(heavy(), of, circle(), duration=1.0, browser=False) as live:
-        assert len(list(live.watch(seen))) == len(seen)
-    assert np.array_equal(seen[-1].measurement.q, seen[-1].truth.q)
-    assert not np.array_equal(seen[0].state.a_d, seen[-1].state.a_d)
 
 
 @pytest.mark.slow

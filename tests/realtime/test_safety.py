@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -114,44 +113,3 @@ def test_the_latch_stops_and_stays():
     loop = Loop(on, seconds=3.0)
     reason, phases = ended(loop)
     assert reason == "latch: red button" and phases == ["running", "damping", "stopped"]
-
-
-class Touched(PlantArm):
-    """An arm on whose tool a force acts from a cycle on."""
-
-    force, at, period = np.zeros(3), 500, 2e-3
-
-    def send(self, torque):
-        if self._count >= self.at:
-            true, q = self.plant.robot, self.plant.measure().q
-            data, frame = true.model.createData(), (true.frame_id, pin.LOCAL_WORLD_ALIGNED)
-            J = pin.computeFrameJacobian(true.model, data, q, *frame)[:3]
-            torque = torque + J.T @ self.force
-        super().send(torque)
-
-
-@pytest.mark.parametrize("newtons", [0.0, 50.0])
-def test_a_push_on_a_large_arm_is_contact_and_a_load_and_tool_that_are_learned_are_not(newtons):
-    """With the noise of an encoder of 17 bits; both sides of the threshold by a margin."""
-    described = pa.load("panda")
-    true = described.changed(
-        payload=pa.Payload(1.5, [0.02, 0.0, 0.06]), tool_translation=[0.02, -0.01, 0.05]
-    )
-    sensors = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.05), encoder=2.0 * np.pi / 2**17)
-    of = pa.make_controller(
-        described,
-        unknown=pa.Unknown(tool=True),
-        sensors=sensors,
-        dt=Touched.period,
-    )
-    on = Touched(pa.plants.PinocchioPlant(true), Touched.period, sensors=sensors)
-    on.force = np.array([0.0, newtons, 0.0])
-    motion = pa.trajectories.Circle(described.position(described.q0), 0.1, 3.0)
-    loop = Loop(on, motion=motion, of=of, seconds=1.3)
-    reason, phases = ended(loop)
-    if not newtons:
-        assert reason == "the time is over" and len(loop.said) == 4
-        return
-    assert reason.startswith("contact: ") and phases[1] == "damping"
-    damped = next(t for t, phase, _ in loop.loop.ending.phases if phase == "damping")
-    assert damped < (Touched.at - 2) * Touched.period + 0.15

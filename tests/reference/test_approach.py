@@ -1,7 +1,6 @@
 """The way to a motion's first point: smooth, straight, and the short way round."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -48,16 +47,3 @@ def test_an_approach_is_smooth_and_ends_in_the_motion(task, motion, start):
     for t in (0.6, 1.0, 5.0):
         pairs = zip(approach.at(t), begun.at(t - 0.6), strict=True)
         assert all(np.array_equal(*pair) for pair in pairs)
-
-
-@cases
-def test_an_approach_goes_straight_and_the_short_way(task, motion, start):
-    approach = Approach(motion.from_rest(), start, 1.0, task)
-    ways = [task.error(approach.at(t).x_d, motion.at(0.0).x_d) for t in (0.0, 0.3, 0.5, 0.8)]
-    shares = [1.0 - t**3 * (10.0 - 15.0 * t + 6.0 * t * t) for t in (0.0, 0.3, 0.5, 0.8)]
-    assert np.allclose(ways, np.outer(shares, ways[0]), atol=1e-12)
-    if task is POSE:
-        turn = pin.Quaternion(np.array(start[3:])), pin.Quaternion(motion.at(0.0).x_d[3:])
-        assert np.isclose(np.linalg.norm(ways[0][3:]), turn[0].angularDistance(turn[1]))
-    if task is TURNING:
-        assert np.isclose(ways[0][0], -0.4 - (6.8 - 2 * np.pi))

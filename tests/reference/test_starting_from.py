@@ -7,13 +7,9 @@ import pytest
 import pinadapt as pa
 from pinadapt.description.chain import effort_limits, velocity_limits
 from pinadapt.reference import joint_motion, starting_from
-from pinadapt.scenario.scenario import Scenario
-from pinadapt.trajectories import AsGiven, Hold
+from pinadapt.trajectories import Hold
 from tests.support.chains import catalogue_robot
 from tests.support.differences import derivative
-from tests.support.paths import ROOT
-
-ROBOTS = ROOT / "robots"
 
 
 def resting(robot, q=None):
@@ -97,20 +93,3 @@ def test_a_run_begins_where_the_robot_is_and_at_rest():
         )
         beyond = [(np.abs(run.tau) - gravity).max() for run in (rollout, at_speed)]
         assert beyond[0] < beyond[1]
-
-
-def test_a_scenario_starts_from_rest_unless_it_says_otherwise():
-    file = ROBOTS / "panda" / "tool_and_load.toml"
-    short = "simulation.duration=0.05"
-    begun, moving, slow = (
-        Scenario.read(file, [short, *settings])
-        for settings in ([], ['reference.start="moving"'], ["reference.ramp=2.5"])
-    )
-    assert isinstance(moving.trajectory, AsGiven) and slow.trajectory.law.ramp == 2.5
-    speeds = [np.diff(each.run(False).x_d, axis=0)[0] / 1e-3 for each in (begun, moving, slow)]
-    assert np.linalg.norm(speeds[1]) == pytest.approx(2 * np.pi / 3 * 0.1, rel=1e-3)
-    assert np.linalg.norm(speeds[0]) < 1e-6 and np.linalg.norm(speeds[2]) < 1e-6
-    with pytest.raises(pa.ScenarioError, match=r"reference.ramp: start = \"moving\" has no ramp"):
-        Scenario.read(file, ['reference.start="moving"', "reference.ramp=1.0"])
-    with pytest.raises(pa.ScenarioError, match=r"reference\.start"):
-        Scenario.read(file, ['reference.start="running"'])

@@ -4,7 +4,6 @@ import re
 import time
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -119,18 +118,3 @@ def test_a_robot_that_follows_the_slowed_motion_keeps_its_limits():
     assert (np.abs(rollout.v) <= 0.83 * velocity_limits(robot.model)).all()
     assert (np.abs(rollout.tau) <= 0.8 / 1.3 * 1.05 * effort_limits(robot.model)).all()
     assert not rollout.saturated.any()
-
-
-def test_a_pose_and_a_prismatic_joint_are_slowed_too():
-    robot = catalogue_robot("panda", task="pose")
-    circle = pa.trajectories.Circle(np.zeros(3), 0.1, 1.0, "yz")
-    swing = pa.trajectories.Swing([0.0, 1.0, 0.0], 0.3, 0.5)
-    path = pa.trajectories.PoseTrajectory(circle, swing).starting_at(robot.position(robot.q0))
-    slowed = pa.within_limits(path, robot)
-    again = joint_motion(slowed, robot, np.arange(0.0, 6.0, 4e-3))
-    assert again.off.max() < 0.05
-    assert 0.75 < (np.abs(again.v) / velocity_limits(robot.model)).max() < 0.82
-    torque = pin.rnea(
-        robot.model, robot.model.createData(), again.q[700], again.v[700], again.a[700]
-    )
-    assert np.allclose(again.still[700] + again.curve[700], torque)

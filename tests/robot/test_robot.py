@@ -1,6 +1,5 @@
 """Loading, locking, changing and refusing robots."""
 
-import re
 from functools import cache
 from pathlib import Path
 
@@ -74,24 +73,6 @@ def test_continuous_joints_are_set_and_read_as_angles(name, nq, nv):
     robot = load(name).at(angles)
     assert (robot.model.nq, robot.model.nv, robot.q0.size) == (nq, nv, nq)
     assert np.allclose(robot.home_angles, angles, atol=1e-12)
-
-
-def test_a_joint_with_equal_limits_is_locked_there(tmp_path):
-    text = ARM4.read_text()
-    model = pin.buildModelFromXML(text)
-    assert model.names[4] == "joint4"
-    head, tail = text.split('<joint name="joint4"')
-    tail = re.sub(r'lower="[^"]*" upper="[^"]*"', 'lower="0.5" upper="0.5"', tail, count=1)
-    (tmp_path / "arm.urdf").write_text(f'{head}<joint name="joint4"{tail}')
-    with pytest.warns(UserWarning, match="equal for joint4: locked there"):
-        robot = pa.load(tmp_path / "arm.urdf", frame="tip")
-    assert robot.model.nv == 3 and "joint4" in robot.locked
-    q = pin.neutral(model)
-    q[:3], q[model.joints[4].idx_q] = robot.q0, 0.5
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    there = data.oMf[model.getFrameId("tip")].translation
-    np.testing.assert_allclose(robot.position(robot.q0)[: there.size], there, atol=1e-12)
 
 
 def test_a_home_is_searched_if_that_of_the_description_is_singular(tmp_path):

@@ -8,7 +8,6 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.rollout import ringing
-from pinadapt.rollout.recording import beyond_motion, ringing_of
 from tests.support.chains import catalogue_robot
 from tests.support.loops import circle_at_home, with_tool_and_load
 
@@ -32,29 +31,6 @@ def test_an_oscillation_is_found_with_its_joint_frequency_and_size(frequency):
     assert found.share == pytest.approx(np.sqrt(2.0 / np.mean(last**2)), rel=0.1)
     grown = ringing(T, MOTION + tone(frequency, 4.0, start=6.0), NAMES)  # begins late
     assert grown is not None and grown.frequency == pytest.approx(frequency, abs=1.0)
-
-
-def test_a_slow_swing_is_found_where_the_motion_is_slower():
-    turn = 2.0 * np.pi * T[:, None] / 3.0
-    circle = np.hstack([np.cos(turn), np.sin(turn), np.full_like(turn, 0.4)])
-    slowest = beyond_motion(T, circle)
-    assert slowest == 1.5
-    assert beyond_motion(T, circle[:1] + 0.0 * circle) == 1.5  # at rest
-    fast = np.cos(6.0 * turn) + 3.0 * np.sin(turn)  # 2 Hz has most of the acceleration
-    assert beyond_motion(T, fast) == pytest.approx(8.0, rel=0.02)
-    assert beyond_motion(T[::10], fast[::10]) == pytest.approx(8.0, rel=0.03)
-    assert beyond_motion(T[:100], circle[:100]) == np.inf
-    torques = MOTION + tone(4.0, 2.0)
-    found = ringing(T, torques, NAMES, slowest)
-    assert found is not None and found.joint == "wrist" and found.frequency == pytest.approx(4.0)
-    assert ringing(T, torques, NAMES, beyond_motion(T, fast)) is None
-    robot = catalogue_robot("planar_2r")
-    controller = pa.make_controller(robot, adaptation="none")
-    assert ringing(T, torques, NAMES, controller.motion.bandwidth / (2.0 * np.pi)) is None
-    assert ringing_of(T, circle, torques, controller).frequency == pytest.approx(4.0)
-    assert ringing(T, MOTION, NAMES, slowest) is None
-    square = MOTION + 3.0 * np.sign(np.sin(turn))
-    assert ringing(T, square, NAMES, slowest) is None
 
 
 def test_a_torque_that_jumps_between_its_limits_rings_without_a_single_frequency():

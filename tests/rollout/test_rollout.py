@@ -7,36 +7,11 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.models.right_inverse import RightInverse
 from pinadapt.rollout.recording import Evaluation, Slowdown
 from pinadapt.rollout.summary import COMPUTED, RECORDED
-from tests.support.chains import catalogue_robot as load
 from tests.support.loops import ARRAYS, run, with_tool_and_load
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.mark.parametrize("name", ["planar_2r", "scara", "panda"])
-def test_rollouts_have_one_row_a_sample(name):
-    robot, rollout = (
-        load(name),
-        run(name, duration=0.05, control={"unknown": pa.Unknown(friction=False, armature=False)}),
-    )
-    rows = {
-        "q": robot.model.nq,
-        "v": robot.model.nv,
-        "tau": robot.model.nv,
-        "x": robot.task.size,
-        "a_d": 10 * robot.model.nv,
-    }
-    assert np.allclose(rollout.t, 1e-3 * np.arange(50), atol=1e-12)
-    assert {key: getattr(rollout, key).shape for key in rows} == {
-        key: (50, width) for key, width in rows.items()
-    }
-    assert np.array_equal(rollout.q[0], robot.q0) and not rollout.v[0].any()
-    assert np.allclose(rollout.x, [robot.position(q) for q in rollout.q], atol=1e-12)
-    assert np.array_equal(rollout.error, rollout.x - rollout.x_d)
-    assert rollout.diverged is None and "DIVERGED" not in str(rollout)
 
 
 def test_save_and_plot_write_files(tmp_path, blank_pictures):
@@ -94,23 +69,6 @@ def test_a_record_is_without_memory_and_filters_and_has_the_same_v(modifications
     assert np.array_equal(torque, last.torque)
     with pytest.raises(pa.InputError, match="filters are those of other dynamics"):
         controller.step(before.state, before.measurement, before.desired, 1e-3)
-
-
-@pytest.mark.parametrize("task", ["xyz", "pose"])
-def test_eigenvalues_and_singular_values_are_those_of_the_estimates(task):
-    rollout, controller = tracked(task, singular=1.0)
-    assert rollout.damping.max() > 0.0
-    for k, sample in enumerate(rollout.evaluation.samples):
-        controller.kinematics.update(rollout.a_k[k], rollout.q[k], rollout.v[k])
-        controller.dynamics.load(rollout.a_d[k])
-        inverse = RightInverse(controller.kinematics.J, controller.limits.singular)
-        M = controller.dynamics.mass_matrix(sample.truth.q)
-        sigma = np.linalg.svd(inverse.J, compute_uv=False)[-1]
-        assert np.isclose(rollout.min_eig_M_hat[k], np.linalg.eigvalsh(M)[0])
-        assert np.isclose(rollout.min_singular_J_hat[k], sigma)
-        assert np.isclose(rollout.damping[k], inverse.damping, rtol=1e-6, atol=1e-12)
-        share = inverse.damping / (sigma**2 + inverse.damping)
-        assert np.isclose(rollout.damping_share[k], share, rtol=1e-6, atol=1e-12)
 
 
 def joint_run():

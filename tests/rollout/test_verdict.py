@@ -71,19 +71,6 @@ def test_motions_state_their_extent(motion, extent):
     ).extent == (pytest.approx(extent))
 
 
-def test_the_grade_of_a_pose_depends_on_its_angle_too():
-    robot = pa.load("ur5", task="pose")
-    path = pa.trajectories.PoseTrajectory(
-        pa.trajectories.Circle(np.zeros(3), 0.05, 2.0)
-    ).starting_at(robot.position(robot.q0))
-    turned = pa.simulate(
-        robot, pa.make_controller(robot, adaptation="natural"), path, duration=0.02, progress=False
-    )
-    assert turned.grade == FOLLOWS and " deg" in turned.verdict
-    lost = replace(turned, x_d=np.hstack([turned.x[:, :3], np.tile([0, 0, 0, 1.0], (20, 1))]))
-    assert lost.grade == LOST and lost.error_share == 0.0
-
-
 @pytest.mark.parametrize("mode", ["sampled", "continuous"])
 @pytest.mark.parametrize("part", [0, 1, 2])
 def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):

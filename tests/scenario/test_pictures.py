@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.plots.figures import draw_errors
 from pinadapt.robot.robot import difference
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.scenario.schema import check_tables
-from pinadapt.sweep.execution import numbers_of
 from pinadapt.tasks import pinhole_camera
 
 PIXEL, EYE = 0.004, [1.0, 0.3, 4.0]
@@ -50,24 +48,6 @@ def test_a_camera_looks_at_its_target():
     assert np.array(seen) / depth == pytest.approx([0.0, -400.0])
     with pytest.raises(pa.InputError, match="where it stands"):
         pinhole_camera(EYE, EYE, 800.0)
-
-
-def test_numbers_of_pictures_are_pixels(scenario, rollout):
-    described, true = scenario.estimated, scenario.true
-    at, p = (robot.placement(robot.q0).translation for robot in (described, true))
-    *seen, depth = pinhole_camera(EYE, at, 1000.0, centre=[640.0, 480.0]) @ [*p, 1.0]
-    assert true.position(true.q0) / PIXEL == pytest.approx(np.array(seen) / depth)
-    assert scenario.trajectory.extent == pytest.approx(30.0 * PIXEL)
-    assert scenario.sensors.deviation("x") == pytest.approx(0.5 * PIXEL)
-    assert rollout.distance.max() < 3.0 * PIXEL
-    assert "px, " in rollout.verdict and "mm at the tool" in rollout.verdict
-    figure, axes = draw_errors(rollout)
-    assert axes[0].get_ylabel() == "picture error [px]"
-    (picture,) = (ax for ax in figure.axes if ax.get_xlabel() == "u [px]")
-    assert picture.yaxis_inverted()
-    assert np.allclose(np.transpose(picture.lines[0].get_data()), rollout.x / PIXEL)
-    numbers = numbers_of(rollout)
-    assert numbers["max_pixels_last"] == pytest.approx(rollout.window(False).max() / PIXEL)
 
 
 def test_the_error_at_the_tool_is_that_of_its_picture(scenario, rollout):

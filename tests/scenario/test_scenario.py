@@ -113,41 +113,6 @@ def test_every_key_of_the_interface_is_accepted(tmp_path):
     assert np.allclose(law.Q, np.eye(6))
 
 
-def test_defaults(tmp_path):
-    scenario = Scenario.read(write(tmp_path, '[robot]\nsource = "ur5"'))
-    simulation, reference = scenario.tables.simulation, scenario.tables.reference
-    assert scenario.true.frame == "tool0" and scenario.true.task.name == "xyz"
-    assert scenario.true.model == scenario.estimated.model == pa.load("ur5").model
-    assert scenario.controller.law.name == "separation"
-    assert scenario.controller.adaptation_d.name == "natural-memory"
-    bodies, joints = (part for part, _ in scenario.controller.adaptation_d.inner.parts)
-    assert isinstance(bodies, pa.adaptation.Natural) and isinstance(
-        joints, pa.adaptation.ExponentiatedGradient
-    )
-    assert scenario.controller.kinematics.names == ("tool_x", "tool_y", "tool_z")
-    assert scenario.controller.dynamics.size == 60 + 18
-    assert (reference.kind, reference.radius, reference.period, reference.phase) == (
-        "circle",
-        0.1,
-        3.0,
-        0.0,
-    )
-    assert (simulation.duration, simulation.dt, simulation.mode, simulation.substeps) == (
-        10.0,
-        1e-3,
-        "sampled",
-        None,
-    )
-    assert (simulation.engine, simulation.delay, simulation.torque_limits, simulation.seed) == (
-        "pinocchio",
-        0.0,
-        None,
-        0,
-    )
-    assert np.array_equal(scenario.controller.limits.torque, scenario.true.model.effortLimit)
-    assert set(simulation.noise.model_dump().values()) == {0.0}
-
-
 def test_a_circle_without_centre_starts_at_the_true_initial_position(tmp_path):
     scenario = scara(
         tmp_path, "[truth]\ntool_translation = [0.1, 0.0, 0.05]\n[reference]\nphase = 0.8"
@@ -174,57 +139,6 @@ def test_relative_waypoints_are_offsets_from_the_start(tmp_path):
     assert np.allclose(
         absolute.trajectory.positions([0.0, 0.5]), [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]], atol=1e-12
     )
-
-
-JOINTS = """
-[truth]
-armature = 0.1
-[truth.friction]
-viscous = 2.0
-coulomb = [3.0, 2.0, 1.0, 1.0]
-offset = { wrist_joint = 0.5 }
-asymmetry = -0.2
-load = 0.1
-threshold = 0.05
-breakaway = 1.3
-fading = 0.2
-shafts = [{ joints = ["slide_joint", "wrist_joint"], sign = -1, armature = 0.02, coulomb = 0.3 }]
-[belief.friction]
-threshold = 0.05
-breakaway = 1.3
-fading = 0.2
-viscous = 1.0
-shafts = [{ joints = ["slide_joint", "wrist_joint"], sign = -1 }]
-[unknown]
-joint = ["armature", "viscous", "coulomb", "load", "asymmetry", "wrist_joint.offset"]
-"""
-
-
-def test_effects_of_the_joints_are_true_believed_and_adapted(tmp_path):
-    scenario = scara(tmp_path, JOINTS)
-    dynamics, names = scenario.controller.dynamics, scenario.true.joint_names
-    true, believed = scenario.true.friction, scenario.estimated.friction
-    shaft = pa.robot.Shaft((2, 3), -1, 0.02, 0.0, 0.3)
-    stated = pa.Friction(
-        np.full(4, 2.0),
-        [3.0, 2.0, 1.0, 1.0],
-        threshold=0.05,
-        load=0.1,
-        asymmetry=-0.2,
-        offset=[0.0, 0.0, 0.0, 0.5],
-        breakaway=1.3,
-        fading=0.2,
-        shafts=(shaft,),
-    )
-    v, g = np.array([0.3, -0.02, 0.1, -0.4]), np.array([0.0, 1.0, -20.0, 0.3])
-    assert np.allclose(true.under(g).torque(v), stated.under(g).torque(v))
-    assert true.shafts == (shaft,)
-    assert not believed.load.any() and not believed.offset.any() and not believed.coulomb.any()
-    assert np.array_equal(believed.viscous, np.ones(4))
-    found = dict(zip(dynamics.names, dynamics.value(scenario.true), strict=True))
-    assert found["wrist_joint.offset"] == 0.5 and found[f"{names[0]}.asymmetry"] == -0.2
-    assert found["slide_joint-wrist_joint.coulomb"] == 0.3 and found[f"{names[1]}.load"] == 0.1
-    assert "slide_joint.offset" not in found
 
 
 def test_paths_are_relative_to_the_scenario_file(tmp_path, monkeypatch):

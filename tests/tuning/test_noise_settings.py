@@ -8,7 +8,7 @@ import pytest
 import pinadapt as pa
 from tests.support.chains import catalogue_robot
 from tests.support.drives import along
-from tests.support.loops import circle_at_home, with_tool_and_load
+from tests.support.loops import with_tool_and_load
 
 pytestmark = pytest.mark.slow
 
@@ -125,60 +125,7 @@ def test_white_noise_at_rest_drives_estimates_only_through_the_plain_regressor()
     assert np.linalg.norm(doubled) == pytest.approx(4.0 * np.linalg.norm(plain), rel=0.05)
 
 
-def test_where_the_low_pass_has_followed_the_torque_is_the_plain_one():
-    robot = catalogue_robot("panda")
-    plain = pa.make_controller(robot, limits=pa.Limits(torque=False))
-    law = plain.law.decorrelated(40.0)
-    free = pa.make_controller(robot, law=law, limits=pa.Limits(torque=False))
-    v = np.linspace(-0.3, 0.4, 7)
-    sample, desired = (
-        pa.plants.PinocchioPlant(robot).measurement(robot.q0, v),
-        circle_at_home(robot).at(0.3),
-    )
-    torque = plain.command(plain.init(sample), sample, desired)[1].torque
-    start = free.init(sample)
-    s = law._reference_error(free.observe(start, sample, desired))
-    followed = start._replace(filters=start.filters._replace(s_f=s))
-    assert np.allclose(free.command(followed, sample, desired)[1].torque, torque, atol=1e-10)
-    behind = free.command(start, sample, desired)[1].torque
-    assert np.abs(behind - torque).max() > 1.0
-
-
-def test_a_wider_band_leaves_less_of_the_difference():
-    """In continuous time in proportion to 1 / lambda_s, once the low pass has left its start."""
-    robot, ends = catalogue_robot("ur5"), []
-    true, path = with_tool_and_load(robot), circle_at_home(with_tool_and_load(robot))
-    plain = made(limits=pa.Limits(torque=False))
-    for lambda_s in (math.inf, 800.0, 200.0):
-        law = plain.law.decorrelated(lambda_s)
-        controller = pa.make_controller(
-            robot, law=law, limits=pa.Limits(torque=False), adaptation="none"
-        )
-        stream = pa.simulation.run_continuous(
-            pa.plants.PinocchioPlant(true), controller, path, dt=2e-3, duration=0.3
-        )
-        ends.append(np.array([sample.torque for sample in stream])[75:])
-    wide, narrow = (np.abs(end - ends[0]).max() for end in ends[1:])
-    assert 0.0 < wide < 0.35 * narrow
-
-
 # --- the low pass on v ---
-
-
-def test_the_velocity_filter_is_a_low_pass_of_gain_one():
-    unmoved = pa.Limits(guards={"differences": False})  # q stands still
-    controller = made(sensors=pa.Sensors(noise={"v": 0.05}), limits=unmoved)
-    robot = catalogue_robot("ur5")
-    plant, still = pa.plants.PinocchioPlant(robot), np.zeros(3)
-    bandwidth, v = controller.senses.low_pass.bandwidth, np.linspace(0.1, 0.4, 6)
-    desired = pa.Desired(robot.position(robot.q0), still, still)
-    state = controller.init(plant.measure(), adapting=False)
-    for k in range(1, 200):
-        sample = plant.measurement(robot.q0, v, 1e-3 * k)
-        seen = controller.observe(state, sample, desired).v
-        assert np.allclose(seen, v * (1.0 - math.exp(-bandwidth * 1e-3 * k)), rtol=1e-9)
-        state = controller.step(state, sample, desired, 1e-3)[1]
-    assert np.allclose(seen, v, rtol=1e-6)
 
 
 # --- all of it ---

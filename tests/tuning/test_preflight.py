@@ -13,9 +13,6 @@ from tests.support.chains import catalogue_robot, robot_of
 pytestmark = pytest.mark.slow
 
 LAWS = [name for name, law in pa.laws.LAWS.items() if law.adapts]
-FRAME_LAWS = [
-    n for n in LAWS if pa.laws.LAWS[n].learns_kinematics and not pa.laws.LAWS[n].joint_space
-]
 EVERY = [("panda", 1e-3), ("scara", 5e-3), ("planar_2r", 5e-4)]  # under every law
 ROBOTS = ["kinova", "talos_arm", "finger_edu"]  # under one law of each kind
 KINDS = ["separation", "adaptive-inverse-dynamics", "slotine-li"]
@@ -91,38 +88,6 @@ def test_the_longest_period_separates_loops_that_hold_from_loops_that_do_not(law
         **{k: 0.99 * f * gains[k] for k, f in finding.factors.items()},
     )
     assert pa.preflight(slower, dt) == []
-
-
-@pytest.mark.parametrize("dt", [0.02, 0.1])
-@pytest.mark.parametrize("law", FRAME_LAWS)
-def test_every_recommended_factor_helps(law, dt):
-    """Where damping alone is too fast, no factor is advised that changes nothing."""
-    robot = catalogue_robot("panda")
-    controller = pa.make_controller(robot, law=law)
-    its = controller.law
-    symbols = {"Kv": "K_v", "Kp": "K_P"}
-    gains = {name: getattr(its, symbols.get(name, name)) for name in (*its.bandwidth_powers, "R_k")}
-    moved = getattr(controller.adaptation_d, "inner", controller.adaptation_d)  # of a memory
-    parts = getattr(moved, "parts", [(moved, None)])
-    gains |= dict(zip(("gamma_d", "gamma_joint"), (part.gamma for part, _ in parts), strict=False))
-    gains |= {
-        "gamma_k": controller.adaptation_k.gain(controller.kinematics.initial),
-    }
-    findings = pa.preflight(controller, dt)
-    for finding in findings:
-        factors = {name: 0.99 * factor for name, factor in finding.factors.items()}
-        factors |= {name: factor / 0.99 for name, factor in finding.factors.items() if factor > 1.0}
-        factors |= (
-            {"Kp": 0.99 * factors["Kp"]} if "Kp" in factors else {}
-        )  # the square of the bandwidth
-        slower = pa.make_controller(
-            robot, law=law, **{name: factors.get(name, 1.0) * gain for name, gain in gains.items()}
-        )
-        assert finding.part not in {
-            other.part for other in pa.preflight(slower, dt) if finding.factors
-        }
-    assert all(finding.factors for finding in findings if finding.part != "task feedback")
-    assert "task feedback" in {finding.part for finding in findings} or dt < 0.025
 
 
 def test_default_rates_are_lowered_to_fit_the_period():

@@ -6,7 +6,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.adaptation.natural import BodyInequality
 from pinadapt.description.chain import is_physical
-from pinadapt.models.bodies import pseudo_inertia, with_bodies
+from pinadapt.models.bodies import pseudo_inertia
 from pinadapt.tuning import defaults as prior
 from pinadapt.tuning.defaults import (
     bandwidth,
@@ -36,24 +36,6 @@ def test_plausible_bodies_are_physical_and_as_far_off_as_stated():
     length = np.linalg.norm(robot.model.jointPlacements[3].translation)
     assert np.mean(stretched) == pytest.approx(length, rel=0.02)
     assert np.std(stretched) == pytest.approx(0.1 * length, rel=0.15)
-
-
-@pytest.mark.parametrize("bodies", ["all", ["wrist_1_joint"]])
-def test_values_of_many_robots_are_those_of_each(bodies):
-    """With the bodies and lengths given, and all else as in the nominal robot."""
-    robot = catalogue_robot("ur5")
-    dynamics = pa.models.LumpedDynamics(robot, lengths(robot), bodies)
-    tens, stretched = plausible(robot, dynamics, 20)
-    values = dynamics.values(robot, tens, stretched)
-    parts = dynamics.translations
-    for value, ten, theta in zip(values, tens, stretched, strict=True):
-        true = with_bodies(robot, dict(zip(dynamics.bodies, ten, strict=True)))
-        places = [robot.model.jointPlacements[part.joint].translation for part in parts]
-        moved = {part.name: part.at(theta[i : i + 1]) - places[i] for i, part in enumerate(parts)}
-        expected = dynamics.value(true.changed(link_translation=moved))
-        assert np.allclose(value, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
-    each = pa.models.Dynamics.values(dynamics, robot, tens, stretched)
-    assert np.allclose(values, each, rtol=1e-8, atol=1e-8 * np.abs(each).max())
 
 
 def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):

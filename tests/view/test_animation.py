@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.chains import catalogue_robot
 from tests.support.loops import run
-from tests.support.streams import parted, sent
+from tests.support.streams import parted
 
 pytestmark = pytest.mark.slow
 
@@ -54,24 +54,6 @@ def test_a_page_shows_both_robots_paths_and_curves():
     readings = [note["reading"] for note in notes if "reading" in note]
     assert readings[0]["t"] == 0.0 and readings[-1]["t"] == pytest.approx(rollout.t[-1])
     assert readings[-1]["values"][0] == pytest.approx(1e3 * rollout.distance[-1], rel=1e-3)
-
-
-def test_a_page_contains_equal_meshes_once():
-    robot, (_, animation) = catalogue_robot("panda"), animated("panda")  # of two like fingers
-    shapes = [shape for shape in robot.visual.geometryObjects if shape.meshPath]
-    different = {(shape.meshPath, tuple(shape.meshColor)) for shape in shapes}
-    assert len(different) < len(shapes)
-    drawn, copied = set(), 0
-    for message in sent(stream(animation)):
-        if message.get("type") == "set_object":
-            drawn.add(message["path"])
-        if "copy" in message:  # of what is there already
-            assert message["copy"]["source"] in drawn
-            drawn.add(message["copy"]["target"])
-            copied += not message["copy"]["ghost"]
-    assert copied == len(shapes) - len(different)
-    everything = [path for path in drawn if "/true/" in path and "/shape" in path]
-    assert len(everything) == len(robot.visual.geometryObjects)
 
 
 def browsed(page, folder):

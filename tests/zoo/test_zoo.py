@@ -20,30 +20,6 @@ from pinadapt.zoo.experiment import (
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("name", ["ur5", "solo8_fl_leg", "allegro_left_thumb", "scara"])
-def test_a_case_has_the_stated_model_errors(name):
-    case, robot = zoo_case(name), pa.load(name)
-    placements = [r.model.frames[r.frame_id].placement for r in (case.true, robot)]
-    np.testing.assert_allclose(
-        np.linalg.norm(placements[0].translation - placements[1].translation),
-        0.05 * robot.reach,
-        rtol=1e-9,
-    )
-    described = [body.mass for body in robot.model.inertias[1:]]
-    believed = np.array([body.mass for body in case.estimated.model.inertias[1:]])
-    np.testing.assert_allclose(np.abs(believed / described - 1.0), 0.3)
-    load = sum(body.mass for body in case.true.model.inertias[1:]) - sum(described)
-    assert load == pytest.approx(min(0.1 * sum(described), described[-1]))
-    assert (case.true.friction.coulomb > 0.0).all() and not case.estimated.friction.present
-    moved = case.true.position(case.true.q0) - robot.position(robot.q0)
-    assert np.linalg.norm(moved) == pytest.approx(
-        0.05 * robot.reach
-    )  # the task sees all of the tool
-    again, other = zoo_case(name), zoo_case(name, seed=1)
-    assert again.true.model.inertias[1].isApprox(case.true.model.inertias[1])
-    assert (other.true.friction.coulomb != case.true.friction.coulomb).all()
-
-
 @pytest.fixture
 def sooner(monkeypatch):
     """Let runs at 333 Hz end after 12 s, the least of four turns, where robots have converged."""
