@@ -30,7 +30,6 @@ NUMBERS: dict[str, tuple[Any, str]] = {
     "load assumed for K_v, its mass": (separation, "_LOAD"),
     "its lever": (separation, "_ARM"),
     "lag": (separation, "_LAG"),
-    "fastest mode of Gamma in w": (Separation, "memory_mode"),
     "rho in w": (Separation, "prediction_mode"),
     "noise of the memory": (rates, "_NOISE"),
     "width of P": (rates, "_WIDTH"),

@@ -41,6 +41,7 @@ from . import (
     scenarios,
     strangers,
     tracker,
+    unknowns,
 )
 from .timing import HERE, markdown, table_rows
 
@@ -135,6 +136,7 @@ TABLES: dict[str, Callable[[], str]] = {
         [row for row in table_rows("strangers") if "natural" not in row["run"]]
     ),
     "tracker": of("tracker", tracker.report),
+    "unknowns": of("unknowns", unknowns.report),
     "zoo": lambda: zoo([row for row in table_rows("zoo") if not row["adaptation"]]),
     **{name: of("scenarios", make, table=name) for name, make in scenarios.TABLES.items()},
 }

@@ -257,9 +257,8 @@ class Law(Doors, ABC):
         joint_effects: joint coefficients that are unknown by default: "all" or "none".
         bandwidth_powers: gains of the feedback, by the names that users write, with the power of
             the bandwidth to which each is proportional.
-        adaptation_mode: default of the fastest mode of the adaptation of inertias, in bandwidths.
-        memory_mode: the same beside a memory of all torques, with which the tracking error need not
-            teach so fast: at most this.
+        adaptation_mode: default of the fastest mode of the adaptation of inertias, in bandwidths;
+            beside a memory of all torques it is one bandwidth.
         remembers: whether its default adaptation has a memory of all torques, where parameters of
             bodies are unknown.
         holds_inertia: whether it uses the mass matrix of the initial estimate beside the moving
@@ -297,7 +296,6 @@ class Law(Doors, ABC):
     joint_effects: ClassVar[str] = "none"
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
-    memory_mode: ClassVar[float] = 2.0
     remembers: ClassVar[bool] = False
     holds_inertia: ClassVar[bool] = False
     joint_mode: ClassVar[float] = 3.0

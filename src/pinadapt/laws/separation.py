@@ -161,7 +161,6 @@ class Separation(Law):
     # [rad/s] 15: two to four times the errors; 60: a third of them, but loops with motors that are
     # 10 ms late ring. What half and twice of the other numbers do: docs/default_law.md
     own_bandwidth = 30.0
-    memory_mode = 1.0
     prediction_mode = 2.0
     joint_mode = 8.0
     kinematic_mode = 0.3

@@ -450,7 +450,7 @@ def shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> n
 def tracking_share(kind: str, law: Law, mode: float) -> float:
     """Return the share of the law's default rates for the tracking error.
 
-    Beside a memory its mode is ``Law.memory_mode`` bandwidths.
+    Beside a memory its mode is at most the bandwidth.
 
     Args:
         kind: of adaptation.
@@ -458,7 +458,7 @@ def tracking_share(kind: str, law: Law, mode: float) -> float:
         mode: share of it that the noise of the sensors leaves.
     """
     if kind in MEMORIES:
-        mode = min(mode, law.memory_mode / law.adaptation_mode)
+        mode = min(mode, 1.0 / law.adaptation_mode)
     return mode**2
 
 
