@@ -445,6 +445,21 @@ def pushes(rows: Iterable[Mapping[str, Any]]) -> str:
     return table([row for row in rows if row["force"]], ("force", "contender"), OF_PUSH)
 
 
+def contenders(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return the median and worst error of each contender in each reality, and how many are lost."""
+    found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if not row["force"]:
+            found.setdefault((row["reality"], row["contender"]), []).append(row)
+    lines = []
+    for reality in dict.fromkeys(reality for reality, _ in found):
+        own = [cells(found[reality, contender], ["error"]) for contender in CONTENDERS]
+        lines.append(
+            [reality, *(f"{error}, {lost} lost" if lost else error for lost, error in own)]
+        )
+    return markdown(["error [%]", *CONTENDERS], lines)
+
+
 # --- a quick look ---
 
 

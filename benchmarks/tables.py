@@ -131,6 +131,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "readme": of("readme", strangers.report),
     "real_calibration": of("real_calibration", real_calibration.report),
     "real_logs": of("real_logs", real_logs.report),
+    "realities_contenders": of("realities", realities.contenders),
     "realities": of("realities", errors_of_the_default, contender="default"),
     "strangers": lambda: strangers.counts(
         [row for row in table_rows("strangers") if "natural" not in row["run"]]
