@@ -446,7 +446,7 @@ def pushes(rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 def contenders(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return the median and worst error of each contender in each reality, and how many are lost."""
+    """Return median and worst error of each contender in each reality, and how many are lost."""
     found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         if not row["force"]:
