@@ -10,19 +10,14 @@ axes. Sensors are
 perfect, or the tracker has 30 frames a second that are 60 ms late with noise of 1 mm. For poses the
 marker is turned on the tool as well, by 79 degrees, and the tool tilts by 17 degrees and back
 during each 2 s.
-
-``python -m benchmarks.tracker [PICTURE]`` draws how axes that are turned by 120 degrees are learned
-by a UR5 that begins at once, with the axes of its base as estimate.
 """
 
 from __future__ import annotations
 
-import sys
 import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +32,6 @@ DURATION, PERIOD = 8.0, 2e-3  # [s]
 WAITING, NOISY = 4.0, 30.0  # [s] and [s m^2] over the reach's square, longer without a wiggle
 TOOL, LOAD, LIGHTER = 0.05, 0.05, 0.7  # of reach, mass and inertia
 TILT, MARKER = 0.3, np.array([0.5, -1.0, 0.8])  # [rad]
-MOMENTS = (0.0, 0.3, 0.4, 0.5, 0.8, 3.5)  # [s] of the picture
 SENSORS = {
     "perfect": pa.Sensors(),
     "camera": pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 1e-3}),
@@ -116,34 +110,6 @@ def with_marker(robot: pa.Robot) -> pa.Robot:
     return replace(robot, model=model)
 
 
-def picture(path: Path) -> None:
-    """Draw where a UR5 believes its path to be while it learns, from home in the base's axes."""
-    import matplotlib.pyplot as plt
-
-    robot = pa.load("ur5")
-    turn, place = np.radians(120.0) * np.array([0.6, -0.64, 0.48]), np.array([0.5, -0.4, 1.1])
-    true = robot.changed(tool_translation=[0.03, -0.02, 0.05]).seen_from(turn, place)
-    controller = pa.make_controller(robot, unknown=pa.Unknown(tracker=True), dt=PERIOD)
-    circle = pa.trajectories.Circle([0.0, 0.0, 0.0], 0.05, 4.0).starting_at(true.position(true.q0))
-    kinematics: Any = controller.kinematics
-    start = {"a_k": kinematics.initial_at(true.q0, true.position(true.q0))}
-    rollout = pa.simulate(true, controller, circle, duration=4.0, start=start, progress=False)
-    truth = kinematics.value(true)
-    points = np.array([circle.at(t).x_d for t in np.linspace(0.0, 4.0, 100)])
-    figure, axes = plt.subplots(1, len(MOMENTS), figsize=(11, 2.7), sharex=True, sharey=True)
-    for ax, moment in zip(axes, MOMENTS, strict=True):
-        k = int(np.searchsorted(rollout.t, moment))
-        for a_k, label in ((truth, "desired path"), (rollout.a_k[k], "estimated path")):
-            from_home = points - a_k.reshape(3, -1)[:, -1]
-            seen = 1e3 * from_home @ kinematics.tracker(a_k).placement.rotation
-            ax.plot(seen[:, 0], seen[:, 2], label=label)
-        ax.set(title=f"{rollout.t[k]:.1f} s", xlabel="x [mm]", aspect="equal")
-    axes[0].set_ylabel("z [mm]")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=2, bbox_to_anchor=(0.5, -0.08))
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-
-
 def report(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a table in Markdown: the worst of arms and angles, in % of the radius, by start.
 
@@ -183,7 +149,3 @@ def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
     if "waited" in found:
         parts.append(f"{found['waited']:.3g} s")
     return ", ".join(parts)
-
-
-if __name__ == "__main__":
-    picture(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/tracker.png"))
