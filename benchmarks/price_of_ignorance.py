@@ -11,14 +11,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from itertools import product
 from typing import Any
 
 import numpy as np
 
 import pinadapt as pa
-
-from .timing import markdown
 
 LOADS = {"panda": 1.5, "ur5": 1.5, "z1": 0.75}  # [kg]
 AFTER = (10.0,)  # [s]
@@ -95,27 +92,3 @@ def prices(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str], list
         ]
         for (law, robot, kind), own in errors.items()
     }
-
-
-def report(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table in Markdown: errors with the true model [um or urad], and the factors."""
-    found = prices(rows)
-    robots, kinds = (
-        list(dict.fromkeys(row[key] for row in rows)) for key in ("robot", "adaptation")
-    )
-    head = [f"{robot}: {_TITLES.get(kind, f'`{kind}`')}" for robot, kind in product(robots, kinds)]
-    lines = [
-        [
-            f"`{law}`",
-            *(_cell(found[law, robot, kind][-1]) for robot, kind in product(robots, kinds)),
-        ]
-        for law in dict.fromkeys(row["law"] for row in rows)
-    ]
-    return markdown(["law", *head], lines)
-
-
-_TITLES = {TRUTH: "true model [µm, µrad]"}
-
-
-def _cell(number: float | None) -> str:
-    return "lost" if number is None else f"{number:.2g}" if number < 100.0 else f"{number:.0f}"

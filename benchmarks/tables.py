@@ -34,7 +34,6 @@ from . import (
     identification,
     image,
     lying_sensors,
-    price_of_ignorance,
     real_calibration,
     real_logs,
     realities,
@@ -43,7 +42,7 @@ from . import (
     tracker,
     unknowns,
 )
-from .timing import HERE, markdown, table_rows
+from .timing import HERE, table_rows
 
 ROOT = HERE.parent
 RUNNING = ROOT / "out" / "tables"  # rows of tables that are being measured
@@ -99,16 +98,6 @@ def _middle_and_worst(found: Sequence[tuple[float, str]], unit: str) -> tuple[st
     return f"{median(value for value, _ in found):.2g}{unit}", f"{largest:.2g}{unit} (`{robot}`)"
 
 
-def errors_of_the_default(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return the errors in each reality, without those of the pushes of several forces."""
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for row in rows:
-        if not row["force"]:
-            groups.setdefault(row["reality"], []).append(row)
-    cells = [[name, *realities.cells(own, ["error"])] for name, own in groups.items()]
-    return markdown(["the real robot has", "lost", "error [%]"], cells)
-
-
 # --- the pages ---
 
 
@@ -127,12 +116,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "identification": of("identification", identification.report),
     "image": of("image", image.report),
     "lying_sensors": of("lying_sensors", lying_sensors.report, law="separation"),
-    "price_of_ignorance": of("price_of_ignorance", price_of_ignorance.report, robot="panda"),
     "readme": of("readme", strangers.report),
     "real_calibration": of("real_calibration", real_calibration.report),
     "real_logs": of("real_logs", real_logs.report),
     "realities_contenders": of("realities", realities.contenders),
-    "realities": of("realities", errors_of_the_default, contender="default"),
     "strangers": lambda: strangers.counts(
         [row for row in table_rows("strangers") if "natural" not in row["run"]]
     ),
