@@ -144,11 +144,11 @@ def test_an_x_in_another_unit_is_recognised(task, factor, unit):
 # --- v against the differences of q ---
 
 SPOILT = {
-    "degrees": (scaled(v=180.0 / np.pi), r"degrees/s\? v \* pi / 180 would fit", 1.5),
-    "sign": (scaled(v=-1.0), r"-1 times as far \(the wrong sign\?\)", 5.0),
-    "stuck": (scaled(v=0.0), r"v says 0 rad \(v stuck at zero", 1.0),
-    "gear": (scaled(v=100.0), r"before a gear\?\)", 1.5),
-    "rpm": (scaled(v=30.0 / np.pi), r"turns a minute\?", 1.5),
+    "degrees": (scaled(v=180.0 / np.pi), "'v' is implausible.*in degrees", 1.5),
+    "sign": (scaled(v=-1.0), "'v' is", 5.0),
+    "stuck": (scaled(v=0.0), "v says 0 rad.*v stuck", 1.0),
+    "gear": (scaled(v=100.0), "'v' is", 1.5),
+    "rpm": (scaled(v=30.0 / np.pi), "'v' is.*unit", 1.5),
 }
 
 
@@ -164,7 +164,7 @@ def test_a_velocity_that_is_not_the_rate_of_q_is_refused(name, how):
 def test_one_joint_of_the_wrong_sign_is_named():
     robot = catalogue_robot("ur5")
     signs = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
-    words = r"is not the rate of q: joint 'shoulder_lift_joint' moved by .*the wrong sign\?"
+    words = r"is not the rate of q: joint 'shoulder_lift_joint' moved by .*the wrong sign"
     error, moved = Loop(robot).refused(words, spoil=scaled(v=signs))
     assert moved < 2.0 and "guards={'differences': False}" in str(error)
 
@@ -176,7 +176,7 @@ def test_q_in_degrees_from_zero_on_is_refused_as_it_moves():
     v = np.array([0.0, 0.1, 0.0, -0.1, 0.0, 0.1, 0.0])
     still = np.zeros(7)
     desired, state = pa.Desired(robot.home_angles, still, still), None
-    with pytest.raises(pa.ImplausibleError, match=r"is q in degrees\? q \* pi / 180 would fit"):
+    with pytest.raises(pa.ImplausibleError, match=r"'q' has jumped.*degrees"):
         for k in count():
             q = np.degrees(v) * k * DT
             sample = pa.Measurement(k * DT, q, v)

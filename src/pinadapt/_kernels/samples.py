@@ -7,142 +7,116 @@ import numpy as np
 from .._compiled import compiled
 from ..exceptions import ArrayError
 
-MOVES, STILL, FAR, FRAME, TURNED, FROZEN = range(6)
-JOINTS, KINDS = 8, 8  # from where on an answer names a joint: JOINTS + KINDS * joint + kind
-FAST, JUMP, SPIKE, APART, CIRCLE, BEYOND, STUCK = range(7)
+FOLLOWS, JUMP, SPIKE, STOPPED, APART, OUT = range(6)  # what is wrong with a joint
 
-# Rows of bounds, one number a joint, and numbers of all joints together.
-FASTEST, TOLERANCE, MOST, SHOWN, LEAP, LOWEST, HIGHEST, CLEAR = range(8)
-SLOW, FARTHEST, LONGEST, LATE, FLOOR, UNKNOWN, STEADY, TURN, RECENTLY, ROUND = range(10)
+# Rows of bounds, one number a joint, and numbers of all joints together; see ``Guards``.
+FASTEST, TOLERANCE, MOST, LEAP, LOWEST, HIGHEST, CLEAR = range(7)
+SLOW, FARTHEST, LONGEST, FLOOR, UNKNOWN, RECENTLY = range(6)
 
 # The trail: what is kept of the samples to compare the next one with. Numbers of all joints, the
-# last frame's error (3) and coordinates (7), and then some of each joint.
-STEPPED, BAD, BRIDGED, LOST, FRAMES, STALE, REPEATED, DEAF, TORQUES, SEEN, SINCE, RECENT = range(12)
-ERROR, PLACE = 12, 15
-TRAIL = 22
-RATE, WAY, SAID, LONG_WAY, LONG_SAID, PATH, SAID_PATH, PEAK = range(8)
-Q_STILL, V_STILL, AGREED, RAW, LEAST, BELIEVED, SAGGED, V_LEAST, V_WAY, V_SUM = range(8, 18)
-Q_SAID, TRAIL_ROWS = 18, 19
-SHORT, LONG = 0.05, 0.5  # [s] over which ways are summed
-_SHARE, _LONG_SHARE = 0.25, 0.5  # of the way, by which q and v may differ
-_SHAKEN, _SHOWN = 5.0, 10.0  # the path that v says: of that of q, and of the tolerance, at most
-_TELLING = 4.0  # tolerances of a way after which an arm moves, and q and v are believed
-_COUNTS = 3.0  # least changes of q, by which it clearly changes from sample to sample
-_LAG = 0.2  # [s] of v before and after a reversal that the filter of a driver may leave out
-HALTED = 3.0  # delays of v after which a signal that is the same to the bit may be stuck
-_TIGHT = 0.5  # of tol_0, that is no motion of a joint
-_LEARNED = 1.0  # of a frame's error, which learning may take away between two frames
+# last frame's error (3) and position (3), and then some of each joint.
+STEPPED, BAD, BRIDGED, LOST, FRAMES, STALE, REPEATED, DEAF, TORQUES, STEP, SEEN = range(11)
+SINCE, RECENT, ERROR, PLACE, DOUBT, TRAIL = 11, 12, 13, 16, 19, 20
+RATE, RAW, LEAST, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, BELIEVED, SAGGED = range(10)
+TORQUE, AGAINST, GAINED, PUSHED, SAME, TRAIL_ROWS = range(10, 16)
+MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
+LATE, EARLY = 0.1, 0.01  # [s] by which v may come after q, and q after v; half: filters of 80 ms
+# are refused, double: a wrong v is found 0.1 s later where it changes
+_SHARE = 0.25  # of the way, by which v may be off for good; half: 20 % is refused
+_REPEATED = 0.02  # [s] for which a v may be the same while q goes on, as one of 50 Hz; half: that
+# is refused, double: a stuck v is found as much later
+_TIGHT = 0.5  # of the tolerance, which a v that is the same to the bit has less; half: a stuck one
+# is found 20 ms later, double: one in steps is refused
+_CIRCLE = 0.02  # of cosine^2 + sine^2: half or double change nothing, rounding is below 1e-6
+_COARSE = 10.0  # [1/s] times the tolerance: largest step of a v that is taken for its resolution
+_COUNTS = 3.0  # least changes of q, by which a joint clearly moves from sample to sample
 
 
 @compiled(
-    "i8(f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,::1], i8[::1], f8[::1], f8[:], f8[::1])"
+    "i8(f8[:], f8[:], f8[:], f8, f8[:,::1], i8[::1], f8[::1], f8[:], f8[::1], i8[::1])", fills=2
 )
-def check_sample(
+def check_joints(
     q: np.ndarray,
     q_before: np.ndarray,
     v: np.ndarray,
-    x: np.ndarray,
-    place: np.ndarray,
-    p_hat: np.ndarray,
     dt: float,
     bounds: np.ndarray,
     places: np.ndarray,
     numbers: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
+    kinds: np.ndarray,
 ) -> int:
-    """Return what is wrong with a sample, 1 if all joints are slow, else 0.
+    """Write what is wrong with each joint (n) of a sample; return 2 if something may be, 1 at rest.
 
-    What is wrong is 2 to 5 for x, and 8 + 8 i + kind for joint i. ``after`` becomes ``before`` with
-    the sample added; where it is empty, the sample is compared with none before. NaN is never
-    wrong. With sums that forget over T,
+    ``after`` becomes ``before`` with the sample added; where it is empty, the sample is compared
+    with none before. NaN is never wrong. With the residual r = dq - v dt (trapezoid) and sums that
+    forget over T, R = sum r, D = sum dq, W = D - R, C = sum dv,
 
-        D = sum dq,   W = sum v dt (trapezoid),   P = sum |dq|,   P_v = sum |v dt| above a count,
-        tol = tol_0 + L min(peak |v|, v_max),
-
-    * FAST: |v| > v_fastest.   CIRCLE: cosine^2 + sine^2 is not 1.   BEYOND: q outside its range,
-      where no sample before it is known.
-    * JUMP: q is not where v brings it, |dq - v dt| > tol_0 + 2 dt min(|v|, v_max).
-    * SPIKE: v changed by more than a bound, and q went on as before; once the two have agreed over
-      a way of four tol.
-    * STUCK: q is the same to the bit, and so is v, by which q should have changed by more than
-      three times its least change so far; or v has become zero at once, and not that of all joints.
-    * APART: v is not the rate of q: |W - D| > share max(|W|, |D|) + tol, with a share of 1/4 over
-      T = 50 ms, of 1/2 and further min(0.2 s peak |v|, 0.2 s v_max, 0.4 P) for filters over 0.5 s,
-      or P_v > 5 P + 10 tol over 0.5 s. Or one of both has been the same to the bit for T > 3 L, and
-      the other one says a way beyond tol_0 / 2 + 3 (least change of q) + r T, with r = v_clear +
-      (least change of v), least so far: where v stands, not at zero, a T^2 / 2 of q's acceleration
-      a; where q stands, min(|W|, |v| T) - 3 L min(peak |v|, v_max) - r T, as a late v decays.
-    * FAR: |x - place| > far.
-    * FRAME: the error e = p_hat - x of a frame has changed by more than the unknown translations,
-      of at most ``unknown``, learning and noise explain: |de| > floor + unknown (sum |dq|) + |e|,
-      with the turns of all joints since the last frame and shortly before.
-    * FROZEN: x has not changed, and p_hat and the joints have moved by more than a bound.
-    * TURNED: a measured orientation has turned by more than all joints together and a bound.
+    * JUMP: |r| > tol + 2 dt min(|v|, v_max): q is not where v brings it.
+    * SPIKE: v changed by more than a bound, and q went on as before; or |v| is beyond all bounds.
+    * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
+    * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
+      the nearest of these between -10 and 100 ms: beyond tol + share max(|D|, |W|) + T (least
+      change of any v, its resolution). There is no share of a v that is the same to the
+      bit, half of tol for r since then, and for 20 ms it is not judged.
+    * OUT: cosine^2 + sine^2 is not 1; or q is outside its range, and no sample before it is known.
 
     Args:
         q: (nq) configuration, of a continuous joint cosine and sine.
         q_before: (nq) at the sample before.
         v: (n) joint velocity [rad/s or m/s].
-        x: task coordinates, positions first, of a pose a quaternion last; empty without a frame.
-        place: (m_p) of the last joint [m].
-        p_hat: (m_p) where the model has the frame when x was taken [m]; empty: x is not compared.
         dt: since the sample before [s]; that one is forgotten where it is long ago.
-        bounds: (8, n), see ``Guards``.
+        bounds: (7, n), see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
-        numbers: (10), see ``Guards``.
+        numbers: (6), see ``Guards``.
         before: the trail, or empty.
         after: the trail with this sample.
+        kinds: (n) what is wrong.
     """
-    n, kept, follows, short, long = len(v), len(after) > 0, False, 1.0, 1.0
-    if n > 0:
-        if bounds.shape != (CLEAR + 1, n) or len(places) != n + 1 or len(q) != places[n]:
-            raise ArrayError
-        if len(q_before) != len(q) or (kept and len(after) != TRAIL + TRAIL_ROWS * n):
-            raise ArrayError
-    if len(numbers) != ROUND + 1 or len(before) != len(after) or (kept and len(after) < TRAIL):
+    n, kept, leak, recent = len(v), len(after) > 0, 1.0, 1.0
+    if bounds.shape != (CLEAR + 1, n) or len(places) != n + 1 or len(q) != places[n]:
         raise ArrayError
-    if kept and len(p_hat) > 0 and (len(p_hat) > 3 or (len(x) > 0 and len(x) < len(p_hat))):
+    if len(q_before) != len(q) or len(numbers) != RECENTLY + 1 or len(kinds) != n:
         raise ArrayError
-    if kept and len(p_hat) > 0 and len(x) > 7:
+    if len(before) != len(after) or (kept and len(after) != TRAIL + TRAIL_ROWS * n):
         raise ArrayError
-    if kept:
-        follows = 0.0 <= dt <= numbers[LONGEST]
-        for k in range(TRAIL if follows and n > 0 else len(before)):
-            after[k] = before[k]
-        if dt > numbers[LONGEST]:
-            after[SEEN] = after[SINCE] = after[RECENT] = 0.0
-            for k in range(TRAIL, len(after)):
-                if (k - TRAIL) % TRAIL_ROWS not in (AGREED, LEAST, V_LEAST):
-                    after[k] = 0.0
-    if follows and n > 0:
-        short, long = np.exp(-dt / SHORT), np.exp(-dt / LONG)
+    follows = kept and 0.0 <= dt <= numbers[LONGEST]
+    for k in range(len(after)):
+        after[k] = before[k]
+    if kept and not follows:
+        after[SEEN] = after[SINCE] = after[RECENT] = 0.0
+        for k in range(TRAIL, len(after)):
+            if (k - TRAIL) % TRAIL_ROWS != LEAST:
+                after[k] = 0.0
+    halted = follows and dt > 0.0  # all joints stopped at once: by brakes, or in a simulation
+    for i in range(n):
+        halted = halted and v[i] == 0.0 and q[places[i]] == before[TRAIL + TRAIL_ROWS * i + RAW]
+    if follows:
+        leak, recent = np.exp(-dt / MEMORY), np.exp(-dt / numbers[RECENTLY])
         if dt > 0.0:
             after[STALE] = 0.0
         elif before[STEPPED] != 0.0:
             after[STALE] += 1.0
             after[REPEATED] += 1.0
-    halted = follows and dt > 0.0  # all joints stopped at once: by brakes, or in a simulation
+        for i in range(n):
+            change = abs(v[i] - before[TRAIL + TRAIL_ROWS * i + RATE])
+            if change > 0.0 and not 0.0 < after[STEP] < change:
+                after[STEP] = change
+    resting, wrong, turned = True, False, 0.0
     for i in range(n):
-        halted = halted and v[i] == 0.0 and q[places[i]] == before[TRAIL + TRAIL_ROWS * i + RAW]
-        if not halted:
-            break
-    resting, turned, apart, fast = True, 0.0, -1, -1
-    for i in range(n):
-        now, first = v[i], places[i]
-        speed = abs(now)
-        if speed > bounds[FASTEST, i]:
-            fast = i if fast < 0 else fast
+        now, first, at = v[i], places[i], TRAIL + TRAIL_ROWS * i
+        speed, plain = abs(now), places[i + 1] - first == 1
         resting &= speed < numbers[SLOW]
-        plain = places[i + 1] - first == 1
-        if not plain and abs(q[first] ** 2 + q[first + 1] ** 2 - 1.0) > numbers[ROUND]:
-            return JOINTS + KINDS * i + CIRCLE
-        at = TRAIL + TRAIL_ROWS * i
+        kinds[i] = SPIKE if speed > bounds[FASTEST, i] else FOLLOWS
         if kept:
             after[at + RATE], after[at + RAW] = now, q[first]
+        off = 0.0 if plain else abs(q[first] ** 2 + q[first + 1] ** 2 - 1.0)
         if not follows:
-            if kept and plain and (q[first] < bounds[LOWEST, i] or q[first] > bounds[HIGHEST, i]):
-                return JOINTS + KINDS * i + BEYOND
+            outside = plain and (q[first] < bounds[LOWEST, i] or q[first] > bounds[HIGHEST, i])
+            if off > _CIRCLE or (kept and outside):
+                kinds[i] = OUT
+            wrong |= kinds[i] != FOLLOWS
             continue
         if plain:
             way = q[first] - q_before[first]
@@ -151,108 +125,81 @@ def check_sample(
                 q[first + 1] * q_before[first] - q[first] * q_before[first + 1],
                 q[first] * q_before[first] + q[first + 1] * q_before[first + 1],
             )
-        rate, agreed = before[at + RATE], before[at + AGREED]
-        said = 0.5 * dt * (now + rate)  # exact for a torque that is held
-        most, tolerance = bounds[MOST, i], bounds[TOLERANCE, i]
-        leap, same = abs(now - rate) > bounds[LEAP, i], q[first] == before[at + RAW]
-        least = before[at + LEAST]
-        clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
-        if same and clear and (now == rate or (now == 0.0 and not halted)):
-            after[at + RATE] = rate  # for the message
-            return JOINTS + KINDS * i + STUCK
-        if agreed != 0.0 and fast == i:
-            return JOINTS + KINDS * i + FAST
-        if agreed != 0.0 and leap and abs(way - rate * dt) < abs(way - now * dt):
-            return JOINTS + KINDS * i + SPIKE
-        quick = max(speed, abs(rate))
-        gate = tolerance + 2.0 * dt * (quick if quick < most else most)
-        if abs(way - said) > gate and (agreed != 0.0 or not leap):
-            return JOINTS + KINDS * i + JUMP
-        step, told = abs(way), abs(said)
-        change = abs(q[first] - before[at + RAW])
-        change = change if plain or change > step else step  # a cosine changes by less
-        after[at + LEAST] = change if change > 0.0 and not 0.0 < least < change else least
-        D, W = short * before[at + WAY] + way, short * before[at + SAID] + said
-        D_l, W_l = long * before[at + LONG_WAY] + way, long * before[at + LONG_SAID] + said
-        P = long * before[at + PATH] + step
-        P_v = long * before[at + SAID_PATH] + (told if told > bounds[SHOWN, i] else 0.0)
-        peak = long * before[at + PEAK]
-        peak = speed if speed > peak else peak
-        after[at + WAY], after[at + SAID] = D, W
-        after[at + LONG_WAY], after[at + LONG_SAID] = D_l, W_l
-        after[at + PATH], after[at + SAID_PATH], after[at + PEAK] = P, P_v, peak
-        change = abs(now - rate)
-        finest = before[at + V_LEAST]
-        after[at + V_LEAST] = change if change > 0.0 and not 0.0 < finest < change else finest
-        q_still = before[at + Q_STILL] + dt if same else 0.0
-        v_still = before[at + V_STILL] + dt if now == rate else 0.0
-        q_said = before[at + Q_SAID] + said if same else 0.0
-        v_way = before[at + V_WAY] + way if now == rate else 0.0
-        v_sum = before[at + V_SUM] + dt * (v_way - 0.5 * way) if now == rate else 0.0
-        after[at + Q_STILL], after[at + V_STILL] = q_still, v_still
-        after[at + Q_SAID], after[at + V_WAY], after[at + V_SUM] = q_said, v_way, v_sum
-        quickest = peak if peak < most else most
-        stuck, lasting, unseen = 0.0, HALTED * numbers[LATE], bounds[CLEAR, i] + finest
-        if v_still > lasting and least > 0.0 and finest > 0.0 and now != 0.0:
-            bent = 6.0 * abs(0.5 * v_way - v_sum / v_still)
-            stuck = bent - unseen * v_still
-        if q_still > lasting and least > 0.0:
-            told_now = min(abs(q_said), speed * q_still) - lasting * quickest
-            stuck = max(stuck, told_now - 2.0 * unseen * q_still)
+        rate, least, tolerance = before[at + RATE], before[at + LEAST], bounds[TOLERANCE, i]
+        r = way - 0.5 * dt * (now + rate)  # exact for a torque that is held
+        same, quick = q[first] == before[at + RAW], max(speed, abs(rate))
+        step = abs(way)
         turned += step
-        tolerance += numbers[LATE] * quickest
-        larger = max(abs(W_l), abs(D_l))
-        if (
-            abs(W - D) > _SHARE * max(abs(W), abs(D)) + tolerance
-            or abs(W_l - D_l) > _LONG_SHARE * larger + tolerance + _LAG * min(quickest, P / LONG)
-            or P_v > _SHAKEN * P + _SHOWN * tolerance
-            or stuck > _TIGHT * bounds[TOLERANCE, i] + _COUNTS * least
-        ):
-            apart = i if apart < 0 else apart
+        after[at + LEAST] = step if step > 0.0 and not 0.0 < least < step else least
+        R, D = leak * before[at + RESIDUAL] + r, leak * before[at + WAY] + way
+        C = leak * before[at + CHANGE] + now - rate
+        after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C
+        after[at + STILL_Q] = before[at + STILL_Q] + dt if same else 0.0
+        after[at + STILL_V] = before[at + STILL_V] + dt if now == rate else 0.0
         after[at + BELIEVED] = after[at + SAGGED] = 0.0
-        after[at + AGREED] = 1.0 if larger > _TELLING * tolerance else agreed
-    if apart >= 0:
-        return JOINTS + KINDS * apart + APART
-    if fast >= 0:
-        return JOINTS + KINDS * fast + FAST
-    if kept and n > 0:
-        after[STEPPED], after[BAD] = 1.0, 0.0
+        low, high = min(-EARLY * C, LATE * C), max(-EARLY * C, LATE * C)
+        off_R = R - min(max(R, low), high)
+        still, bound = after[at + STILL_V], tolerance
+        if still == 0.0:
+            bound += _SHARE * max(abs(D), abs(D - R))
+        bound += MEMORY * min(after[STEP], _COARSE * tolerance)
+        leap = abs(now - rate) > bounds[LEAP, i]
+        if leap and abs(way - rate * dt) < abs(way - now * dt):
+            kinds[i] = SPIKE
+        elif abs(r) > tolerance + 2.0 * dt * min(quick, bounds[MOST, i]):
+            kinds[i] = JUMP
+        elif kinds[i] == FOLLOWS and same and now == 0.0 and not halted:
+            clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
+            kinds[i] = STOPPED if clear else FOLLOWS
+        S = leak * before[at + SAME] + r if now == rate else 0.0
+        after[at + SAME] = S
+        told = still == 0.0 or still > _REPEATED  # else v may come less often than q
+        tight = bound - (0.0 if now == 0.0 else _TIGHT * tolerance)  # zero: a dead band
+        if kinds[i] == FOLLOWS and told and (abs(off_R) > bound or abs(S) > tight):
+            kinds[i] = APART
+        if off > _CIRCLE:
+            kinds[i] = OUT
+        wrong |= kinds[i] != FOLLOWS
+    if kept:
+        after[STEPPED], after[BAD] = 1.0, before[BAD] if wrong else 0.0
         after[LOST] += dt if after[LOST] > 0.0 else 0.0
         after[SINCE] += turned
-        after[RECENT] = np.exp(-dt / numbers[RECENTLY]) * before[RECENT] + turned
-    square = 0.0
-    for i in range(min(len(x), len(place))):
-        square += (x[i] - place[i]) ** 2
-    if square > numbers[FARTHEST] ** 2:
-        return FAR
-    answer = STILL if resting else MOVES
-    if not kept or len(p_hat) == 0 or len(x) == 0:
-        return answer
-    same, change, error, m = after[SEEN] != 0.0, 0.0, 0.0, len(p_hat)
-    for k in range(len(x)):
-        same &= x[k] == after[PLACE + k]
+        after[RECENT] = recent * before[RECENT] + turned
+    doubted = kept and after[DOUBT] != 0.0
+    return 2 if wrong or doubted else 1 if resting else 0
+
+
+@compiled("b1(f8[:], f8[:], f8[::1], f8[::1])", fills=1)
+def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np.ndarray) -> bool:
+    """Return whether a frame x cannot be one of the arm; else keep it in the trail.
+
+    The residual is the change of e = p_hat - x since the last frame. Learning explains |e|, and
+    unknown translations ``unknown`` times the turns of all joints since then and shortly before.
+    A frame that is the same to the bit while the joints move explains nothing.
+    """
+    m, error, change, far = len(p_hat), 0.0, 0.0, 0.0
+    if len(x) < m or m > 3 or len(numbers) != RECENTLY + 1 or 0 < len(trail) < TRAIL:
+        raise ArrayError
     for k in range(m):
-        change += (p_hat[k] - x[k] - after[ERROR + k]) ** 2
-        error += after[ERROR + k] ** 2
-    change, turned = np.sqrt(change), after[SINCE] + after[RECENT]
+        far += (p_hat[k] - x[k]) ** 2
+    if far > numbers[FARTHEST] ** 2:
+        return True
+    if len(trail) == 0:
+        return False
+    same, moved = trail[SEEN] != 0.0, trail[SINCE] * numbers[UNKNOWN]
+    for k in range(m):
+        same &= x[k] == trail[PLACE + k]
+        change += (p_hat[k] - x[k] - trail[ERROR + k]) ** 2
+        error += trail[ERROR + k] ** 2
     if same:
-        moved = after[SINCE] * numbers[UNKNOWN] > numbers[STEADY]  # p_hat does not only learn
-        return FROZEN if moved and change > numbers[STEADY] else answer
-    if after[SEEN] != 0.0:
-        if change > numbers[FLOOR] + numbers[UNKNOWN] * turned + _LEARNED * np.sqrt(error):
-            return FRAME
-        if len(x) == m + 4:
-            cosine = 0.0
-            for k in range(m, len(x)):
-                cosine += x[k] * after[PLACE + k]
-            if 2.0 * np.arccos(min(abs(cosine), 1.0)) > turned + numbers[TURN]:
-                return TURNED
-    after[SEEN], after[LOST], after[SINCE] = 1.0, 0.0, 0.0
-    for k in range(len(x)):
-        after[PLACE + k] = x[k]
+        return moved > numbers[FLOOR] and change > numbers[FLOOR] ** 2
+    bound = numbers[FLOOR] + numbers[UNKNOWN] * (trail[SINCE] + trail[RECENT]) + np.sqrt(error)
+    if trail[SEEN] != 0.0 and change > bound**2:
+        return True
+    trail[SEEN], trail[LOST], trail[SINCE] = 1.0, 0.0, 0.0
     for k in range(m):
-        after[ERROR + k] = p_hat[k] - x[k]
-    return answer
+        trail[PLACE + k], trail[ERROR + k] = x[k], p_hat[k] - x[k]
+    return False
 
 
 @compiled("f8(f8[:], f8[:], f8[:])", fills=0)
@@ -383,6 +330,7 @@ HEADER = 9
 TRAVEL, HELD, DRIVE, FORMER, LATTER, OFFSET = range(6)
 ROWS = 6
 NOTHING, WINDOW, TOLD = 0, 1, 2
+_PASSED, _TELLING = 0.5, 4.0  # [s] of ways, and tolerances of one after which an arm moves
 _LATEST = 2.0  # [s] after it has begun to
 _LONGEST = 60.0  # [s]
 _STILL = 0.02  # of tol_0, a change of way in half a window that need not be judged
@@ -429,7 +377,7 @@ def first_samples(
             after[HEADER + HELD * n + i] = np.nan
         return NOTHING
     after[AGE] += dt
-    keep, some = np.exp(-dt / LONG), after[MOVED] > 0.0
+    keep, some = np.exp(-dt / _PASSED), after[MOVED] > 0.0
     for i in range(n):
         at = HEADER + TRAVEL * n + i
         after[at] = keep * before[at] + dt * v[i]

@@ -452,6 +452,7 @@ class Controller(Doors):
             given = torque if self.compensation is None else torque + self.compensation(s.q)
             if first is not None:
                 first[self._held] = given
+            self.senses.remember(sensed, given)
             if path is not None:
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
