@@ -9,10 +9,9 @@ source, or in the user's cache where that cannot be written, or not at all; a da
 replaced. With ``NUMBA_DISABLE_JIT=1`` the kernels stay Python functions, for a debugger.
 
 Kernels fill arrays that their caller has made, because numba is slow at returning arrays, and do
-not call each other, because the cache on disk would not notice a change of the other. A kernel
-checks at its beginning that the sizes of its arrays fit, which takes a nanosecond, and raises an
-``ArrayError`` else, as it would read outside of an array that is too short. It does not check that
-they are arrays of floats with the axes that it was compiled for: what users give becomes such
+not call each other, because the cache on disk would not notice a change of the other. An index
+outside of an array is an ``IndexError``, which takes a nanosecond to check. What a kernel is given
+has to be arrays of floats with the axes that it was compiled for: what users give becomes such
 arrays where it enters.
 """
 
@@ -81,10 +80,12 @@ def _entry_point(
     # no counting of references: an option of numba's that its documentation does not have
     counting: dict[str, Any] = {} if allocates else {"_nrt": False}
     try:
-        dispatcher = njit(typed, cache=True, error_model="numpy", **counting)(function)
+        dispatcher = njit(typed, cache=True, error_model="numpy", boundscheck=True, **counting)(
+            function
+        )
     except Exception:  # a cache that cannot be written, or a damaged one: errors of unpickling
         _empty_cache(function)
-        dispatcher = njit(typed, error_model="numpy", **counting)(function)
+        dispatcher = njit(typed, error_model="numpy", boundscheck=True, **counting)(function)
     if not dispatcher.stats.cache_hits and sys.stderr.isatty() and not any(map(_missed, kernels)):
         print(_NOTE, file=sys.stderr)
     kernels[f"{function.__module__}.{function.__name__}"] = dispatcher

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from .._compiled import compiled
-from ..exceptions import ArrayError
 
 
 @compiled("void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8[:])", allocates=True)
@@ -23,10 +22,6 @@ def fit_rate(
 ) -> None:
     """Write -P (g + W^T (R - R_0) r) (p), R as in ``fit``."""
     m, p = W.shape
-    if P.shape != (p, p) or len(r) != m or R_0.shape != (m, m) or len(g) != p:
-        raise ArrayError
-    if len(floor) == 0 or len(slope) != p:
-        raise ArrayError
     work, L = np.empty((3, max(m, p))), np.empty((m, m))
     gradient, x, P_w = work[0], work[1], work[2]
     for k in range(p):
@@ -111,12 +106,6 @@ def fit(
                 A[i, j] = -A[i, j]
 
     m, p = W.shape
-    if len(a) != p or P.shape != (p, p) or len(r) != m or R_0.shape != (m, m):
-        raise ArrayError
-    if len(g) != p or len(floor) == 0 or prior.shape != (p, p):
-        raise ArrayError
-    if len(after) != p or gain.shape != (p, p):
-        raise ArrayError
     work = np.empty((2, max(m, p) + 1, max(m, p)))
     R, information, gradient = work[0, :m, :m], work[1, :p, :p], work[0, m, :p]
     for k in range(p):
@@ -175,8 +164,6 @@ def follow_geodesic_of_bodies(
     P = [[tr(I)/2 1 - I, mc], [mc^T, m]] and L = [[tr(G) 1 - G, g_mc/2], [g_mc^T/2, g_m]], G the
     matrix of g_I with its entries off the diagonal halved, for which tr(L P(da)) = g . da.
     """
-    if len(g) != len(a) or len(after) != len(a) or len(a) % 10 != 0:
-        raise ArrayError
     bodies, square = len(a) // 10, 0.0
     L, E, work = np.empty((4, 4)), np.empty((4, 4)), np.empty((2, bodies, 4, 4))
     P, A = work[0], work[1]  # P and P L
@@ -239,8 +226,6 @@ def gain_of_bodies_times(
     a: np.ndarray, gamma: np.ndarray, X: np.ndarray, product: np.ndarray
 ) -> None:
     """Write Gamma X (10 k, l): gamma_b P L P of every body, as ``follow_geodesic_of_bodies``."""
-    if len(a) != 10 * len(gamma) or len(X) != len(a) or product.shape != X.shape:
-        raise ArrayError
     work, g, Gamma = np.empty((3, 4, 4)), np.empty(10), np.empty((10, 10))
     P, L, A = work[0], work[1], work[2]
     for b in range(len(gamma)):

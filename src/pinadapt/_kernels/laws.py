@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from .._compiled import compiled
-from ..exceptions import ArrayError
 
 
 @compiled(
@@ -38,10 +37,6 @@ def filtered_rates(
     z = xi + m
     if len(low) != z + len(a):
         return False
-    if len(x_hat) < m or len(a_k) != p or len(x) < m or len(v) != len(a):
-        raise ArrayError
-    if W_k.shape != (m, p) or len(y) != m:
-        raise ArrayError
     for i in range(m):
         d = x[i] - x_hat[i]
         for j in range(p):
@@ -62,8 +57,6 @@ def observed(
     The memory is (x_o, half), half of the last step [s].
     """
     m = len(dx_o)
-    if len(memory) < m + 1 or len(xd_hat) < m or len(x) < m:
-        raise ArrayError
     for i in range(len(dx_o)):
         dx_o[i] = memory[i] + (memory[m] + lead) * xd_hat[i] - x[i]
 
@@ -83,8 +76,6 @@ def carry(
     other half of this step comes with the velocity at its end.
     """
     m, share = len(dx_o), -math.expm1(-bandwidth * dt)
-    if len(memory) != m + 1 or len(xd_hat) < m or len(after) != m + 1:
-        raise ArrayError
     for i in range(m):
         after[i] = memory[i] + (memory[m] + 0.5 * dt) * xd_hat[i] - share * dx_o[i]
     after[m] = 0.5 * dt
@@ -107,9 +98,6 @@ def advance(
     y (m_p) and a (n) are these changes times the bandwidth.
     """
     m, p = W_k.shape
-    size = m * p + m + len(a)
-    if len(low) != size or len(after) != size or len(y) != m:
-        raise ArrayError
     way = -math.expm1(-bandwidth * dt) / bandwidth
     way_a = -math.expm1(-bandwidth_a * dt) / bandwidth_a
     for i in range(m):
@@ -125,9 +113,6 @@ def posture_velocity(
     q: np.ndarray, posture: np.ndarray, v: np.ndarray, w: float, psi: np.ndarray, rate: np.ndarray
 ) -> None:
     """Write psi = -w ``posture_offset`` and its rate -w (1 + 4 |e| / margin) v, both (n)."""
-    n = len(v)
-    if len(q) != n or posture.shape != (4, n) or len(psi) != n or len(rate) != n:
-        raise ArrayError
     for i in range(len(v)):
         d = q[i] - posture[0, i]
         e = max(d - posture[2, i], 0.0) + min(d - posture[1, i], 0.0)
@@ -161,13 +146,6 @@ def kinematic_drive(
     e = dxd_hat + alpha dx with dxd_hat = xd_hat - xd_d, error = -(K_P + alpha K_v) dx - alpha
     dxd_hat (m), residual = W_k a_k - y (m_p).
     """
-    m, p, m_p = len(dx), len(a_k), len(y)
-    if K_PV.shape != (m, m) or len(xd_hat) != m or len(xd_d) != m or Y_k.shape != (m, p):
-        raise ArrayError
-    if W_k.shape != (m_p, p) or R_k.shape != (m_p, m_p) or len(residual) != m_p:
-        raise ArrayError
-    if len(e) != m or len(error) != m or len(gradient) != p:
-        raise ArrayError
     for j in range(len(a_k)):
         gradient[j] = 0.0
     for i in range(len(y)):
@@ -222,16 +200,6 @@ def commanded_acceleration(
     Y_k da_k/dt) (m); offset is the ``posture_offset`` of q, not read for w = 0.
     """
     m, n = J.shape
-    if len(xdd_d) != m or K_v.shape != (m, m) or len(xd) != m or len(xd_d) != m:
-        raise ArrayError
-    if K_P.shape != (m, m) or len(dx) != m or len(Jdot_v) != m or len(Y_k) != m:
-        raise ArrayError
-    if Y_k.shape[1] < len(a_k_rate) or gram_inverse.shape != (m, m):
-        raise ArrayError
-    if len(qd) != n or len(missed) != m or len(v) != n:
-        raise ArrayError
-    if w != 0.0 and (len(q) != n or posture.shape != (4, n)):
-        raise ArrayError
     for t in range(n):
         v[t] = 0.0
         if w == 0.0:
@@ -271,11 +239,7 @@ def observation_drive(
 
     Y_p are the first m_p rows of Y_k.
     """
-    m, p = len(dx_o), len(gradient)
-    if len(Y_k) < m or Y_k.shape[1] != p or X_k.shape != (m, p):
-        raise ArrayError
-    if len(epsilon) != m or R.shape != (m, m) or len(error) != m:
-        raise ArrayError
+    m = len(dx_o)
     for j in range(len(gradient)):
         gradient[j] = 0.0
     for i in range(m):
@@ -303,9 +267,6 @@ def reference(
 
     dx_o (m_p) may be shorter: zeros follow.
     """
-    m = len(u)
-    if len(xd_d) != m or len(dx) != m or len(xdd_d) != m or len(xd) != m or len(ud) != m:
-        raise ArrayError
     for i in range(len(u)):
         error, rate = dx[i], xd[i] - xd_d[i]
         if i < len(dx_o):
@@ -335,10 +296,6 @@ def subtract_limited_damping(
     As D e - D (D + R)^-1 D e; D and M are symmetric and positive definite.
     """
     n = len(error)
-    if len(feedforward) != n or D.shape != (n, n) or M.shape != (n, n):
-        raise ArrayError
-    if len(v) != n or len(v_r) != n or len(torque) != n:
-        raise ArrayError
     work = np.empty((n + 2, n))
     L, y, z = work[:n], work[n], work[n + 1]  # 1 / L_ii on the diagonal of L
     for i in range(n):

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from .._compiled import compiled
-from ..exceptions import ArrayError
 
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
@@ -20,8 +19,6 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     of squares in L^-1.
     """
     m, n = J.shape
-    if inverse.shape != (m, m):
-        raise ArrayError
     L, L_inverse = inverse, np.empty((m, m))  # L stands where the inverse is written in the end
     s, mu_2, lost = 0.0, 0.0, False
     for damped in (False, True):
@@ -77,10 +74,6 @@ def gradient_through_inverse(
     not positive definite.
     """
     m, n = J.shape
-    if M.shape != (n, n) or len(e) != m or Y.shape != (n, len(gradient)):
-        raise ArrayError
-    if L.shape != (n, n) or len(solution) != n:
-        raise ArrayError
     for i in range(n):
         for j in range(i + 1):
             x = M[i, j]
@@ -134,12 +127,6 @@ def right_inverse_and_rate(
     missed (m) and y hold what psi misses, of the task's velocity and then of its acceleration.
     """
     m, n = J.shape
-    if gram_inverse.shape != (m, m) or len(u) != m or len(psi) != n or len(ud) != m:
-        raise ArrayError
-    if len(psid) != n or Jdot.shape != (m, n) or len(missed) != m:
-        raise ArrayError
-    if len(y) != m or len(x) != n or len(rate) != n:
-        raise ArrayError
     for i in range(m):
         missed[i] = u[i]
         for t in range(n):

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from .._compiled import compiled
-from ..exceptions import ArrayError
 
 PER_BODY = 10
 _LEAST_MASS = (
@@ -22,9 +21,6 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     c is zero where no body needs ballast, else such that no body is much lighter than its ballast:
     centres of mass far outside of the robot would cost digits.
     """
-    n = len(tens)
-    if len(pi) != PER_BODY * n or len(ballast) != len(pi) or tens.shape[1] != PER_BODY:
-        raise ArrayError
     lightest = pi[0]
     for b in range(len(tens)):
         lightest = min(lightest, pi[PER_BODY * b])
@@ -44,11 +40,6 @@ def place(
     translation: np.ndarray,
 ) -> None:
     """Write offset + directions theta[first : first + k] (3), directions (3, k)."""
-    k = directions.shape[1]
-    if len(directions) != 3 or first < 0 or first + k > len(theta):
-        raise ArrayError
-    if len(offset) != 3 or len(translation) != 3:
-        raise ArrayError
     for i in range(3):
         x = offset[i]
         for j in range(directions.shape[1]):
@@ -204,8 +195,6 @@ def add_column_rates(
     a_k_rate: np.ndarray, Phi: np.ndarray, place: np.ndarray, Jdot: np.ndarray
 ) -> None:
     """Add sum_j da_j/dt Phi_j to the position rows, ``place`` (m_p), of dJ/dt (m, n)."""
-    if len(Phi) != len(a_k_rate) + 1:
-        raise ArrayError
     for i in range(len(place)):
         for j in range(len(a_k_rate)):
             for t in range(Jdot.shape[1]):
@@ -222,8 +211,6 @@ def column_accelerations(
     Y: np.ndarray,
 ) -> None:
     """Add Phi_j a + dPhi_j/dt v to the position rows, ``place`` (m_p), of columns Y (m, p)."""
-    if len(v) != Phi.shape[2] or len(a) != len(v):
-        raise ArrayError
     for i in range(len(place)):
         for j in range(Y.shape[1]):
             for t in range(len(v)):
@@ -233,9 +220,6 @@ def column_accelerations(
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
 def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray) -> None:
     """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
-    n = len(mean)
-    if len(v) != n or len(v_r) != n or len(half) != n:
-        raise ArrayError
     for t in range(len(mean)):
         mean[t] = 0.5 * (v[t] + v_r[t])
         half[t] = 0.5 * (v[t] - v_r[t])
@@ -244,8 +228,6 @@ def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray)
 @compiled("void(f8[:,:], f8[:], f8[:,:], f8[:])", fills=2)
 def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
     """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
-    if Y.shape != (len(tau), len(pi)) or Y_0.shape != Y.shape:
-        raise ArrayError
     for i in range(len(tau)):
         x = 0.0
         for j in range(len(pi)):
@@ -282,10 +264,6 @@ def add_joint_effects(
     constant torque, zero for the momentum.
     """
     n, p = Y_b.shape
-    if len(v) != n or len(a) != n or len(g) != n or len(tau_b) != n or len(tau) != n:
-        raise ArrayError
-    if len(Y) != n or Y.shape[1] < p or values.shape[1] != columns.shape[1]:
-        raise ArrayError
     for i in range(n):
         tau[i] = tau_b[i]
         for j in range(p):
@@ -341,12 +319,6 @@ def filtered_regressor(
     that of the known parts p_0 and tau_0 (n), in place of Y_M and Y_0 (n, p).
     """
     n, p = Y_M.shape
-    if Y_0.shape != (n, p) or len(p_0) != n or len(tau_0) != n:
-        raise ArrayError
-    if Z.shape != (n, p + 1) or before.shape != (n, p + 1) or u.shape != (n, p + 1):
-        raise ArrayError
-    if Z_now.shape != (n, p + 1) or W.shape != (n, p + 1):
-        raise ArrayError
     for i in range(n):
         for j in range(p):
             momentum = bandwidth * Y_M[i, j]
