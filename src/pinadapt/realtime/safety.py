@@ -357,6 +357,7 @@ class Checklist:
         return SafetyFinding("camera", f"no frame for {age:.2g} s", Answer.HOLD)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a limit beyond the largest float is none
 def limited_torque(
     torque: np.ndarray, limit: np.ndarray, before: np.ndarray, change: np.ndarray
 ) -> np.ndarray:
