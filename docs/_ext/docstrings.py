@@ -42,5 +42,5 @@ def escaped(line):
 
 def skip(app, what, name, obj, skipped, options):
     """Leave out the fields of named tuples, which the class describes, and methods' twins."""
-    left_out = type(obj).__name__ == "_tuplegetter" or name.endswith("_unchecked")
+    left_out = type(obj).__name__ == "_tuplegetter"
     return True if left_out else None

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import empty
 
-from ._checks import Doors, instance, numbers, positive
+from ._checks import instance, numbers, positive
 from ._kernels import laws as kernels
 from ._kernels import models as regressors
 from .exceptions import REFUSED, ArrayError, InputError
@@ -79,7 +79,7 @@ class NoFilters(Filters):
         return state
 
 
-class LowPass(Doors):
+class LowPass:
     """lambda / (lambda + p) with state s: ds/dt = lambda (u - s).
 
     Its ``rate`` is the filtered derivative of the input, p lambda / (lambda + p) u: no sensor for
@@ -88,8 +88,6 @@ class LowPass(Doors):
     Attributes:
         bandwidth: lambda [1/s].
     """
-
-    shapes = "dt: >=0"
 
     def __init__(self, bandwidth: float, name: str = "lambda") -> None:
         """Take the bandwidth [1/s].
@@ -107,15 +105,11 @@ class LowPass(Doors):
         rate *= self.bandwidth
         return rate
 
-    rate_unchecked = rate
-
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
         if u.shape != state.shape:
             raise ArrayError
         return state - math.expm1(-self.bandwidth * dt) * (u - state)
-
-    advance_unchecked = advance
 
 
 @dataclass(slots=True, eq=False)
@@ -450,7 +444,7 @@ class FilteredTorque(NamedTuple):
             raise ArrayError from error
 
 
-class FilteredRegressor(Doors):
+class FilteredRegressor:
     """W (n, p) and y (n) with W a_d = y at the true parameters, from q, qd and torque alone.
 
     The torque is affine in the parameters, M qdd + C qd + g + friction = Y a_d + tau_0, but its
@@ -475,12 +469,6 @@ class FilteredRegressor(Doors):
         motors: that apply a torque later than it is commanded, or None.
     """
 
-    shapes = (
-        "v: n, tau: n, dt: >=0, now.y: n, state.Z: rows c, state.u: rows c, state.y: rows, "
-        "state.tau: rows, state.shares: 2"
-    )
-    own_checks = frozenset({"along"})
-
     def __init__(
         self, dynamics: Dynamics, bandwidth: float, motors: LateTorque | None = None
     ) -> None:
@@ -496,7 +484,7 @@ class FilteredRegressor(Doors):
 
     def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
         """Return the state at the first q (nq), v (n), at which W and y are zero."""
-        momentum, n = self.dynamics.momentum_unchecked(q, v), v.size
+        momentum, n = self.dynamics.momentum(q, v), v.size
         still = np.zeros((n, self.dynamics.size + 1))
         u, Z, W = empty(still.shape), empty(still.shape), empty(still.shape)
         regressors.filtered_regressor(
@@ -523,7 +511,7 @@ class FilteredRegressor(Doors):
         Raises:
             InputError: the state of another filter.
         """
-        momentum = self.dynamics.momentum_unchecked(q, v)
+        momentum = self.dynamics.momentum(q, v)
         n, p = momentum.Y_M.shape
         shape = n, p + 1
         if state.__class__ is not TorqueFilterState or not state.Z.shape == state.u.shape == shape:
@@ -545,8 +533,6 @@ class FilteredRegressor(Doors):
         now = TorqueFilterState(Z, y, u, held, np.zeros(2), underway)
         return FilteredTorque(W[:, :-1], y - W[:, -1], now, bandwidth)
 
-    observe_unchecked = observe
-
     def step(self, now: FilteredTorque, tau: np.ndarray, dt: float) -> TorqueFilterState:
         """Return the state after dt [s], over which the torque tau (n) [N m or N] is held."""
         Z, y, u, _, _, underway = now.state
@@ -558,21 +544,17 @@ class FilteredRegressor(Doors):
         shares = np.array([1.0 - share / x if x > 0.0 else 0.0, share])
         return TorqueFilterState(Z, y + share * (tau - y), u, tau, shares, underway)
 
-    step_unchecked = step
-
     def rate(self, now: FilteredTorque, tau: np.ndarray) -> TorqueFilterState:
         """Return the time derivative of the state at the torque tau (n), as part of an ODE."""
         Z, y, u, held, shares, underway = now.state
         return TorqueFilterState(
-            self.low_pass.rate_unchecked(Z, u),
-            self.low_pass.rate_unchecked(y, tau),
+            self.low_pass.rate(Z, u),
+            self.low_pass.rate(y, tau),
             np.zeros(u.shape),
             np.zeros(held.shape),
             np.zeros(shares.shape),
             underway.still() if underway else (),
         )
-
-    rate_unchecked = rate
 
     def along(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray

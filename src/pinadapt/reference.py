@@ -611,7 +611,7 @@ class Approach(Derived):
         """Return position, velocity and acceleration at time t [s]."""
         T = self.duration
         if t >= T:
-            return self.motion.at_unchecked(t - T)
+            return self.motion.at(t - T)
         u = max(t, 0.0) / T
         left = 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
         speed = -30.0 * u * u * (1.0 - u) ** 2 / T

@@ -158,5 +158,5 @@ def test_a_second_thread_gets_an_error_never_a_wrong_torque(monkeypatch):
         thread.join()
         return law.command(s, model)
 
-    monkeypatch.setattr(controller, "law", SimpleNamespace(command_unchecked=command))
+    monkeypatch.setattr(controller, "law", SimpleNamespace(command=command))
     assert np.array_equal(torque(0), alone) and len(refused) == 5

@@ -138,13 +138,13 @@ def energy_along(
             controller.adaptation_d,
         )
         of_law, learned = (
-            law.storage_unchecked(signals, truth),
+            law.storage(signals, truth),
             controller.parameter_storage(state, a_k, a_d),
         )
         V.append(of_law + learned)
-        of_law = law.dissipation_unchecked(signals, truth)
-        of_law += adaptation_k.dissipation_unchecked(state.kinematic, drives.kinematic, a_k)
-        learned = adaptation_d.dissipation_unchecked(state.dynamic, drives.dynamic, a_d)
+        of_law = law.dissipation(signals, truth)
+        of_law += adaptation_k.dissipation(state.kinematic, drives.kinematic, a_k)
+        learned = adaptation_d.dissipation(state.dynamic, drives.dynamic, a_d)
         rate.append(of_law + learned)
         samples.append((signals, drives.kinematic, state))
         dx.append(signals.dx.copy())

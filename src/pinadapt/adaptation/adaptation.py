@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy import empty
 
-from .._checks import Doors, instance, whole
+from .._checks import instance, whole
 from ..exceptions import InputError
 
 
@@ -149,7 +149,7 @@ class Drives:
         return Drives(self.dynamic.without_tracking(), self.kinematic.without_tracking())
 
 
-class Adaptation(Doors, ABC):
+class Adaptation(ABC):
     """The adaptation law da/dt = -Gamma(a) g of an estimate a (p), g (p) the gradient of its drive.
 
     The proof dV/dt <= 0 of every control law here holds for any adaptation whose ``divergence`` D
@@ -168,28 +168,11 @@ class Adaptation(Doors, ABC):
             weight. None: they contain only what the control law provides.
     """
 
-    shapes = (
-        "value: _size, truth: _size, change: _size, start: _size, estimate.value: _size, "
-        "drive.gradient: _size, drive.Y: k _size, drive.e: k, drive.W: r _size, drive.residual: r, "
-        "drive.weight: r r, H: _size _size, X: _size l, P: _size _size, W: r _size, dt: >=0"
-    )
     name: str = "custom"
     sources: tuple[str, ...] = ()
     updates_gain: bool = False
     torque_bandwidth: float | None = None
     _size: int | None = None
-
-    def _flaw(self, value: Any) -> str | None:
-        """Return what does not fit together in an estimate or a drive, or None."""
-        if isinstance(value, Drive) and (value.W is None) != (value.residual is None):
-            return "W and residual are the two parts of a prediction error: give both or neither."
-        if isinstance(value, Estimate) and not self._remembers(value.memory):
-            return f"its memory is not one of '{self.name}', as ``init`` and ``step`` return it."
-        return None
-
-    def _remembers(self, memory: tuple) -> bool:
-        """Return whether a memory can be one of this adaptation; here all can."""
-        return True
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, ``validate(value)`` with an empty memory."""
@@ -219,8 +202,6 @@ class Adaptation(Doors, ABC):
         """
         return estimate.value
 
-    project_unchecked = project
-
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the estimate at an announced value (p).
 
@@ -247,44 +228,30 @@ class Adaptation(Doors, ABC):
         """Return the estimate for a record, with the memory for ``storage`` and ``project``."""
         return estimate
 
-    recorded_unchecked = recorded
-
     @abstractmethod
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the time derivatives of the value (p) and of the memory."""
 
-    rate_unchecked = rate
-
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the value (p) of ``rate``, for laws whose reference contains da/dt."""
-        return self.rate_unchecked(estimate, drive).value
-
-    value_rate_unchecked = value_rate
+        return self.rate(estimate, drive).value
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
-        rate = self.rate_unchecked(estimate, drive)
+        rate = self.rate(estimate, drive)
         return Estimate(estimate.value + dt * rate.value, _moved(estimate.memory, rate.memory, dt))
-
-    step_unchecked = step
 
     @abstractmethod
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the adaptation's part of V at a value (p); None where it is undefined."""
 
-    divergence_unchecked = divergence
-
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the adaptation's part of V at an estimate; None where it is undefined."""
-        return self.divergence_unchecked(estimate.value, truth)
-
-    storage_unchecked = storage
+        return self.divergence(estimate.value, truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the adaptation adds to the law's dV/dt, zero without a prediction error."""
         return 0.0
-
-    dissipation_unchecked = dissipation
 
     def power(self, estimate: Estimate, change: np.ndarray, truth: np.ndarray) -> float:
         """Return what a change (p) of the rate of the value adds to dV/dt, da^T Gamma^-1 change."""
@@ -299,14 +266,12 @@ class Adaptation(Doors, ABC):
         """Return Gamma (p, p) at a value (p) with an empty memory."""
         start = Estimate(value)
         drives = [Drive(g[None], None, gradient=g) for g in np.eye(value.size)]
-        columns = [-self.rate_unchecked(start, drive).value for drive in drives]
+        columns = [-self.rate(start, drive).value for drive in drives]
         return np.column_stack(columns) if columns else np.zeros((0, 0))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), a new array, at a value (p) with an empty memory, X (p, l)."""
         return self.gain(value).dot(X)
-
-    gain_times_unchecked = gain_times
 
     def metric(self, estimate: Estimate) -> np.ndarray:
         """Return Gamma (p, p) at an estimate with its memory; its inverse is the metric of V."""
@@ -345,10 +310,6 @@ class Wrapper(Adaptation):
         self.name, self.torque_bandwidth = inner.name, inner.torque_bandwidth
         self._size = inner._size
 
-    def _remembers(self, memory: tuple) -> bool:
-        """Return whether a memory can be one of the inner adaptation."""
-        return self.inner._remembers(memory)
-
     def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
         return estimate
@@ -372,7 +333,7 @@ class Wrapper(Adaptation):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
-        return self.inner.project_unchecked(self._inner(estimate), q)
+        return self.inner.project(self._inner(estimate), q)
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate at an announced value (p)."""
@@ -384,27 +345,27 @@ class Wrapper(Adaptation):
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record of the inner adaptation keeps."""
-        return self.inner.recorded_unchecked(estimate)
+        return self.inner.recorded(estimate)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""
-        return self.inner.rate_unchecked(estimate, drive)
+        return self.inner.rate(estimate, drive)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
-        return self.inner.step_unchecked(estimate, drive, dt)
+        return self.inner.step(estimate, drive, dt)
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
-        return self.inner.divergence_unchecked(value, truth)
+        return self.inner.divergence(value, truth)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
-        return self.inner.storage_unchecked(self._inner(estimate), truth)
+        return self.inner.storage(self._inner(estimate), truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt."""
-        return self.inner.dissipation_unchecked(estimate, drive, truth)
+        return self.inner.dissipation(estimate, drive, truth)
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p)."""
@@ -412,7 +373,7 @@ class Wrapper(Adaptation):
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""
-        return self.inner.gain_times_unchecked(value, X)
+        return self.inner.gain_times(value, X)
 
     def metric(self, estimate: Estimate) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
@@ -421,14 +382,6 @@ class Wrapper(Adaptation):
     def references(self) -> tuple[str, ...]:
         """Return the sources of this wrapper and of the inner adaptation."""
         return self.sources + self.inner.references()
-
-
-def are_arrays(memory: tuple, *shapes: tuple[int, ...]) -> bool:
-    """Return whether a memory consists of arrays of floats of these shapes."""
-    return len(memory) == len(shapes) and all(
-        isinstance(part, np.ndarray) and part.dtype == float and part.shape == shape
-        for part, shape in zip(memory, shapes, strict=True)
-    )
 
 
 def _moved(part: Any, rate: Any, dt: float) -> Any:
@@ -471,16 +424,6 @@ class Stacked(Adaptation):
         )
         self.updates_gain = any(part.updates_gain for part, _ in self.parts)
 
-    def _remembers(self, memory: tuple) -> bool:
-        """Return whether a memory holds one memory a block, or nothing."""
-        return not memory or (
-            len(memory) == len(self.parts)
-            and all(
-                isinstance(own, tuple) and part._remembers(own)
-                for own, (part, _) in zip(memory, self.parts, strict=True)
-            )
-        )
-
     @property
     def projects(self) -> bool:
         """Whether a block's adaptation may move its value."""
@@ -502,7 +445,7 @@ class Stacked(Adaptation):
         """Return the value (p) to use at q (nq), each block projected by its adaptation."""
         value = estimate.value
         split = list(self._split(estimate))
-        blocks = [part.project_unchecked(own, q) for part, _, own in split]
+        blocks = [part.project(own, q) for part, _, own in split]
         same = (kept is own.value for kept, (_, _, own) in zip(blocks, split, strict=True))
         return value if all(same) else np.concatenate(blocks)
 
@@ -517,13 +460,12 @@ class Stacked(Adaptation):
         """Return the estimate with the memory that the records of its blocks keep."""
         if not any(estimate.memory):
             return estimate
-        return self._joined(part.recorded_unchecked(own) for part, _, own in self._split(estimate))
+        return self._joined(part.recorded(own) for part, _, own in self._split(estimate))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
         return self._joined(
-            part.rate_unchecked(own, drive.columns(block))
-            for part, block, own in self._split(estimate)
+            part.rate(own, drive.columns(block)) for part, block, own in self._split(estimate)
         )
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
@@ -532,42 +474,36 @@ class Stacked(Adaptation):
         drives = [drive.columns(block) for _, block in self.parts]
         after, memories = empty(self._size), []
         for (part, block), memory, its_drive in zip(self.parts, own, drives, strict=True):
-            moved = part.step_unchecked(Estimate(value[block], memory), its_drive, dt)
+            moved = part.step(Estimate(value[block], memory), its_drive, dt)
             after[block] = moved.value
             memories.append(moved.memory)
         return Estimate(after, tuple(memories))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        parts = [
-            part.divergence_unchecked(value[block], truth[block]) for part, block in self.parts
-        ]
+        parts = [part.divergence(value[block], truth[block]) for part, block in self.parts]
         return (
             None if any(d is None for d in parts) else float(sum(d for d in parts if d is not None))
         )
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        parts = [
-            part.storage_unchecked(own, truth[block]) for part, block, own in self._split(estimate)
-        ]
+        parts = [part.storage(own, truth[block]) for part, block, own in self._split(estimate)]
         known = [part for part in parts if part is not None]
         return float(sum(known)) if len(known) == len(parts) else None
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return the sum of what the blocks' adaptations add to dV/dt."""
         blocks = self._split(estimate)
-        return float(
-            sum(p.dissipation_unchecked(own, drive.columns(b), truth[b]) for p, b, own in blocks)
-        )
+        return float(sum(p.dissipation(own, drive.columns(b), truth[b]) for p, b, own in blocks))
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p) at a value (p), block by block."""
-        return self.gain_times_unchecked(value, np.eye(value.size))
+        return self.gain_times(value, np.eye(value.size))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), block by block."""
-        blocks = [part.gain_times_unchecked(value[block], X[block]) for part, block in self.parts]
+        blocks = [part.gain_times(value[block], X[block]) for part, block in self.parts]
         return np.concatenate(blocks)
 
     def metric(self, estimate: Estimate) -> np.ndarray:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
 from ..exceptions import ArrayError, GainError
-from .adaptation import Adaptation, Drive, Estimate, Wrapper, are_arrays
+from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .least_squares import DecayWeight, checked_weight, weight_of
 
 # name of the inner adaptation -> name of the wrapped one
@@ -77,17 +77,15 @@ class Composite(Wrapper):
         if self._constant is not None:
             return weight_of(self._constant, len(W))
         assert self._decay is not None
-        return self._decay.at(W.dot(self.inner.gain_times_unchecked(value, W.T)))
-
-    weight_unchecked = weight
+        return self._decay.at(W.dot(self.inner.gain_times(value, W.T)))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under tracking and prediction error."""
-        return self.inner.rate_unchecked(estimate, self._weighted(estimate, drive))
+        return self.inner.rate(estimate, self._weighted(estimate, drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s] under both errors, held."""
-        return self.inner.step_unchecked(estimate, self._weighted(estimate, drive), dt)
+        return self.inner.step(estimate, self._weighted(estimate, drive), dt)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -r^T R r, and what the inner adaptation adds to dV/dt."""
@@ -95,12 +93,12 @@ class Composite(Wrapper):
         if weighted.W is not None and weighted.weight is not None:
             predicted = weighted.W.dot(estimate.value - truth)
             own = -float(predicted @ weighted.weight @ weighted.residual)
-        return own + self.inner.dissipation_unchecked(estimate, weighted, truth)
+        return own + self.inner.dissipation(estimate, weighted, truth)
 
     def _weighted(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
         W = drive.W
-        return drive if W is None else drive.weighted(self.weight_unchecked(estimate.value, W))
+        return drive if W is None else drive.weighted(self.weight(estimate.value, W))
 
 
 _OWN = 4  # parts of the memory before those of the inner adaptation
@@ -240,15 +238,8 @@ class CompositeMemory(Wrapper):
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate without the memory, which V does not contain."""
-        inner = self.inner.recorded_unchecked(self._inner(estimate))
+        inner = self.inner.recorded(self._inner(estimate))
         return Estimate(inner.value, (*[np.zeros(0)] * _OWN, *inner.memory))
-
-    def _remembers(self, memory: tuple) -> bool:
-        """Return whether a memory begins with the parts of this one, or with those of a record."""
-        own = memory[:_OWN]
-        p = getattr(own[-1], "size", 1) - 1
-        shapes = [(0,)] * _OWN if p < 0 else [(p, p), (p,), (p,), (p + 1,)]
-        return are_arrays(own, *shapes) and self.inner._remembers(memory[_OWN:])
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
@@ -258,7 +249,7 @@ class CompositeMemory(Wrapper):
         if gradient is not None:
             A_new, b_new = self._increment(estimate, drive)
             still[0], still[1] = A_new - fading * A, b_new - fading * b
-        rate = self.inner.rate_unchecked(inner, self._total(drive, gradient))
+        rate = self.inner.rate(inner, self._total(drive, gradient))
         return Estimate(rate.value, (*still, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
@@ -266,7 +257,7 @@ class CompositeMemory(Wrapper):
         A, b, gradient, start = estimate.memory[:_OWN]
         inner, due = self._inner(estimate), start[0]
         if drive.W is None or drive.saturated:
-            after = self.inner.step_unchecked(inner, self._total(drive, None), dt)
+            after = self.inner.step(inner, self._total(drive, None), dt)
             return Estimate(after.value, (A, b, gradient, start, *after.memory))
         start = start.copy()
         start[0] = due - dt
@@ -277,14 +268,14 @@ class CompositeMemory(Wrapper):
             kept = math.exp(-fading * span)
             A_new, b_new = self._increment(estimate, drive, span)
             A, b = A_new + kept * A, b_new + kept * b
-        after = self.inner.step_unchecked(inner, self._total(drive, gradient), dt)
+        after = self.inner.step(inner, self._total(drive, gradient), dt)
         return Estimate(after.value, (A, b, gradient, start, *after.memory))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
         total = self._total(drive, self._recalled(estimate, drive)[0])
         own = -float((estimate.value - truth).dot(total.gradient - drive.gradient))
-        return own + self.inner.dissipation_unchecked(self._inner(estimate), total, truth)
+        return own + self.inner.dissipation(self._inner(estimate), total, truth)
 
     def _total(self, drive: Drive, gradient: np.ndarray | None) -> Drive:
         """Return the drive of the inner adaptation, with the memory's gradient H da (p)."""
@@ -321,13 +312,13 @@ class CompositeMemory(Wrapper):
         n, p = W.shape
         if A.shape != (p, p):
             raise ArrayError
-        moved = self.inner.gain_times_unchecked(value, A)  # kappa P A
+        moved = self.inner.gain_times(value, A)  # kappa P A
         moved.flat[:: p + 1] += self.share
         sides = np.empty((p, n + 1), order="F")
         sides[:, 0], sides[:, 1:] = A.dot(value) - b, W.T
         # (I + A P)^-1 / kappa times A da and W^T
         solved = dgesv(moved.T, sides, overwrite_b=True)[2]
-        W_Gamma = self.inner.gain_times_unchecked(value, W.T).T
+        W_Gamma = self.inner.gain_times(value, W.T).T
         innovation = residual - W_Gamma.dot(solved[:, 0])
         S = W_Gamma.dot(solved[:, 1:])
         S.flat[:: n + 1] += self._variance

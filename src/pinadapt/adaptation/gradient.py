@@ -34,7 +34,7 @@ class Gradient(Adaptation):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return -Gamma g (p)."""
-        return Estimate(self.value_rate_unchecked(estimate, drive))
+        return Estimate(self.value_rate(estimate, drive))
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return -Gamma g (p)."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .._checks import MOST_PARAMETERS, definite_matrix, flag, numbers, positive, whole
 from .._kernels import estimates as kernels
 from ..exceptions import ArrayError, GainError
-from .adaptation import Adaptation, Drive, Estimate, are_arrays
+from .adaptation import Adaptation, Drive, Estimate
 
 _SMALL = 40  # parameters, up to which loops are faster than LAPACK
 
@@ -169,10 +169,6 @@ class LeastSquares(Adaptation):
                 "the prediction error of the torque needs a weight or a rate.", where="weight"
             )
 
-    def _remembers(self, memory: tuple) -> bool:
-        """Return whether a memory is a gain (p, p), or empty for P(0)."""
-        return not memory or are_arrays(memory, self.P_0.shape)
-
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, with P(0)."""
         return Estimate(super().init(value).value, (self.P_0.copy(),))
@@ -195,8 +191,6 @@ class LeastSquares(Adaptation):
         if self._constant is not None:
             return weight_of(self._constant, len(W))
         return np.zeros((len(W), len(W))) if given is None else given
-
-    weight_unchecked = weight
 
     def _started(self, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
         """Return the weight R_0 (l, l) that the kernels start from, and the gradient (p) with it.
@@ -225,7 +219,7 @@ class LeastSquares(Adaptation):
         P, W = self._gain(estimate), drive.W
         if W is None:
             return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
-        R, P_W = self.weight_unchecked(drive, P), P.dot(W.T)
+        R, P_W = self.weight(drive, P), P.dot(W.T)
         learned = P_W.dot(R).dot(P_W.T)
         return Estimate(-P.dot(_gradient(drive, R)), (self._recovery(P) - learned,))
 
@@ -233,7 +227,7 @@ class LeastSquares(Adaptation):
         """Return da/dt (p)."""
         P, W, residual = self._gain(estimate), drive.W, drive.residual
         if W is None or residual is None or len(P) > _SMALL:
-            return self.rate_unchecked(estimate, drive).value
+            return self.rate(estimate, drive).value
         (R_0, g), slope = self._started(drive), empty(len(P))
         kernels.fit_rate(P, W, residual, R_0, g, self._rate, self._floor, slope)
         return slope
@@ -250,7 +244,7 @@ class LeastSquares(Adaptation):
                 dt, self._prior, math.exp(-self.forgetting * dt), after, gain,
             )  # fmt: skip
             return Estimate(after, (gain,))
-        R, P_W = self.weight_unchecked(drive, P), P.dot(W.T)
+        R, P_W = self.weight(drive, P), P.dot(W.T)
         # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
         inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
         updated = P - P_W.dot(inner).dot(P_W.T)
@@ -271,7 +265,7 @@ class LeastSquares(Adaptation):
         if drive.W is None:
             return 0.0
         P, error = self._gain(estimate), estimate.value - truth
-        predicted, R = drive.W.dot(error), self.weight_unchecked(drive, P)
+        predicted, R = drive.W.dot(error), self.weight(drive, P)
         beyond = R if drive.weight is None else R - drive.weight
         learned = predicted @ beyond @ drive.residual - 0.5 * predicted @ R @ predicted
         in_P = np.linalg.solve(P, error)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
 from ..exceptions import GainError
-from .adaptation import Adaptation, Drive, Estimate, Wrapper, are_arrays
+from .adaptation import Adaptation, Drive, Estimate, Wrapper
 
 
 class Leak(Wrapper):
@@ -50,13 +50,6 @@ class Leak(Wrapper):
         super().__init__(inner)
         self.bandwidth = positive(bandwidth, "leak")
 
-    def _remembers(self, memory: tuple) -> bool:
-        """Return whether a memory begins with a_0 (p)."""
-        start = memory[0] if memory else None
-        if not isinstance(start, np.ndarray) or self._size not in (None, start.size):
-            return False
-        return are_arrays(memory[:1], (start.size,)) and self.inner._remembers(memory[1:])
-
     def leak_rate(self, drive: Drive) -> float:
         """Return the rate of the leak [1/s] under a drive, lambda."""
         return self.bandwidth
@@ -78,28 +71,26 @@ class Leak(Wrapper):
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return a_0 and what a record of the inner adaptation keeps."""
-        inner = self.inner.recorded_unchecked(self._inner(estimate))
+        inner = self.inner.recorded(self._inner(estimate))
         return Estimate(inner.value, (estimate.memory[0], *inner.memory))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates, the value's with the leak."""
-        rate, start = self.inner.rate_unchecked(self._inner(estimate), drive), estimate.memory[0]
+        rate, start = self.inner.rate(self._inner(estimate), drive), estimate.memory[0]
         value = rate.value + self._leak(estimate, drive)
         return Estimate(value, (np.zeros(start.size), *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s], mixed with a_0."""
         start = estimate.memory[0]
-        after = self.inner.step_unchecked(self._inner(estimate), drive, dt)
+        after = self.inner.step(self._inner(estimate), drive, dt)
         share = -math.expm1(-self.leak_rate(drive) * dt)
         return Estimate(after.value + share * (start - after.value), (start, *after.memory))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt, and -lambda da^T Gamma^-1 (a - a_0)."""
         inner, leak = self._inner(estimate), self._leak(estimate, drive)
-        return self.inner.dissipation_unchecked(inner, drive, truth) + self.inner.power(
-            inner, leak, truth
-        )
+        return self.inner.dissipation(inner, drive, truth) + self.inner.power(inner, leak, truth)
 
     def _leak(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return -lambda (a - a_0) (p)."""
@@ -194,17 +185,17 @@ class DeadZone(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under the remaining errors."""
-        return self.inner.rate_unchecked(estimate, self._remaining(drive))
+        return self.inner.rate(estimate, self._remaining(drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s] under the remaining errors."""
-        return self.inner.step_unchecked(estimate, self._remaining(drive), dt)
+        return self.inner.step(estimate, self._remaining(drive), dt)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt, and da^T (g - g_zone)."""
         remaining = self._remaining(drive)
         removed = (estimate.value - truth) @ (drive.gradient - remaining.gradient)
-        return float(removed) + self.inner.dissipation_unchecked(estimate, remaining, truth)
+        return float(removed) + self.inner.dissipation(estimate, remaining, truth)
 
     def _remaining(self, drive: Drive) -> Drive:
         """Return the drive with the errors that remain outside the zone."""
@@ -254,17 +245,17 @@ class Normalised(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under the normalised drive."""
-        return self.inner.rate_unchecked(estimate, self._normalised(estimate, drive))
+        return self.inner.rate(estimate, self._normalised(estimate, drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s] under the normalised drive."""
-        return self.inner.step_unchecked(estimate, self._normalised(estimate, drive), dt)
+        return self.inner.step(estimate, self._normalised(estimate, drive), dt)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation adds to dV/dt, and da^T (g - g / m^2)."""
         normalised = self._normalised(estimate, drive)
         removed = (estimate.value - truth) @ (drive.gradient - normalised.gradient)
-        return float(removed) + self.inner.dissipation_unchecked(estimate, normalised, truth)
+        return float(removed) + self.inner.dissipation(estimate, normalised, truth)
 
     def _normalised(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with each part divided by its m^2."""
@@ -273,7 +264,7 @@ class Normalised(Wrapper):
 
     def _factor(self, value: np.ndarray, Y: np.ndarray) -> float:
         """Return 1 / m^2 at a value (p) for a regressor (k, p)."""
-        trace = float(np.sum(Y.T * self.inner.gain_times_unchecked(value, Y.T)))
+        trace = float(np.sum(Y.T * self.inner.gain_times(value, Y.T)))
         return 1.0 / (1.0 + trace / self.size)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import MOST_PARAMETERS, Doors, instance, name_list, numbers, positive, vector, whole
+from .._checks import MOST_PARAMETERS, instance, name_list, numbers, positive, vector, whole
 from .._kernels import estimates as kernels
 from ..exceptions import GainError, InputError, ParameterError
 from ..models.basis import read_matrix
@@ -35,7 +35,7 @@ from .adaptation import Adaptation, Drive, Estimate
 _LONGEST = 0.02
 
 
-class MatrixInequality(Doors):
+class MatrixInequality:
     """Linear matrix inequality: the set of a with P_b(a) = F_0 + sum_i a_{b,i} F_i > 0 for k b.
 
     The blocks b share the matrices F. A user's own inequality has one block; the pseudo-inertias of
@@ -46,8 +46,6 @@ class MatrixInequality(Doors):
         blocks: k.
         complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
     """
-
-    shapes = "a: size, g: ... size, P: ... blocks _n _n, X: size l, gamma: blocks, h: >=0"
 
     def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
         """Make the inequality of ``blocks`` blocks.
@@ -118,8 +116,6 @@ class MatrixInequality(Doors):
         P = a.reshape(self.blocks, self._p).dot(self._flat).reshape(self.blocks, self._n, self._n)
         return P if self._offset is None else P + self._offset
 
-    matrices_unchecked = matrices
-
     def components(self, P: np.ndarray) -> np.ndarray:
         """Return the coordinates (k p) of a change of P (k, n, n), which has no offset.
 
@@ -127,16 +123,12 @@ class MatrixInequality(Doors):
         """
         return P.reshape(-1, self._n * self._n).dot(self._dual_T).ravel()
 
-    components_unchecked = components
-
     def covectors(self, g: np.ndarray) -> np.ndarray:
         """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da, g (k p).
 
         For l gradients (l, k p) the result holds their L one after the other (l k, n, n).
         """
         return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
-
-    covectors_unchecked = covectors
 
     def metric_inverse_times(self, a: np.ndarray, X: np.ndarray, gamma: np.ndarray) -> np.ndarray:
         """Return the inverse metric of -log det at a (k p), of block b times gamma_b, times X.
@@ -154,11 +146,9 @@ class MatrixInequality(Doors):
         blocks = moved.reshape(self.blocks, self._p, -1).dot(self._dual_T)
         return np.asarray((blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape))
 
-    metric_inverse_times_unchecked = metric_inverse_times
-
     def contains(self, a: np.ndarray) -> bool:
         """Return whether every block is positive definite at a (k p)."""
-        P = self.matrices_unchecked(a)
+        P = self.matrices(a)
         return bool(np.isfinite(P).all() and (np.linalg.eigvalsh(P) > 0.0).all())
 
     def follow_geodesic(
@@ -176,8 +166,6 @@ class MatrixInequality(Doors):
         Z = 0.5 * h * (most / length if length > most else 1.0) * A
         E = np.eye(self._n) - Z + 0.5 * Z @ Z
         return a + self.components(E @ P @ E.swapaxes(1, 2) - P)
-
-    follow_geodesic_unchecked = follow_geodesic
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return the initial estimate a (k p) if it satisfies the inequality.
@@ -316,11 +304,9 @@ class Natural(Adaptation):
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p)."""
         a, g, cone = estimate.value, self._scaled(drive.gradient), self.cone
-        P = cone.matrices_unchecked(a)
+        P = cone.matrices(a)
         if cone.complete:
-            return Estimate(
-                -self.gamma * cone.components_unchecked(P @ cone.covectors_unchecked(g) @ P)
-            )
+            return Estimate(-self.gamma * cone.components(P @ cone.covectors(g) @ P))
         return Estimate(-self.gamma * np.linalg.solve(self._metric(P[0]), g))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
@@ -329,21 +315,21 @@ class Natural(Adaptation):
         if self._scale is not None:
             g = g * self._scale
         if self.cone.complete:
-            return Estimate(self.cone.follow_geodesic_unchecked(a, g, self.gamma * dt, _LONGEST))
-        metric = self._metric(self.cone.matrices_unchecked(a)[0])
+            return Estimate(self.cone.follow_geodesic(a, g, self.gamma * dt, _LONGEST))
+        metric = self._metric(self.cone.matrices(a)[0])
         step = (-self.gamma * dt) * np.linalg.solve(metric, g)
         length = np.sqrt(step @ metric @ step)
         return Estimate(a + step * min(1.0, _LONGEST / length if length else 1.0))
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return Gamma (p, p) at a value (p)."""
-        return self.gain_times_unchecked(value, np.eye(value.size))
+        return self.gain_times(value, np.eye(value.size))
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l); Gamma is block-diagonal, one block a matrix of the cone."""
         if self.cone.complete:
-            return self.cone.metric_inverse_times_unchecked(value, X, self._gammas)
-        P, X = self.cone.matrices_unchecked(value), self._scaled(X.T).T
+            return self.cone.metric_inverse_times(value, X, self._gammas)
+        P, X = self.cone.matrices(value), self._scaled(X.T).T
         return np.asarray(self.gamma * np.linalg.solve(self._metric(P[0]), X))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
@@ -351,7 +337,7 @@ class Natural(Adaptation):
         if not np.isfinite(value).all():
             return None
         try:
-            both = [self.cone.matrices_unchecked(value), self.cone.matrices_unchecked(truth)]
+            both = [self.cone.matrices(value), self.cone.matrices(truth)]
             L, L_true = np.linalg.cholesky(np.stack(both))
         except np.linalg.LinAlgError:
             return None

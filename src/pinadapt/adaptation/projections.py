@@ -113,21 +113,21 @@ class BoxProjection(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner rates; on the boundary the value's does not point out of the box."""
-        rate = self.inner.rate_unchecked(estimate, drive)
+        rate = self.inner.rate(estimate, drive)
         if self._inside(estimate.value):
             return rate
         return rate.with_value(self._inward(rate.value, estimate))
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the value (p) of ``rate``."""
-        rate = self.inner.value_rate_unchecked(estimate, drive)
+        rate = self.inner.value_rate(estimate, drive)
         if self._inside(estimate.value):
             return rate
         return self._inward(rate, estimate)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
-        after = self.inner.step_unchecked(estimate, drive, dt)
+        after = self.inner.step(estimate, drive, dt)
         if self._inside(after.value):
             return after
         updated = after.with_value(estimate.value)  # with the gain that V has after the step
@@ -136,13 +136,10 @@ class BoxProjection(Wrapper):
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation and the projection add to dV/dt."""
-        own = self.inner.dissipation_unchecked(estimate, drive, truth)
+        own = self.inner.dissipation(estimate, drive, truth)
         if self._inside(estimate.value):
             return own
-        change = (
-            self.rate_unchecked(estimate, drive).value
-            - self.inner.rate_unchecked(estimate, drive).value
-        )
+        change = self.rate(estimate, drive).value - self.inner.rate(estimate, drive).value
         return own + self.inner.power(estimate, change, truth)
 
     def _inward(self, rate: np.ndarray, at: Estimate) -> np.ndarray:
@@ -216,18 +213,18 @@ class MassMatrixProjection(Wrapper):
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
         for _ in range(_CUTTING_ROUNDS):
-            self._dynamics.load_unchecked(kept)
-            M = self._dynamics.mass_matrix_unchecked(q)
+            self._dynamics.load(kept)
+            M = self._dynamics.mass_matrix(q)
             if dpotrf(M - _LEAST_RATIO * M_0)[1] == 0:
-                return self.inner.project_unchecked(estimate.with_value(kept), q)
+                return self.inner.project(estimate.with_value(kept), q)
             if not np.isfinite(M).all():
                 break
             root = np.linalg.cholesky(self.inner.metric(estimate)) if root is None else root
             ratios, vectors = eigh(M, M_0)
-            rest = self._dynamics.regressor_unchecked(q, self._zero, self._zero)
+            rest = self._dynamics.regressor(q, self._zero, self._zero)
             for ratio, u in zip(ratios, vectors.T, strict=True):
                 if ratio < _LEAST_RATIO:  # u^T M_0 u = 1 and u^T M_hat u = c a + known part
-                    c = u.dot(self._dynamics.regressor_unchecked(q, self._zero, u) - rest)
+                    c = u.dot(self._dynamics.regressor(q, self._zero, u) - rest)
                     cuts.append(c.dot(root))
                     bounds.append(_RESTORED_RATIO - ratio + c.dot(kept - value))
             kept = value + root.dot(_least_move(np.array(cuts), np.array(bounds)))
@@ -305,12 +302,12 @@ class GravityProjection(Wrapper):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p), moved where its gravity torque at q exceeds the bound."""
-        kept = self.inner.project_unchecked(estimate, q)
-        self._dynamics.load_unchecked(kept)
-        gravity = self._dynamics.torque_unchecked(q, self._rest, self._rest)
+        kept = self.inner.project(estimate, q)
+        self._dynamics.load(kept)
+        gravity = self._dynamics.torque(q, self._rest, self._rest)
         if (np.abs(gravity) <= self.bound).all():
             return kept
-        Z = self._dynamics.regressor_unchecked(q, self._rest, self._rest)
+        Z = self._dynamics.regressor(q, self._rest, self._rest)
         known, within = gravity - Z.dot(kept), self.bound * (1.0 - _GRAVITY_TOLERANCE)
         for _ in range(_GRAVITY_ROUNDS):
             gravity = Z.dot(kept) + known
@@ -319,11 +316,9 @@ class GravityProjection(Wrapper):
             if not excess > 0.0:
                 break
             e = np.sign(gravity[i : i + 1])
-            effect = float(Z[i].dot(self.inner.gain_times_unchecked(kept, Z[i][:, None])[:, 0]))
+            effect = float(Z[i].dot(self.inner.gain_times(kept, Z[i][:, None])[:, 0]))
             if not effect > 0.0:
                 break
             drive = Drive(Z[i : i + 1], e)
-            kept = self.inner.step_unchecked(
-                estimate.with_value(kept), drive, excess / effect
-            ).value
+            kept = self.inner.step(estimate.with_value(kept), drive, excess / effect).value
         return kept

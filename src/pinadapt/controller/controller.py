@@ -15,13 +15,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, flag, keywords, of_computing, one_line, positive, shown
+from .._checks import flag, keywords, positive, shown
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
-from ..exceptions import DivergedError, InputError, PinadaptError
+from ..exceptions import DivergedError, InputError
 from ..filters import FilteredRegressor, FilteredTorque
-from ..laws.law import CheckedModel, Command, EstimatedModel, Law
+from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
 from ..models.dynamics import Dynamics
 from ..models.right_inverse import RightInverse
@@ -42,16 +42,6 @@ from .sensing import Guards, Senses
 from .state import ControllerState
 
 _HELD = Frozen()
-# what numpy and Python raise where a computation gets what it cannot use
-_BROKEN = (
-    TypeError,
-    ValueError,
-    LookupError,
-    AttributeError,
-    ArithmeticError,
-    AssertionError,
-    RecursionError,
-)
 _SHORT = 1e-3  # [s] period of a controller that has none
 _LONGEST = 10.0  # periods between two samples
 _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
@@ -59,7 +49,7 @@ _DAMPED = 0.3  # of its speed that a joint loses in a period, at most
 
 
 @keywords(belief="nominal=pa.controller.NominalRobot(...)")
-class Controller(Doors):
+class Controller:
     """A control law, a model of the robot, and the adaptation of its parameters; immutable.
 
     ``init`` and ``step`` are pure: all memory is in the ``ControllerState`` that goes in and comes
@@ -81,14 +71,6 @@ class Controller(Doors):
         nominal: what an announced load or tool is added to; None for a controller put together by
             hand.
     """
-
-    shapes = (
-        "a_d_true: dynamics.size, a_k_true: kinematics.size, a_d: dynamics.size, "
-        "a_k: kinematics.size, torque: kinematics.nv, dt: >=0"
-    )
-    own_checks = frozenset(
-        {"step", "sent", "init", "observe", "command", "desired", "recorded", "safe"}
-    )
 
     def __init__(
         self,
@@ -144,11 +126,10 @@ class Controller(Doors):
         self._data = self.kinematics.robot.model.createData()
 
     def _scratch(self) -> EstimatedModel:
-        """Return the model that a law gets, checked for a law of a user's own."""
-        kind = CheckedModel if _of_a_user(self.law) else EstimatedModel
+        """Return the model that a law gets."""
         parts = self.kinematics, self.dynamics, self.adaptation_k, self.adaptation_d
         nothing, stop = Estimate(np.zeros(0)), self.limits.stop_on_divergence
-        return kind(*parts, nothing, nothing, stop_on_divergence=stop)
+        return EstimatedModel(*parts, nothing, nothing, stop_on_divergence=stop)
 
     def __repr__(self) -> str:
         """Return a table: robot, task, gains, what is adapted, limits."""
@@ -224,25 +205,21 @@ class Controller(Doors):
             raise _used_by_another_thread()
         try:
             yield
-        except _BROKEN as error:
-            if refusal := _not_from(error):
-                raise refusal from error
-            raise
         finally:
             self._alone.release()
 
     def _try(self, state: ControllerState, measurement: Measurement) -> None:
         """Refuse a law or an adaptation of one's own by what it returns at the first sample."""
         task = self.kinematics.task
-        x, still = task.measured_unchecked(measurement.x, measurement.q), np.zeros(task.size)
+        x, still = task.measured(measurement.x, measurement.q), np.zeros(task.size)
         s = self._observe(state, measurement, Desired(x, still, still))[0]
         dt = self.period if math.isfinite(self.period) else _SHORT
         model = self._model(state, s, dt)
-        command = self.law.command_unchecked(s, model)
+        command = self.law.command(s, model)
         self._inputs.returned(command, state.dynamic, state.kinematic)
         drives = self.sent(s, command)[1]
-        dynamic = model.adaptation_d.step_unchecked(model.dynamic, drives.dynamic, dt)
-        kinematic = model.adaptation_k.step_unchecked(model.kinematic, drives.kinematic, dt)
+        dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, dt)
+        kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, dt)
         self._inputs.returned(command, dynamic, kinematic)
 
     def _first_state(
@@ -307,7 +284,7 @@ class Controller(Doors):
             )
         if state.path is not None:
             return state.path.desired(motion, t)
-        at = getattr(motion, "at_unchecked", motion.at) if t.__class__ is float else motion.at
+        at = getattr(motion, "at", motion.at) if t.__class__ is float else motion.at
         return at(t)
 
     def announce(
@@ -366,8 +343,8 @@ class Controller(Doors):
         The filters of torque and regressor and a memory of past torques are left out: at every
         sample they would be most of what a run leaves.
         """
-        dynamic = self.adaptation_d.recorded_unchecked(state.dynamic)
-        kinematic = self.adaptation_k.recorded_unchecked(state.kinematic)
+        dynamic = self.adaptation_d.recorded(state.dynamic)
+        kinematic = self.adaptation_k.recorded(state.kinematic)
         if dynamic is state.dynamic and kinematic is state.kinematic and not state.torque_filter:
             return state
         return state._replace(dynamic=dynamic, kinematic=kinematic, torque_filter=())
@@ -442,11 +419,9 @@ class Controller(Doors):
             if not elapsed:  # the time of the sample before
                 s.adapting = False
             model = self._model(state, s, elapsed)
-            torque, drives = self.sent(s, self.law.command_unchecked(s, model))
-            dynamic = model.adaptation_d.step_unchecked(model.dynamic, drives.dynamic, elapsed)
-            kinematic = model.adaptation_k.step_unchecked(
-                model.kinematic, drives.kinematic, elapsed
-            )
+            torque, drives = self.sent(s, self.law.command(s, model))
+            dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
+            kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter, path, first = state.torque_filter, state.path, sensed.first
             given = torque if self.compensation is None else torque + self.compensation(s.q)
@@ -457,7 +432,7 @@ class Controller(Doors):
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
                 held = given.copy()  # the torque that goes out is the caller's
-                torque_filter = self._torque_filter.step_unchecked(s.filtered_torque, held, elapsed)
+                torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
             size = kernels.size_of_estimates(dynamic.value, kinematic.value, torque)
             if not size < self.limits.estimate**2:
                 raise self._divergence(size)
@@ -465,10 +440,6 @@ class Controller(Doors):
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
             raise DivergedError(str(error)) from error
-        except _BROKEN as error:
-            if refusal := _not_from(error):
-                raise refusal from error
-            raise
         finally:
             self._alone.release()
         return torque, ControllerState(
@@ -529,8 +500,8 @@ class Controller(Doors):
                 state.sensed, measurement, dt, damping, model, known=elapsed == 0.0
             )
             zero = np.zeros(model.nv)
-            dynamics.load_unchecked(state.a_d)
-            torque = np.array(dynamics.torque_unchecked(sensed.q, zero, zero))
+            dynamics.load(state.a_d)
+            torque = np.array(dynamics.torque(sensed.q, zero, zero))
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
             sagged = self.senses.sagged(sensed)
@@ -593,7 +564,7 @@ class Controller(Doors):
         """
         with self.reserved():
             s = self._seen(state, measurement, desired)
-            return s, self.law.command_unchecked(s, self._model(state, s, None))
+            return s, self.law.command(s, self._model(state, s, None))
 
     def respond(
         self, state: ControllerState, s: Signals, dt: float | None = None
@@ -609,11 +580,9 @@ class Controller(Doors):
             InputError: another thread is using this controller.
         """
         with self.reserved():
-            self.kinematics.update_unchecked(
-                s.a_k, s.q, s.v
-            )  # another state may have been there since
-            self.dynamics.load_unchecked(s.a_d)
-            return self.sent(s, self.law.command_unchecked(s, self._model(state, s, dt)))
+            self.kinematics.update(s.a_k, s.q, s.v)  # another state may have been there since
+            self.dynamics.load(s.a_d)
+            return self.sent(s, self.law.command(s, self._model(state, s, dt)))
 
     def sent(self, s: Signals, command: Command) -> tuple[np.ndarray, Drives]:
         """Return the torque (n) to send for a command of the law [N m or N], and the drives.
@@ -631,12 +600,7 @@ class Controller(Doors):
         limits = self.limits.torque
         torque, drives = command.torque, command.drives
         if command.feedthrough is not None:
-            torque = command.at_unchecked(s.a)
-        if self._own:
-            g_d, g_k = drives.dynamic.gradient, drives.kinematic.gradient
-            if g_d.size != s.a_d.size or g_k.size != s.a_k.size or torque.shape != s.v.shape:
-                self._inputs.command(torque, g_d, g_k)
-            torque = np.asarray(torque, dtype=float)
+            torque = command.at(s.a)
         if s.filtered_torque is not None and s.residual is not None:
             drive = drives.dynamic
             drive.W, drive.residual, drive.weight = s.filtered_torque.W, s.residual, None
@@ -699,11 +663,11 @@ class Controller(Doors):
         q, v, x, epsilon, X_k, _, _, _, _ = sensed
         a_d = dynamic.value
         if self._projects:
-            a_d = self.adaptation_d.project_unchecked(dynamic, q)
-        dynamics.load_unchecked(a_d)
+            a_d = self.adaptation_d.project(dynamic, q)
+        dynamics.load(a_d)
         assert x is not None  # the first sample had one
         xd_hat = kinematics.xd_hat
-        dx, xd, delta = task.errors_unchecked(x, x_d, measurement.xd, xd_hat, xd_d)
+        dx, xd, delta = task.errors(x, x_d, measurement.xd, xd_hat, xd_d)
         inverse = RightInverse(kinematics.J, self.limits.singular)
         filtered = self._filters.observe(filters, sensed, kinematics)
         a: Any = measurement.a
@@ -714,7 +678,7 @@ class Controller(Doors):
             tau = None  # what was commanded, unless a torque sensor is declared
             if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
                 tau = self._inputs.torque(measurement.tau)
-            filtered_torque = self._torque_filter.observe_unchecked(torque_filter, q, v, tau)
+            filtered_torque = self._torque_filter.observe(torque_filter, q, v, tau)
             residual = filtered_torque.W.dot(a_d) - filtered_torque.y
         s = Signals()
         s.t, s.q, s.v, s.a, s.x = t, q, v, a, x
@@ -745,16 +709,14 @@ class Controller(Doors):
         torque_filter = self._torque_filter
         return ControllerState(
             t=1.0,
-            dynamic=self.adaptation_d.rate_unchecked(
-                state.dynamic.with_value(s.a_d), drives.dynamic
-            ),
-            kinematic=self.adaptation_k.rate_unchecked(state.kinematic, drives.kinematic),
+            dynamic=self.adaptation_d.rate(state.dynamic.with_value(s.a_d), drives.dynamic),
+            kinematic=self.adaptation_k.rate(state.kinematic, drives.kinematic),
             a_0=np.zeros(state.a_0.size),
             filters=self._filters.rate(state.filters, s),
             adapting=state.adapting,
             torque_filter=()
             if torque_filter is None
-            else torque_filter.rate_unchecked(s.filtered_torque, torque),
+            else torque_filter.rate(s.filtered_torque, torque),
             path=None
             if state.path is None
             else self._governed(state.path, s, state.sensed, torque, None),
@@ -769,8 +731,6 @@ class Controller(Doors):
         size = kernels.size_of_estimates(a_d, a_k, torque)
         if not size < self.limits.estimate**2:
             raise self._divergence(size)
-
-    watch_unchecked = watch
 
     def _divergence(self, size: float) -> DivergedError:
         """Return the error for estimates of this squared norm."""
@@ -788,8 +748,8 @@ class Controller(Doors):
         """Return the parameters' part of V, or None where an adaptation leaves it undefined."""
         kinematic: float | None = 0.0
         if self.law.learns_kinematics:
-            kinematic = self.adaptation_k.storage_unchecked(state.kinematic, a_k_true)
-        dynamic = self.adaptation_d.storage_unchecked(state.dynamic, a_d_true)
+            kinematic = self.adaptation_k.storage(state.kinematic, a_k_true)
+        dynamic = self.adaptation_d.storage(state.dynamic, a_d_true)
         if kinematic is None or dynamic is None:
             return None
         return kinematic + dynamic
@@ -802,7 +762,7 @@ def believed(sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray) -
     """
     if sensed.x is None or not kinematics.positions:
         return sensed
-    kinematics.update_unchecked(a_k, sensed.q, np.zeros(kinematics.nv))
+    kinematics.update(a_k, sensed.q, np.zeros(kinematics.nv))
     x = sensed.x.copy()
     x[: kinematics.positions] = kinematics.p_hat
     return sensed._replace(x=x, frame=None, history=())
@@ -814,17 +774,6 @@ def _of_a_user(part: Any) -> bool:
     inner += [each for each, _ in getattr(part, "parts", ())]
     own = not type(part).__module__.startswith("pinadapt.")
     return own or any(_of_a_user(each) for each in inner if each is not None)
-
-
-def _not_from(error: Exception) -> InputError | None:
-    """Return the refusal of a state whose parts do not fit; None where that is not the cause."""
-    if isinstance(error, PinadaptError) or not of_computing(error):
-        return None
-    return InputError(
-        f"there is no going on from it ({one_line(error)}).",
-        where="state",
-        hint="Go on from states as init and step of this controller return them, unchanged.",
-    )
 
 
 def _used_by_another_thread() -> InputError:

@@ -209,7 +209,7 @@ class Estimator:
                 dynamic = self._dynamic_step(dynamic, filtered, sample.q, elapsed)
             kinematic = self._kinematic_step(kinematic, sensed, elapsed)
             torque = np.zeros(0) if sample.tau is None else sample.tau
-            parts.watch_unchecked(torque, dynamic.value, kinematic.value)
+            parts.watch(torque, dynamic.value, kinematic.value)
         return state._replace(
             t=sample.t,
             dynamic=dynamic,
@@ -244,7 +244,7 @@ class Estimator:
         """Return the output of filters that begin at q (nq), v (n)."""
         if self._torque_filter is None:
             return ()
-        return self._torque_filter.observe_unchecked(self._torque_filter.init(q, v), q, v)
+        return self._torque_filter.observe(self._torque_filter.init(q, v), q, v)
 
     def _filtered(
         self, state: ControllerState, sensed: SensedState, tau: np.ndarray | None, elapsed: float
@@ -253,24 +253,24 @@ class Estimator:
         q, v = sensed.q, sensed.v
         if self._torque_filter is None or tau is None or elapsed > _PAUSE * self.controller.period:
             return self._anew(q, v)
-        memory = self._torque_filter.step_unchecked(state.torque_filter, tau, elapsed)
-        return self._torque_filter.observe_unchecked(memory, q, v, tau)
+        memory = self._torque_filter.step(state.torque_filter, tau, elapsed)
+        return self._torque_filter.observe(memory, q, v, tau)
 
     def _dynamic_step(
         self, dynamic: Estimate, filtered: FilteredTorque, q: np.ndarray, elapsed: float
     ) -> Estimate:
         """Return the dynamic estimate after a step by the prediction error of the torque."""
         adaptation, W = self.controller.adaptation_d, filtered.W
-        a_d = adaptation.project_unchecked(dynamic, q)
+        a_d = adaptation.project(dynamic, q)
         drive = Drive(W, None, W, filtered.error(a_d))
-        return adaptation.step_unchecked(dynamic.with_value(a_d), drive, elapsed)
+        return adaptation.step(dynamic.with_value(a_d), drive, elapsed)
 
     def _kinematic_step(self, kinematic: Estimate, sensed: SensedState, elapsed: float) -> Estimate:
         """Return the kinematic estimate after a step by the prediction error of the position."""
         if not kinematic.value.size or sensed.x is None:
             return kinematic
         drive = Drive(sensed.X_k, None, sensed.X_k, sensed.epsilon, self._R_k)
-        return self.controller.adaptation_k.step_unchecked(kinematic, drive, elapsed)
+        return self.controller.adaptation_k.step(kinematic, drive, elapsed)
 
 
 class TorqueHistory(NamedTuple):

@@ -143,7 +143,7 @@ class FirstSamples:
     def _check_place(self, q: np.ndarray, x: np.ndarray, kinematics: TaskKinematics) -> None:
         """Refuse an x that is not where the model has it at q (nq), and no unknown explains it."""
         task, x_hat = kinematics.task, kinematics.x_hat
-        place, expected = task.position_unchecked(x), task.position_unchecked(x_hat)
+        place, expected = task.position(x), task.position(x_hat)
         apart, most = float(np.linalg.norm(place - expected)), self.explained(kinematics)
         if apart > most:
             unknown = ", ".join(part.name for part in kinematics.translations)
@@ -195,7 +195,7 @@ class FirstSamples:
         if min(misses) <= most:
             return f" (in {unit}? x / {factor:g} would fit)"
         for words, order in _orders(self.robot).items():
-            there = kinematics.task.position_unchecked(kinematics.at_unchecked(q[order])[0])
+            there = kinematics.task.position(kinematics.at(q[order])[0])
             if np.linalg.norm(place - there) <= _TIGHT * self.robot.reach:
                 return f" (q in another order? {words} would fit)"
         return " (in another frame?)"

@@ -168,29 +168,6 @@ class InputCheck:
             _array(xdd_d, self._m, "xdd_d", InputError),
         )
 
-    def command(self, torque: np.ndarray, g_d: np.ndarray, g_k: np.ndarray) -> None:
-        """Refuse a command of other sizes.
-
-        Args:
-            torque: should be (n) [N m or N].
-            g_d: gradient of the dynamic drive, should be (p_d).
-            g_k: gradient of the kinematic drive, should be (p_k).
-
-        Raises:
-            InputError: one of them has another size.
-        """
-        found = (
-            ("torque", torque, self._v),
-            ("drives.dynamic.gradient", g_d, self._a_d),
-            ("drives.kinematic.gradient", g_k, self._a_k),
-        )
-        for name, given, size in found:
-            if given.shape != size:
-                raise InputError(
-                    f"expected {size[0]} numbers, got shape {given.shape}.",
-                    where=f"the law's {name}",
-                )
-
     def returned(self, command: Any, dynamic: Any, kinematic: Any) -> None:
         """Refuse what a law or an adaptation of a user's own must not return.
 
@@ -238,13 +215,13 @@ class InputCheck:
         if desired is not None:
             if not np.isfinite(np.concatenate(desired)).all():
                 raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
-            if flaw := self._task.flaw_unchecked(desired.x_d):
+            if flaw := self._task.flaw(desired.x_d):
                 raise InputError(f"{flaw}.", where="desired.x_d")
         self.torque(measurement.tau)
         for name, value in zip(measurement._fields, measurement, strict=True):
             if name != "tau" and value is not None and not np.isfinite(value).all():
                 raise MeasurementError(name, value)
-        if measurement.x is not None and (flaw := self._task.flaw_unchecked(measurement.x)):
+        if measurement.x is not None and (flaw := self._task.flaw(measurement.x)):
             raise MeasurementError("x", measurement.x, flaw)
 
 

@@ -366,10 +366,10 @@ class Senses:
         _, q, v, x, *_ = measurement
         first = None
         if self.guards.first is not None:
-            kinematics.update_unchecked(a_k, q, v)
+            kinematics.update(a_k, q, v)
             first = self.guards.first.init(q, x, kinematics)
         if not kinematics.positions:  # a joint task
-            x = kinematics.task.measured_unchecked(None, q)
+            x = kinematics.task.measured(None, q)
         return SensedState(
             q.copy(),
             v.copy(),
@@ -407,12 +407,8 @@ class Senses:
             first = self._first(first, measurement, since)
         t, q, v, x, x_time, *_ = measurement
         q = q.copy()
-        v = (
-            v.copy()
-            if self.low_pass is None
-            else self.low_pass.advance_unchecked(before.v, v, t - t_before)
-        )
-        kinematics.update_unchecked(a_k, q, v)
+        v = v.copy() if self.low_pass is None else self.low_pass.advance(before.v, v, t - t_before)
+        kinematics.update(a_k, q, v)
         still = answer == 1 and not (desired.xd_d.any() or desired.xdd_d.any())
         if not kinematics.positions:  # a joint task
             return SensedState(
@@ -438,7 +434,7 @@ class Senses:
                 q, v, x.copy(), _NOTHING, _NO_COLUMNS, None, (), first, after
             ), still, measurement  # fmt: skip
         epsilon = kinematics.p_hat - x[: kinematics.positions]
-        X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining_unchecked(x)
+        X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
         return SensedState(
             q, v, x.copy(), epsilon, X_k, None, (), first, after
         ), still, measurement  # fmt: skip

@@ -305,7 +305,7 @@ class SlowStart(Controller):
         """
         kinematics, largest, moved = self.kinematics, 0.0, []
         for way in start.ways.T:
-            kinematics.update_unchecked(a_k, start.q, way)
+            kinematics.update(a_k, start.q, way)
             Y_p = kinematics.Y_p
             largest = max(largest, float(np.vdot(Y_p.dot(P), Y_p)) / len(Y_p))
             moved.append(kinematics.xd_hat[: kinematics.positions])

@@ -165,7 +165,7 @@ class Aim:
         shape = len(q), self._robot.model.nv, self._dynamics.size
         if not self._dynamics.size:
             return np.zeros(shape)
-        regressor = self._dynamics.regressor_unchecked
+        regressor = self._dynamics.regressor
         return np.array([regressor(*each) for each in zip(q, v, a, strict=True)])
 
     def _position_regressors(self, q: np.ndarray) -> np.ndarray:

@@ -173,7 +173,7 @@ class EstimatedVelocityLaw(AccelerationLaw):
         inverse, posture, missed, v = s.inverse, self.posture, empty(s.dx.size), empty(s.v.size)
         q, rows, w = s.v, _NO_POSTURE, 0.0
         if not inverse.unique:
-            q = s.q if posture.plain else posture.coordinates_unchecked(s.q)
+            q = s.q if posture.plain else posture.coordinates(s.q)
             rows, w = posture.rows, posture.frequency
         kernels.commanded_acceleration(
             s.xdd_d, self.K_v, s.xd_hat, s.xd_d, self.K_P, s.dx, Jdot_v, s.Y_k, a_k_rate,

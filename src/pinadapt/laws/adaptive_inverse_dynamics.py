@@ -42,7 +42,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
         e, kinematic = self._errors(s)
-        a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self._commanded_acceleration(s, a_k_rate)
         # tau = M_hat v + C_hat qd + g_hat (11)
         torque = model.torque(s.q, s.v, v)
@@ -128,7 +128,7 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         u = s.xdd_d - self.K_v.dot(dxd) - self.K_P.dot(dx) - s.Jdot_v
         if s.delta is not None:
             u -= self._turning.dot(s.delta)
-        psi = None if s.inverse.unique else self.posture.acceleration_unchecked(s.q, s.v)
+        psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
         # tau = M_hat J_hat^+ u + C_hat qd + g_hat (25)
         torque = model.torque(s.q, s.v, s.inverse.solve(u, psi))
         # g_d = Phi^T B^T P xi, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (29)
@@ -205,7 +205,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
         e, kinematic = self._errors(s)
-        a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self._commanded_acceleration(s, a_k_rate)
         model.load(s.a_0)
         M_0 = model.mass_matrix(s.q)

@@ -146,17 +146,17 @@ class AdaptiveJacobian(Law):
         kernels.reference(s.xd_d, s.dx, s.xdd_d, s.xd, _NOTHING, self.alpha, 0.0, u, ud)
         if s.delta is not None:
             ud -= self.alpha * s.delta
-        psi, psid = self.posture.null_motion_unchecked(s)
+        psi, psid = self.posture.null_motion(s)
         return s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
 
     def _reference_velocity(self, s: Signals) -> np.ndarray:
         """Return qd_r (n)."""
-        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self.posture.null_motion_unchecked(s)[0])
+        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self.posture.null_motion(s)[0])
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the torque and the drives of both estimates."""
         kinematic = self._kinematic_drive(s)
-        a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         Jdot = model.jacobian_rate(a_k_rate)
         qd_r, qdd_r = self._reference(s, Jdot)
         # tau = Y_r a_d - J_hat^T (K_v dxd_hat + K_P dx) - N D N s, s = qd - qd_r

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import Doors, definite_matrix, keywords, numbers, positive
+from .._checks import definite_matrix, keywords, numbers, positive
 from ..adaptation.adaptation import Adaptation, Drive, Drives
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
@@ -28,7 +28,7 @@ from .law import Command, EstimatedModel, Feedback, Law, SetPointLoop, Truth, ch
 
 
 @dataclass(frozen=True, eq=False)
-class Saturation(Doors):
+class Saturation:
     """s(dx) = w tanh(dx / w) by rows; w tanh(|phi| / w) phi / |phi| of a rotation vector.
 
     Near zero s(dx) = dx, far away |s_i| <= w_i. With diagonal K_P, one number on the rotations,
@@ -41,7 +41,6 @@ class Saturation(Doors):
         width: (m) w [m or rad], equal on the rows of a rotation.
     """
 
-    shapes = "dx: task.size, dxd: task.size"
     task: Task
     width: Any
     _turning: Any = field(init=False, default=None, repr=False)
@@ -469,7 +468,7 @@ class BoundedTorque(ApproximateJacobian):
         The torque is clipped for estimates that no ``GravityProjection`` keeps in their bounds;
         otherwise clipping changes nothing.
         """
-        command = super().command_unchecked(s, model)
+        command = super().command(s, model)
         return Command(np.clip(command.torque, -self.bound, self.bound), command.drives)
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:

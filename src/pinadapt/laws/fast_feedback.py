@@ -162,7 +162,7 @@ class FastFeedback(Law):
         Raises:
             MeasurementError: the motors' velocity is missing.
         """
-        found = self._law.command_unchecked(s, model)
+        found = self._law.command(s, model)
         if s.w is None:
             raise MeasurementError("w", None, "is missing, and fast feedback needs it")
         return Command(found.torque + self.gain * (s.v - s.w), found.drives, found.feedthrough)
@@ -174,11 +174,11 @@ class FastFeedback(Law):
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return V of the law, without the parts of the parameters."""
-        return self._law.storage_unchecked(s, truth)
+        return self._law.storage(s, truth)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt of the law, where link and motor move alike."""
-        return self._law.dissipation_unchecked(s, truth)
+        return self._law.dissipation(s, truth)
 
     def with_prediction_weight(self, weight: float) -> FastFeedback:
         """Return this feedback around the law with another weight."""

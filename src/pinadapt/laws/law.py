@@ -11,7 +11,7 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, definite_matrix, positive
+from .._checks import definite_matrix, positive
 from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
 from ..exceptions import DivergedError, GainError, InputError, did_you_mean
@@ -25,7 +25,7 @@ from ..tasks.task import JointTask, Task
 
 
 @dataclass(slots=True, eq=False)
-class Command(Doors):
+class Command:
     """What a law returns: the torque, and the drives of both estimates.
 
     The torque is affine in the joint acceleration a: torque + feedthrough @ a.
@@ -39,7 +39,6 @@ class Command(Doors):
             which declared late motors get earlier; None: the law has none.
     """
 
-    shapes = "a: torque.size"
     torque: np.ndarray
     drives: Drives
     feedthrough: np.ndarray | None = None
@@ -48,8 +47,6 @@ class Command(Doors):
     def at(self, a: np.ndarray | None) -> np.ndarray:
         """Return the torque (n) [N m or N] at joint acceleration a (n) [rad/s^2 or m/s^2]."""
         return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
-
-    at_unchecked = at
 
 
 Function: TypeAlias = Callable[[np.ndarray], np.ndarray]
@@ -62,7 +59,7 @@ _OF_KINEMATICS = ("jacobian_rate", "acceleration_regressor")
 class EstimatedModel:
     """The model at the current estimates, for a law to evaluate while it computes its command.
 
-    Its functions are those of kinematics and dynamics, without checks; see ``CheckedModel``.
+    Its functions are those of kinematics and dynamics.
 
     Attributes:
         kinematics: evaluated at the signals' q, v and a_k.
@@ -82,7 +79,6 @@ class EstimatedModel:
         acceleration_regressor: of a: Ybar_k (m, p_k).
     """
 
-    _twins: ClassVar[str] = "_unchecked"
     kinematics: TaskKinematics
     dynamics: Dynamics
     adaptation_k: Adaptation
@@ -105,13 +101,13 @@ class EstimatedModel:
         """Take the functions of the parts."""
         for part, names in (self.dynamics, _OF_DYNAMICS), (self.kinematics, _OF_KINEMATICS):
             for name in names:
-                setattr(self, name, getattr(part, name + self._twins))
+                setattr(self, name, getattr(part, name))
 
     def dynamic_rate(self, drive: Drive) -> np.ndarray:
         """Return da_d/dt (p_d) under a drive, its mean over dt if that is not zero."""
         if not self.dt:
-            return self.adaptation_d.rate_unchecked(self.dynamic, drive).value
-        after = self.adaptation_d.step_unchecked(self.dynamic, drive, self.dt)
+            return self.adaptation_d.rate(self.dynamic, drive).value
+        after = self.adaptation_d.step(self.dynamic, drive, self.dt)
         return np.asarray((after.value - self.dynamic.value) / self.dt)
 
     def acceleration_drive(
@@ -148,19 +144,6 @@ class EstimatedModel:
                 "invert no mass matrix."
             )
         return Drive(Y, solution, gradient=gradient)
-
-
-class CheckedModel(Doors, EstimatedModel):
-    """The model for a law of a user's own: all its functions check what they are given."""
-
-    __slots__ = ()
-    _twins = ""
-    shapes = (
-        "M: n n, J: m n, e: m, Y: n dynamics.size, drive.gradient: dynamics.size, "
-        "drive.Y: k dynamics.size"
-    )
-    dynamic_rate = EstimatedModel.dynamic_rate
-    acceleration_drive = EstimatedModel.acceleration_drive
 
 
 class Truth(NamedTuple):
@@ -227,7 +210,7 @@ class KinematicLoop(NamedTuple):
     weight: np.ndarray
 
 
-class Law(Doors, ABC):
+class Law(ABC):
     """A control law: torque, drives of the estimates, and the Lyapunov function that proves it.
 
     A law is an immutable object with its gains, made for one task. A new law is one file with one
@@ -274,12 +257,6 @@ class Law(Doors, ABC):
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
     """
 
-    shapes = (
-        "J_hat: m n, J: m n, speeds: n, v: n, a_k_rate: p_k, s.q: nq, s.v: n, s.a: n, s.xd: m, "
-        "s.xd_d: m, s.xdd_d: m, s.dx: m, s.xd_hat: m, s.delta: m, s.a_k: p_k, s.a_d: p_d, "
-        "s.a_0: p_d, s.J: m n, s.Jdot_v: m, s.Y_k: m p_k, s.X_k: l c, s.epsilon: l, s.w: n, "
-        "truth.M: n n, truth.C: n n, truth.a_d: p_d, truth.a_k: p_k"
-    )
     name: ClassVar[str]
     adapts: ClassVar[bool] = True
     needs_task_velocity: ClassVar[bool] = False
@@ -314,13 +291,9 @@ class Law(Doors, ABC):
         drives may depend on it in any way.
         """
 
-    command_unchecked = command
-
     @abstractmethod
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return V without the parts of the parameters, the adaptations' ``divergence``."""
-
-    storage_unchecked = storage
 
     @abstractmethod
     def dissipation(self, s: Signals, truth: Truth) -> float:
@@ -328,8 +301,6 @@ class Law(Doors, ABC):
 
         An equality in continuous time with the ideal acceleration and constant true parameters.
         """
-
-    dissipation_unchecked = dissipation
 
     @property
     def filters(self) -> Filters:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, instance, numbers, positive, vector
+from .._checks import instance, numbers, positive, vector
 from .._kernels import laws as kernels
 from ..description.chain import position_limits
 from ..exceptions import GainError, did_you_mean
@@ -23,7 +23,7 @@ _MARGIN, _WAY = 0.1, 0.5  # of the range, of the way from rest to the nearer lim
 _LEAST_MARGIN = 1e-3  # [rad or m]
 
 
-class Posture(Doors):
+class Posture:
     """Critically damped return to a rest configuration, in the null space of the task.
 
     The offset from rest grows by 2 d^2 / b where a joint is d inside the margin b before one of its
@@ -38,8 +38,6 @@ class Posture(Doors):
         rows: (4, n) rest, and from there the edges inside the limits, lower and upper, and the
             margin; see ``coordinates``.
     """
-
-    shapes = "q: _q_rest.size, v: damping.size"
 
     def __init__(self, robot: Robot, rest: ArrayLike | None = None, frequency: float = 4.0) -> None:
         """Take the rest pose (n) [rad or m], by default home, and the frequency [rad/s].
@@ -93,7 +91,7 @@ class Posture(Doors):
     def offset(self, q: np.ndarray) -> np.ndarray:
         """Return how far q (nq) is from rest (n) [rad or m], more where a limit is near."""
         rest, low, high, margin = self.rows
-        d = self.coordinates_unchecked(q) - rest
+        d = self.coordinates(q) - rest
         e = np.maximum(d - high, 0.0) + np.minimum(d - low, 0.0)
         return np.asarray(d + 2.0 * e * np.abs(e) / margin)
 
@@ -101,21 +99,15 @@ class Posture(Doors):
         """Return psi (n) = -2 w v - w^2 offset(q) [rad/s^2 or m/s^2]."""
         return -2.0 * self.frequency * v - self.frequency**2 * self.offset(q)
 
-    acceleration_unchecked = acceleration
-
     def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""
         if s.inverse.unique:
             return None, None
         v, w = s.v, self.frequency
         psi, psid = empty(v.size), empty(v.size)
-        kernels.posture_velocity(self.coordinates_unchecked(s.q), self.rows, v, w, psi, psid)
+        kernels.posture_velocity(self.coordinates(s.q), self.rows, v, w, psi, psid)
         return psi, psid
-
-    null_motion_unchecked = null_motion
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (n) of q (nq) that ``rows`` are about [rad or m]."""
         return q if self.plain else pin.difference(self._model, self._q_rest, q)
-
-    coordinates_unchecked = coordinates

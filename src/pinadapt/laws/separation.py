@@ -262,7 +262,7 @@ class Separation(Law):
 
     def _reference_error(self, s: Signals) -> np.ndarray:
         """Return s = qd - qd_r (n)."""
-        psi = self.posture.null_motion_unchecked(s)[0]
+        psi = self.posture.null_motion(s)[0]
         qd_r = s.inverse.solve(self._reference(s)[0], psi)
         if self.speeds is not None:
             still, fixed = np.zeros(qd_r.size), np.zeros(s.inverse.J.shape)
@@ -274,10 +274,10 @@ class Separation(Law):
         """Return tau = Y a_d - K_D s - d, and the drives of both estimates."""
         u, ud = self._reference(s)
         kinematic = self._kinematic_drive(s)
-        a_k_rate = model.adaptation_k.value_rate_unchecked(model.kinematic, kinematic)
+        a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
         Jdot = model.jacobian_rate(a_k_rate)
-        psi, psid = self.posture.null_motion_unchecked(s)
+        psi, psid = self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         if self.speeds is not None:
             qd_r, qdd_r = s.inverse.keeping(self.speeds, qd_r, qdd_r, psi, psid, Jdot)

@@ -157,17 +157,13 @@ class InertialDynamics(Dynamics):
     def expand(self, a_d: np.ndarray) -> np.ndarray:
         """Return pi (10 n) of the parameters a_d (p)."""
 
-    expand_unchecked = expand
-
     @abstractmethod
     def reduce(self, Y: np.ndarray) -> np.ndarray:
         """Return the regressor (n, p) of a_d from that of pi, Y (n, 10 n)."""
 
-    reduce_unchecked = reduce
-
     def load(self, a_d: np.ndarray) -> None:
         """Write the estimate a_d (p) into the private model."""
-        self._pi = pi = self.expand_unchecked(a_d)
+        self._pi = pi = self.expand(a_d)
         self._model.load(pi)
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -180,7 +176,7 @@ class InertialDynamics(Dynamics):
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
-        return self.reduce_unchecked(self._regressor(q, v, a))
+        return self.reduce(self._regressor(q, v, a))
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
@@ -189,7 +185,7 @@ class InertialDynamics(Dynamics):
         Y, tau = self._regressor.slotine_li_torque(self._pi, q, v, v_r, a_r)
         if self._rotors:
             tau = tau + self._armature * a_r
-        return Y if self.complete else self.reduce_unchecked(Y), tau
+        return Y if self.complete else self.reduce(Y), tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a rest, with known bodies and rotors.
@@ -202,12 +198,10 @@ class InertialDynamics(Dynamics):
             return Momentum(Y_M, Y_0, p_0, np.zeros(v.size))
         known = self._known
         if not known.any():
-            return Momentum(
-                self.reduce_unchecked(Y_M), self.reduce_unchecked(Y_0), p_0, np.zeros(v.size)
-            )
+            return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, np.zeros(v.size))
         return Momentum(
-            self.reduce_unchecked(Y_M),
-            self.reduce_unchecked(Y_0),
+            self.reduce(Y_M),
+            self.reduce(Y_0),
             p_0 + Y_M.dot(known),
             Y_0.dot(known),
         )
@@ -215,7 +209,7 @@ class InertialDynamics(Dynamics):
     @cached_property
     def _known(self) -> np.ndarray:
         """The part of pi (10 n) that does not depend on a_d."""
-        return self.expand_unchecked(np.zeros(self.size))
+        return self.expand(np.zeros(self.size))
 
 
 ALL, PAYLOAD, NONE = "all", "payload", "none"

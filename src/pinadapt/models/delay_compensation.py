@@ -129,7 +129,7 @@ class DelayCompensator:
             if x is None:
                 return SensedState(q, v)
             error = kinematics.p_hat - x[: kinematics.positions]
-            return SensedState(q, v, x, error, kinematics.explaining_unchecked(x))
+            return SensedState(q, v, x, error, kinematics.explaining(x))
         frame, history = before.frame, before.history
         if frame is None:  # the position was measured at the sample before
             history = ((t_before, before.q),)
@@ -146,7 +146,7 @@ class DelayCompensator:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
         X_a = frame.X_k.dot(kinematics.a_k)
         smooth = X_a if frame.X_smooth is frame.X_k else frame.X_smooth.dot(kinematics.a_k)
-        x = kinematics.task.carried_unchecked(kinematics.x_hat, smooth + frame.b_smooth, frame.turn)
+        x = kinematics.task.carried(kinematics.x_hat, smooth + frame.b_smooth, frame.turn)
         return SensedState(q, v, x, X_a + frame.b, frame.X_k, frame, history)
 
     def _frame(
@@ -158,15 +158,15 @@ class DelayCompensator:
         before: Frame | None,
     ) -> Frame:
         """Return the frame x taken at time t [s] and configuration q (nq), after another one."""
-        task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at_unchecked(q, x)
+        task, a_k, (x_hat, X_k) = kinematics.task, kinematics.a_k, kinematics.at(q, x)
         X_a = X_k.dot(a_k)
-        b = task.position_unchecked(x_hat) - task.position_unchecked(x) - X_a
-        X_smooth, b_smooth, turn = X_k, b, task.turn_unchecked(x_hat, x)
+        b = task.position(x_hat) - task.position(x) - X_a
+        X_smooth, b_smooth, turn = X_k, b, task.turn(x_hat, x)
         if before is not None and math.isfinite(self.smoothing):
             rest = math.exp(-self.smoothing * (t - before.t))
             X_smooth = rest * before.X_smooth + (1.0 - rest) * X_k
             b_smooth = rest * before.b_smooth + (1.0 - rest) * b
-            turn = task.turn_between_unchecked(turn, before.turn, rest)
+            turn = task.turn_between(turn, before.turn, rest)
         return Frame(t, X_k, b, X_smooth, b_smooth, turn)
 
 

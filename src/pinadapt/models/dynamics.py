@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import Doors, keywords
+from .._checks import keywords
 from .._kernels import models as kernels
 from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
@@ -19,7 +19,7 @@ from .regressor import Momentum
 from .translations import PlacedTranslations, Translation
 
 
-class Dynamics(Doors, ABC):
+class Dynamics(ABC):
     """The estimated dynamics of a chain of n joints with p unknown parameters a_d.
 
     The torque is affine in the parameters: M a + C v + g = Y(q, v, a) a_d + tau_0(q, v, a), Wang
@@ -42,10 +42,6 @@ class Dynamics(Doors, ABC):
             is zero.
     """
 
-    shapes = (
-        "q: nq, v: n, a: n, v_r: n, a_r: n, a_d: size, tens: N b 10, lengths: N k, "
-        "Y: _armature.size _pi.size"
-    )
     names: tuple[str, ...]
     size: int
     initial: np.ndarray
@@ -77,25 +73,17 @@ class Dynamics(Doors, ABC):
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate at which torque and mass matrix are evaluated."""
 
-    load_unchecked = load
-
     @abstractmethod
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N] at the loaded estimate, physical or not."""
-
-    torque_unchecked = torque
 
     @abstractmethod
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n) at the loaded estimate, physical or not."""
 
-    mass_matrix_unchecked = mass_matrix
-
     @abstractmethod
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p), (7)."""
-
-    regressor_unchecked = regressor
 
     @abstractmethod
     def slotine_li(
@@ -105,8 +93,6 @@ class Dynamics(Doors, ABC):
 
         C is the matrix of Christoffel symbols, for which dM/dt - 2 C is skew-symmetric.
         """
-
-    slotine_li_unchecked = slotine_li
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a remainder, both without acceleration.
@@ -123,8 +109,6 @@ class Dynamics(Doors, ABC):
             where="adaptation",
             hint="Implement it, or use an adaptation without the prediction error of the torque.",
         )
-
-    momentum_unchecked = momentum
 
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
@@ -228,22 +212,22 @@ class StackedDynamics(Dynamics):
         """Make a_d (p) the estimate, each block with its part."""
         size = self._inertial.size
         self._values.put(self._places, a_d[size:])
-        self._inertial.load_unchecked(a_d[:size])
+        self._inertial.load(a_d[:size])
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g + friction (n)."""
         joints, none, tau = self.joints, empty((self._n, 0)), empty(self._n)
         tau_b, Y, g = (
-            self._inertial.torque_unchecked(q, v, a),
+            self._inertial.torque(q, v, a),
             empty((self._n, joints.size)),
-            joints.loads_unchecked(q),
+            joints.loads(q),
         )
         kernels.add_joint_effects(self._values, *joints.tables, v, a, g, 1.0, none, tau_b, Y, tau)
         return tau
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
-        M, rotors, n = self._inertial.mass_matrix_unchecked(q), self._values[0], self._n
+        M, rotors, n = self._inertial.mass_matrix(q), self._values[0], self._n
         M.flat[:: n + 1] += rotors[:n]
         for d, armature in zip(self.joints.tables[-1], rotors[n:], strict=True):
             M += armature * np.outer(d, d)
@@ -251,15 +235,15 @@ class StackedDynamics(Dynamics):
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
-        return self.joints.regressor_unchecked(q, v, a, self._inertial.regressor_unchecked(q, v, a))
+        return self.joints.regressor(q, v, a, self._inertial.regressor(q, v, a))
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g + friction (n) at the estimate."""
-        Y_b, tau_b = self._inertial.slotine_li_unchecked(q, v, v_r, a_r)
+        Y_b, tau_b = self._inertial.slotine_li(q, v, v_r, a_r)
         joints, Y, tau = self.joints, empty((self._n, self.size)), empty(self._n)
-        g = joints.loads_unchecked(q) if joints.loaded else joints.zero
+        g = joints.loads(q) if joints.loaded else joints.zero
         kernels.add_joint_effects(
             self._values, *joints.tables, v_r, a_r, g, 1.0, Y_b, tau_b, Y, tau
         )
@@ -270,10 +254,10 @@ class StackedDynamics(Dynamics):
 
         Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
-        Y_Mb, Y_0b, p_0b, tau_0b = self._inertial.momentum_unchecked(q, v)
+        Y_Mb, Y_0b, p_0b, tau_0b = self._inertial.momentum(q, v)
         joints, n, size = self.joints, self._n, self.size
         Y_M, Y_0, p_0, tau_0 = empty((n, size)), empty((n, size)), empty(n), empty(n)
-        g, zero = joints.loads_unchecked(q) if joints.loaded else joints.zero, joints.zero
+        g, zero = joints.loads(q) if joints.loaded else joints.zero, joints.zero
         kernels.add_joint_effects(
             joints.known, *joints.tables, zero, v, g, 0.0, Y_Mb, p_0b, Y_M, p_0
         )

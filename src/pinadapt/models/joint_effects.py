@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import Doors, instance, name_list
+from .._checks import instance, name_list
 from .._kernels import models as kernels
 from ..description.chain import effort_limits
 from ..exceptions import ParameterError, RobotError, did_you_mean
@@ -73,7 +73,7 @@ def _kind(word: str) -> str:
     return word.rpartition(".")[2]
 
 
-class JointEffects(Doors):
+class JointEffects:
     """The torque of all shafts, D^T f(D v, D a), with D the identity above ``directions``.
 
         f = armature a + viscous v + (coulomb + load |g|) sigma(v) + asymmetry |sigma(v)| + offset.
@@ -98,8 +98,6 @@ class JointEffects(Doors):
         loaded: whether the friction depends on the load of the gears.
         zero: (n) zeros.
     """
-
-    shapes = "q: nq, v: _n, a: _n, a_j: size, inertial: _n p_b"
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
         """Choose the unknown kinds, as ``chosen_kinds``.
@@ -148,12 +146,10 @@ class JointEffects(Doors):
         """Return (n, p_b + p): an inertial regressor (n, p_b), then the unknown coefficients'."""
         Y = empty((self._n, inertial.shape[1] + self.size))
         kernels.add_joint_effects(
-            self.known, *self.tables, v, a, self.loads_unchecked(q), 1.0, inertial, self.zero, Y,
+            self.known, *self.tables, v, a, self.loads(q), 1.0, inertial, self.zero, Y,
             empty(self._n),
         )  # fmt: skip
         return Y
-
-    regressor_unchecked = regressor
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return momentum and rest of the joints alone, as ``StackedDynamics.momentum`` adds them.
@@ -162,7 +158,7 @@ class JointEffects(Doors):
         """
         n, zero, none = self._n, self.zero, empty((self._n, 0))
         Y_M, Y_0, p_0, tau_0 = empty((n, self.size)), empty((n, self.size)), empty(n), empty(n)
-        g, tables = self.loads_unchecked(q), self.tables
+        g, tables = self.loads(q), self.tables
         kernels.add_joint_effects(self.known, *tables, zero, v, g, 0.0, none, zero, Y_M, p_0)
         kernels.add_joint_effects(self.known, *tables, v, zero, g, 1.0, none, zero, Y_0, tau_0)
         return Momentum(Y_M, Y_0, p_0, tau_0)
@@ -172,8 +168,6 @@ class JointEffects(Doors):
         if self._data is None:
             return self.zero
         return np.abs(pin.computeGeneralizedGravity(self._model, self._data, q))
-
-    loads_unchecked = loads
 
     def sliding(self, v: np.ndarray) -> np.ndarray:
         """Tell for each joint (n) whether noise of v (n) cannot change the sign of its friction.

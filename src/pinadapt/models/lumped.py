@@ -345,7 +345,7 @@ class LumpedDynamics(InertialDynamics):
         if whole is None:
             return None
         a_d, weights = whole[self._rows], self._found.weights
-        residual = np.linalg.norm((self.expand_unchecked(a_d) - whole) * weights)
+        residual = np.linalg.norm((self.expand(a_d) - whole) * weights)
         return a_d if residual <= _NEGLIGIBLE * np.linalg.norm(whole * weights) else None
 
     def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import Doors, instance
+from .._checks import instance
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
 from ..exceptions import REFUSED, ArrayError
@@ -106,7 +106,7 @@ class Momentum(NamedTuple):
     tau_0: np.ndarray
 
 
-class MomentumRegressor(Doors):
+class MomentumRegressor:
     """Y_M and Y_0 (nv, 10 N) with M a + C v + g = d/dt (Y_M pi) + Y_0 pi, without acceleration.
 
     pi stacks the ten parameters of the N moving bodies. Y_M pi = M v is the momentum and
@@ -125,8 +125,6 @@ class MomentumRegressor(Doors):
     M. Bodson, S. Sastry, B. Paden, *Adaptive identification and control for manipulators without
     using joint accelerations*, ICRA 1987.
     """
-
-    shapes = "q: _model.nq, v: _model.nv"
 
     def __init__(self, model: pin.Model) -> None:
         """Copy a model; its inertias are not used.

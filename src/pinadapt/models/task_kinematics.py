@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from .._checks import Doors
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from ..tasks.task import JointTask, Task
 from .translations import Translation
 
 
-class TaskKinematics(Doors, ABC):
+class TaskKinematics(ABC):
     """The estimated kinematics of a task, with p unknown parameters a_k.
 
     ``update`` evaluates everything at an estimate and a state, and replaces the attributes by new
@@ -47,10 +46,6 @@ class TaskKinematics(Doors, ABC):
         Y_k: (m, p) kinematic regressor, J v = Y_k a_k + known part: Wang and Xie (2009), (2).
     """
 
-    shapes = (
-        "q: nq, q_0: nq, q_1: nq, v: nv, a: nv, a_k: size, a_k_rate: size, "
-        "x: task.coordinates, seen: task.coordinates, share: finite"
-    )
     robot: Robot
     task: Task
     joint_names: list[str]
@@ -77,8 +72,6 @@ class TaskKinematics(Doors, ABC):
     @abstractmethod
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p) [m], configuration q (nq) and velocity v (nv)."""
-
-    update_unchecked = update
 
     @property
     def Y_p(self) -> np.ndarray:
@@ -110,16 +103,12 @@ class TaskKinematics(Doors, ABC):
             seen: coordinates measured there, see ``explaining``; None: the estimated ones.
         """
 
-    at_unchecked = at
-
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return the regressor (m_p, p) of the prediction error of measured coordinates x.
 
         It is X with p_hat - x = X da_k, exactly: X_k but for cameras, where X depends on x.
         """
         return self.X_k
-
-    explaining_unchecked = explaining
 
     @abstractmethod
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
@@ -129,13 +118,9 @@ class TaskKinematics(Doors, ABC):
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) at rate a_k_rate (p) [m/s] of the estimate."""
 
-    jacobian_rate_unchecked = jacobian_rate
-
     @abstractmethod
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27) at joint acceleration a (nv)."""
-
-    acceleration_regressor_unchecked = acceleration_regressor
 
     @abstractmethod
     def value(self, robot: Robot) -> np.ndarray | None:
@@ -202,11 +187,11 @@ class JointKinematics(TaskKinematics):
     @property
     def x_hat(self) -> np.ndarray:
         """The joint coordinates (nv) [rad or m]."""
-        return self.task.of_unchecked(self._q)
+        return self.task.of(self._q)
 
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the joint coordinates (nv) [rad or m] at q (nq), and an empty X_k (0, 0)."""
-        return self.task.of_unchecked(q), self.X_k
+        return self.task.of(q), self.X_k
 
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
         """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""

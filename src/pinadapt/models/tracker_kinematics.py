@@ -51,8 +51,6 @@ class TrackerKinematics(ProjectedKinematics):
     uncalibrated visual servoing.
     """
 
-    shapes = ProjectedKinematics.shapes + ", H: size size, score: size, told: c c"
-
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 

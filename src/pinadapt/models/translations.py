@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from .._checks import Doors, instance, name_list
+from .._checks import instance, name_list
 from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.changes import joint_id
@@ -23,7 +23,7 @@ FIRST = 1  # the joint whose placement is the position of the base
 
 
 @dataclass(frozen=True, eq=False)
-class Translation(Doors):
+class Translation:
     """One unknown translation p = offset + directions @ theta, of a joint or of the task frame.
 
     Attributes:
@@ -39,7 +39,6 @@ class Translation(Doors):
     directions: np.ndarray
     offset: np.ndarray
     labels: tuple[str, ...]
-    shapes = "theta: size, translation: 3"
 
     @property
     def size(self) -> int:

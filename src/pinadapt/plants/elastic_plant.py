@@ -104,7 +104,7 @@ class ElasticPlant(SimulatedPlant):
 
         As ``SimulatedPlant.motors``; what the arm adds is that at the measured q.
         """
-        return self.motors_at_unchecked(self._measured_q(), torque)
+        return self.motors_at(self._measured_q(), torque)
 
     def _measured_q(self) -> np.ndarray:
         """Return the configuration (nq) that the encoders measure."""
@@ -121,7 +121,7 @@ class ElasticPlant(SimulatedPlant):
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
-        count = self.steps_in_unchecked(dt)
+        count = self.steps_in(dt)
         h = dt / count
         for _ in range(count):
             links, v, w = self._links, self._v, self._w

@@ -150,7 +150,7 @@ class MujocoPlant(SimulatedPlant):
         Raises:
             DivergedError: the torque is not finite.
         """
-        count = self.steps_in_unchecked(dt)
+        count = self.steps_in(dt)
         if not np.isfinite(tau).all():  # MuJoCo would write a log file
             raise DivergedError("the torque is not finite.", self._t)
         self.data.qfrc_applied[self._dofs] = tau

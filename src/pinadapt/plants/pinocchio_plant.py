@@ -305,11 +305,11 @@ class PinocchioPlant(SimulatedPlant):
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""
-        return self.measurement_unchecked(self._q, self._v, self._t)
+        return self.measurement(self._q, self._v, self._t)
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
-        q, v, count = self._q, self._v, self.steps_in_unchecked(dt)
+        q, v, count = self._q, self._v, self.steps_in(dt)
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
         self._q, self._v, self._t = q, v, self._t + dt
@@ -348,8 +348,6 @@ class PinocchioPlant(SimulatedPlant):
         """Return what ideal sensors measure at q (nq), v (nv) and time t [s]."""
         x, xd = self._motion(q, v)
         return Measurement(t, q, v, x, None, xd, None, None)
-
-    measurement_unchecked = measurement
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the true M(q) (nv, nv)."""

@@ -10,7 +10,7 @@ from typing import ClassVar, TypeAlias
 import numpy as np
 from numpy import empty
 
-from .._checks import Doors, instance, whole
+from .._checks import instance, whole
 from .._compiled import compiled
 from ..exceptions import DivergedError, InputError, RobotError
 from ..records import Measurement
@@ -25,17 +25,13 @@ from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 
 
-class Plant(Doors, ABC):
+class Plant(ABC):
     """A robot that can be measured and moved: the interface that a closed loop needs.
 
     Attributes:
         nv: number of joints.
     """
 
-    shapes = (
-        "torque: nv, tau: nv, feedthrough: nv nv, q: robot.model.nq, v: nv, step: nv, dt: >0, "
-        "t: finite"
-    )
     nv: int
 
     @abstractmethod
@@ -66,8 +62,6 @@ class Plant(Doors, ABC):
     def motors(self, torque: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that the motors apply now for a commanded one (nv) [N m or N]."""
         return torque
-
-    motors_unchecked = motors
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now.
@@ -159,8 +153,6 @@ class SimulatedPlant(Plant):
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
 
-    hold_unchecked = hold
-
     def step(self, torque: np.ndarray, dt: float) -> None:
         """Command a torque (nv) [N m or N], and move for dt [s] under what the motors apply.
 
@@ -168,18 +160,16 @@ class SimulatedPlant(Plant):
             InputError: a torque of another size, or dt not from 0 to 100 s.
             DivergedError: the torque is not finite.
         """
-        tau = self.motors_unchecked(torque)
+        tau = self.motors(torque)
         if not isfinite(tau.dot(tau)) and not np.isfinite(tau).all():
             raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
-            self.hold_unchecked(tau, dt)
+            self.hold(tau, dt)
             return
-        self.steps_in_unchecked(dt)  # refuses what is too long before anything is underway
+        self.steps_in(dt)  # refuses what is too long before anything is underway
         pieces, self._underway = self._late.after(self._underway, tau, dt, LONGEST_STEP)
         for applied, part in pieces:
-            self.hold_unchecked(applied, part)
-
-    step_unchecked = step
+            self.hold(applied, part)
 
     def steps_in(self, dt: float) -> int:
         """Return the number of integration steps in dt [s].
@@ -195,14 +185,12 @@ class SimulatedPlant(Plant):
             )
         return self.substeps or max(ceil(dt / self.longest_step - 1e-9), 1)
 
-    steps_in_unchecked = steps_in
-
     def motors(self, torque: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that the motors are to apply for a commanded one (nv) [N m or N].
 
         It is limited, and holds what the arm adds by itself; late motors apply it later.
         """
-        return self.motors_at_unchecked(self._q, torque)
+        return self.motors_at(self._q, torque)
 
     def motors_at(self, q: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that the motors apply at q (nq) for a commanded one (nv)."""
@@ -214,8 +202,6 @@ class SimulatedPlant(Plant):
         applied = empty(limits.size)
         _limit(torque, limits, applied)
         return applied
-
-    motors_at_unchecked = motors_at
 
 
 @compiled("void(f8[:], f8[:], f8[:])")

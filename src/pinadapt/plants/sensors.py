@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, instance, keywords, positive, vector, whole
+from .._checks import instance, keywords, positive, vector, whole
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
@@ -143,7 +143,7 @@ class Encoder:
     encoder="sensors=pa.Sensors(encoder=...)",
     noise="sensors=pa.Sensors(noise=...)",
 )
-class SimulatedSensors(Doors):
+class SimulatedSensors:
     """Encoders, velocity and torque sensors at the joints, and a camera of the task frame.
 
     For a joint task there is no camera: measurements have neither x nor xd. The velocity w of the
@@ -153,11 +153,6 @@ class SimulatedSensors(Doors):
         sensors: what is simulated.
         task: of the coordinates that they measure.
     """
-
-    shapes = (
-        "truth.q: _model.nq, truth.v: _model.nv, truth.x: task.coordinates, truth.w: _model.nv, "
-        "torque: _model.nv"
-    )
 
     def __init__(self, robot: Robot, dt: float, sensors: Sensors, *, seed: int = 0) -> None:
         """Simulate sensors.
@@ -224,8 +219,6 @@ class SimulatedSensors(Doors):
             q, v = self._encoder.read(q, v)
             w = None if w is None else self._encoder.rate(w)
         return self._camera.see(truth)._replace(q=q, v=v, w=w)
-
-    measure_unchecked = measure
 
     def _white(self, name: str) -> np.ndarray:
         return self._noise[name] * self._rng.standard_normal(self._model.nv)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, instance, mapping, numbers, positive, shown, vector, whole
+from .._checks import instance, mapping, numbers, positive, shown, vector, whole
 from ..exceptions import RobotError, did_you_mean
 
 
@@ -217,7 +217,7 @@ FRICTION_ATTRIBUTES = ("threshold", "load", *_SIGNED, "breakaway", "fading")  # 
 
 
 @dataclass(frozen=True, eq=False)
-class Friction(Doors):
+class Friction:
     """Friction of joints and whatever else their motors add, at velocity v and gravity g(q).
 
         tau_f = viscous v + (coulomb + load |g| + asymmetry sign(v)) sigma(v) + offset,
@@ -252,7 +252,6 @@ class Friction(Doors):
     fading: np.ndarray = 0.1  # type: ignore[assignment]
     shafts: tuple[Shaft, ...] = ()
     bodies: pin.Model | None = None
-    shapes = "v: viscous.size, gravity: viscous.size"
 
     def __post_init__(self) -> None:
         """Check the coefficients.

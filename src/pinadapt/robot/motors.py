@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, Doors, instance, numbers, word
+from .._checks import LARGEST, instance, numbers, word
 from ..description.chain import effort_limits, is_slide
 from ..exceptions import REFUSED, ArrayError, GainError, InputError, did_you_mean
 from .robot import Robot
@@ -307,10 +307,8 @@ def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") 
     )
 
 
-class Gravity(Doors):
+class Gravity:
     """g(q) of a robot: the torque (nv) [N m or N] that holds it at rest at a configuration (nq)."""
-
-    shapes = "q: _robot.model.nq"
 
     def __init__(self, robot: Robot) -> None:
         """Take the nominal robot, without unknown loads or tools."""

@@ -94,7 +94,7 @@ class Evaluation(NamedTuple):
                 V.append(np.nan)
                 continue
             truth = truth_at(plant, sample, a_k, a_d)
-            V.append(parts + controller.law.storage_unchecked(signals, truth))
+            V.append(parts + controller.law.storage(signals, truth))
         return np.array(V)
 
 

@@ -169,13 +169,13 @@ def run(
     given, governed = None, getattr(controller, "desired", None)
     motors, move = plant.motors, plant.step
     if isinstance(plant, SimulatedPlant) and isinstance(controller, Controller):
-        motors, move = plant.motors_unchecked, plant.step_unchecked
+        motors, move = plant.motors, plant.step
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
             _bring_to_rest(plant, controller, state, truth, dt)
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
-        measurement = truth if sensors is None else sensors.measure_unchecked(truth, given)
+        measurement = truth if sensors is None else sensors.measure(truth, given)
         if state is None:
             state = controller.init(measurement)
         try:
@@ -319,7 +319,7 @@ def run_continuous(
             k1 = loop.slope(y, t)
             if not np.isfinite(k1).all():
                 raise DivergedError("the torque or the estimates are no longer finite.")
-            controller.watch_unchecked(loop.torque, loop.state.a_d, loop.state.a_k)
+            controller.watch(loop.torque, loop.state.a_d, loop.state.a_k)
             yield loop.sample(t)
             k2 = loop.slope(y + (0.5 * dt) * k1, t + 0.5 * dt)
             k3 = loop.slope(y + (0.5 * dt) * k2, t + 0.5 * dt)

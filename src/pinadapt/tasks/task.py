@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from .._checks import Doors
 from ..exceptions import InputError
 
 CoordinateMotion: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -57,7 +56,7 @@ class RowGroup(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task(Doors, ABC):
+class Task(ABC):
     """The m coordinates x that are controlled, with errors, velocities and accelerations of m rows.
 
     Attributes:
@@ -67,11 +66,6 @@ class Task(Doors, ABC):
 
     name: str
     labels: tuple[str, ...]
-    shapes = (
-        "x: coordinates, x_d: coordinates, x_hat: coordinates, xd: size, xd_hat: size, xd_d: size, "
-        "by: size, epsilon: positions, share: finite, q: nq, v: nv, turn: 4, before: 4, p: 3, "
-        "y_d: size"
-    )
 
     @property
     def size(self) -> int:
@@ -113,13 +107,9 @@ class Task(Doors, ABC):
             raise InputError("is missing; only a joint task does without it.", where="x")
         return x
 
-    measured_unchecked = measured
-
     def position(self, x: np.ndarray) -> np.ndarray:
         """Return the position rows (m_p) of coordinates x or of a velocity."""
         return x[: self.positions]
-
-    position_unchecked = position
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return the error dx (m) of x from x_d."""
@@ -151,25 +141,17 @@ class Task(Doors, ABC):
             dx, xd, and delta, which is None where it is always zero.
         """
 
-    errors_unchecked = errors
-
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
         """Return the rotation from the estimated to the measured orientation; None without one."""
         return None
-
-    turn_unchecked = turn
 
     def turn_between(self, turn: Any, before: Any, share: float) -> Any:
         """Return the rotation on the way from ``turn`` to ``before``, at this share of the way."""
         return None
 
-    turn_between_unchecked = turn_between
-
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
         """Return estimated coordinates corrected by an error epsilon (m_p) [m] and a rotation."""
         return x_hat - epsilon
-
-    carried_unchecked = carried
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Return the coordinates displaced from x by ``by`` (m), their error from x."""
@@ -178,8 +160,6 @@ class Task(Doors, ABC):
     def flaw(self, x: np.ndarray) -> str | None:
         """Return what is wrong with finite coordinates x, or None."""
         return None
-
-    flaw_unchecked = flaw
 
 
 @dataclass(frozen=True)
@@ -194,7 +174,6 @@ class JointTask(Task):
         continuous: for each joint, whether it turns without limits.
     """
 
-    shapes = f"{Task.shapes}, v: size"
     continuous: tuple[bool, ...]
 
     @classmethod
@@ -227,21 +206,19 @@ class JointTask(Task):
             i += 2 if endless else 1
         return x
 
-    of_unchecked = of
-
     def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x (m) at configuration q (nq)."""
-        return self.of_unchecked(q)
+        return self.of(q)
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x (m) and v (m) itself."""
-        return self.of_unchecked(q), np.array(v, dtype=float)
+        return self.of(q), np.array(v, dtype=float)
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (m) of the measured q (nq); x is not used."""
-        return self.of_unchecked(q)
+        return self.of(q)
 
     def _error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (m), within half a turn for continuous joints."""

@@ -177,7 +177,7 @@ class PoseTrajectory(Trajectory):
 
     def at(self, t: float) -> Desired:
         """Return pose (7), velocity (6) and acceleration (6) at time t [s]."""
-        place, turn = self.position.at_unchecked(t), self.orientation.at_unchecked(t)
+        place, turn = self.position.at(t), self.orientation.at(t)
         return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
 
 

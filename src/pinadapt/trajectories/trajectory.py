@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, instance, numbers, positive, vector, whole
+from .._checks import instance, numbers, positive, vector, whole
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import rotation_between, turned
@@ -27,7 +27,7 @@ _RAMP, _RAMPS = 1.0, (0.1, 5.0)  # [s] of a motion without acceleration; least a
 _UNIFORM = 1e-3  # [1/s] acceleration relative to the speed, below which there is none
 
 
-class Trajectory(Doors, ABC):
+class Trajectory(ABC):
     """A twice differentiable motion of task coordinates in time.
 
     A subclass needs ``at`` alone. x_d and its derivatives have m numbers each, or, where x_d ends
@@ -39,13 +39,9 @@ class Trajectory(Doors, ABC):
     d^2s/dt^2: ``Retimed``, of which ``from_rest`` is the most frequent case.
     """
 
-    shapes = "t: finite, times: N, duration: >=0"
-
     @abstractmethod
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-
-    at_unchecked = at
 
     def __repr__(self) -> str:
         """Return the kind of motion."""
@@ -198,7 +194,7 @@ class _Shifted(Derived):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        (x_d, xd_d, xdd_d), by = self.motion.at_unchecked(t), self._by
+        (x_d, xd_d, xdd_d), by = self.motion.at(t), self._by
         if x_d.size == xd_d.size:
             return Desired(x_d + by, xd_d, xdd_d)
         n, R = x_d.size - 4, pin.exp3(by[-3:])
@@ -256,10 +252,10 @@ class Retimed(Derived):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        s, rate, acceleration = self.law.at_unchecked(t)
+        s, rate, acceleration = self.law.at(t)
         if rate == 1.0 and acceleration == 0.0:
-            return self.motion.at_unchecked(s)
-        x_d, xd_d, xdd_d = self.motion.at_unchecked(s)
+            return self.motion.at(s)
+        x_d, xd_d, xdd_d = self.motion.at(s)
         return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
 
 
@@ -292,7 +288,7 @@ class AsGiven(Derived):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        return self.motion.at_unchecked(t)
+        return self.motion.at(t)
 
 
 class Hold(Trajectory):
@@ -390,19 +386,15 @@ def half_diagonal(path: np.ndarray) -> float:
 _NEWTON, _EXACT = 20, 1e-15  # largest number of iterations; step at which they end [cells]
 
 
-class TimeLaw(Doors, ABC):
+class TimeLaw(ABC):
     """A path's own time s as a function of time t, twice continuously differentiable for t > 0.
 
     Along x_d(s(t)) velocity and acceleration are x_d' ds/dt and x_d'' (ds/dt)^2 + x_d' d^2s/dt^2.
     """
 
-    shapes = "t: finite, s: finite, since: finite, period: finite"
-
     @abstractmethod
     def at(self, t: float) -> tuple[float, float, float]:
         """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
-
-    at_unchecked = at
 
     @abstractmethod
     def when(self, s: float) -> float:
