@@ -97,7 +97,9 @@ class Separation(Law):
                   With a finite lambda_s the regressor is Y(q, qd_r + s_f, qd_r, qdd_r + alpha J^+ J
                   (s - s_f)), s_f = s through the low pass lambda_s / (lambda_s + p), in torque and
                   adaptation alike: exact below lambda_s, free of noise above it, where M dqd/dt
-                  dominates what is left out. dV/dt is then no equality.
+                  dominates what is left out. A low pass of qd delays it by the ``lead``, so qd +
+                lead qdd_r takes its place in s, or the arm would follow a reference that is as
+                late. dV/dt is then no equality.
     Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D and d.
     Assumptions:  constant parameters; J_hat of full row rank; with a lag M_hat > 0, which natural
                   adaptation keeps. Needed are q, qd and x: no task velocity, no acceleration.
@@ -287,13 +289,14 @@ class Separation(Law):
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
         Y, feedforward = model.slotine_li(s.q, v, qd_r, qdd_r)
+        qd = s.v + self.lead * qdd_r  # the measured one is late by the lead
         if self.lag:
             M_hat = model.mass_matrix(s.q)
             kernels.subtract_limited_damping(
-                feedforward, self.K_v, M_hat, 1.0 / self.lag, s.v, qd_r, error, torque
+                feedforward, self.K_v, M_hat, 1.0 / self.lag, qd, qd_r, error, torque
             )
         else:
-            error = s.v - qd_r
+            error = qd - qd_r
             torque = feedforward - self.K_v.dot(error)
         torque -= s.filtered.disturbance
         return Command(torque, Drives(Drive(Y, error), kinematic), None, feedforward)

@@ -2,9 +2,10 @@
 
 The settings follow from the noise of the joint velocity over the bandwidth, an angle sigma = (its
 standard deviation) / w. At sigma = ``_COARSE``, about that of a differenced encoder of 14 bits a
-turn at 1 kHz, the settings are the numbers below; for finer sensors they scale with the cube root
-of sigma, because the noise that passes the low pass and K_D grows with the bandwidth of the low
-pass, and its effect on the estimates with the square.
+turn at 1 kHz, the settings are the numbers below. The low pass of the velocity costs an error that
+falls with its bandwidth b, 1 / b, and one of the noise that it passes, sigma b^1/2: the sum is
+least at b proportional to sigma^-2/3. The others scale with the cube root of sigma, as the effect
+of noise on the estimates grows with the square of what passes.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def noise_settings(quality: SensorQuality, bandwidth: float, reach: float) -> No
         size = coarseness(quality, bandwidth)
         root = size ** (1.0 / 3.0)
         found = found._replace(
-            velocity=_FILTER * bandwidth / root,
+            velocity=_FILTER * bandwidth / root**2,
             decorrelation=_DECORRELATION * bandwidth / root,
             mode=min(1.0, _MODE / root),
             leak=_LEAK * root,
