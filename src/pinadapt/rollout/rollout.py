@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,19 +62,24 @@ class Rollout(Recording):
     @property
     def verdict(self) -> str:
         """The outcome of the run in one line: error, limits exceeded, what to try."""
-        return summary.verdict(self)
+        return str(self.numbers["verdict"])
+
+    @cached_property
+    def numbers(self) -> dict[str, Any]:
+        """The numbers of ``summary.json``; None stands for what is not finite."""
+        return summary.summary(self)
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; None stands for what is not finite."""
-        return summary.summary(self)
+        """Return a copy of ``numbers``."""
+        return dict(self.numbers)
 
     def __str__(self) -> str:
         """Return a table of the most important numbers, and the verdict."""
         return str(self._sheet())
 
     def __repr__(self) -> str:
-        """Return a few lines: robot, law, duration, errors."""
-        return str(summary.brief(self))
+        """Return title and verdict."""
+        return f"{self.title}: {self.verdict}"
 
     def _repr_html_(self) -> str:
         return self._sheet().html()
@@ -121,14 +127,10 @@ class Rollout(Recording):
         Raises:
             InputError: frames_per_second is not positive, or the rollout was copied to another
                 process.
-            PinadaptError: meshcat's viewer cannot be used.
         """
         from ..view.page import animation_of
 
-        evaluation = self.evaluated()
-        return animation_of(
-            self, evaluation.true, evaluation.controller, frames_per_second=frames_per_second
-        )
+        return animation_of(self, frames_per_second=frames_per_second)
 
     def learned(self, *, all_estimates: bool = False) -> Robot:
         """Return the model with the last estimates as a robot; see ``Controller.learned``.
