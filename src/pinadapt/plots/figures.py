@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._output import whole_file
-from ..tasks.frame import ImageTask
 from ..tasks.task import RowGroup
 from .style import (
     RC,
@@ -26,47 +25,25 @@ from .style import (
 
 
 def error_figure(run: Drawable) -> Picture:
-    """Return the figure of the task error, by coordinate and as norm, and of V(t) where known.
-
-    Of a task in a picture, the desired and the true picture are below.
-    """
-    groups, count = run.task.groups, 2 * len(run.task.groups) + (run.lyapunov_curve is not None)
-    figure, axes = panels(count)
-    if isinstance(run.task, ImageTask):
-        figure = Picture(figsize=(9, 5.0 + 2.2 * count), layout="constrained")
-        parts: Any = figure.subfigures(2, 1, height_ratios=(count, 2))
-        above, below = parts
-        axes = above.subplots(count, 1, sharex=True)
-        _draw_picture(below.subplots(), run)
+    """Return the figure of the task error, by coordinate and as norm, and of V(t) where known."""
+    groups = run.task.groups
+    figure, axes = panels(2 * len(groups) + (run.lyapunov_curve is not None))
     slowed = np.zeros(len(run.t), dtype=bool)
     for start, end, *_ in run.slowed:
         slowed |= (run.t >= start) & (run.t <= end)
     for k, group in enumerate(groups):
         unit, scale = group.shown
-        error, label = scale * run.error[:, group.rows], f"{group.name} error"
-        curves(axes[2 * k], run.t, error, run.task.labels[group.rows], f"{label} [{unit}]")
+        error, label = scale * run.error[:, group.rows], f"{group.name} error [{unit}]"
+        curves(axes[2 * k], run.t, error, run.task.labels[group.rows], label)
         _norm(axes[2 * k + 1], run, group, "norm")
-        axes[2 * k + 1].set_ylabel(f"{label} [{unit}]")
+        axes[2 * k + 1].set_ylabel(label)
         for ax in axes[2 * k : 2 * k + 2]:
             shade(ax, run.t, slowed, "C0", "path slowed")
     if run.lyapunov_curve is not None:
-        axes[-1].plot(*run.lyapunov_curve, lw=1.0, label="Lyapunov function")
-        axes[-1].set_ylabel("V")
-        legend(axes[-1])
+        t, V = run.lyapunov_curve
+        curves(axes[-1], t, V[:, None], ["Lyapunov function"], "V")
     finish(figure, axes, run)
     return figure
-
-
-def _draw_picture(ax: Any, run: Drawable) -> None:
-    """Draw the desired and the true picture as a camera has them, v downwards."""
-    unit, scale = run.task.groups[0].shown
-    ax.plot(*(scale * run.x[:, :2]).T, lw=1.0, label="true")
-    ax.plot(*(scale * run.x_d[:, :2]).T, "k--", lw=1.0, label="desired")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.invert_yaxis()
-    ax.set_xlabel(f"u [{unit}]")
-    ax.set_ylabel(f"v [{unit}]")
-    legend(ax)
 
 
 def _norm(ax: Any, run: Drawable, group: RowGroup, label: str) -> np.ndarray:
@@ -139,18 +116,16 @@ def torque_figure(run: Drawable) -> Picture:
         share = 100.0 * run.tau[:, limited] / bounds[limited]
         words = [f"{names[i]}: {bounds[i]:g}" for i in limited]
         curves(axes[1], run.t, share, words, "share of limit [%]", notes=["limit [N m or N]"])
-        for limit in (-100.0, 100.0):
-            axes[1].axhline(limit, color="black", ls="-.", lw=0.9)
+        axes[1].axhline(100.0, color="black", ls="-.")
+        axes[1].axhline(-100.0, color="black", ls="-.")
     if run.disturbance is not None:
         curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
         if run.disturbance_noise is not None:
             band = run.disturbance_noise.max(axis=1)
             axes[-2].fill_between(run.t, -band, band, color="0.8", label="largest by noise")
             legend(axes[-2])
-    axes[-1].plot(run.t, run.min_eig_M_hat, lw=0.9, label=r"of $\hat M$")
-    axes[-1].axhline(0.0, color="black", lw=0.6)
-    axes[-1].set_ylabel("smallest eigenvalue")
-    legend(axes[-1])
+    eigenvalue = run.min_eig_M_hat[:, None]
+    curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
     shade(axes[-1], run.t, run.damping > 0.0, "C0", r"$\hat J$ damped")
     finish(figure, axes, run)
     return figure

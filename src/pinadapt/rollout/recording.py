@@ -101,17 +101,6 @@ def truth_at(
     return Truth(a_k_true, a_d_true, M, C, plant.friction_at(q))
 
 
-def _spectra(
-    values: Callable[[np.ndarray], np.ndarray], matrices: Sequence[np.ndarray]
-) -> np.ndarray:
-    """Return the values (N, k) of N matrices, NaN for matrices that are not finite."""
-    if not matrices:
-        return np.zeros((0, 0))
-    stack = np.array(matrices)
-    finite = np.isfinite(stack).all(axis=(1, 2), keepdims=True)
-    return np.where(finite[:, 0], values(np.where(finite, stack, 0.0)), np.nan)
-
-
 class Slowdown(NamedTuple):
     """An interval in which a governor slowed the path.
 
@@ -441,24 +430,27 @@ class Recording:
     @np.errstate(all="ignore")
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
-        run, M = self.evaluated(), []
+        run, found = self.evaluated(), np.full(len(self.t), np.nan)
         dynamics, project = run.controller.dynamics, run.controller.adaptation_d.project
-        for sample in run.samples:
+        for k, sample in enumerate(run.samples):
             q = sample.measurement.q
             dynamics.load(project(sample.state.dynamic, q))
-            M.append(dynamics.mass_matrix(q))
-        return _spectra(np.linalg.eigvalsh, M).min(axis=1, initial=np.inf)
+            if np.isfinite(M := dynamics.mass_matrix(q)).all():
+                found[k] = np.linalg.eigvalsh(M)[0]
+        return found
 
     @cached_property
     @np.errstate(all="ignore")
     def singular_J_hat(self) -> np.ndarray:
         """Singular values (N, m) of the estimated Jacobian, descending; NaN where not finite."""
-        run, J = self.evaluated(), []
+        run = self.evaluated()
         kinematics = run.controller.kinematics
-        for sample in run.samples:
+        found = np.full((len(self.t), min(kinematics.J.shape)), np.nan)
+        for k, sample in enumerate(run.samples):
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
-            J.append(kinematics.J)
-        return _spectra(lambda stack: np.linalg.svd(stack, compute_uv=False), J)
+            if np.isfinite(kinematics.J).all():
+                found[k] = np.linalg.svd(kinematics.J, compute_uv=False)
+        return found
 
     @property
     def min_singular_J_hat(self) -> np.ndarray:

@@ -142,8 +142,6 @@ def sheet(run: Rollout) -> Sheet:
         rows.append(("damped near a singularity", f"{kept['damped']:.1%} of the time, {lost}"))
     if numbers["saturated"]:
         rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
-    if run.slowed:
-        rows.append(("path slowed", _slowed_words(numbers)))
     if run.step_time:
         rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
     if any(run.bridged):

@@ -132,8 +132,8 @@ class Artist(MeshcatVisualizer):
         return mesh
 
 
-# [bytes] of a mesh, compressed, above which it is simplified and has one colour. Half: most meshes of
-# a Panda would be. Twice: one mesh of a z1, whose meshes have 7.6e6.
+# [bytes] of a mesh, compressed, above which it is simplified and has one colour. Half: most meshes
+# of a Panda would be. Twice: one mesh of a z1, whose meshes have 7.6e6.
 HEAVY = 0.75e6
 
 

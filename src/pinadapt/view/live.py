@@ -69,9 +69,8 @@ class Broadcast(Window):
         try:
             while not closed:
                 with self._changed:
-                    while self._count == seen and not self._closed:
-                        self._changed.wait()
-                    new = self._since(seen)
+                    self._changed.wait_for(lambda: self._closed or self._count > seen)  # noqa: B023
+                    new = [message for n, message in self._latest.values() if n > seen]
                     seen, closed = self._count, self._closed
                 yield from map(framed, new)  # one at a time, as a slow reader holds what it gets
         finally:
@@ -91,60 +90,41 @@ class Broadcast(Window):
             self._changed.notify_all()
             self._changed.wait_for(lambda: self._readers == 0, _PATIENCE)
 
-    def _since(self, seen: int) -> list[bytes]:
-        new: list[bytes] = []
-        for number, message in reversed(self._latest.values()):
-            if number <= seen:
-                break
-            new.append(message)
-        return new[::-1]
 
-
-class Server:
+class Server(ThreadingHTTPServer):
     """Serves one page and its messages, to this machine only.
-
-    Attributes:
-        url: of the page.
-    """
-
-    def __init__(self, page: str, messages: Broadcast, port: int = 0) -> None:
-        """Start the server; port 0 takes any free port."""
-        self._messages = messages
-
-        class Handler(_Handler):
-            content, source = page.encode(), messages
-
-        self._http = _Local(port, Handler)
-        self.url = f"http://127.0.0.1:{self._http.server_port}/"
-        self._thread = Thread(target=self._http.serve_forever, args=(0.05,), daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Let browsers read the remaining messages, stop, and free the port."""
-        self._messages.close()
-        self._http.shutdown()
-        self._thread.join()
-        self._http.server_close()
-
-
-class _Local(ThreadingHTTPServer):
-    """Answers requests for this machine.
 
     A page of another site whose name was made to point here sends that name as Host, and is
     refused (DNS rebinding).
+
+    Attributes:
+        url: of the page.
+        page: in HTML.
+        messages: that the page reads.
+        hosts: names by which it may be asked for.
     """
 
     daemon_threads = True
 
-    def __init__(self, port: int, handler: type[BaseHTTPRequestHandler]) -> None:
-        super().__init__(("127.0.0.1", port), handler)
+    def __init__(self, page: str, messages: Broadcast, port: int = 0) -> None:
+        """Start the server; port 0 takes any free port."""
+        super().__init__(("127.0.0.1", port), _Handler)
+        self.page, self.messages = page.encode(), messages
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
+        self.url = f"http://127.0.0.1:{self.server_port}/"
+        self._thread = Thread(target=self.serve_forever, args=(0.05,), daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Let browsers read the remaining messages, stop, and free the port."""
+        self.messages.close()
+        self.shutdown()
+        self._thread.join()
+        self.server_close()
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Local
-    content: bytes
-    source: Broadcast
+    server: Server
     timeout = _PATIENCE  # for a browser that does not read
 
     def do_GET(self) -> None:
@@ -152,21 +132,17 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Host") not in self.server.hosts:
             self.send_error(421, "this page is served to the same machine only")
         elif self.path == "/":
-            self._begin("text/html; charset=utf-8")
-            self._give(iter([self.content]))
+            self._send("text/html; charset=utf-8", [self.server.page])
         elif self.path == "/messages":
-            self._begin("application/octet-stream")
-            self._give(self.source.read())
+            self._send("application/octet-stream", self.server.messages.read())
         else:
             self.send_error(404)
 
-    def _begin(self, kind: str) -> None:
+    def _send(self, kind: str, parts: Iterable[bytes]) -> None:
         self.send_response(200)
         self.send_header("Content-Type", kind)
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-
-    def _give(self, parts: Iterator[bytes]) -> None:
         with suppress(OSError):  # the browser has disconnected
             for part in parts:
                 self.wfile.write(part)

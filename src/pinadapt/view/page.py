@@ -130,20 +130,14 @@ class Viewpoint(NamedTuple):
 
     @classmethod
     def of(cls, points: np.ndarray, path: np.ndarray) -> Viewpoint:
-        """Return a view from the front and somewhat from the side, chosen to show the path well.
+        """Return a view from where the path is, somewhat from the side and from above.
 
         Args:
             points: (N, 3) points that must be in the picture [m].
             path: (M, 3) the tool's path [m].
         """
-        centre = path.mean(axis=0)
-        normal = np.linalg.svd(path - centre)[2][-1] if len(path) > 2 else np.eye(3)[2]
-        front = centre[:2] if np.linalg.norm(centre[:2]) > 1e-6 else np.array([1.0, 0.0])
-        upright = abs(normal[2]) < 0.7
-        if upright:  # look at the path's plane
-            front = normal[:2] * np.copysign(1.0, normal[:2] @ front)
-        azimuth = np.arctan2(front[1], front[0]) - np.radians(35.0)
-        elevation = np.radians(20.0 if upright else 50.0)
+        front = path.mean(axis=0)
+        azimuth, elevation = np.arctan2(front[1], front[0]) - np.radians(35.0), np.radians(30.0)
         right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         level = np.array([right[1], -right[0], 0.0])
         direction = np.cos(elevation) * level + np.sin(elevation) * np.eye(3)[2]
