@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         write_run(rollout, folder, html=not options.no_html)
     finally:
-        print(sheet(rollout))  # even if it could not be written
+        print(sheet(rollout, rollout.numbers))  # even if it could not be written
     print(f"\nwritten to {folder}\n{load_words(rollout)}\n{rollout.verdict}")
     return status_of(rollout)
 

@@ -165,8 +165,8 @@ def prediction_figure(
     figure, axes = _joint_panels(slides, sharex=True)
     for j, ax in enumerate(axes):
         ax.plot(t, tau[:, j], color="0.7", lw=3.0, label="measured")
-        for k, (words, values) in reversed(list(enumerate(predicted.items()))):
-            ax.plot(t, values[:, j], color=f"C{len(predicted) - 1 - k}", lw=1.0, label=words)
+        for words, values in predicted.items():
+            ax.plot(t, values[:, j], lw=1.0, label=words)
         ax.axvspan(split, t[-1], color="C3", alpha=0.2, lw=0.0, label="held out")
     for ax in axes[-2:]:
         ax.set_xlabel("time [s]")

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-RC: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "text.usetex": False}
+RC: Any = {"axes.grid": True, "grid.linestyle": ":", "text.usetex": False}
 GREY = "0.75"
 
 Drawable: TypeAlias = Any

@@ -335,17 +335,18 @@ class Recording:
     @property
     def transients(self) -> list[Transient]:
         """The error after each of the marks that has samples after it."""
-        ends = np.searchsorted(self.t, [at - EARLY for at, _ in self.marks] + [np.inf])
+        begins = np.searchsorted(self.t, [at - EARLY for at, _ in self.marks])
         distance, found = self.distance, []
-        for (at, what), first, last in zip(self.marks, ends, ends[1:], strict=False):
-            if first == last:
+        parts = np.split(np.arange(len(self.t)), begins)[1:]
+        for (at, what), part in zip(self.marks, parts, strict=True):
+            if not part.size:
                 continue
-            far = np.flatnonzero(~(distance[first:last] < CLOSE))  # NaN is far
+            far = part[~(distance[part] < CLOSE)]  # NaN is far
             back: float | None = 0.0
             if far.size:
-                after = first + far[-1] + 1
-                back = round(float(self.t[after] - at), 6) if after < last else None
-            found.append(Transient(at, what, float(distance[first:last].max()), back))
+                last = far[-1] == part[-1]
+                back = None if last else round(float(self.t[far[-1] + 1] - at), 6)
+            found.append(Transient(at, what, float(distance[part].max()), back))
         return found
 
     @cached_property

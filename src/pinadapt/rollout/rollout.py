@@ -85,11 +85,11 @@ class Rollout(Recording):
         return self._sheet().html()
 
     def _sheet(self) -> Sheet:
-        return summary.sheet(self)._replace(note=self.verdict)
+        return summary.sheet(self, self.numbers)._replace(note=self.verdict)
 
     def save(self, folder: Path | str) -> None:
         """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""
-        summary.save(self, Path(folder))
+        summary.save(self, self.summary, Path(folder))
 
     @classmethod
     def load(cls, folder: Path | str) -> Rollout:

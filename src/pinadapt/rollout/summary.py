@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,10 +19,9 @@ from ..laws import DEFAULT, LAWS
 from ..models.excited import names_together
 from ..tasks.frame import IMAGE, TASKS, ImageTask
 from ..tasks.task import DISPLAYS, Display, JointTask, Task
-from .recording import CLOSE, Ringing, Slowdown, extreme, window
+from .recording import CLOSE, Recording, Ringing, Slowdown, extreme, window
 
-if TYPE_CHECKING:
-    from .rollout import Rollout
+Run = TypeVar("Run", bound=Recording)
 
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
@@ -37,7 +37,7 @@ _NAMED = (
 _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "slowed", "not_identified")
 
 
-def summary(run: Rollout) -> dict[str, Any]:
+def summary(run: Recording) -> dict[str, Any]:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
     found = run.prediction
     prediction = found and asdict(found) | {
@@ -106,44 +106,40 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
     }
 
 
-def sheet(run: Rollout) -> Sheet:
-    """Return a table of the main numbers."""
-    numbers = run.numbers
-    kept, shown = numbers["recorded"], run.task.groups[0].shown
-    sizes = f"{len(run.kinematic_names)} kinematic, {len(run.dynamic_names)} dynamic"
-    rows = [
-        ("robot", f"{run.robot}, {numbers['nv']} joints"),
-        ("law", run.law),
-        ("adaptation", f"{run.adaptation}: {sizes}"),
-    ]
-    tool = "tool error, from the picture, last 10 % (max)"
-    for key, words, unit in (
+def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
+    """Return a table of the main numbers, which ``summary`` has made."""
+    shown, angle = run.task.groups[0].shown, DISPLAYS["rad"]
+    kept, sizes = numbers["recorded"], [len(run.kinematic_names), len(run.dynamic_names)]
+    cells = [
         ("max_error_first", "error, first 10 % (max)", shown),
         ("max_error_last", "error, last 10 % (max)", shown),
         ("rms_error_last", "error, last 10 % (rms)", shown),
-        ("max_tool_error_last", tool, DISPLAYS["m"]),
-        ("max_angle_first", "angle, first 10 % (max)", DISPLAYS["rad"]),
-        ("max_angle_last", "angle, last 10 % (max)", DISPLAYS["rad"]),
+        ("max_tool_error_last", "tool error, from the picture, last 10 % (max)", DISPLAYS["m"]),
+        ("max_angle_first", "angle, first 10 % (max)", angle),
+        ("max_angle_last", "angle, last 10 % (max)", angle),
         ("tau_max", f"largest torque, {kept['strongest']}", Display(kept["torque_unit"], 1.0)),
         ("min_eig_M_hat", "smallest eigenvalue of M_hat", Display("kg m^2", 1.0)),
         ("min_singular_J_hat", "smallest singular value of J_hat", Display("", 1.0)),
-    ):
-        if key in numbers:
-            rows.append((words, _shown(numbers[key], unit)))
-    rows += _prediction_rows(numbers)
-    rows.append(("samples", f"{numbers['steps']} in {run.wall_time:.1f} s"))
+    ]
+    some = [
+        ("step_time_us", "controller step (mean)", Display("us", 1.0)),
+        ("saturated", "torque at its limit", Display("% of the time", 100.0)),
+        ("max_damping_share", "task motion lost near a singularity, up to", Display("%", 100.0)),
+    ]
+    rows = [
+        ("robot", f"{run.robot}, {numbers['nv']} joints"),
+        ("law", run.law),
+        ("adaptation", "{}: {} kinematic, {} dynamic".format(run.adaptation, *sizes)),
+        *((words, _shown(numbers[key], unit)) for key, words, unit in cells if key in numbers),
+        *_prediction_rows(numbers),
+        *((words, _shown(numbers[key], unit)) for key, words, unit in some if numbers[key]),
+        ("samples", f"{numbers['steps']} in {run.wall_time:.1f} s"),
+    ]
     for change in numbers["changes"]:
         back, near = change["time_back"], _shown(CLOSE, shown)
         words = f"not back under {near}" if back is None else f"under {near} after {back:.3f} s"
         worst = f"worst {_shown(change['max_error'], shown)}, {words}"
         rows.append((f"{change['what']} at {change['at']:g} s", worst))
-    if numbers["max_damping"]:
-        lost = f"up to {numbers['max_damping_share']:.0%} of the task motion lost"
-        rows.append(("damped near a singularity", f"{kept['damped']:.1%} of the time, {lost}"))
-    if numbers["saturated"]:
-        rows.append(("torque at its limit", f"{numbers['saturated']:.1%} of the time"))
-    if run.step_time:
-        rows.append(("controller step (mean)", number(numbers["step_time_us"], "us", digits=0)))
     if any(run.bridged):
         found = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
         rows.append(("samples bridged by prediction", ", ".join(found)))
@@ -174,20 +170,25 @@ def _prediction_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def save(run: Rollout, folder: Path) -> None:
+def save(run: Recording, numbers: Callable[[], dict[str, Any]], folder: Path) -> None:
     """Write ``rollout.npz`` and ``summary.json`` into a folder, which is created if missing.
 
     Each is written atomically. The recorded arrays are saved first, then again with those that are
     computed from them: this takes a while, and an interruption must not lose the run.
+
+    Args:
+        run: the run.
+        numbers: returns what ``summary`` makes.
+        folder: for the files.
     """
     for names in (RECORDED, RECORDED + COMPUTED):
         arrays = {name: getattr(run, name) for name in names}
         with whole_file(folder / "rollout.npz") as file:
             np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
-    write_text(folder / "summary.json", json.dumps(run.numbers, indent=2) + "\n")
+    write_text(folder / "summary.json", json.dumps(numbers(), indent=2) + "\n")
 
 
-def load(folder: Path, kind: type[Rollout]) -> Rollout:
+def load(folder: Path, kind: type[Run]) -> Run:
     """Return the run that ``save`` wrote into a folder, with its numbers and without its robots.
 
     Args:
@@ -244,13 +245,13 @@ TURN = 0.2  # [rad] taken as the extent of a change of orientation
 _OFTEN = 0.05  # share of the samples; half or twice: other advice for runs that fail in two ways
 
 
-def error_share(run: Rollout) -> float | None:
+def error_share(run: Recording) -> float | None:
     """Return the largest error of the last 10 % relative to the path's extent; None for a point."""
     error = extreme(np.max, window(run.distance, False))
     return error / run.extent if error is not None and run.extent else None
 
 
-def grade(run: Rollout) -> str:
+def grade(run: Recording) -> str:
     """Return the verdict in a few words: of the position, or the orientation if that is worse."""
     if run.diverged is not None:
         return f"diverged at {run.diverged:.3f} s"
@@ -265,7 +266,7 @@ def grade(run: Rollout) -> str:
     return FOLLOWS if largest <= ACCURATE else ROUGHLY if largest <= ROUGH else LOST
 
 
-def _verdict(run: Rollout, numbers: dict[str, Any]) -> str:
+def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
     """Return the verdict in one line."""
     found, rings = numbers["torque_prediction"], run.ringing
     predicted = ""
@@ -284,7 +285,7 @@ def _verdict(run: Rollout, numbers: dict[str, Any]) -> str:
     return f"{grade(run)}: {'; '.join(part for part in parts if part)}."
 
 
-def _error(run: Rollout, numbers: dict[str, Any]) -> str:
+def _error(run: Recording, numbers: dict[str, Any]) -> str:
     """Return the error in the last 10 %: absolute, relative, and against no adaptation."""
     error, share = numbers["max_error_last"], numbers["error_share"]
     if error is None:
@@ -339,7 +340,7 @@ def _slowed_words(numbers: dict[str, Any]) -> str:
     )
 
 
-def _advice(run: Rollout, numbers: dict[str, Any]) -> str:
+def _advice(run: Recording, numbers: dict[str, Any]) -> str:
     """Return the most likely remedy for a run that went badly, or nothing."""
     if run.interrupted is not None or grade(run) == FOLLOWS or run.ringing is not None:
         return ""

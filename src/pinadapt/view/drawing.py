@@ -192,39 +192,8 @@ def _lighter(shape: pin.GeometryObject) -> TriangularMeshGeometry:
 Node: TypeAlias = meshcat.Visualizer
 
 
-class Poses:
-    """Places nodes without animation, at the first of the given poses."""
-
-    def move(
-        self,
-        node: Node,
-        position: np.ndarray,
-        quaternion: np.ndarray | None = None,
-        scale: np.ndarray | None = None,
-    ) -> None:
-        """Place a node in its parent's axes.
-
-        Args:
-            node: the node.
-            position: (F, 3) [m], one for each of F moments.
-            quaternion: (F, 4) xyzw; None for no rotation.
-            scale: (F, 3); None for no scaling.
-        """
-        first = np.eye(4)
-        if quaternion is not None:
-            first[:3, :3] = Rotation.from_quat(quaternion[0]).as_matrix()
-        if scale is not None:
-            first[:3, :3] *= scale[0]
-        first[:3, 3] = position[0]
-        node.set_transform(first)
-
-    def move_rigidly(self, node: Node, placements: np.ndarray) -> None:
-        """Place a node at placements (F, 4, 4) [m] in its parent's axes."""
-        self.move(node, placements[:, :3, 3], Rotation.from_matrix(placements[:, :3, :3]).as_quat())
-
-
-class Keyframes(Poses):
-    """Places nodes at several moments; the viewer interpolates between them."""
+class Keyframes:
+    """Places nodes at several moments, between which the viewer interpolates, or at one."""
 
     def __init__(self, t: np.ndarray) -> None:
         """Take the moments t (F) [s]; the animation starts at the first."""
@@ -238,17 +207,33 @@ class Keyframes(Poses):
         quaternion: np.ndarray | None = None,
         scale: np.ndarray | None = None,
     ) -> None:
-        """Place a node in its parent's axes at every moment, as ``Poses.move``."""
-        super().move(node, position, quaternion, scale)
-        values = {"position": position, "quaternion": quaternion, "scale": scale}
-        for name, each in values.items():
-            if each is None or np.allclose(each, each[0], rtol=0.0, atol=1e-9):
+        """Place a node in its parent's axes.
+
+        Args:
+            node: the node.
+            position: (F, 3) [m].
+            quaternion: (F, 4) xyzw; None for no rotation.
+            scale: (F, 3); None for no scaling.
+        """
+        first = np.eye(4)
+        if quaternion is not None:
+            first[:3, :3] = Rotation.from_quat(quaternion[0]).as_matrix()
+        if scale is not None:
+            first[:3, :3] *= scale[0]
+        first[:3, 3] = position[0]
+        node.set_transform(first)
+        for name, values in (("position", position), ("quaternion", quaternion), ("scale", scale)):
+            if values is None or np.ptp(values, axis=0).max() < 1e-9:
                 continue
             kind = "quaternion" if name == "quaternion" else "vector3"
             # one frame per second, so that frame numbers are times in seconds
             clip = self._animation.clips.setdefault(node.path, AnimationClip(fps=1))
-            rounded = np.round(each * 2**14) / 2**14  # compresses well
+            rounded = np.round(values * 2**14) / 2**14  # compresses well
             clip.tracks[name] = AnimationTrack(name, kind, self._times, rounded.tolist())
+
+    def move_rigidly(self, node: Node, placements: np.ndarray) -> None:
+        """Place a node at placements (F, 4, 4) [m] in its parent's axes."""
+        self.move(node, placements[:, :3, 3], Rotation.from_matrix(placements[:, :3, :3]).as_quat())
 
     def play(self, root: Node) -> None:
         """Play the animation in real time and repeat it; do nothing if no node moves."""

@@ -19,7 +19,7 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .drawing import TRUE, Poses, Window, framed, solid
+from .drawing import TRUE, Keyframes, Window, framed, solid
 from .page import Viewpoint, page, readings, task_curves
 from .scene import Scene, desired_tip, motion_of
 
@@ -214,7 +214,7 @@ class LiveView:
         path = desired_tip(true, x_d, here.tip[0])
         viewpoint = Viewpoint.of(np.vstack([here.points, path]), path)
         described = self._robots, controller.kinematics
-        self._scene = Scene(self._window, *described, viewpoint.size, Poses(), path)
+        self._scene = Scene(self._window, *described, viewpoint.size, Keyframes(t[:1]), path)
         start = x_d[:1], x_d[:1], np.asarray(controller.kinematics.initial)[None]
         curves = [*task_curves(self._robots, controller, t[:1], *start)]
         html = page(title or true.name, self._scene.legend, viewpoint, curves, duration)

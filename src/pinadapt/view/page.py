@@ -11,7 +11,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import meshcat
 import numpy as np
@@ -22,11 +22,8 @@ from ..controller.controller import Controller
 from ..models.excited import names_together
 from ..robot.robot import Succession
 from ..tasks.frame import ImageTask
-from .drawing import TRUE, Keyframes, Poses, Window, framed, ghost, solid
+from .drawing import TRUE, Keyframes, Window, framed, ghost, solid
 from .scene import Scene, desired_tip, motion_in_time, motion_of
-
-if TYPE_CHECKING:
-    from ..rollout.rollout import Rollout
 
 
 class Curve(NamedTuple):
@@ -68,14 +65,14 @@ def task_curves(
         back = np.linalg.pinv(true.task.jacobian(true.placement(true.q0), np.eye(6)[:, :3]))
         found[Curve("at the tool, about", "mm")] = 1e3 * np.linalg.norm(error @ back.T, axis=1)
     truths = [kinematics.value(robot) for robot in robots.robots]
-    known = [truth for truth in truths if truth is not None]
-    if kinematics.size and kinematics.calibrated and len(known) == len(truths):
-        off = np.linalg.norm(a_k - np.array(known)[robots.index(t)], axis=1)
+    known = not any(truth is None for truth in truths)
+    if known and kinematics.size and kinematics.calibrated:
+        off = np.linalg.norm(a_k - np.array(truths)[robots.index(t)], axis=1)
         found[Curve("error of tool and length estimates", "mm")] = 1e3 * off
     return found
 
 
-def torque_curves(rollout: Rollout, samples: np.ndarray, window: Window) -> Curves:
+def torque_curves(rollout: Any, samples: np.ndarray, window: Window) -> Curves:
     """Return the errors of dynamic estimates since the last event; note what is not excited.
 
     Args:
@@ -250,14 +247,14 @@ class Animation:
         return f"<Animation of {len(self.html) / 1e6:.1f} MB, .save(path) writes it>"
 
 
-def animation_of(rollout: Rollout, *, frames_per_second: float = 30.0) -> Animation:
+def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     """Return the animation of a rollout; with fewer than two samples it does not move.
 
     The true robot moves along ``rollout.q``. The estimated robot is a ghost at the same q, with the
     translations that are estimated at that moment. Curves show the errors of task and estimates.
 
     Args:
-        rollout: the run.
+        rollout: the ``Rollout``, whose class imports this module.
         frames_per_second: of the animation; there is at most one frame per sample.
 
     Raises:
@@ -289,7 +286,7 @@ def animation_of(rollout: Rollout, *, frames_per_second: float = 30.0) -> Animat
         keys.play(scene.root)
     else:
         viewpoint = Viewpoint.of(motion_of(true, true.q0[None]).points, path)
-        scene = Scene(window, robots, kinematics, viewpoint.size, Poses(), path)
+        scene = Scene(window, robots, kinematics, viewpoint.size, Keyframes(np.zeros(1)), path)
     title, end = rollout.title or true.name, rollout.duration
     around: Any = {"marks": rollout.marks, "messages": window.all}
     return Animation(page(title, scene.legend, viewpoint, [*curves], end, **around))

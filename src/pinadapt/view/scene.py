@@ -20,8 +20,8 @@ from .drawing import (
     ESTIMATED,
     LOAD,
     TRUE,
+    Keyframes,
     Node,
-    Poses,
     Window,
     draw_shapes,
     ghost,
@@ -126,7 +126,7 @@ class DrawnRobot:
         """Return the node that moves with a joint; joint 0 is the base."""
         return self.node[f"joint {index}"]
 
-    def place(self, motion: ChainMotion, poses: Poses) -> None:
+    def place(self, motion: ChainMotion, poses: Keyframes) -> None:
         """Move all nodes to their places in a motion."""
         for index in range(motion.joints.shape[1]):
             poses.move_rigidly(self.joint(index), motion.joints[:, index])
@@ -185,7 +185,7 @@ class Scene:
         robots: Succession,
         kinematics: TaskKinematics,
         size: float,
-        poses: Poses,
+        poses: Keyframes,
         path: np.ndarray,
     ) -> None:
         """Draw everything that does not move, and what moves where it is at first.
