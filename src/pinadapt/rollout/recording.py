@@ -251,8 +251,7 @@ class Recording:
         reason: why it diverged, or None.
         wall_time: seconds for the whole run.
         step_time: mean seconds of one controller step; zero in continuous mode, which has no steps.
-        evaluation: what the properties are computed by; None once the rollout was copied to another
-            process, with all of them computed.
+        evaluation: what the properties are computed by; None once the rollout was loaded.
         bridged: how many samples the controller replaced by a prediction, by kind.
         marks: time [s] and a few words for each change of the true robot and each announcement to
             the controller.
@@ -373,8 +372,6 @@ class Recording:
 
         None where nothing of the dynamics is estimated, or a number is not finite.
         """
-        if self.evaluation is None:
-            return None
         torques, truth = self.motion_torques(), self.a_d_true
         if torques is None:
             return None
@@ -395,7 +392,7 @@ class Recording:
         """Return the torques since the last mark, and what of the parameters they depend on.
 
         Raises:
-            InputError: the rollout has only the numbers left.
+            InputError: the rollout was loaded.
         """
         return motion_torques(self.evaluated().controller, self.samples_since_last_mark())
 
@@ -403,7 +400,7 @@ class Recording:
         """Return the samples since the last change of the robot or announcement.
 
         Raises:
-            InputError: the rollout was copied to another process.
+            InputError: the rollout was loaded.
         """
         since = max((at for at, _ in self.marks), default=-np.inf)
         return [sample for sample in self.evaluated().samples if sample.t >= since]
@@ -528,25 +525,15 @@ class Recording:
         """Return what the properties are computed by: robots, controller and samples.
 
         Raises:
-            InputError: the rollout was loaded or copied to another process and has only the
-                numbers left.
+            InputError: the rollout was loaded from files, which have only the numbers.
         """
         if self.evaluation is None:
             raise InputError(
-                "a rollout that was loaded, or copied to another process, has its numbers, but "
-                "no robots.",
+                "a rollout that was loaded has its numbers, but no robots.",
                 where="rollout",
                 hint="Ask for this where it ran.",
             )
         return self.evaluation
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Compute every property and leave out what they are computed from."""
-        for kind in type(self).__mro__:
-            for name, attribute in vars(kind).items():
-                if isinstance(attribute, cached_property):
-                    getattr(self, name)
-        return {**self.__dict__, "evaluation": None}
 
 
 def _rows(values: Sequence[Any]) -> np.ndarray | None:

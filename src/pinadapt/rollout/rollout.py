@@ -125,8 +125,7 @@ class Rollout(Recording):
             frames_per_second: of the animation, at most one per sample.
 
         Raises:
-            InputError: frames_per_second is not positive, or the rollout was copied to another
-                process.
+            InputError: frames_per_second is not positive, or the rollout was loaded.
         """
         from ..view.page import animation_of
 
@@ -144,7 +143,7 @@ class Rollout(Recording):
 
         Raises:
             ParameterError: as ``Controller.learned``, or the estimates are not finite.
-            InputError: the rollout was copied to another process, or has no sample.
+            InputError: the rollout was loaded, or has no sample.
         """
         evaluation = self.evaluated()
         state, along = evaluation.last_state, None if all_estimates else self._along_excited()

@@ -66,7 +66,12 @@ def summary(run: Recording) -> dict[str, Any]:
         "kinematic_base": run.kinematic_base,
         "torque_prediction": prediction,
         "changes": [
-            {"at": at, "what": what, "max_error": worst, "time_back": back}
+            {
+                "at": at,
+                "what": what,
+                "max_error": worst if np.isfinite(worst) else None,
+                "time_back": back,
+            }
             for at, what, worst, back in run.transients
         ],
         "slowed": [
@@ -81,7 +86,6 @@ def summary(run: Recording) -> dict[str, Any]:
             "limits": str(run.limits),
             "strongest": run.joint_names[strongest],
             "torque_unit": "N" if run.limits.slides[strongest] else "N m",
-            "duration": run.duration,
             "damped": float(np.mean(run.damping > 0.0)) if len(run.t) else 0.0,
             "late": None if run.path_time is None else float(run.t[-1] - run.path_time[-1]),
         },

@@ -10,7 +10,6 @@ from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Condition, Thread
 from time import perf_counter, sleep
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -198,7 +197,6 @@ class LiveView:
             port: of the server; 0 takes any free port.
 
         Raises:
-            PinadaptError: meshcat's viewer cannot be used.
             OSError: the port is not available.
         """
         self._robots, self._controller = Succession.of(true, changes), controller
@@ -243,11 +241,10 @@ class LiveView:
                 if sample.t >= self._next:
                     self.show(sample)
                 yield sample
-        except DivergedError as error:
-            self._end = f"diverged at {error.time:.2f} s"
-            raise
-        except KeyboardInterrupt:
-            self._end = "interrupted"
+        except (Exception, KeyboardInterrupt) as error:
+            self._end = "the run has stopped"
+            if isinstance(error, DivergedError):
+                self._end = f"diverged at {error.time:.2f} s"
             raise
 
     def show(self, sample: Sample) -> None:
@@ -283,15 +280,8 @@ class LiveView:
         """Return this view."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the view."""
-        if error is not None:
-            self._end = "the run has stopped"
         self.close()
 
     def _trace(self, tip: np.ndarray) -> None:
