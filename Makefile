@@ -64,7 +64,6 @@ lint: $(VENV)/dev
 
 bench: $(VENV)/dev
 	$(BIN)/python -m benchmarks.control_step
-	$(BIN)/python -m benchmarks.simulated_sample
 
 realtime: $(VENV)/installed
 	$(BIN)/python -m benchmarks.realtime

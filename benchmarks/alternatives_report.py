@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -21,7 +21,6 @@ TITLES = {
 }
 _LOST, _NONE = "lost", "-"
 _COSTS = {"first": "{:.3g}", "peak": "{:.0%}", "peak_last": "{:.0%}", "chatter": "{:.2g}"}
-_MARKERS = "v^<>sDpXo"
 
 
 def report(rows: Iterable[Row]) -> str:
@@ -89,41 +88,27 @@ def known(rows: Sequence[Row]) -> str:
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Draw the rms errors: one panel per set of sensors, one group per robot."""
-    wrong = [row for row in rows if not row["informed"]]
-    figure = Figure(figsize=(10, 5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, len(TITLES), sharey=True)
-    for ax, (sensors, title) in zip(axes, TITLES.items(), strict=True):
-        _draw_sensors(ax, [row for row in wrong if row["sensors"] == sensors])
-        ax.set_title(title, fontsize=10)
-    axes[0].set_ylabel("rms error at the end [mm]")
-    handles, labels = axes[-1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9)
-    figure.savefig(path, dpi=110)
-    print(f"drawn to {path}")
-
-
-def _draw_sensors(ax: Axes, rows: Sequence[Row]) -> None:
-    """Draw one line per contender and robot over the periods."""
+    """Draw the rms errors over the period: a panel for each robot and set of sensors."""
     robots = _unique(row["robot"] for row in rows)
-    periods = _unique(row["period"] for row in rows)
-    for i, name in enumerate(CONTENDERS):
-        style = {"color": "k", "lw": 2.0} if name == DEFAULT else {"color": f"C{i}", "lw": 1.0}
-        for k, robot in enumerate(robots):
-            own = [row for row in rows if (row["contender"], row["robot"]) == (name, robot)]
-            line = {row["period"]: row["rms"] or np.nan for row in own}
-            x = [k * (len(periods) + 0.8) + periods.index(period) for period in sorted(line)]
-            label = name if not k else None
-            y = [line[period] for period in sorted(line)]
-            ax.semilogy(x, y, marker=_MARKERS[i], ms=5, label=label, **style)
-    ticks: dict[float, str] = {}
-    for k, robot in enumerate(robots):
-        places = [k * (len(periods) + 0.8) + i for i in range(len(periods))]
-        ticks |= dict(zip(places, (f"{period:g} s" for period in periods), strict=True))
-        ax.text(places[1], -0.11, robot, ha="center", transform=ax.get_xaxis_transform())
-    ax.set_xticks(list(ticks), list(ticks.values()))
-    ax.grid(alpha=0.3)
+    figure = Figure(figsize=(11, 6.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(TITLES), len(robots), sharex=True, sharey=True)
+    for ax, (sensors, robot) in zip(axes.flat, product(TITLES, robots), strict=True):
+        for name in CONTENDERS:
+            case = name, robot, sensors, False
+            keys = ("contender", "robot", "sensors", "informed")
+            own = [row for row in rows if tuple(row[key] for key in keys) == case]
+            errors = [row["rms"] or np.nan for row in own]
+            width = 3.0 if name == DEFAULT else 1.0
+            ax.semilogy([row["period"] for row in own], errors, "o-", lw=width, label=name)
+        ax.set_title(f"{robot}, {TITLES[sensors]}", fontsize="small")
+        ax.grid(alpha=0.3)
+    for ax in axes[-1]:
+        ax.set_xlabel("period of the circle [s]")
+    figure.supylabel("rms error at the end [mm]")
+    handles, labels = axes.flat[-1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small")
+    figure.savefig(path, dpi=110)
 
 
 def _error(row: Row | None, least: float) -> str:

@@ -9,20 +9,14 @@ numbers of the checklist as they are.
 
 from __future__ import annotations
 
-import argparse
-import tempfile
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+import sys
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 import pinadapt as pa
-from pinadapt.description.chain import effort_limits
-from pinadapt.realtime import CycleLog, PlantArm, RealtimeLoop, Recorder, Safety, Scheduling
-
-from .timing import markdown
+from pinadapt.realtime import PlantArm, RealtimeLoop, Safety, Scheduling
 
 ROBOTS = ("panda", "ur5", "kinova", "z1")
 FORCES = (10.0, 20.0, 30.0, 50.0, 100.0)  # [N]
@@ -95,25 +89,14 @@ class Carrier:
             "rested_ms": rested,
         }
 
-    def unexplained(self) -> dict[str, Any]:
-        """Learn, and return what is left unexplained without a force, of the motors' limits."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "run.mcap"
-            with Recorder(path, self.controller) as recorder:
-                arm, loop = self.run(np.zeros(3), LEARNED, recorder)
-            residual = np.abs(CycleLog.read(path).cycles.residual).max(axis=0)
+    def learn(self) -> None:
+        """Learn without a force; later runs start from the estimates."""
+        _, loop = self.run(np.zeros(3), LEARNED)
         state = loop.ending.state
         assert state is not None and not loop.ending.failed, loop.ending
         self.start = {"a_k": state.a_k, "a_d": state.a_d}
-        limits = effort_limits(self.true.model)
-        share = float((residual / limits).max())
-        rests = arm.first("the adaptation rests: contact")[0] is not None
-        found = {"robot": self.name, "force": None, "share": share, "rests": rests}
-        return {**found, "limits": [float(limits.min()), float(limits.max())]}
 
-    def run(
-        self, force: np.ndarray, seconds: float, recorder: Recorder | None = None
-    ) -> tuple[PushedArm, RealtimeLoop]:
+    def run(self, force: np.ndarray, seconds: float) -> tuple[PushedArm, RealtimeLoop]:
         """Return arm and loop after a run with a force (3) [N]."""
         arm = PushedArm(self.true, self.sensors, force)
         loop = RealtimeLoop(
@@ -123,7 +106,7 @@ class Carrier:
             stage="adapt",
             start=self.start,
             safety=Safety(),
-            recorder=recorder,
+            recorder=None,
             scheduling=Scheduling(None, None, False),
             say=arm.hear,
         )
@@ -132,42 +115,16 @@ class Carrier:
         return arm, loop
 
 
-def report(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table in Markdown: of six directions, in how many the arm was stopped, how soon."""
-    header = ["", "limits", "unexplained", *(f"{force:g} N" for force in FORCES), "rest before"]
-    lines = []
-    for name in dict.fromkeys(row["robot"] for row in rows):
-        own = [row for row in rows if row["robot"] == name]
-        quiet = next(row for row in own if row["force"] is None)
-        low, high = quiet["limits"]
-        cells = [name, f"{low:.3g} to {high:.3g} N m", f"{100.0 * quiet['share']:.2g} %"]
-        for force in FORCES:
-            pushes = [r for r in own if r["force"] and max(map(abs, r["force"])) == force]
-            told = [row["stopped_ms"] for row in pushes if row["stopped_ms"] is not None]
-            times = f", in {min(told)} to {max(told)} ms" if told else ""
-            fast = sum(row["check"] == "velocity" for row in pushes)
-            words = f" ({fast} by `velocity`)" if fast else ""
-            cells.append(f"{len(told)}{times}{words}")
-        gaps = [r["stopped_ms"] - r["rested_ms"] for r in own if r.get("check") == "contact"]
-        lines.append([*cells, f"{min(gaps)} to {max(gaps)} ms"])
-    return markdown(header, lines)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("robots", nargs="*", default=ROBOTS)
-    options = parser.parse_args(arguments)
-    rows: list[dict[str, Any]] = []
-    for name in options.robots:
+def main() -> None:
+    """Measure, and print of six directions of a force in how many it was found, and how soon."""
+    for name in sys.argv[1:] or ROBOTS:
         carrier = Carrier(name)
-        rows.append(carrier.unexplained())
-        print(rows[-1], flush=True)
+        carrier.learn()
         for force in FORCES:
-            for direction in np.vstack([np.eye(3), -np.eye(3)]):
-                rows.append(carrier.row(force * direction))
-                print(rows[-1], flush=True)
-    print(report(rows))
+            pushes = np.vstack([force * np.eye(3), -force * np.eye(3)])
+            rows = [carrier.row(push) for push in pushes]
+            times = [row["stopped_ms"] for row in rows if row["stopped_ms"] is not None]
+            print(f"{name}, {force:g} N: {len(times)} of {len(rows)}, after {times} ms", flush=True)
 
 
 if __name__ == "__main__":

@@ -8,9 +8,7 @@ of raw calls, listed by name, with the arguments prepared: forward kinematics an
 estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor; for separation
 the Jacobian's variation and the two regressors of which that of Slotine and Li is made. Step and
 floor run alternately in one process, so that both have the same state of caches and clock; the
-ratio is the median over pairs. The bare floor omits the writing of the estimates. The step is one
-of an arm that has moved; ``first_us`` is one of the first samples, until v has been found to be
-the rate of q.
+ratio is the median over pairs. The step is one of an arm that has moved.
 
 The memory is timed along a motion, as it solves for an estimate at some of the samples only: two
 loops run alternately, a sample each. The mean is that of the medians of the two kinds of steps,
@@ -63,67 +61,49 @@ def controller(name: str, law: str = LAW, joints: bool = False) -> tuple[pa.Robo
     )
 
 
-def floor_calls(
-    robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str = LAW
-) -> dict[str, tuple[Call, bool]]:
-    """Return the calls by name, in order, and whether they belong to the bare floor."""
+def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str = LAW) -> dict[str, Call]:
+    """Return the calls by name, in order."""
     model, data = robot.model.copy(), robot.model.createData()
     zero, frame, n = np.zeros(model.nv), robot.frame_id, model.nv
     inertias, tens = (
         model.inertias,
         [inertia.toDynamicParameters() for inertia in model.inertias[1:]],
     )
-    bodies = [pin.Inertia.FromDynamicParameters(ten) for ten in tens]
     aligned = pin.LOCAL_WORLD_ALIGNED
 
-    def make_inertias() -> None:
-        for ten in tens:
-            pin.Inertia.FromDynamicParameters(ten)
-
     def write_inertias() -> None:
-        for joint, body in enumerate(bodies, 1):
-            inertias[joint] = body
+        for joint, ten in enumerate(tens, 1):
+            inertias[joint] = pin.Inertia.FromDynamicParameters(ten)
 
     def regressor() -> np.ndarray:
         return pin.computeJointTorqueRegressor(model, data, q, v, v)
 
-    motion: dict[str, tuple[Call, bool]] = {
-        "forwardKinematics(q, v, 0)": (
-            lambda: pin.forwardKinematics(model, data, q, v, zero),
-            True,
+    first: dict[str, Call] = {
+        "forwardKinematics(q, v, 0)": lambda: pin.forwardKinematics(model, data, q, v, zero),
+        "computeJointJacobians": lambda: pin.computeJointJacobians(model, data),
+        "getFrameJacobian": lambda: pin.getFrameJacobian(model, data, frame, aligned),
+        "getFrameClassicalAcceleration": lambda: pin.getFrameClassicalAcceleration(
+            model, data, frame, aligned
         ),
-        "computeJointJacobians": (lambda: pin.computeJointJacobians(model, data), True),
-        "getFrameJacobian": (lambda: pin.getFrameJacobian(model, data, frame, aligned), True),
-        "getFrameClassicalAcceleration": (
-            lambda: pin.getFrameClassicalAcceleration(model, data, frame, aligned),
-            True,
-        ),
-    }
-    inertia: dict[str, tuple[Call, bool]] = {
-        f"Inertia.FromDynamicParameters x {n}": (make_inertias, False),
-        f"model.inertias[i] = x {n}": (write_inertias, False),
+        f"model.inertias[i] = Inertia.FromDynamicParameters x {n}": write_inertias,
     }
     if law == DEFAULT:
         return {
-            **motion,
-            "computeJointJacobiansTimeVariation": (
-                lambda: pin.computeJointJacobiansTimeVariation(model, data, q, v),
-                True,
+            **first,
+            "computeJointJacobiansTimeVariation": lambda: pin.computeJointJacobiansTimeVariation(
+                model, data, q, v
             ),
-            "getFrameJacobianTimeVariation": (
-                lambda: pin.getFrameJacobianTimeVariation(model, data, frame, aligned),
-                True,
+            "getFrameJacobianTimeVariation": lambda: pin.getFrameJacobianTimeVariation(
+                model, data, frame, aligned
             ),
-            **inertia,
-            "computeJointTorqueRegressor": (regressor, True),
-            "computeJointTorqueRegressor again": (regressor, True),
+            "computeJointTorqueRegressor": regressor,
+            "computeJointTorqueRegressor again": regressor,
         }
     return {
-        **motion,
-        **inertia,
-        "rnea": (lambda: pin.rnea(model, data, q, v, v), True),
-        "crba": (lambda: pin.crba(model, data, q), True),
-        "computeJointTorqueRegressor": (regressor, True),
+        **first,
+        "rnea": lambda: pin.rnea(model, data, q, v, v),
+        "crba": lambda: pin.crba(model, data, q),
+        "computeJointTorqueRegressor": regressor,
     }
 
 
@@ -152,9 +132,7 @@ def measure(name: str) -> dict[str, Any]:
     times = in_turn(
         {
             "step": run([lambda: control.step(state, later, desired, DT)]),
-            "first": run([lambda: control.step(first, later, desired, DT)]),
-            "floor": run([call for call, _ in calls.values()]),
-            "bare": run([call for call, bare in calls.values() if bare]),
+            "floor": run([*calls.values()]),
         },
         ROUNDS,
     )
@@ -164,11 +142,8 @@ def measure(name: str) -> dict[str, Any]:
         "kinematic": control.kinematics.size,
         "dynamic": control.dynamics.size,
         "step_us": 1e6 * float(np.median(times["step"])),
-        "first_us": 1e6 * float(np.median(times["first"])),
         "floor_us": 1e6 * float(np.median(times["floor"])),
-        "bare_floor_us": 1e6 * float(np.median(times["bare"])),
         "ratio": float(np.median(times["step"] / times["floor"])),
-        "bare_ratio": float(np.median(times["step"] / times["bare"])),
         "floor_calls": list(calls),
     }
 
@@ -221,18 +196,11 @@ def main() -> None:
     path = parser.parse_args().save
     before = saved(path)
     rows = [measure(name) for name in CASES]
-    print(
-        f"{'case':23} {'params':>7} {'step us':>8} {'first us':>9} {'floor us':>9} "
-        f"{'ratio':>6} {'was':>6} "
-        f"{'bare us':>8} {'bare ratio':>11}"
-    )
     for row in rows:
-        was = before.get(row["name"], {}).get("ratio", float("nan"))
+        size, was = row["kinematic"] + row["dynamic"], before.get(row["name"], {}).get("ratio")
         print(
-            f"{row['name']:23} {row['kinematic'] + row['dynamic']:7d} {row['step_us']:8.1f} "
-            f"{row['first_us']:9.1f} "
-            f"{row['floor_us']:9.1f} {row['ratio']:6.2f} {was:6.2f} "
-            f"{row['bare_floor_us']:8.1f} {row['bare_ratio']:11.2f}"
+            f"{row['name']:23} {size:4d} parameters, step {row['step_us']:.1f} us, floor "
+            f"{row['floor_us']:.1f} us, ratio {row['ratio']:.2f} (was {was})"
         )
     for law, calls in {row["law"]: row["floor_calls"] for row in rows}.items():
         print(f"floor of {law}: " + ", ".join(calls))

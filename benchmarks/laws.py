@@ -21,9 +21,9 @@ import pinocchio as pin
 import pinadapt as pa
 from pinadapt.scenario.scenario import Scenario
 
-from .simulated_sample import NATURAL, SCENARIO
-from .timing import in_turn, repeated
+from .timing import HERE, in_turn, repeated
 
+SCENARIO = HERE.parent / "robots" / "panda" / "tool_and_load.toml"
 CAMERA = pa.Camera(rate=30.0, delay=0.06)
 DURATION = 10.0  # [s]
 ROUNDS, CALLS = 3000, 16
@@ -92,7 +92,7 @@ def measure(law: str) -> dict[str, Any]:
     """Return the figures of a law."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of light joints; the table has the result
-        case = Case(law, Scenario.read(SCENARIO, [NATURAL]))
+        case = Case(law, Scenario.read(SCENARIO, ["controller.adaptation=natural"]))
         return {
             "unit": "rad" if case.joints else "m",
             "error": case.error(),

@@ -11,19 +11,14 @@ sensors; "camera": x comes, as in the README, from a camera of 30 Hz that is 60 
 the same with 1 mm of noise, and encoders of 17 bits; "tracker 120": x is in unknown axes, turned by
 120 degrees; "natural" or "unadapted" in place of the default adaptation. ``make readme.table`` runs
 ``readme.toml``: robots of the catalogue, named without a slash.
-
-``python -m benchmarks.strangers PATH... [--camera] [--tracker DEGREES] [--duration S]
-[--unadapted] [--processes N] [--out DIR]`` runs other descriptions and folders of them. A folder
-DIR keeps the rows: what was interrupted goes on there.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import textwrap
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -59,17 +54,15 @@ SENSORS = {
     "noisy": pa.Sensors(CAMERA, encoder=2.0 * np.pi / 2**17, noise={"x": 1e-3}),
 }
 ADAPTATIONS = {"natural": "natural", "unadapted": "none"}  # by words of a run
-SUFFIXES = (".urdf",)
 WIDTH = 160  # of a reason in the table
 
 
-def measure(robot: str, run: str, duration: float | None = None) -> dict[str, Any]:
+def measure(robot: str, run: str) -> dict[str, Any]:
     """Run the README's lines on one description, as a case of a sweep.
 
     Args:
         robot: a name of the catalogue, a file, or "package/path" of one in a package.
         run: words for the sensors and the controller, as above.
-        duration: of the motion [s]; None: four turns of the circle.
 
     Returns:
         frame, joints (number), radius [m] and period [s] of the circle, error [m] of the last
@@ -85,7 +78,7 @@ def measure(robot: str, run: str, duration: float | None = None) -> dict[str, An
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of bodies that are not physical, for example
         try:
-            return _followed(pa.load(path), duration, **words)
+            return _followed(pa.load(path), **words)
         except InputError as error:
             return {"status": REFUSED, "reason": str(error).replace(str(path), robot)}
         except pa.PinadaptError as error:  # in the wiggle before a motion
@@ -128,13 +121,12 @@ def _words(run: str) -> dict[str, Any]:
 
 def _followed(
     robot: pa.Robot,
-    duration: float | None,
     sensors: pa.Sensors,
     tracker: float | None,
     adaptation: str | None,
 ) -> dict[str, Any]:
     circle = pa.reachable_circle(robot)
-    duration = duration or TURNS * circle.period
+    duration = TURNS * circle.period
     tool = robot.reach * TOOL
     load = pa.Payload(mass=LOAD * robot.mass, com=tool)
     true = robot.changed(tool_translation=tool, payload=load)
@@ -217,42 +209,3 @@ def _cell(row: Mapping[str, Any]) -> str:
 
 def _shortened(row: Mapping[str, Any]) -> str:
     return textwrap.shorten(str(row["reason"]), WIDTH, placeholder=" ...")
-
-
-# --- other descriptions ---
-
-
-def descriptions(paths: Sequence[Path]) -> Iterator[Path]:
-    """Yield the files among paths, and the descriptions in the folders among them."""
-    for path in paths:
-        if path.is_dir():
-            yield from sorted(file for file in path.rglob("*") if file.suffix in SUFFIXES)
-        else:
-            yield path
-
-
-def main() -> None:
-    """Print the tables of other descriptions."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("paths", type=Path, nargs="+", metavar="PATH")
-    parser.add_argument("--camera", action="store_true")
-    parser.add_argument("--tracker", type=float, metavar="DEGREES", help="turned by so much")
-    parser.add_argument("--unadapted", action="store_true", help="run each without adaptation, too")
-    parser.add_argument("--duration", type=float, help="of the motion [s]; default: four turns")
-    parser.add_argument("--processes", type=int, help="0: none besides this one")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="keeps the rows")
-    options = parser.parse_args()
-    words = ["camera" if options.camera else "perfect"]
-    words += [] if options.tracker is None else [f"tracker {options.tracker:g}"]
-    runs = [words, [*words, "unadapted"]] if options.unadapted else [words]
-    cases = [
-        {"robot": str(path.resolve()), "run": ", ".join(run), "duration": options.duration}
-        for path in descriptions(options.paths)
-        for run in runs
-    ]
-    rows = list(pa.sweep(measure, cases, executor=options.processes, folder=options.out).rows())
-    print(report(rows), counts(rows), sep="\n\n")
-
-
-if __name__ == "__main__":
-    main()

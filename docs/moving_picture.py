@@ -17,7 +17,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -151,10 +151,12 @@ class Tab:
         return answer["result"].get("value")
 
 
-async def frames(address: str, times: np.ndarray) -> list[Image.Image]:
-    """Return pictures of a page at the given times [s]."""
+async def frames(
+    address: str, times: Iterable[float], size: tuple[int, int] = SIZE, layout: str = LAYOUT
+) -> list[Image.Image]:
+    """Return pictures of a page at the given times [s], after a script that changes its layout."""
     tab = Tab(await websocket_connect(address, max_message_size=2**27))
-    width, height = SIZE
+    width, height = size
     await tab.command(
         "Emulation.setDeviceMetricsOverride",
         width=width,
@@ -164,7 +166,7 @@ async def frames(address: str, times: np.ndarray) -> list[Image.Image]:
     )
     while not await tab.value(READY):
         await asyncio.sleep(0.2)
-    await tab.value(LAYOUT)
+    await tab.value(layout)
     pictures = []
     for t in times:
         await tab.value(SHOW % (t, t))

@@ -264,11 +264,17 @@ def _drawn(rows: Sequence[Sequence[str]], sides: str, *, header: bool) -> str:
 
 
 def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: int = 3) -> str:
-    """Return ``value * scale`` with its unit, or a dash for None."""
-    return "-" if value is None else f"{value * scale:.{digits}f} {unit}".rstrip()
+    """Return ``value * scale`` with its unit, or a dash for None; "< 0.001" if it is less."""
+    if value is None:
+        return "-"
+    least = 0.1**digits
+    small = 0.0 < value * scale < least
+    return f"{'< ' * small}{least if small else value * scale:.{digits}f} {unit}".rstrip()
 
 
 def percent(share: float, digits: int = 2) -> str:
     """Return a share as a percentage with some significant digits, without an exponent."""
     value = 100.0 * share
+    if 0.0 < value < 1e-3:
+        return "< 0.001 %"
     return f"{value:.0f} %" if value >= 10.0**digits else f"{float(f'{value:.{digits}g}'):g} %"

@@ -14,7 +14,6 @@ from pinadapt._output import read_toml
 from pinadapt.cli.command_line import main
 from pinadapt.scenario.scenario import Scenario
 from pinadapt.scenario.schema import check_tables
-from pinadapt.view.drawing import strange_images
 from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.slow
@@ -223,24 +222,14 @@ def textured(tmp_path):
 
 
 @pytest.mark.parametrize("image", ["../../secret.txt", "{}/secret.txt", "../link.png", "file://{}"])
-def test_a_page_embeds_no_image_from_outside(image, textured, tmp_path):
-    file = textured(image.format(tmp_path))
-    mesh = file.parent / "meshes" / "m.dae"
-    assert strange_images(mesh) == [image.format(tmp_path)]
-    true = pa.load(file, task="xy", frame="tip")
-    assert resources(true, "drawn without them") == {""}
-
-
-def resources(robot, words):
-    """Return the images that a figure of a robot sends to its page."""
+def test_a_page_embeds_and_names_no_image(image, textured, tmp_path):
     from pinadapt.view.drawing import Artist
 
+    robot = pa.load(textured(image.format(tmp_path)), task="xy", frame="tip")
     (shape,) = [s for s in robot.visual.geometryObjects if s.meshPath.endswith(".dae")]
-    artist = Artist(robot.model, None, robot.visual)
-    if words is None:
-        return set(artist.loadMeshFromFile(shape).img_resources.values())
-    with pytest.warns(UserWarning, match=words):
-        return set(artist.loadMeshFromFile(shape).img_resources.values())
+    mesh = Artist(robot.model, None, robot.visual).loadMeshFromFile(shape)
+    assert set(mesh.img_resources.values()) == {""}
+    assert image.format(tmp_path) not in mesh.dae_raw
 
 
 WILD = st.one_of(

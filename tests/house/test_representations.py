@@ -30,13 +30,8 @@ def test_a_robot_shows_frame_task_size_ends_and_joints_with_units(run):
     assert "m, m/s, N" in repr(pa.load("scara"))
 
 
-def test_a_rollout_shows_robot_law_duration_and_errors_in_a_few_lines(run):
-    rollout = run[2]
-    text = repr(rollout)
-    assert len(text.splitlines()) <= 7 < len(str(rollout).splitlines())
-    last = f"{1e3 * rollout.window(first=False).max():.3f} mm in the last 10 %"
-    for word in ("arm4, 4 joints, task xyz", "separation, adaptation natural", "0.2 s", last):
-        assert word in text
+def test_a_rollout_shows_its_title_and_verdict(run):
+    assert repr(run[2]) == f"{run[2].title}: {run[2].verdict}"
 
 
 def test_names_are_escaped(tmp_path):

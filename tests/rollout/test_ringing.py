@@ -33,13 +33,6 @@ def test_an_oscillation_is_found_with_its_joint_frequency_and_size(frequency):
     assert grown is not None and grown.frequency == pytest.approx(frequency, abs=1.0)
 
 
-def test_a_torque_that_jumps_between_its_limits_rings_without_a_single_frequency():
-    jumps = np.random.default_rng(0).choice([-1.0, 1.0], (T.size, 2)) * [50.0, 8.0]
-    assert ringing(T, MOTION + jumps, NAMES) is None
-    assert ringing(T, MOTION + jumps, NAMES, limits=np.array([100.0, 1e3])).joint == "shoulder"
-    assert ringing(T, MOTION + jumps, NAMES, limits=np.array([200.0, 1e3])) is None
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the .* is too fast for motors")
 def test_a_loop_with_late_motors_rings_until_they_are_declared_or_the_lag_is_as_advised(tmp_path):

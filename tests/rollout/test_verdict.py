@@ -47,6 +47,8 @@ def test_the_grade_depends_on_the_error_relative_to_the_path(rollout, last, grad
     summary = judged.summary()
     assert (summary["verdict"], summary["error_share"]) == (judged.verdict, judged.error_share)
     assert str(judged).endswith(f"\n\n{judged.verdict}")
+    tiny = with_error(rollout, 0.0, 2e-14)
+    assert "up to < 0.001 mm, < 0.001 % of" in tiny.verdict and "< 0.001 mm" in str(tiny)
     row = comparison_table([judged]).splitlines()[-1]
     assert row.endswith(grade) and " ok" not in row and f"{100 * last / 0.05:.2f}" in row
     assert ("try" in judged.verdict) == (grade != FOLLOWS)

@@ -65,9 +65,25 @@ def run(options: argparse.Namespace) -> int:
     try:
         write_run(rollout, folder, html=not options.no_html)
     finally:
-        print(sheet(rollout))  # even if it could not be written
-    print(f"\nwritten to {folder}\n\n{rollout.verdict}")
+        print(sheet(rollout, rollout.numbers))  # even if it could not be written
+    print(f"\nwritten to {folder}\n{load_words(rollout)}\n{rollout.verdict}")
     return status_of(rollout)
+
+
+def load_words(rollout: Rollout) -> str:
+    """Return a line about the load that a run found; nothing where it is not certain."""
+    try:
+        load = rollout.payload(refined=True)
+    except InputError:  # the last body was not adapted, or no estimate is finite
+        return ""
+    if not load.certain or load.mass < 2.0 * load.mass_known_to:
+        return ""
+    com = ", ".join(
+        f"{value:.4f} +- {known_to:.2g}"
+        for value, known_to in zip(load.com, load.com_known_to, strict=True)
+    )
+    mass = f"{load.mass:.4g} +- {load.mass_known_to:.2g} kg"
+    return f"\nload found: {mass}, centre ({com}) m from the task frame\n"
 
 
 def unadapted(options: argparse.Namespace, *settings: str) -> Scenario:

@@ -150,7 +150,7 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
     place = check_place(folder / f"case-{number}")
     rollout = work.scenario(case).run()
     write_run(rollout, place, html=True)
-    print(f"{sheet(rollout)}\n\nwritten to {place}\n\n{rollout.verdict}")
+    print(f"{sheet(rollout, rollout.numbers)}\n\nwritten to {place}\n\n{rollout.verdict}")
     return status_of(rollout)
 
 

@@ -409,7 +409,7 @@ def pictures_of(found: IdentifiedModel) -> Pictures:
         a_d=found.online.a_d,
         a_k_true=found.kinematic.estimate,
         a_d_true=found.dynamic.estimate,
-        not_excited=(),
+        not_identified=(),
         kinematic_names=found.kinematic.names,
         dynamic_names=found.dynamic.names,
         marks=(),

@@ -125,6 +125,15 @@ class Excited:
         return np.asarray(alone < TOLD_APART**2)
 
     @cached_property
+    def alone(self) -> np.ndarray:
+        """Whether the motion identifies a parameter (p) by itself, whatever the others are.
+
+        More than three quarters of its variance are then in the identifiable combinations.
+        """
+        rest = self.root @ self._eigen[1][:, self.rank :]
+        return np.asarray(np.sum(rest**2, axis=1) < 0.25 * np.sum(self.root**2, axis=1))
+
+    @cached_property
     def combinations(self) -> np.ndarray:
         """The identifiable combinations C (r, p): z = C da, |z| = 1 as far as one may be off."""
         return np.linalg.solve(self.root.T, self._eigen[1][:, : self.rank]).T

@@ -342,7 +342,7 @@ class RealtimeLoop:
         self._resting, self._halted, self._quiet = False, False, 0
         self._frame: tuple[np.ndarray, float] | None = None
         self._signals, self._age, self._first = 0, 0.0, 0.0
-        self._sought: deque[tuple[np.ndarray, ...]] = deque(maxlen=round(_RINGING / facts.period))
+        self._sought: deque[np.ndarray] = deque(maxlen=round(_RINGING / facts.period))
         self._asked: np.ndarray | None = None
         self._goal: Desired | None = None
         self.ending = Ending()
@@ -646,7 +646,7 @@ class RealtimeLoop:
             self._answer(SafetyFinding("controller", words, Answer.DAMP))
             return None
         self._measured, self._asked, self._goal = m, torque, desired
-        self._sought.append((desired.x_d, torque))
+        self._sought.append(torque)
         self._state = after
         finding = self._watched(m, dt, after, desired, torque)
         resting = finding is not None and finding.answer is Answer.REST
@@ -776,9 +776,8 @@ class RealtimeLoop:
 
         if not self._sought:
             return []
-        x_d, tau = (np.array(part) for part in zip(*self._sought, strict=True))
-        t = self._facts.period * np.arange(len(tau))
-        found = ringing_of(t, x_d, tau, self._controller)
+        tau = np.array(self._sought)
+        found = ringing_of(self._facts.period * np.arange(len(tau)), tau, self._controller)
         return [] if found is None else [ringing_words(found, self._controller.law.name)]
 
     def _interrupted(self) -> SafetyFinding:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from .._output import Table
-from ..controller.state import Sample
 from ..description.chain import (
     configuration_from_angles,
     effort_limits,
@@ -18,162 +16,98 @@ from ..description.chain import (
     position_limits,
     velocity_limits,
 )
+from ..records import Desired
 from ..robot.robot import Robot
 from ..tasks.task import DISPLAYS, JointTask
 
-_NONE = "-"
-_SHOWN = 3  # excesses in the one-line text; half or twice: a shorter or longer line
-_HEADER = ("beyond limits", "position", "velocity", "effort", "of")
+KINDS = ("position", "velocity", "effort")
 
 
-class Excess(NamedTuple):
-    """The largest excess of each joint; zero within the limit or without one.
-
-    Attributes:
-        position: (nv) [rad or m].
-        velocity: (nv) [rad/s or m/s].
-        effort: (nv) [N m or N].
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+Motion = Sequence[np.ndarray]
+"""Position [rad or m], velocity [rad/s or m/s], torque [N m or N] of the joints, each (N, nv)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LimitExcess:
-    """By how much joints exceed the limits of the description.
+    """By how much joints exceed the limits of the description; ``print`` says it in a line.
 
     Attributes:
         joints: names of the joints.
         slides: of each joint, whether it is prismatic.
         stated: whether the description states any limit.
-        plant: of the true robot at the recorded samples, with the torques of its motors.
-        reference: of the desired motion, with the torques that the true robot needs to follow it;
-            None for tasks of the frame, whose reference is not a joint motion.
+        plant: (nv, 3) largest excess of each joint of the true robot: position [rad or m], velocity
+            [rad/s or m/s], effort [N m or N]; zero within the limit or without one.
+        reference: (nv, 3) of the desired motion, with the torques that the true robot needs to
+            follow it; None for tasks of the frame, whose reference is not a joint motion.
     """
 
     joints: tuple[str, ...]
     slides: tuple[bool, ...]
     stated: bool
-    plant: Excess
-    reference: Excess | None
+    plant: np.ndarray
+    reference: np.ndarray | None
 
     @classmethod
-    def of(cls, robot: Robot, moved: DrivenMotion, desired: DrivenMotion | None) -> LimitExcess:
+    def of(cls, robot: Robot, moved: Motion, desired: Motion | None) -> LimitExcess:
         """Compare motions with the limits of a robot's description."""
-        limits = _Limits.of(robot)
+        model = robot.model
+        lower, upper = position_limits(model)
+        bounds = np.array([upper, -lower, velocity_limits(model), effort_limits(model)])
+
+        def excess(motion: Motion) -> np.ndarray:
+            """Return the excess (nv, 3) of a motion."""
+            q, v, tau = motion
+            parts = q, -q, np.abs(v), np.abs(tau)
+            with np.errstate(invalid="ignore"):  # inf - inf is no excess
+                beyond = np.array(parts) - bounds[:, None]
+            largest = np.where(np.isfinite(beyond), beyond, 0.0).max(axis=1, initial=0.0)
+            return np.array([largest[:2].max(axis=0), *largest[2:]]).T
+
         return cls(
             tuple(robot.joint_names),
-            tuple(is_slide(joint) for joint in robot.model.joints[1:]),
-            limits.stated,
-            limits.excess(moved),
-            None if desired is None else limits.excess(desired),
+            tuple(is_slide(joint) for joint in model.joints[1:]),
+            bool(np.isfinite(bounds).any()),
+            excess(moved),
+            None if desired is None else excess(desired),
         )
-
-    @classmethod
-    def of_summary(
-        cls, given: Mapping[str, Any], slides: tuple[bool, ...], *, stated: bool
-    ) -> LimitExcess:
-        """Return what ``summary`` was made of, given slides and ``stated`` as well."""
-        plant, reference = (
-            None
-            if given[motion] is None
-            else Excess(*np.array([[*row.values()] for row in given[motion].values()]).T)
-            for motion in ("plant", "reference")
-        )
-        assert plant is not None  # every run has one
-        return cls(tuple(given["plant"]), slides, stated, plant, reference)
 
     @property
     def exceeded(self) -> bool:
         """Whether the motion or the desired motion of any joint exceeds a limit."""
-        return any(np.any(excess) for _, excess in self._motions())
+        return bool(self.plant.any() or (self.reference is not None and self.reference.any()))
 
-    def summary(self) -> dict[str, dict[str, dict[str, float]] | None]:
+    def summary(self) -> dict[str, Any]:
         """Return the largest excess of plant and reference, by joint and kind of limit."""
-        named = {
-            motion: {
-                joint: dict(zip(Excess._fields, map(float, row), strict=True))
-                for joint, *row in zip(self.joints, *excess, strict=True)
+        return {
+            motion: None
+            if excess is None
+            else {
+                joint: dict(zip(KINDS, row, strict=True))
+                for joint, row in zip(self.joints, excess.tolist(), strict=True)
             }
-            for motion, excess in self._motions()
+            for motion, excess in (("reference", self.reference), ("plant", self.plant))
         }
-        return {"reference": None, **named}
 
-    def verdict(self) -> str:
-        """Return in a few words how many joints exceed a limit."""
-        if not self.stated:
-            return "none in the description"
-        counts = [
-            f"{np.any(excess, axis=0).sum()} ({motion})" for motion, excess in self._motions()
-        ]
-        words = f"exceeded at {', '.join(counts)} of {len(self.joints)} joints"
-        return words if self.exceeded else "kept"
-
-    def words(self) -> str:
-        """Return in one line which joints exceed which limit by how much."""
-        found = [
-            f"{joint} {kind} by {value}{'' if motion == 'plant' else ' (desired)'}"
-            for joint, *values, motion in self.table.rows
-            for kind, value in zip(Excess._fields, values, strict=True)
-            if value != _NONE
-        ]
-        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
-        return f"beyond limits: {', '.join(found[:_SHOWN])}{more}"
-
-    @property
-    def table(self) -> Table:
-        """The joints beyond a limit, one in each row."""
-        rows = []
-        for motion, excess in self._motions():
-            for i in np.flatnonzero(np.any(excess, axis=0)):
-                shown = [_shown(each[i], kind, self.slides[i]) for kind, each in _named(excess)]
-                rows.append((self.joints[i], *shown, motion))
-        return Table(rows, _HEADER)
-
-    def _motions(self) -> list[tuple[str, Excess]]:
-        """Return the excess of plant and, if there is one, of the reference."""
-        reference = [] if self.reference is None else [("reference", self.reference)]
-        return [("plant", self.plant), *reference]
+    def __str__(self) -> str:
+        """Return in one line which joints exceed which limit by how much, the first three."""
+        if not self.exceeded:
+            return "joint limits kept" if self.stated else ""
+        found = []
+        for words, excess in (("", self.plant), (" (desired)", self.reference)):
+            if excess is None:
+                continue
+            for i, k in np.argwhere(excess).tolist():
+                unit, scale = DISPLAYS["m" if self.slides[i] else "rad"]
+                if KINDS[k] == "effort":
+                    unit, scale = "N" if self.slides[i] else "N m", 1.0
+                unit += "/s" if KINDS[k] == "velocity" else ""
+                value = f"{scale * excess[i, k]:.4g} {unit}"
+                found.append(f"{self.joints[i]} {KINDS[k]} by {value}{words}")
+        more = f" and {len(found) - 3} more" if len(found) > 3 else ""
+        return f"beyond limits: {', '.join(found[:3])}{more}"
 
 
-def _named(excess: Excess) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield kind and numbers (nv) of an excess."""
-    return zip(Excess._fields, excess, strict=True)
-
-
-def _shown(value: float, kind: str, slide: bool) -> str:
-    """Return one number with its unit, a dash for zero."""
-    if not value:
-        return _NONE
-    if kind == "effort":
-        return f"{value:.4g} {'N' if slide else 'N m'}"
-    shown = DISPLAYS["m" if slide else "rad"]
-    return f"{value * shown.scale:.4g} {shown.unit}{'/s' if kind == 'velocity' else ''}"
-
-
-class DrivenMotion(NamedTuple):
-    """Motion and torques of the joints of a chain at N samples.
-
-    Attributes:
-        q: (N, nv) one number per joint [rad or m]; meaningless for continuous joints.
-        v: (N, nv) velocities [rad/s or m/s].
-        tau: (N, nv) torques at the joints [N m or N].
-    """
-
-    q: np.ndarray
-    v: np.ndarray
-    tau: np.ndarray
-
-
-def motion_of_plant(true: Robot, samples: Sequence[Sample]) -> DrivenMotion:
-    """Return the motion of the true robot and the torques of its motors."""
-    numbers = [joint.idx_q for joint in true.model.joints[1:]]
-    return _stacked(true, [(s.truth.q[numbers], s.truth.v, s.torque) for s in samples])
-
-
-def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> DrivenMotion | None:
+def reference_motion(true: Robot, desired: Sequence[Desired]) -> Motion | None:
     """Return the desired joint motion, and the torques that the true robot needs to follow it.
 
     None for tasks of the frame, because several joint motions follow the same path: the arm may be
@@ -182,47 +116,8 @@ def motion_of_reference(true: Robot, samples: Sequence[Sample]) -> DrivenMotion 
     if not isinstance(true.task, JointTask):
         return None
     model, data, rows = true.model, true.model.createData(), []
-    for x_d, xd_d, xdd_d in (sample.desired for sample in samples):
+    for x_d, xd_d, xdd_d in desired:
         q = configuration_from_angles(model, x_d)
-        tau = pin.rnea(model, data, q, xd_d, xdd_d)
-        rows.append((x_d, xd_d, tau + true.friction_at(q).torque(xd_d)))
-    return _stacked(true, rows)
-
-
-def _stacked(robot: Robot, rows: Sequence[tuple[np.ndarray, ...]]) -> DrivenMotion:
-    stack = np.array(rows, dtype=float).reshape(len(rows), 3, robot.model.nv)
-    return DrivenMotion(*stack.swapaxes(0, 1))
-
-
-class _Limits(NamedTuple):
-    """The limits of a description for each joint, infinite where it states none."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
-
-    @classmethod
-    def of(cls, robot: Robot) -> _Limits:
-        """Return the limits of a description."""
-        lower, upper = position_limits(robot.model)
-        return cls(lower, upper, velocity_limits(robot.model), effort_limits(robot.model))
-
-    @property
-    def stated(self) -> bool:
-        """Whether the description states any limit."""
-        return bool(np.isfinite(np.concatenate(self)).any())
-
-    @np.errstate(invalid="ignore")  # inf - inf is no excess
-    def excess(self, motion: DrivenMotion) -> Excess:
-        """Return by how much a motion exceeds the limits, zero where it does not."""
-        return Excess(
-            _largest(np.maximum(motion.q - self.upper, self.lower - motion.q)),
-            _largest(np.abs(motion.v) - self.velocity),
-            _largest(np.abs(motion.tau) - self.effort),
-        )
-
-
-def _largest(beyond: np.ndarray) -> np.ndarray:
-    """Return the largest positive finite number of each column (N, nv), or zero."""
-    return np.where(np.isfinite(beyond), beyond, 0.0).max(axis=0, initial=0.0)
+        tau = pin.rnea(model, data, q, xd_d, xdd_d) + true.friction_at(q).torque(xd_d)
+        rows.append((x_d, xd_d, tau))
+    return np.array(rows).reshape(len(rows), 3, model.nv).swapaxes(0, 1)

@@ -20,9 +20,7 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import EARLY, Robot, Succession
 from ..tasks.frame import ImageTask
 from ..tasks.task import Task
-from .limit_excess import LimitExcess, motion_of_plant, motion_of_reference
-
-_NONE_BRIDGED = Bridged()
+from .limit_excess import LimitExcess, reference_motion
 
 
 class Evaluation(NamedTuple):
@@ -56,20 +54,16 @@ class Evaluation(NamedTuple):
         """Return the index of the true robot at each of the samples (k)."""
         return self.true.index(np.array([sample.t for sample in samples]))
 
-    def of_robots(self, value: Callable[[Robot], np.ndarray | None]) -> list[np.ndarray] | None:
-        """Return a value of each true robot, None where one has none."""
-        if not self.true.known:
-            return None
-        values = [value(robot) for robot in self.true.robots]
-        known = [part for part in values if part is not None]
-        return known if len(known) == len(values) else None
+    def of_robots(self, value: Callable[[Robot], np.ndarray | None]) -> np.ndarray | None:
+        """Return a value (p) of each true robot (k, p), None where one has none."""
+        return _rows([value(robot) for robot in self.true.robots]) if self.true.known else None
 
     def in_time(self, value: Callable[[Robot], np.ndarray | None]) -> np.ndarray | None:
         """Return the one value (p), or those of all samples (N, p) where there are several."""
         values = self.of_robots(value)
         if values is None or len(values) == 1:
             return None if values is None else values[0]
-        return np.array(values)[self.robots_at(self.samples)]
+        return np.asarray(values[self.robots_at(self.samples)])
 
     @np.errstate(all="ignore")  # a loop that diverges overflows
     def storage(self, samples: Sequence[Sample]) -> np.ndarray | None:
@@ -107,29 +101,12 @@ def truth_at(
     return Truth(a_k_true, a_d_true, M, C, plant.friction_at(q))
 
 
-def _of_finite(
-    values: Callable[[np.ndarray], np.ndarray], matrices: Sequence[np.ndarray]
-) -> np.ndarray:
-    """Return min(m, n) values of each matrix (N, m, n), NaN for matrices that are not finite."""
-    if not len(matrices):
-        return np.zeros((0, 0))
-    stack = np.array(matrices)
-    finite = np.isfinite(stack).all(axis=(1, 2))
-    result = np.full((len(stack), min(stack.shape[1:])), np.nan)
-    result[finite] = values(stack[finite])
-    return result
-
-
-SLOWED = 0.99  # rate of the path's time below which it counts as slowed
-_PART = 0.1  # of an interval, from which a cause is named
-
-
 class Slowdown(NamedTuple):
     """An interval in which a governor slowed the path.
 
     Attributes:
         start, end: time [s].
-        cause: as ``PathTime.cause``; several by the time that they acted, the longest first.
+        cause: as ``PathTime.cause``, the one that acted longest.
         least_rate: smallest ds/dt.
     """
 
@@ -141,40 +118,28 @@ class Slowdown(NamedTuple):
 
 def path_times(samples: Sequence[Sample]) -> np.ndarray | None:
     """Return the time of the path at each of the samples (N) [s], None without a governor."""
-    if not samples or samples[0].state.path is None:
-        return None
     paths = [(sample.t, sample.state.path) for sample in samples]
-    return np.array([path.at(t) for t, path in paths if path is not None])
+    return _rows([None if path is None else path.at(t) for t, path in paths])
 
 
 def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
-    """Return the intervals in which the path was slowed, in order."""
-    if not samples or samples[0].state.path is None:
-        return ()
-    found, acting = [], list[Sample]()
-    for sample in (*samples, None):
-        path = None if sample is None else sample.state.path
-        if sample is not None and path is not None and path.rate < SLOWED:
-            acting.append(sample)
-        elif acting:
-            paths = [each.state.path for each in acting if each.state.path is not None]
-            causes = Counter(each.cause for each in paths).most_common()
-            named = [cause for cause, count in causes if count >= _PART * len(paths)]
-            end = acting[-1].t if sample is None else sample.t
-            least = min(each.rate for each in paths)
-            found.append(Slowdown(acting[0].t, end, ", ".join(named), least))
-            acting = []
+    """Return the intervals in which the path was slowed by more than 1 %, in order."""
+    paths = [path for sample in samples if (path := sample.state.path) is not None]
+    slow = np.array([path.rate < 0.99 for path in paths], dtype=bool)
+    found = []
+    ends = np.flatnonzero(np.diff(slow, prepend=False, append=False)).reshape(-1, 2)
+    for first, end in ends.tolist():
+        ((cause, _),) = Counter(path.cause for path in paths[first:end]).most_common(1)
+        least = min(path.rate for path in paths[first:end])
+        last = samples[min(end, len(samples) - 1)].t
+        found.append(Slowdown(samples[first].t, last, cause, least))
     return tuple(found)
 
 
-_WINDOW, _FEWEST = 1.0, 64  # [s] and samples, of which a spectrum is made
+_FEWEST = 64  # samples of a spectrum; half or twice: of shorter or only of longer records
 _SLOWEST = 3.0  # [Hz] of ringing, where no bandwidth is known
-_RINGS, _PURE = 0.05, 0.85  # share of the joint's torque, and of what is fast in it
-# of the limits; half or twice: the same runs of late motors, springs and coarse encoders ring
-_VIOLENT = 0.33
-_NEAR_PEAK, _FEWEST_FREQUENCIES = 0.15, 8  # of its frequency; in a spectrum
-_CALM = 1.5  # [Hz] of ringing, at least
-_HARMONICS, _MOST = 4.0, 0.9  # of a motion that its torques have; of the power of its acceleration
+# Share of the joint's torque that rings, and of this share that has one frequency.
+_RINGS, _PURE = 0.05, 0.85
 
 
 class Ringing(NamedTuple):
@@ -196,96 +161,56 @@ def ringing(
     tau: np.ndarray,
     joints: Sequence[str],
     slowest: float = _SLOWEST,
-    limits: np.ndarray | float = np.inf,
 ) -> Ringing | None:
     """Return the ringing of recorded torques in the second half of a run, or None.
 
     A loop at its limit of stability oscillates at one frequency, sensor noise at all. A joint rings
     where the part of its torque above ``slowest`` has 5 % of the rms and 85 % of its power within
-    15 % of one frequency, or where this part is a third of the joint's limit (a torque that jumps
-    between its limits has no single frequency). Spectra are means of windows
-    of a second. Frequencies above half of the rate of the record appear below it.
+    15 % of one frequency. Spectra are means of windows of a second. Frequencies above half of the
+    rate of the record appear below it.
 
     Args:
         t: (N) time [s], in equal steps.
         tau: (N, nv) torque of the motors [N m or N].
         joints: their names.
         slowest: frequency above which torques are faster than motions of this robot [Hz].
-        limits: of the torques (nv) [N m or N].
     """
+    from scipy.signal import welch  # here, because scipy is slow to import
+
     finite = np.isfinite(tau).all(axis=1)
     count = len(t) if finite.all() else int(np.argmin(finite))
-    t, tau = t[:count], tau[:count]
     if count < _FEWEST:
         return None
-    dt = float(np.median(np.diff(t)))
-    length = min(count, max(_FEWEST, round(_WINDOW / dt))) if dt > 0.0 else 0
-    if not length:
+    rate = 1.0 / float(np.median(np.diff(t[:count])))
+    length = min(count, max(_FEWEST, round(rate)))
+    tau = tau[min(count // 2, count - length) : count]
+    f, power = welch(tau, rate, nperseg=length, detrend="linear", axis=0)
+    step, power = f[1], f[1] * power[f >= slowest]  # the sum over f is the mean square
+    f = f[f >= slowest]
+    if len(f) < 8:  # any oscillation would be near the strongest
         return None
-    frequencies = np.fft.rfftfreq(length, dt)
-    fast = frequencies >= slowest
-    if fast.sum() < _FEWEST_FREQUENCIES:
-        return None
-    f, window, ramp = frequencies[fast], np.hanning(length)[:, None], np.linspace(0.0, 1.0, length)
-    first, spectra = max(0, min(count // 2, count - length)), []
-    for k in range(first, count - length + 1, length // 2):
-        part = tau[k : k + length]
-        part = part - part[0] - np.outer(ramp, part[-1] - part[0])
-        spectra.append(np.fft.rfft((part - part.mean(axis=0)) * window, axis=0)[fast])
-    # its sum over f is the mean square of what is fast
-    power = np.mean(np.abs(spectra) ** 2, axis=0) / (0.5 * length * np.sum(window**2))
-    total, size = power.sum(axis=0), np.sqrt(np.mean(tau[first:] ** 2, axis=0))
-    violent = np.sqrt(total) > _VIOLENT * limits
-    found = None
+    fast, size = np.sqrt(power.sum(axis=0)), np.sqrt(np.mean(tau**2, axis=0))
+    found = []
     for joint, name in enumerate(joints):
         own, peak = power[:, joint], int(np.argmax(power[:, joint]))
-        near = np.abs(f - f[peak]) <= max(_NEAR_PEAK * f[peak], 2.0 * frequencies[1])
-        pure = peak >= 2 and own[near].sum() > _PURE * total[joint]  # no edge of the motion's own
-        if not (violent[joint] or (pure and np.sqrt(total[joint]) > _RINGS * size[joint])):
-            continue
-        share = float(np.sqrt(total[joint]) / size[joint])
-        if found is None or share > found.share:
-            found = Ringing(name, float(f[peak]), share)
-    return found
+        near = np.abs(f - f[peak]) <= max(0.15 * f[peak], 2.0 * step)
+        pure = peak >= 2 and own[near].sum() > _PURE * own.sum()  # no edge of the motion's own
+        if pure and fast[joint] > _RINGS * size[joint]:
+            found.append(Ringing(name, float(f[peak]), float(fast[joint] / size[joint])))
+    return max(found, key=lambda each: each.share, default=None)
 
 
-def ringing_of(
-    t: np.ndarray, x_d: np.ndarray, tau: np.ndarray, controller: Controller
-) -> Ringing | None:
+def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringing | None:
     """Return the ringing of torques tau (N, nv) [N m or N] of a controller's run, or None.
 
-    Only frequencies above those of the desired motion x_d (N, .) or of the feedback count.
+    Only frequencies above those of its feedback count.
     """
-    robot, slowest = controller.kinematics.robot, _SLOWEST
-    if controller.motion is not None:
-        slowest = min(controller.motion.bandwidth / (2.0 * np.pi), beyond_motion(t, x_d))
-    return ringing(t, tau, robot.joint_names, slowest, effort_limits(robot.model))
-
-
-def beyond_motion(t: np.ndarray, x_d: np.ndarray) -> float:
-    """Return the frequency [Hz] above which torques do not follow from a desired motion.
-
-    Four times the one up to which the second half of the motion has 90 % of the power of its
-    acceleration, and at least 1.5 Hz; infinite for a record that is too short.
-
-    Args:
-        t: (N) time [s], in equal steps.
-        x_d: (N, .) desired task coordinates.
-    """
-    half = len(t) // 2
-    if len(t) - half < _FEWEST:
-        return np.inf
-    a = np.diff(x_d[half:], 2, axis=0)
-    power = np.sum(np.abs(np.fft.rfft(a * np.hanning(len(a))[:, None], axis=0)) ** 2, axis=1)
-    most = int(np.argmax(np.cumsum(power) >= _MOST * power.sum()))  # the window widens it by one
-    fastest = max(most - 1, 0) / (len(a) * float(np.median(np.diff(t))))
-    return float(max(_CALM, _HARMONICS * fastest))
+    motion, names = controller.motion, controller.kinematics.robot.joint_names
+    slowest = _SLOWEST if motion is None else motion.bandwidth / (2.0 * np.pi)
+    return ringing(t, tau, names, slowest)
 
 
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
-_TENTH = 10  # parts of a run, of which errors are stated for the first and the last
-_LOOKS = 100  # samples at which a tool is compared with its picture
-_DRAWN = 1000  # samples of V in a figure
 
 
 class Transient(NamedTuple):
@@ -326,8 +251,8 @@ class Recording:
         reason: why it diverged, or None.
         wall_time: seconds for the whole run.
         step_time: mean seconds of one controller step; zero in continuous mode, which has no steps.
-        evaluation: what the properties are computed by; None once the rollout was copied to another
-            process, with all of them computed.
+        evaluation: what the properties are computed by; None once the rollout was loaded.
+        bridged: how many samples the controller replaced by a prediction, by kind.
         marks: time [s] and a few words for each change of the true robot and each announcement to
             the controller.
         interrupted: time [s] at which the user stopped the run, or None; the arrays end there.
@@ -339,7 +264,6 @@ class Recording:
         slowed: when a governor slowed the path, and why, in order; see ``Limits.governor``.
         ringing: which torque oscillates faster than the motion, how fast and how much, or None; see
             ``pinadapt.rollout.ringing``.
-        bridged: how many samples the controller replaced by a prediction, by kind.
     """
 
     title: str
@@ -364,6 +288,7 @@ class Recording:
     wall_time: float
     step_time: float
     evaluation: Evaluation | None
+    bridged: Bridged
     marks: tuple[tuple[float, str], ...] = ()
     interrupted: float | None = None
     path_extent: float | None = None
@@ -371,7 +296,6 @@ class Recording:
     path_time: np.ndarray | None = None
     slowed: tuple[Slowdown, ...] = ()
     ringing: Ringing | None = None
-    bridged: Bridged = _NONE_BRIDGED
 
     @cached_property
     def error(self) -> np.ndarray:
@@ -410,17 +334,18 @@ class Recording:
     @property
     def transients(self) -> list[Transient]:
         """The error after each of the marks that has samples after it."""
-        ends = np.searchsorted(self.t, [at - EARLY for at, _ in self.marks] + [np.inf])
+        begins = np.searchsorted(self.t, [at - EARLY for at, _ in self.marks])
         distance, found = self.distance, []
-        for (at, what), first, last in zip(self.marks, ends, ends[1:], strict=False):
-            if first == last:
+        parts = np.split(np.arange(len(self.t)), begins)[1:]
+        for (at, what), part in zip(self.marks, parts, strict=True):
+            if not part.size:
                 continue
-            far = np.flatnonzero(~(distance[first:last] < CLOSE))  # NaN is far
+            far = part[~(distance[part] < CLOSE)]  # NaN is far
             back: float | None = 0.0
             if far.size:
-                after = first + far[-1] + 1
-                back = round(float(self.t[after] - at), 6) if after < last else None
-            found.append(Transient(at, what, float(distance[first:last].max()), back))
+                last = far[-1] == part[-1]
+                back = None if last else round(float(self.t[far[-1] + 1] - at), 6)
+            found.append(Transient(at, what, float(distance[part].max()), back))
         return found
 
     @cached_property
@@ -447,8 +372,6 @@ class Recording:
 
         None where nothing of the dynamics is estimated, or a number is not finite.
         """
-        if self.evaluation is None:
-            return None
         torques, truth = self.motion_torques(), self.a_d_true
         if torques is None:
             return None
@@ -456,16 +379,20 @@ class Recording:
             torques, truth if truth is None or truth.ndim == 1 else truth[-1]
         )
 
-    @property
-    def not_excited(self) -> tuple[str, ...]:
-        """Names of the dynamic parameters that the motion since the last mark does not excite."""
-        return () if self.prediction is None else self.prediction.not_excited
+    @cached_property
+    def not_identified(self) -> tuple[str, ...]:
+        """Names of the dynamic parameters that the motion does not identify by themselves."""
+        torques = self.motion_torques()
+        if torques is None:
+            return ()
+        excited = torques.excited
+        return tuple(n for n, alone in zip(excited.names, excited.alone, strict=True) if not alone)
 
     def motion_torques(self) -> MotionTorques | None:
         """Return the torques since the last mark, and what of the parameters they depend on.
 
         Raises:
-            InputError: the rollout has only the numbers left.
+            InputError: the rollout was loaded.
         """
         return motion_torques(self.evaluated().controller, self.samples_since_last_mark())
 
@@ -473,7 +400,7 @@ class Recording:
         """Return the samples since the last change of the robot or announcement.
 
         Raises:
-            InputError: the rollout was copied to another process.
+            InputError: the rollout was loaded.
         """
         since = max((at for at, _ in self.marks), default=-np.inf)
         return [sample for sample in self.evaluated().samples if sample.t >= since]
@@ -492,7 +419,7 @@ class Recording:
     @cached_property
     def lyapunov_curve(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Times [s] and V of at most 1000 samples, or None where undefined."""
-        chosen = np.unique(np.linspace(0, len(self.t) - 1, min(len(self.t), _DRAWN)).astype(int))
+        chosen = np.unique(np.linspace(0, len(self.t) - 1, min(len(self.t), 1000)).astype(int))
         run = self.evaluated()
         V = run.storage([run.samples[k] for k in chosen])
         return None if V is None else (self.t[chosen], V)
@@ -501,24 +428,27 @@ class Recording:
     @np.errstate(all="ignore")
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
-        run, M = self.evaluated(), []
+        run, found = self.evaluated(), np.full(len(self.t), np.nan)
         dynamics, project = run.controller.dynamics, run.controller.adaptation_d.project
-        for sample in run.samples:
+        for k, sample in enumerate(run.samples):
             q = sample.measurement.q
             dynamics.load(project(sample.state.dynamic, q))
-            M.append(dynamics.mass_matrix(q))
-        return _of_finite(np.linalg.eigvalsh, M).min(axis=1, initial=np.inf)
+            if np.isfinite(M := dynamics.mass_matrix(q)).all():
+                found[k] = np.linalg.eigvalsh(M)[0]
+        return found
 
     @cached_property
     @np.errstate(all="ignore")
     def singular_J_hat(self) -> np.ndarray:
         """Singular values (N, m) of the estimated Jacobian, descending; NaN where not finite."""
-        run, J = self.evaluated(), []
+        run = self.evaluated()
         kinematics = run.controller.kinematics
-        for sample in run.samples:
+        found = np.full((len(self.t), min(kinematics.J.shape)), np.nan)
+        for k, sample in enumerate(run.samples):
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
-            J.append(kinematics.J)
-        return _of_finite(lambda stack: np.linalg.svd(stack, compute_uv=False), J)
+            if np.isfinite(kinematics.J).all():
+                found[k] = np.linalg.svd(kinematics.J, compute_uv=False)
+        return found
 
     @property
     def min_singular_J_hat(self) -> np.ndarray:
@@ -551,14 +481,11 @@ class Recording:
         run = self.evaluated()
         if not run.true.known:
             return None
-        last = window(np.arange(len(self.t)), False)
-        seen = [run.samples[k] for k in last[:: max(1, len(last) // _LOOKS)]]
-        found = []
-        for sample, k in zip(seen, run.robots_at(seen), strict=True):
-            robot = run.true.robots[k]
+        last, found = window(np.arange(len(self.t)), False), []
+        for k in last[:: max(1, len(last) // 100)]:
+            robot = run.true.robots[int(run.true.index(self.t[k]))]
             assert isinstance(robot.task, ImageTask)
-            p = robot.placement(sample.truth.q).translation
-            found.append(robot.task.distance(p, sample.desired.x_d))
+            found.append(robot.task.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
         return extreme(np.max, np.array(found))
 
     @cached_property
@@ -584,9 +511,10 @@ class Recording:
         """How far motion and desired motion of each joint exceeded the description's limits."""
         run = self.evaluated()
         robot = run.true.robots[0]
-        moved, desired = (of(robot, run.samples) for of in (motion_of_plant, motion_of_reference))
-        assert moved is not None
-        return LimitExcess.of(robot, moved, desired)
+        q = self.q[:, [joint.idx_q for joint in robot.model.joints[1:]]]
+        return LimitExcess.of(
+            robot, (q, self.v, self.tau), reference_motion(robot, [s.desired for s in run.samples])
+        )
 
     @cached_property
     def effort_limits(self) -> np.ndarray:
@@ -597,35 +525,25 @@ class Recording:
         """Return what the properties are computed by: robots, controller and samples.
 
         Raises:
-            InputError: the rollout was loaded or copied to another process and has only the
-                numbers left.
+            InputError: the rollout was loaded from files, which have only the numbers.
         """
         if self.evaluation is None:
             raise InputError(
-                "a rollout that was loaded, or copied to another process, has its numbers, but "
-                "no robots.",
+                "a rollout that was loaded has its numbers, but no robots.",
                 where="rollout",
                 hint="Ask for this where it ran.",
             )
         return self.evaluation
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Compute every property and leave out what they are computed from."""
-        for kind in type(self).__mro__:
-            for name, attribute in vars(kind).items():
-                if isinstance(attribute, cached_property):
-                    getattr(self, name)
-        return {**self.__dict__, "evaluation": None}
 
-
-def _rows(values: Sequence[np.ndarray | None]) -> np.ndarray | None:
+def _rows(values: Sequence[Any]) -> np.ndarray | None:
     """Return the values as rows (N, .), or None where they are, or there is none."""
     return np.array(values) if values and all(v is not None for v in values) else None
 
 
 def window(values: np.ndarray, first: bool) -> np.ndarray:
     """Return the first or last 10 % of the values, at least one where there is one."""
-    count = max(1, len(values) // _TENTH)
+    count = max(1, len(values) // 10)
     return values[:count] if first else values[-count:]
 
 

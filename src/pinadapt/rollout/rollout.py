@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,29 +62,34 @@ class Rollout(Recording):
     @property
     def verdict(self) -> str:
         """The outcome of the run in one line: error, limits exceeded, what to try."""
-        return summary.verdict(self)
+        return str(self.numbers["verdict"])
+
+    @cached_property
+    def numbers(self) -> dict[str, Any]:
+        """The numbers of ``summary.json``; None stands for what is not finite."""
+        return summary.summary(self)
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; None stands for what is not finite."""
-        return summary.summary(self)
+        """Return a copy of ``numbers``."""
+        return dict(self.numbers)
 
     def __str__(self) -> str:
         """Return a table of the most important numbers, and the verdict."""
         return str(self._sheet())
 
     def __repr__(self) -> str:
-        """Return a few lines: robot, law, duration, errors."""
-        return str(summary.brief(self))
+        """Return title and verdict."""
+        return f"{self.title}: {self.verdict}"
 
     def _repr_html_(self) -> str:
         return self._sheet().html()
 
     def _sheet(self) -> Sheet:
-        return summary.sheet(self)._replace(note=self.verdict)
+        return summary.sheet(self, self.numbers)._replace(note=self.verdict)
 
     def save(self, folder: Path | str) -> None:
         """Write ``summary.json`` and ``rollout.npz`` into a folder, made if it is missing."""
-        summary.save(self, Path(folder))
+        summary.save(self, self.summary, Path(folder))
 
     @classmethod
     def load(cls, folder: Path | str) -> Rollout:
@@ -119,16 +125,11 @@ class Rollout(Recording):
             frames_per_second: of the animation, at most one per sample.
 
         Raises:
-            InputError: frames_per_second is not positive, or the rollout was copied to another
-                process.
-            PinadaptError: meshcat's viewer cannot be used.
+            InputError: frames_per_second is not positive, or the rollout was loaded.
         """
         from ..view.page import animation_of
 
-        evaluation = self.evaluated()
-        return animation_of(
-            self, evaluation.true, evaluation.controller, frames_per_second=frames_per_second
-        )
+        return animation_of(self, frames_per_second=frames_per_second)
 
     def learned(self, *, all_estimates: bool = False) -> Robot:
         """Return the model with the last estimates as a robot; see ``Controller.learned``.
@@ -142,7 +143,7 @@ class Rollout(Recording):
 
         Raises:
             ParameterError: as ``Controller.learned``, or the estimates are not finite.
-            InputError: the rollout was copied to another process, or has no sample.
+            InputError: the rollout was loaded, or has no sample.
         """
         evaluation = self.evaluated()
         state, along = evaluation.last_state, None if all_estimates else self._along_excited()

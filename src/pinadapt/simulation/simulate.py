@@ -448,7 +448,7 @@ def rollout_of(
         path_extent=extent,
         path_time=path_times(samples),
         slowed=slowdowns(samples),
-        ringing=ringing_of(np.array([sample.t for sample in samples]), x_d, tau, controller),
+        ringing=ringing_of(np.array([sample.t for sample in samples]), tau, controller),
     )
 
 

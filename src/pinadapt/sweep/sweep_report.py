@@ -20,7 +20,7 @@ import numpy as np
 from .._output import Sheet, Table, html_page, percent, whole_file, write_text
 from .._version import __version__
 from ..exceptions import InputError
-from ..plots.style import RC, RED, Picture, colour, curve, legend, literal
+from ..plots.style import RC, Picture, legend, literal
 from .cases import Plan, condition, flat
 from .table import DONE, LAST, CaseTable
 
@@ -297,7 +297,7 @@ class Report:
             figure = Picture(figsize=(7.0, 4.6), layout="constrained")
             ax, norm = figure.add_subplot(), _norm(scale * values[finite])
             drawn = ax.scatter(a[finite], b[finite], c=scale * values[finite], norm=norm, s=18)
-            ax.scatter(a[~finite], b[~finite], marker="x", color=RED, s=28, label="lost")
+            ax.scatter(a[~finite], b[~finite], marker="x", color="C3", s=28, label="lost")
             _label_axes(ax, (x, a), (y, b))
             if not finite.all():
                 legend(ax)
@@ -318,10 +318,8 @@ class Report:
                 [np.quantile(values[g], _BANDS, method="inverted_cdf") for g in groups]
             ).T
             low, median, high = scale * np.where(np.isfinite(levels), levels, np.nan)
-            ax.fill_between(
-                places, low, high, color=colour(0), alpha=0.2, lw=0.0, label="5 to 95 %"
-            )
-            curve(ax, places, median, 0, 0, "median")
+            ax.fill_between(places, low, high, color="C0", alpha=0.2, lw=0.0, label="5 to 95 %")
+            ax.plot(places, median, marker="o", label="median")
             _label_axes(ax, (x, a), (_label(self.main), values[np.isfinite(values)]))
             legend(ax)
         return figure

@@ -10,7 +10,6 @@ from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Condition, Thread
 from time import perf_counter, sleep
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,9 +18,9 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .drawing import DESIRED, TRUE, Poses, Window, framed
-from .page import Moment, Page, curves_of, reading_of, viewpoint_for
-from .scene import Scene, desired_tip, estimated_axes, motion_in_time, motion_of
+from .drawing import TRUE, Keyframes, Window, framed, solid
+from .page import Viewpoint, page, readings, task_curves
+from .scene import Scene, desired_tip, motion_of
 
 if TYPE_CHECKING:
     from ..controller.state import Sample
@@ -29,14 +28,10 @@ if TYPE_CHECKING:
 
 def open_in_browser(address: str) -> bool:
     """Open an address in a browser if there is a display; return whether one was started."""
-    return _has_display() and webbrowser.open(address)
-
-
-def _has_display() -> bool:
-    """Return whether there is a display; without one a text browser would take the terminal."""
-    if sys.platform.startswith("linux"):
-        return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-    return True
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not display:  # a text browser would take the terminal
+        return False
+    return webbrowser.open(address)
 
 
 _PATIENCE = 2.0  # [s] for browsers to read the last messages before the server stops
@@ -73,9 +68,8 @@ class Broadcast(Window):
         try:
             while not closed:
                 with self._changed:
-                    while self._count == seen and not self._closed:
-                        self._changed.wait()
-                    new = self._since(seen)
+                    self._changed.wait_for(lambda: self._closed or self._count > seen)  # noqa: B023
+                    new = [message for n, message in self._latest.values() if n > seen]
                     seen, closed = self._count, self._closed
                 yield from map(framed, new)  # one at a time, as a slow reader holds what it gets
         finally:
@@ -95,60 +89,41 @@ class Broadcast(Window):
             self._changed.notify_all()
             self._changed.wait_for(lambda: self._readers == 0, _PATIENCE)
 
-    def _since(self, seen: int) -> list[bytes]:
-        new: list[bytes] = []
-        for number, message in reversed(self._latest.values()):
-            if number <= seen:
-                break
-            new.append(message)
-        return new[::-1]
 
-
-class Server:
+class Server(ThreadingHTTPServer):
     """Serves one page and its messages, to this machine only.
-
-    Attributes:
-        url: of the page.
-    """
-
-    def __init__(self, page: str, messages: Broadcast, port: int = 0) -> None:
-        """Start the server; port 0 takes any free port."""
-        self._messages = messages
-
-        class Handler(_Handler):
-            content, source = page.encode(), messages
-
-        self._http = _Local(port, Handler)
-        self.url = f"http://127.0.0.1:{self._http.server_port}/"
-        self._thread = Thread(target=self._http.serve_forever, args=(0.05,), daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Let browsers read the remaining messages, stop, and free the port."""
-        self._messages.close()
-        self._http.shutdown()
-        self._thread.join()
-        self._http.server_close()
-
-
-class _Local(ThreadingHTTPServer):
-    """Answers requests for this machine.
 
     A page of another site whose name was made to point here sends that name as Host, and is
     refused (DNS rebinding).
+
+    Attributes:
+        url: of the page.
+        page: in HTML.
+        messages: that the page reads.
+        hosts: names by which it may be asked for.
     """
 
     daemon_threads = True
 
-    def __init__(self, port: int, handler: type[BaseHTTPRequestHandler]) -> None:
-        super().__init__(("127.0.0.1", port), handler)
+    def __init__(self, page: str, messages: Broadcast, port: int = 0) -> None:
+        """Start the server; port 0 takes any free port."""
+        super().__init__(("127.0.0.1", port), _Handler)
+        self.page, self.messages = page.encode(), messages
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
+        self.url = f"http://127.0.0.1:{self.server_port}/"
+        self._thread = Thread(target=self.serve_forever, args=(0.05,), daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Let browsers read the remaining messages, stop, and free the port."""
+        self.messages.close()
+        self.shutdown()
+        self._thread.join()
+        self.server_close()
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Local
-    content: bytes
-    source: Broadcast
+    server: Server
     timeout = _PATIENCE  # for a browser that does not read
 
     def do_GET(self) -> None:
@@ -156,21 +131,17 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Host") not in self.server.hosts:
             self.send_error(421, "this page is served to the same machine only")
         elif self.path == "/":
-            self._begin("text/html; charset=utf-8")
-            self._give(iter([self.content]))
+            self._send("text/html; charset=utf-8", [self.server.page])
         elif self.path == "/messages":
-            self._begin("application/octet-stream")
-            self._give(self.source.read())
+            self._send("application/octet-stream", self.server.messages.read())
         else:
             self.send_error(404)
 
-    def _begin(self, kind: str) -> None:
+    def _send(self, kind: str, parts: Iterable[bytes]) -> None:
         self.send_response(200)
         self.send_header("Content-Type", kind)
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
-
-    def _give(self, parts: Iterator[bytes]) -> None:
         with suppress(OSError):  # the browser has disconnected
             for part in parts:
                 self.wfile.write(part)
@@ -179,24 +150,8 @@ class _Handler(BaseHTTPRequestHandler):
         """Log nothing."""
 
 
-_RATE = 30.0  # [1/s] frames
-_PIECE = 30  # frames of the traced path that are drawn as one object
-_ARRIVAL = 10.0  # [s] to wait for the browser that was opened
-_DESIRED_POINTS = 600
-_PATIENT = 30.0  # [s] to wait for a visitor from elsewhere
-_LATER = (
-    "To see a run afterwards: `pinadapt run` writes a page, which `pinadapt view FOLDER` and "
-    "any browser show; in Python `rollout.animate().save(...)`."
-)
-
-
-def on_terminal() -> bool:
-    """Return whether standard error is a terminal."""
-    return sys.stderr is not None and sys.stderr.isatty()
-
-
-def _say(words: str) -> None:
-    print(f"live view: {words}", file=sys.stderr, flush=True)
+_RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
+_ARRIVAL = 30.0  # [s] to wait for the browser; half or twice: so much for who opens it by hand
 
 
 class LiveView:
@@ -242,43 +197,41 @@ class LiveView:
             port: of the server; 0 takes any free port.
 
         Raises:
-            PinadaptError: meshcat's viewer cannot be used.
             OSError: the port is not available.
         """
         self._robots, self._controller = Succession.of(true, changes), controller
-        self._curves = curves_of(self._robots, controller, torques=False)
-        self._window, self._poses = Broadcast(), Poses()
+        self._window = Broadcast()
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | None = None
         self._end = "the run has ended"
         self._traced: list[np.ndarray] = []
         here = motion_of(true, true.q0[None])
-        t = np.linspace(0.0, duration, _DESIRED_POINTS)
+        t = np.linspace(0.0, duration, 600)
         x_d = as_trajectory(trajectory, true.task).positions(t)
         path = desired_tip(true, x_d, here.tip[0])
-        viewpoint = viewpoint_for(np.vstack([here.points, path]), path)
-        self._scene = Scene(self._window, self._robots, controller.kinematics, viewpoint.size)
-        self._scene.add_point()
-        self._scene.add_path("desired", path, DESIRED, 0.004)
-        if not controller.kinematics.calibrated and controller.kinematics.affine:
-            self._scene.add_estimated_path(path, 0.004)
-        page = Page(title or true.name, self._scene.legend, viewpoint, self._curves, duration)
-        self._server = Server(page.html(), self._window, port)
+        viewpoint = Viewpoint.of(np.vstack([here.points, path]), path)
+        described = self._robots, controller.kinematics
+        self._scene = Scene(self._window, *described, viewpoint.size, Keyframes(t[:1]), path)
+        start = x_d[:1], x_d[:1], np.asarray(controller.kinematics.initial)[None]
+        curves = [*task_curves(self._robots, controller, t[:1], *start)]
+        html = page(title or true.name, self._scene.legend, viewpoint, curves, duration)
+        self._server = Server(html, self._window, port)
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
         if not browser:
             return
-        if open_in_browser(self.url):
+        if not (opened := open_in_browser(self.url)):
+            at = self.url.rpartition(":")[2].rstrip("/")
+            print(
+                "live view: There is no display here: open the address in a browser of this "
+                f"machine, or of another one after `ssh -L {at}:127.0.0.1:{at}`. To see a run "
+                "afterwards: `pinadapt run` writes a page, which any browser shows.",
+                file=sys.stderr,
+                flush=True,
+            )
+        if opened or (sys.stderr is not None and sys.stderr.isatty()):
             self._window.wait_for_reader(_ARRIVAL)
-            return
-        at = self.url.rpartition(":")[2].rstrip("/")
-        _say(
-            f"There is no display here: open the address in a browser of this machine, or of "
-            f"another one after `ssh -L {at}:127.0.0.1:{at}`. {_LATER}"
-        )
-        if on_terminal():  # somebody reads this
-            self._window.wait_for_reader(_PATIENT)
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
@@ -288,11 +241,10 @@ class LiveView:
                 if sample.t >= self._next:
                     self.show(sample)
                 yield sample
-        except DivergedError as error:
-            self._end = f"diverged at {error.time:.2f} s"
-            raise
-        except KeyboardInterrupt:
-            self._end = "interrupted"
+        except (Exception, KeyboardInterrupt) as error:
+            self._end = "the run has stopped"
+            if isinstance(error, DivergedError):
+                self._end = f"diverged at {error.time:.2f} s"
             raise
 
     def show(self, sample: Sample) -> None:
@@ -308,20 +260,14 @@ class LiveView:
         q, a_k = sample.truth.q, sample.state.a_k
         if not (np.isfinite(q).all() and np.isfinite(a_k).all()):
             return
-        t = np.array([sample.t])
-        truth = motion_in_time(self._robots, t, q[None])
-        kinematics = self._controller.kinematics
-        estimated = motion_of(kinematics.robot, q[None], kinematics, a_k[None])
-        self._scene.place(t, truth, estimated, self._poses)
-        desired = desired_tip(self._robots.robots[0], sample.desired.x_d[None], truth.tip)
-        self._scene.move_point(desired, self._poses)
-        axes = estimated_axes(self._robots.robots[0], kinematics, a_k[None])
-        if axes is not None:
-            self._scene.move_estimated_path(axes, self._poses)
-        self._trace(truth.tip[0])
+        t, x_d = np.array([sample.t]), sample.desired.x_d[None]
+        motion = self._scene.show(t, q[None], x_d, a_k[None])
+        self._trace(motion.tip[0])
         assert sample.truth.x is not None  # perfect sensors see the task
-        moment = Moment(sample.t, sample.truth.x, sample.desired.x_d, a_k, sample.state.a_d)
-        self._window.note(("reading", sample.t), reading=reading_of(self._curves, moment))
+        both = sample.truth.x[None], x_d
+        curves = task_curves(self._robots, self._controller, t, *both, a_k[None])
+        for reading in readings(t, curves):
+            self._window.note(("reading", sample.t), reading=reading)
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""
@@ -334,20 +280,13 @@ class LiveView:
         """Return this view."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the view."""
-        if error is not None:
-            self._end = "the run has stopped"
         self.close()
 
     def _trace(self, tip: np.ndarray) -> None:
-        """Extend the traced path to a point (3) [m]; its last piece is drawn again."""
+        """Extend the traced path to a point (3) [m]; its last second is drawn again."""
         self._traced.append(tip)
-        first = (len(self._traced) - 2) // _PIECE * _PIECE
+        first = (len(self._traced) - 2) // 30 * 30
         piece = np.array(self._traced[max(first, 0) :])
-        self._scene.add_path(f"true/{first}", piece, TRUE, 0.005)
+        self._scene.add_path(f"true/{first}", piece, 0.005, solid(TRUE))
