@@ -102,8 +102,8 @@ class Carrier:
             with Recorder(path, self.controller) as recorder:
                 arm, loop = self.run(np.zeros(3), LEARNED, recorder)
             residual = np.abs(CycleLog.read(path).cycles.residual).max(axis=0)
-        state = loop.ending.state
-        assert state is not None and not loop.ending.failed, loop.ending
+        state = loop.result.state
+        assert state is not None and not loop.result.failed, loop.result
         self.start = {"a_k": state.a_k, "a_d": state.a_d}
         limits = effort_limits(self.true.model)
         share = float((residual / limits).max())

@@ -208,7 +208,7 @@ def test_an_arm_in_error_refuses_before_anything_moves():
     loop = Loop(arm(kind=InError))
     with pytest.raises(ArmError, match="joint limit"), loop.arm:
         loop.run()
-    assert loop.loop.ending.failed and moved(loop) == 0.0
+    assert loop.loop.result.failed and moved(loop) == 0.0
 
 
 def test_an_arm_that_compensates_gravity_is_sent_the_difference():
@@ -243,7 +243,7 @@ NONSENSE = {
     "ragged": (lambda m: m._replace(v=[[1.0], [1.0, 2.0]]), "measurement 'v': expected 2 numbers"),
     "infinite q": (lambda m: m._replace(q=m.q * np.inf), "measurement 'q' is not finite"),
     "no time": (lambda m: m._replace(t=None), "measurement 't': expected a time, got None"),
-    "time nan": (lambda m: m._replace(t=np.nan), "measurement 't': expected a time, got nan"),
+    "time nan": (lambda m: m._replace(t=np.nan), "measurement 't' is not finite"),
     "long x": (lambda m: m._replace(x=np.zeros(5)), "measurement 'x': expected 2 numbers"),
     "text x_time": (lambda m: m._replace(x_time="now"), "measurement 'x_time': expected a time"),
     "short tau": (lambda m: m._replace(tau=np.zeros(1)), "measurement 'tau': expected 2 numbers"),

@@ -88,7 +88,7 @@ def test_every_cycle_is_in_the_log(run):
     path, _, loop, ending, _ = run
     log = CycleLog.read(path)
     assert log.whole and len(log) == ending.cycles and log.about["by"] == "test"
-    t = log.cycles.t[:, 0]
+    t = log.cycles.t
     assert np.allclose(np.diff(t), PERIOD) and log.about["robot"] == robot().name
     assert np.array_equal(log.cycles.sent[:-1], loop.arm.sent)
     phases = [event["phase"] for event in log.events if "phase" in event]
@@ -166,9 +166,9 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
 
         loop = Loop(faulty(kill), recorder=recorder, seconds=60.0)
         ending = loop.ended()
-    assert "log: the process of the log has died" in ending.reason
+    assert "log: the process has died" in ending.reason
     log = CycleLog.read(path)
-    assert not log.whole and len(log) >= seen[0] > 120
+    assert not log.whole and len(log) >= seen[0] - 0.1 / PERIOD > 120
     assert log.replay(controller()).same
 
 

@@ -112,7 +112,6 @@ class FrankaArm(Arm):
             torque=TORQUE,
             torque_rate=TORQUE_RATE,
             compensation=Gravity(robot),
-            friction=True,
         )
         kind = pylibfranka.RealtimeConfig
         try:
