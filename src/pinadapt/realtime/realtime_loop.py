@@ -289,27 +289,24 @@ class RealtimeLoop:
         self._scheduling = Scheduling() if scheduling is None else scheduling
         self._say = say if say is not None else _print
         n, task = kinematics.nv, kinematics.task
-        self._shapes = {
-            "t": (),
-            "q": (kinematics.nq,),
-            "v": (n,),
-            "a": (n,),
-            "tau": (n,),
-            "w": (n,),
-        }
+        self._shapes = {"t": (), "q": (kinematics.nq,)} | dict.fromkeys(
+            ("v", "a", "tau", "w"), (n,)
+        )
         if kinematics.positions:  # a joint task ignores x
             self._shapes |= {"x": (task.coordinates,), "x_time": (), "xd": (task.size,)}
+        self._flaw = ""  # of the latest measurement
         self._sent = np.zeros(n)  # torque by the loop, and that of the motors
         self._given: np.ndarray | None = None
         self._state: ControllerState | None = None
         self._path: Trajectory | None = None
-        self._begin = self._t = self._first = 0.0
+        self._begin = self._t = 0.0
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
         self._halted = False  # by a command, which another one takes back
         self._adapting, self._resting, self._calm = self.stage is Stage.ADAPT, False, 0.0
         self._frame: tuple[np.ndarray, float] | None = None  # of another process
         self._signals = 0
         self._last: deque[tuple[np.ndarray, ...]] = deque(maxlen=round(_RINGING / self._period))
+        self._tick: dict[str, Any] = {}  # what is recorded of a cycle
         self.result = RunResult()
 
     # --- a run ----------------------------------------------------------------------------------
@@ -399,7 +396,7 @@ class RealtimeLoop:
         arm.read()
         if self.stage is not Stage.LOG:
             arm.begin()
-        m = self._read_first()
+        m = self._read()
         if m.x is None:
             m = m._replace(x=first.x)  # the arm rests, so an old frame is still valid
         self._begin = self._t = m.t
@@ -436,10 +433,7 @@ class RealtimeLoop:
             ArmError: none comes.
         """
         for _ in range(round(_PATIENCE / self._period)):
-            m = self._read_first()
-            self._t = m.t
-            self._heed_commands(m)
-            m = self._with_frame(m)
+            m = self._read()
             if m.x is not None or not self._controller.kinematics.positions:
                 return m
             if not self._facts.paced:
@@ -450,48 +444,44 @@ class RealtimeLoop:
             hint="Does the camera run? Without one take a joint task.",
         )
 
-    def _read_first(self) -> Measurement:
-        """Return a measurement before anything moves.
+    def _read(self) -> Measurement:
+        """Return the next measurement, and do what other processes ask for; set ``_flaw``.
 
         Raises:
-            ArmError: there is something wrong with it.
+            ArmError: something is wrong with it before anything moves.
         """
-        m, flaw = as_measured(self._arm.read(), self._shapes, self._t)
-        if flaw:
-            raise ArmError(f"{flaw}.", where=self._facts.name)
+        m, self._flaw = as_measured(self._arm.read(), self._shapes, self._t + self._period)
+        if self._flaw and self._phase is Phase.STARTING:
+            raise ArmError(f"{self._flaw}.", where=self._facts.name)
+        self._t = m.t
+        for name, value in self._recorder.commands() if self._recorder is not None else ():
+            try:
+                self._command(name, value)
+            except PinadaptError as error:
+                self._note(f"refused: {error}")
+        if self._frame is not None and m.x is None:
+            (x, x_time), self._frame = self._frame, None
+            m = m._replace(x=x, x_time=x_time)
         return m
-
-    def _with_frame(self, m: Measurement) -> Measurement:
-        """Return a measurement with the frame that another process has sent, if there is one."""
-        if self._frame is None or m.x is not None:
-            return m
-        (x, x_time), self._frame = self._frame, None
-        return m._replace(x=x, x_time=x_time)
 
     def _cycles(self, m: Measurement, duration: float | None) -> None:
         """Run the cycles from the first measurement on."""
-        arm, result, period = self._arm, self.result, self._period
+        arm, result, period, recorder = self._arm, self.result, self._period, self._recorder
         clock = time.perf_counter
-        due = arrived = self._first = clock()
-        in_time = self._facts.clock != "simulated"
+        due = arrived = first = clock()
         host = dt = 0.0
-        flaw = ""
         while True:
             began = clock()
-            self._t = m.t
-            torque = self._cycle(m, flaw, dt, host, began)
+            self._tick |= {"host": began - first, "dt": dt, **m._asdict()}
+            torque = self._cycle(m, dt, host)
             if torque is not None:
                 arm.send(torque.copy())
             spent = clock() - began
             result.step.add(spent)
             result.cycles += 1
-            if self._recorder is not None:
-                self._recorder.commit(
-                    step_us=1e6 * spent,
-                    phase=self._phase,
-                    sent=self._sent,
-                    residual=self._checks.residual,
-                )
+            if recorder is not None:
+                self._tick |= {"step_us": 1e6 * spent, "phase": self._phase, "sent": self._sent}
+                recorder.record(self._tick)
             if self._phase is Phase.STOPPED:
                 return
             if duration is not None and m.t - self._begin >= duration and not self._leaving:
@@ -503,28 +493,24 @@ class RealtimeLoop:
                     time.sleep(left)
                 elif left < -period:
                     due = clock()  # missed deadlines are not made up for
-            m, flaw = as_measured(arm.read(), self._shapes, self._t + period)
-            before, arrived = arrived, clock()
-            dt, host = m.t - self._t, arrived - before
+            before, earlier = arrived, m.t
+            m = self._read()
+            arrived = clock()
+            dt, host = m.t - earlier, arrived - before
             result.period.add(host)
-            host = host if in_time else 0.0
+            host = 0.0 if self._facts.clock == "simulated" else host
             result.received = float(np.fmin(arm.received, result.received))
             result.late += max(dt, host) > 1.5 * period
 
-    def _cycle(
-        self, m: Measurement, flaw: str, dt: float, host: float, began: float
-    ) -> np.ndarray | None:
+    def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
-        before, recorder = self._given, self._recorder
-        self._heed_commands(m)
-        m = self._with_frame(m)
-        if recorder is not None:
-            recorder.begin(
-                m, before, self._state, host=began - self._first, dt=dt, received=self._arm.received
-            )
+        recorder, state = self._recorder, self._state
+        assert state is not None
+        self._tick |= {"given": self._given, "received": self._arm.received, "asked": None}
+        self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
         finding = self._checks.of_arm(m, dt, host, self._arm.received)
-        if flaw:
-            finding = SafetyFinding("driver", flaw, SafetyAction.DAMP)
+        if self._flaw:
+            finding = SafetyFinding("driver", self._flaw, SafetyAction.DAMP)
         if finding is None and recorder is not None and recorder.trouble and not self._leaving:
             finding = SafetyFinding("log", recorder.trouble, SafetyAction.HOLD)
         if self._signals:  # the first one holds, the second one damps, the third one stops
@@ -535,36 +521,32 @@ class RealtimeLoop:
         if self._phase is Phase.RUNNING and self.stage is Stage.GRAVITY:
             torque = self._safe(m, _FREE, hold=False)
         elif self._phase in (Phase.RUNNING, Phase.HOLDING):
-            torque = self._controlled(m, dt, before)
+            torque = self._controlled(m, dt)
         if self._phase is Phase.DAMPING:
             torque = self._safe(m, self.safety.damping)
             torque = torque + self._checks.unexplained  # of a load that is not learned
-            self._advance()
-        elif self._phase is Phase.HOLDING and not self._halted:
-            self._advance()
-        if self._phase is Phase.STOPPED or torque is None or self.stage is Stage.LOG:
-            torque = None
-        elif not np.isfinite(torque).all():
-            finding = SafetyFinding("controller", "a torque is not finite", SafetyAction.STOP)
-            self._respond(finding)
-            torque = None
-        else:
-            torque = self._checks.limited(torque, self._sent, max(dt, self._period))
-            self._sent, self._given = torque, self._of_motors(torque, m)
-        return torque
+        self._advance()
+        if torque is None or self._phase is Phase.STOPPED or self.stage is Stage.LOG:
+            return None
+        if not np.isfinite(torque).all():
+            words = "a torque is not finite"
+            self._respond(SafetyFinding("controller", words, SafetyAction.STOP))
+            return None
+        self._sent = self._checks.limited(torque, self._sent, max(dt, self._period))
+        self._given = self._of_motors(self._sent, m)
+        return self._sent
 
     # --- what the phases ask for ----------------------------------------------------------------
 
-    def _controlled(
-        self, m: Measurement, dt: float, before: np.ndarray | None
-    ) -> np.ndarray | None:
+    def _controlled(self, m: Measurement, dt: float) -> np.ndarray | None:
         """Return the torque of the controller; a refusal leads to damping."""
-        state, controller, recorder = self._state, self._controller, self._recorder
+        state, controller, given = self._state, self._controller, self._given
         assert state is not None and self._path is not None
         if self.stage is Stage.LOG:  # the torque is not that of the controller
-            before, m = m.tau, m._replace(tau=None)
+            given, m = m.tau, m._replace(tau=None)
+            self._tick |= {"given": given, "tau": None}
         adapting = self._adapting and not self._resting and self._phase is Phase.RUNNING
-        state = state.adapt(adapting).gave(before)
+        state = state.adapt(adapting).gave(given)
         try:
             desired = controller.desired(state, self._path, m.t - self._begin)
             torque, after = controller.step(state, m, desired, self._period)
@@ -575,8 +557,7 @@ class RealtimeLoop:
             return None
         self._last.append((desired.x_d, torque))
         self._state = after
-        if recorder is not None:
-            recorder.stepped(m, before, desired, torque, after)
+        self._tick |= {"asked": torque, "adapting": adapting, **desired._asdict()}
         finding = self._watched(m, dt, after, desired, torque)
         resting = finding is not None and finding.action is SafetyAction.REST
         self._calm = 0.0 if resting else self._calm + self._period
@@ -584,6 +565,7 @@ class RealtimeLoop:
             self._note(f"the adaptation rests: {finding}")
         if resting or self._calm > _CALM:
             self._resting = resting
+        self._tick["residual"] = self._checks.residual
         if self.stage is not Stage.LOG:
             self._respond(finding)
         return torque
@@ -625,7 +607,7 @@ class RealtimeLoop:
         """Go on from holding to damping after a while, and from there once the joints rest."""
         assert self._state is not None
         self._since += self._period
-        if self._phase is Phase.HOLDING and self._since > _HOLD:
+        if self._phase is Phase.HOLDING and self._since > _HOLD and not self._halted:
             self._enter(Phase.DAMPING, "the path rests")
         elif self._phase is Phase.DAMPING:
             still = np.abs(self._state.sensed.v).max() < _STILL
@@ -718,17 +700,7 @@ class RealtimeLoop:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
-    def _heed_commands(self, m: Measurement) -> None:
-        """Do what other processes ask for."""
-        if self._recorder is None:
-            return
-        for name, value in self._recorder.commands():
-            try:
-                self._command(name, value, m)
-            except PinadaptError as error:
-                self._note(f"refused: {error}")
-
-    def _command(self, name: str, value: Any, m: Measurement) -> None:
+    def _command(self, name: str, value: Any) -> None:
         """Do one command.
 
         Raises:
@@ -743,7 +715,7 @@ class RealtimeLoop:
         elif name == "frame" and isinstance(value, Mapping):
             size = self._controller.kinematics.task.coordinates
             age = positive(value.get("age", 0.0), "frame.age", zero=True)
-            self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), m.t - age
+            self._frame = vector(value.get("x", ()), size, "frame.x", fills=False), self._t - age
         elif name == "stop" and self._phase is not Phase.STARTING:
             self._respond(SafetyFinding("stop", str(value or "commanded"), SafetyAction.HOLD))
         elif name == "load" and self._state is not None:

@@ -86,7 +86,7 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
         **{"q": nq, "v": n, "x": x, "xd": m, "a": n, "tau": n, "w": n},
         **{"x_d": x, "xd_d": m, "xdd_d": m, "asked": n, "sent": n, "given": n, "residual": n},
     }
-    one = ["t", "host", "dt", "phase", "stepped", "adapting", "step_us", "received", "x_time"]
+    one = ["t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time"]
     slow = {"a_k": kinematics.size, "a_d": dynamics.size}
     return np.dtype(
         [(name, float) for name in one]
@@ -134,7 +134,6 @@ class Recorder:
     """Writes the log of a loop and takes its commands, by a process of its own.
 
     Attributes:
-        row: record of the cycle that has begun.
         path: of the log, or None.
         port: on the loopback, or None.
         trouble: what is wrong with the log or its process, or an empty text.
@@ -188,7 +187,7 @@ class Recorder:
                 hint="Make room in /dev/shm, or in the folder of temporary files.",
             ) from error
         self._ring, self._counts = _views(shared, tick)
-        self.row, self._count = self._ring[0], 0
+        self._count = 0
         about = {
             "version": __version__,
             "robot": robot.name,
@@ -221,50 +220,19 @@ class Recorder:
             )
         self._link.setblocking(False)
 
-    def begin(
-        self, m: Measurement, given: np.ndarray | None, state: ControllerState, **numbers: float
-    ) -> None:
-        """Begin the record of a cycle with what is known before its step.
+    def record(self, cycle: Mapping[str, Any]) -> None:
+        """Hand on the record of a cycle; a full ring drops it, and says so.
 
         Args:
-            m: the measurement.
-            given: (n) torque of the motors until now [N m or N], or None.
-            state: of the controller.
-            numbers: other fields of the record.
+            cycle: numbers by name; what is None or missing is NaN.
         """
-        place = self._count % len(self._ring)
-        self._ring[place] = self._ring[place - 1]
-        self.row = row = self._ring[place]
-        for name, value in zip(Measurement._fields, m, strict=True):
-            row[name] = math.nan if value is None else value
-        row["given"] = math.nan if given is None else given
-        row["asked"], row["stepped"], row["adapting"] = math.nan, 0.0, state.adapting
-        row["a_k"], row["a_d"] = state.a_k, state.a_d
-        for name, number in numbers.items():
-            row[name] = number
-
-    def stepped(
-        self,
-        m: Measurement,
-        given: np.ndarray | None,
-        desired: Desired,
-        torque: np.ndarray,
-        state: ControllerState,
-    ) -> None:
-        """Add a step of the controller: what it got, what it asks for, and its state (n)."""
-        row = self.row
-        row["tau"] = math.nan if m.tau is None else m.tau
-        row["given"] = math.nan if given is None else given
-        row["x_d"], row["xd_d"], row["xdd_d"] = desired
-        row["asked"], row["stepped"], row["adapting"] = torque, 1.0, state.adapting
-
-    def commit(self, **numbers: float | np.ndarray) -> None:
-        """Hand the record on, with the rest of its fields; a full ring drops it, and says so."""
-        for name, number in numbers.items():
-            self.row[name] = number
-        if self._count - int(self._counts[1]) >= len(self._ring) - 1:
+        if self._count - int(self._counts[1]) >= len(self._ring):
             self.trouble = "cycles are not in the log; its disk is too slow"
             return
+        row = self._ring[self._count % len(self._ring)]
+        for name in row.dtype.names:
+            value = cycle.get(name)
+            row[name] = math.nan if value is None else value
         self._count += 1
         self._counts[0] = self._count
 
@@ -450,10 +418,10 @@ class _LogProcess:
         with suppress(OSError):
             said, sender = self._server.recvfrom(1 << 16)
             try:
-                reply = self._reply(json.loads(said))
+                reply = json.dumps(self._reply(json.loads(said)))
             except Exception as error:  # a command must not end the log
-                reply = {"error": f"{error}"}
-            self._server.sendto(json.dumps(reply).encode(), sender)
+                reply = json.dumps({"error": f"{error}"})
+            self._server.sendto(reply.encode(), sender)
 
     def _reply(self, asked: Any) -> dict[str, Any]:
         name = asked.get("command") if isinstance(asked, dict) else None
@@ -467,7 +435,7 @@ class _LogProcess:
                 "t": float(row["t"]),
                 "cycle": self._read,
                 "phase": PHASES[int(row["phase"])],
-                "adapting": bool(row["adapting"]),
+                "adapting": bool(row["adapting"] == 1.0),
                 "step_us": float(row["step_us"]),
                 "messages": self._messages,
                 "about": self._about,
@@ -644,6 +612,11 @@ class CycleLog:
         """Return the number of cycles."""
         return len(self.cycles)
 
+    @property
+    def stepped(self) -> np.ndarray:
+        """(N) in which cycles the controller was asked."""
+        return np.isfinite(self.cycles.asked).all(axis=1)
+
     def replay(self, controller: Controller) -> ReplayedTorques:
         """Return what a controller asks for, given the same measurements and desired motion.
 
@@ -672,7 +645,7 @@ class CycleLog:
         for k, row in enumerate(np.asarray(cycles)):
             if k in announced and state is not None:
                 state = controller.announce(state, payload=load_of(announced[k]))
-            if not row["stepped"]:
+            if np.isnan(row["asked"]).any():
                 continue
             m, given = measurement_of(row), np.array(row["given"])
             desired = Desired(*(np.array(row[name]) for name in ("x_d", "xd_d", "xdd_d")))
