@@ -255,13 +255,8 @@ def _series(bag: Any, place: str, selection: Selection, path: Path) -> _Series:
         for state in _states(message, field):
             names = tuple(state.joints)
             if names not in orders:
-                # other names than the robot's are matched once
-                exact = bool(joints) or selection.named
-                orders[names] = (
-                    match_joints(names, wanted, where)
-                    if not exact or set(wanted) <= set(names)
-                    else None
-                )
+                exact = set(wanted) <= set(names)  # other names are matched once
+                orders[names] = match_joints(names, wanted, where) if exact or not joints else None
             if (order := orders[names]) is None:
                 continue
             joints = joints or [names[k] for k in order if names]

@@ -44,7 +44,6 @@ class Selection:
         rate: of samples without times, or with times that jitter [Hz]; None: they have times.
         topics: signal -> its topic in a bag; without q the only one that fits.
         pose_topic: of the frame's pose in a bag; None: none.
-        named: whether ``joints`` are stated names of the log's, and nothing else is looked for.
         torques: whether they are needed; if not, they may be missing and are NaN then, and so may
             be the times, which count the samples then.
     """
@@ -55,7 +54,6 @@ class Selection:
     rate: float | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
     pose_topic: str | None = None
-    named: bool = False
     torques: bool = True
 
 
@@ -74,7 +72,7 @@ def log_of_columns(table: Table, selection: Selection, source: str) -> Log:
     columns = {**selection.columns, **assumed.get("columns", {})}
     own = _Columns(table, selection, source, columns)
     homes = {
-        signal: _Columns(other, selection, name, columns, only=signal)
+        signal: _Columns(_of_one(signal, other, selection), selection, name, columns, signal)
         for signal, (other, name) in selection.tables.items()
     }
     found = {name: homes.get(name, own).of_joints(name) for name in ("q", "v", "tau")}
@@ -97,7 +95,7 @@ def log_of_columns(table: Table, selection: Selection, source: str) -> Log:
             found[name] = at_times(t, values, theirs, f"{home.source}: {name}")
     stated = [table[name] for name in ("joint_names", "joints", "names") if name in table]
     joints = tuple(map(str, stated[0].ravel())) if stated and stated[0].dtype.kind in "US" else ()
-    if not joints and (own.by_name or selection.named):
+    if not joints and own.by_name:
         joints = tuple(selection.joints)
     if own.matched:
         assumed["joints"] = own.matched
@@ -138,6 +136,15 @@ def at_times(t: np.ndarray, values: np.ndarray, own: np.ndarray, where: str) -> 
             stacklevel=2,
         )
     return found
+
+
+def _of_one(signal: str, table: Table, selection: Selection) -> Table:
+    """Return the columns of a file of one signal with names, if it has no header."""
+    timed = len(table) - len(selection.joints)
+    if timed not in (0, 1) or not all(name.isdecimal() for name in table):
+        return table
+    names = ["t"][:timed] + [f"{signal}{k}" for k in range(len(selection.joints))]
+    return dict(zip(names, table.values(), strict=True))
 
 
 def _in_order(table: Table, selection: Selection, source: str) -> dict[str, list[str]]:
@@ -198,10 +205,7 @@ class _Columns:
         """Return the times (N) [s] of ``count`` samples, None where there are none."""
         if self._selection.rate is not None:
             return np.arange(count) / self._selection.rate
-        t = self.single("t")
-        if t is None and self._only and len(self._table) == len(self._selection.joints) + 1:
-            return next(iter(self._table.values()))
-        return t
+        return self.single("t")
 
     def single(self, signal: str) -> np.ndarray | None:
         """Return a signal of one column (N), None where there is none."""
@@ -221,39 +225,23 @@ class _Columns:
         labels, joints = self._labels(signal), [name.lower() for name in self._selection.joints]
         if signal in ("q", self._only):  # a column may be called after its joint alone
             labels = {name: name for name in joints if name in self._known} | labels
-        n, named = len(joints), self._selection.named
-        if set(joints) & set(labels):
-            if lacking := [name for name in joints if name not in labels]:
-                raise LogError(
-                    f"no column has {signal} of joint '{lacking[0]}', but other joints have one; "
-                    f"the columns are {list(self._table)}.",
-                    where=self.source,
-                    hint=f"--columns {signal}=NAME,NAME,... names them in the robot's order.",
-                )
-            self.by_name = True
-            return self._stacked([labels[name] for name in joints])
-        for first in () if named else (0, 1):
-            indices = [str(first + j) for j in range(n)]
-            if set(indices) <= set(labels):
-                if str(first + n) in labels and signal == "q":
-                    warnings.warn(
-                        f"{self.source} has positions of more than the robot's {n} joints; the "
-                        f"first {n} are taken. Is it the log of another robot? --columns "
-                        f"{signal}=NAME,NAME,... names them.",
-                        stacklevel=2,
-                    )
-                return self._stacked([labels[index] for index in indices])
-        if n == 1 and (column := self.single(signal)) is not None:
-            return column[:, None]
-        if named:
-            return None
-        order = match_joints(list(labels), self._selection.joints, self.source)
-        if order is not None:
-            self.matched, self.by_name = [list(labels)[k] for k in order], True
-            return self._stacked([labels[name] for name in self.matched])
-        names = [name for key, name in self._known.items() if key not in NAMES["t"].split()][::-1]
-        names = names[len(names) == n + 1 :]  # after the times
-        return self._stacked(names) if signal == self._only and len(names) == n else None
+        if set(joints) & set(labels) and not set(joints) <= set(labels):
+            lacking = next(name for name in joints if name not in labels)
+            raise LogError(
+                f"no column has {signal} of joint '{lacking}', but other joints have one; the "
+                f"columns are {list(self._table)}.",
+                where=self.source,
+                hint=f"--columns {signal}=NAME,NAME,... names them in the robot's order.",
+            )
+        names = list(labels)
+        order = match_joints(names, joints, self.source)
+        if order is None:
+            column = self.single(signal) if len(joints) == 1 else None
+            return None if column is None else column[:, None]
+        names = [names[k] for k in order]
+        self.by_name = not all(name.isdecimal() for name in names)
+        self.matched = names if self.by_name and names != joints else self.matched
+        return self._stacked([labels[name] for name in names])
 
     def missing(self, signal: str) -> LogError:
         """Return the error of a signal that has no columns."""

@@ -230,17 +230,9 @@ def _selection(path: Path, intake: Intake, robot: Robot, *, torques: bool) -> Se
     for signal, name in intake.files.items():
         file = path.parent / name
         tables[word(signal, ("q", "v", "tau"), "intake.files")] = _table(file), str(file)
-    foreign = intake.foreign(robot)
-    return Selection(
-        foreign or robot.joint_names,
-        columns,
-        tables,
-        intake.rate,
-        intake.topics,
-        intake.pose_topic,
-        named=bool(foreign),
-        torques=torques,
-    )
+    joints = intake.foreign(robot) or robot.joint_names
+    topics = intake.topics, intake.pose_topic
+    return Selection(joints, columns, tables, intake.rate, *topics, torques=torques)
 
 
 def _table(path: Path) -> Table:

@@ -207,24 +207,34 @@ def match_joints(found: Sequence[str], wanted: Sequence[str], source: str) -> li
     """Return the index of each wanted joint among those found, None where they do not match.
 
     Names that differ only in what all of them have in common, such as ``fer_joint1`` and
-    ``panda_joint1``, match. If no name is alike and there are as many, they are taken in their
-    order. A warning says which joint was taken for which.
+    ``panda_joint1``, match. Numbers from 0 or 1 on, or if no name is alike as many others, are
+    taken in their order. A warning says what was assumed.
 
     Args:
         found: names in a log.
         wanted: names of a robot's joints.
         source: of the log, for the warning.
     """
-    found, wanted = list(found), list(wanted)
+    found, n = list(found), len(wanted)
     if set(wanted) <= set(found):
         return [found.index(name) for name in wanted]
     if set(wanted) & set(found):
         return None
+    for first in (0, 1):
+        numbers = [str(first + k) for k in range(n)]
+        if set(numbers) <= set(found):
+            if str(first + n) in found:
+                warnings.warn(
+                    f"{source} has signals of more than the robot's {n} joints; the first {n} are "
+                    "taken. Is it the log of another robot? --columns names them.",
+                    stacklevel=2,
+                )
+            return [found.index(name) for name in numbers]
     order, how = _alike(found, wanted), "by their names"
-    if order is None and len(found) == len(wanted):
-        order, how = list(range(len(wanted))), "in their order"
     if order is None:
-        return None
+        order, how = list(range(n)), "in their order"
+        if len(found) != n:
+            return None
     pairs = ", ".join(f"{found[k]} = {name}" for k, name in zip(order, wanted, strict=True))
     warnings.warn(
         f"{source}: its joints have other names than the robot's and were matched {how}: {pairs}. "
