@@ -51,7 +51,7 @@ def test_the_frame_stays_in_its_box():
     home = robot().position(robot().q0)
     loop = Loop(safety=Safety(box=[home - 0.01, home + 0.01]), seconds=2.0)
     reason, _ = ended(loop)
-    assert reason.startswith("workspace: the frame is at ")
+    assert reason.startswith("workspace: coordinate ")
     with pytest.raises(pa.InputError, match=r"safety.box: has 3 coordinates; the task has 2"):
         Loop(safety=Safety(box=np.array([[0.0] * 3, [1.0] * 3])))
 

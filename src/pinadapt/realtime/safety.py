@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +30,18 @@ _SLOW = 2.0  # [1/s] up to which a disturbance is no contact; 1: as well; 4: 30 
 _SETTLED = 0.33  # [s] in which all of it is none; half: a load rests the adaptation; twice: as well
 _STILL = 0.01  # [rad/s or m/s] up to which a joint rests at its stop; half or twice: as well
 _RECEIVED = 0.9  # of the last commands; libfranka's communication_test calls less insufficient
+
+# Words of the checks
+_STALE = "the last {value} measurements are of the same instant"
+_GAP = "{value:.3g} periods passed between two measurements"
+_LATE = "too many cycles in a short while were late"
+_LOST = "{value:.0%} of the last torques have not reached the arm, at most {limit:.0%} may"
+_FAST = "{name} at {value:.3g} {unit}/s, limit {limit:.3g} {unit}/s"
+_STOP = "{name} cannot brake before its limit: {value:.3g} {unit} are missing"
+_CONTACT = "{value:.3g} {force} at {name} that the model does not explain, limit {limit:.3g}"
+_OUTSIDE = "coordinate {coordinate} of the frame is {value:.3g} m outside of its box"
+_FAR = "coordinate {coordinate} is {value:.3g} m or rad off, limit {limit:.3g}"
+_PUSHING = "{name} at its limit for {value:.2g} s; brakes, or a heavy load?"
 
 
 class SafetyAction(IntEnum):
@@ -133,7 +146,7 @@ class Checklist:
         robot, self._task = kinematics.robot, kinematics.task
         model, n = robot.model, robot.model.nv
         self._safety, self._period = safety, facts.period
-        self._units = [
+        self._joints = [
             (name, "m" if slide else "rad")
             for name, slide in zip(robot.joint_names, robot.slides.values(), strict=True)
         ]
@@ -143,9 +156,8 @@ class Checklist:
         self._rate = np.minimum(np.broadcast_to(rate, n), facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
-        angles = model.nq == n  # not cosine and sine
-        self._lower = lower if angles else np.full(n, -np.inf)
-        self._upper = upper if angles else np.full(n, np.inf)
+        plain = model.nq == n  # no joint has cosine and sine
+        self._lower, self._upper = (lower, upper) if plain else (-math.inf, math.inf)
         inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
         self._brake = 0.5 * self.limit / np.maximum(inertia, np.finfo(float).tiny)
         k = self._task.positions
@@ -162,8 +174,9 @@ class Checklist:
         least = 0.0 if noise is None else _DEVIATIONS * noise
         self._contact = np.maximum(safety.contact * self.limit, least)
         self.residual, self.latched = np.zeros(n), ""
-        self._same, self._late, self._pushing, self._before = 0, 0.0, 0.0, -math.inf
-        self.announced()
+        self._same, self._late, self._before = 0, 0.0, -math.inf
+        self._pushing = np.zeros(n)  # [s] at the limit
+        self._mean, self._time = np.zeros(n), 0.0
 
     def of_arm(
         self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
@@ -176,47 +189,28 @@ class Checklist:
             host: the same by this computer's clock [s]; 0 where the arm does not follow it.
             received: share of the last torques that the arm has received; NaN: not known.
         """
-        safety, passed = self._safety, max(dt, host)
+        safety, speed, passed = self._safety, np.abs(m.v), max(dt, host)
         periods = passed / self._period
         self._same = self._same + 1 if m.t == self._before else 0
         self._before = m.t
-        if self.latched:
-            return SafetyFinding("latch", self.latched, SafetyAction.DAMP)
-        if self._same >= safety.stale:
-            words = f"the last {self._same + 1} measurements are of the same instant"
-            return SafetyFinding("stale data", words, SafetyAction.DAMP)
-        if dt < 0.0:
-            return SafetyFinding("clock", f"the time jumped back by {-dt:.3g} s", SafetyAction.DAMP)
-        if periods > 10.0:
-            words = f"{passed:.3g} s passed between two measurements, {periods:.3g} periods"
-            words += f"; by the arm's clock {dt:.3g} s" if host > dt else ""
-            return SafetyFinding("late", words, SafetyAction.DAMP)
         self._late = max(self._late + (1.0 if periods > 1.5 else -0.02), 0.0)
+        way = np.maximum(1.5 * speed / safety.damping, speed**2 / (2.0 * self._brake))
+        room = np.where(m.v > 0.0, self._upper, -self._lower) - safety.margin
+        q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)  # not cosine and sine
+        ahead = np.where(speed > _STILL, np.sign(m.v) * q + way - room, 0.0)
+        finding = self._first(
+            ("latch", SafetyAction.DAMP, bool(self.latched), False, self.latched),
+            ("stale data", SafetyAction.DAMP, self._same + 1, safety.stale, _STALE),
+            ("clock", SafetyAction.DAMP, -dt, 0.0, "the time jumped back by {value:.3g} s"),
+            ("late", SafetyAction.DAMP, periods, 10.0, _GAP),
+            ("late", SafetyAction.HOLD, self._late, safety.late - 0.5, _LATE),
+            ("commands", SafetyAction.HOLD, 1.0 - received, 1.0 - _RECEIVED, _LOST),
+            ("velocity", SafetyAction.DAMP, speed, self._fast, _FAST),
+            ("joint stop", SafetyAction.DAMP, ahead, 0.0, _STOP),
+        )
         if self._late >= safety.late:
             self._late = 0.0
-            words = f"{safety.late} cycles in a short while were late"
-            return SafetyFinding("late", words, SafetyAction.HOLD)
-        if received < _RECEIVED:
-            words = (
-                f"the arm has received {received:.0%} of the last torques, least {_RECEIVED:.0%}"
-            )
-            return SafetyFinding("commands", words, SafetyAction.HOLD)
-        speed = np.abs(m.v)
-        if (j := _first(speed > self._fast)) is not None:
-            name, unit = self._units[j]
-            words = f"{name} at {m.v[j]:.3g} {unit}/s, limit {self._fast[j]:.3g} {unit}/s"
-            return SafetyFinding("velocity", words, SafetyAction.DAMP)
-        way = np.maximum(1.5 * speed / safety.damping, speed**2 / (2.0 * self._brake))
-        stop = np.where(m.v > 0.0, self._upper, -self._lower) - safety.margin
-        q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)
-        if (j := _first((np.sign(m.v) * q + way > stop) & (speed > _STILL))) is not None:
-            name, unit = self._units[j]
-            words = (
-                f"{name} at {q[j]:.3g} {unit} with {m.v[j]:.3g} {unit}/s cannot brake before its "
-                f"limits, {self._lower[j]:.3g} and {self._upper[j]:.3g} {unit}"
-            )
-            return SafetyFinding("joint stop", words, SafetyAction.DAMP)
-        return None
+        return finding
 
     def of_motion(
         self,
@@ -245,29 +239,39 @@ class Checklist:
             slow = 1.0 if self._time < _SETTLED else -math.expm1(-_SLOW * dt)
             self._mean = self._mean + slow * (disturbance - self._mean)
             self.residual = disturbance - self._mean
-        share = np.abs(self.residual) / self._contact
-        pushing = _first(np.abs(torque) > 0.999 * self.limit)
-        self._pushing = 0.0 if pushing is None else self._pushing + dt
-        j = int(share.argmax())
-        if share[j] >= 0.5:
-            name, unit = self._units[j]
-            force = "N" if unit == "m" else "N m"
-            words = f"{self.residual[j]:.3g} {force} at {name} that the model does not explain"
-            action = SafetyAction.DAMP if share[j] >= 1.0 else SafetyAction.REST
-            return SafetyFinding("contact", words, action)
-        p = x[: self._task.positions]
-        if ((p < self._box[0]) | (p > self._box[1])).any():
-            words = f"the frame is at {p.round(3).tolist()} m"
-            return SafetyFinding("workspace", words, SafetyAction.DAMP)
-        if (k := _first(np.abs(dx) > self._far)) is not None:
-            words = f"coordinate {k + 1} is {abs(dx[k]):.3g} m or rad off, limit {self._far[k]:.3g}"
-            return SafetyFinding("error", words, SafetyAction.DAMP)
-        if pushing is not None and self._pushing >= self._safety.saturated:
-            name, _ = self._units[pushing]
-            words = f"{name} at its limit for {self._pushing:.2g} s; brakes, or a heavy load?"
-            return SafetyFinding("torque", words, SafetyAction.HOLD)
-        if frame_age >= self._blind:
-            return SafetyFinding("camera", f"no frame for {frame_age:.2g} s", SafetyAction.HOLD)
+        full = np.abs(torque) > 0.999 * self.limit
+        self._pushing = np.where(full, self._pushing + dt, 0.0)
+        residual, p = np.abs(self.residual), x[: self._task.positions]
+        outside = np.maximum(self._box[0] - p, p - self._box[1])
+        return self._first(
+            ("contact", SafetyAction.DAMP, residual, self._contact, _CONTACT),
+            ("workspace", SafetyAction.DAMP, outside, 0.0, _OUTSIDE),
+            ("error", SafetyAction.DAMP, np.abs(dx), self._far, _FAR),
+            ("torque", SafetyAction.HOLD, self._pushing, self._safety.saturated, _PUSHING),
+            ("camera", SafetyAction.HOLD, frame_age, self._blind, "no frame for {value:.2g} s"),
+            ("contact", SafetyAction.REST, residual, 0.5 * self._contact, _CONTACT),
+        )
+
+    def _first(self, *checks: tuple[str, SafetyAction, Any, Any, str]) -> SafetyFinding | None:
+        """Return the first finding: of a check whose value, or one of them, is beyond its limit.
+
+        Args:
+            checks: name, response, value or values, limit or limits, and words with ``value`` and
+                ``limit``, and for joints ``name`` and its ``unit`` and that of its ``force``.
+        """
+        for check, action, value, limit, words in checks:
+            beyond = value > limit
+            if beyond if beyond.__class__ is bool else beyond.any():
+                beyond = np.atleast_1d(beyond)
+                k = int(beyond.argmax())
+                name, unit = self._joints[k] if k < len(self._joints) else ("", "")
+                found = {
+                    "value": np.ravel(value)[k],
+                    "limit": np.broadcast_to(limit, beyond.shape)[k],
+                    "force": "N" if unit == "m" else "N m",
+                }
+                text = words.format(name=name, unit=unit, coordinate=k + 1, **found)
+                return SafetyFinding(check, text, action)
         return None
 
     def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> np.ndarray:
@@ -298,8 +302,3 @@ def limited_torque(
     x = np.where(np.isnan(torque), 0.0, torque)
     last = np.where(np.isnan(before), x, np.clip(before, -limit, limit))
     return np.clip(np.clip(x, last - change, last + change), -limit, limit)
-
-
-def _first(found: np.ndarray) -> int | None:
-    """Return the first index (n) of what holds, or None."""
-    return int(found.argmax()) if found.any() else None
