@@ -103,7 +103,10 @@ def test_torques_that_do_not_reach_the_arm_hold_it():
     loop = Loop(arm(kind=Deaf), "hold")
     ending = loop.ended()
     assert loop.phases == OUT and ending.failed and ending.received == 0.6
-    assert ending.reason == "commands: 40% of the last torques have not reached the arm, at most 10% may"
+    assert (
+        ending.reason
+        == "commands: 40% of the last torques have not reached the arm, at most 10% may"
+    )
     assert "at least 60% of the last torques" in str(ending)
     silent = Loop().ended()
     assert np.isnan(silent.received) and "received" not in str(silent)

@@ -130,7 +130,6 @@ def test_mcap_reads_it(run):
     assert kinds == {
         "/joint_states": "sensor_msgs/msg/JointState",
         "/pinadapt/cycle": "pinadapt_msgs/msg/Cycle",
-        "/pinadapt/estimates": "pinadapt_msgs/msg/Estimates",
         "/pinadapt/events": "std_msgs/msg/String",
     }
     counts = summary.statistics.channel_message_counts
@@ -138,7 +137,7 @@ def test_mcap_reads_it(run):
         assert counts.get(number, 0) == len(found.get(channel.topic, ("", ()))[1])
     cycles = CycleLog.read(run[0]).cycles
     rows = [decoded for _, decoded in found["/pinadapt/cycle"][1]]
-    for name in ("t", "q", "v", "x_d", "asked", "sent", "residual"):
+    for name in ("t", "q", "v", "x_d", "asked", "sent", "residual", "a_d"):
         read = np.array([getattr(row, name) for row in rows]).reshape(getattr(cycles, name).shape)
         assert read.tobytes() == getattr(cycles, name).tobytes(), name
     states = [decoded for _, decoded in found["/joint_states"][1]]

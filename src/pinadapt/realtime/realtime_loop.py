@@ -22,6 +22,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from copy import copy
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from types import FrameType
@@ -88,40 +89,53 @@ class Scheduling:
         """Apply it, yield notes on what is not allowed, and take it back."""
         notes: list[str] = []
         before: list[Callable[[], object]] = []
-        if self.priority is not None:
+        wanted = {
+            _prioritised: (
+                self.priority,
+                "no real-time priority: other programs will make cycles late; add '@realtime - "
+                "rtprio 99' to /etc/security/limits.conf and yourself to the group",
+            ),
+            _pinned: (self.core, "not pinned to its core"),
+            _locked: (
+                self.lock or None,
+                "memory is not locked: paging may make cycles late; raise "
+                "'memlock' in /etc/security/limits.conf",
+            ),
+        }
+        for request, (value, denied) in wanted.items():
             try:
-                policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
-                before.append(lambda: os.sched_setscheduler(0, policy, parameters))
-            except (OSError, AttributeError) as error:
-                notes.append(
-                    f"no real-time priority ({error}): other programs will make cycles late; add "
-                    "'@realtime - rtprio 99' to /etc/security/limits.conf and yourself to the group"
-                )
-        if self.core is not None:
-            try:
-                cores = os.sched_getaffinity(0)
-                os.sched_setaffinity(0, {self.core})
-                before.append(lambda: os.sched_setaffinity(0, cores))
+                if value is not None:
+                    before.append(request(value))
             except (OSError, AttributeError, ValueError) as error:
-                notes.append(f"not pinned to core {self.core}: {error}")
-        if self.lock:
-            try:
-                library = ctypes.CDLL(None, use_errno=True)
-                if library.mlockall(3):  # current and future
-                    raise OSError(os.strerror(ctypes.get_errno()))
-                before.append(library.munlockall)
-            except (OSError, AttributeError, TypeError) as error:
-                notes.append(
-                    f"memory is not locked ({error}): paging may make cycles late; raise "
-                    "'memlock' in /etc/security/limits.conf"
-                )
+                notes.append(f"{denied} ({error})")
         try:
             yield notes
         finally:
             for back in reversed(before):
                 with suppress(OSError):
                     back()
+
+
+def _prioritised(priority: int) -> Callable[[], object]:
+    """Take a real-time priority; return what takes it back."""
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    return lambda: os.sched_setscheduler(0, policy, parameters)
+
+
+def _pinned(core: int) -> Callable[[], object]:
+    """Stay on a core; return what takes it back."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {core})
+    return lambda: os.sched_setaffinity(0, cores)
+
+
+def _locked(_: bool) -> Callable[[], object]:
+    """Keep the memory of this process from being paged out; return what takes it back."""
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(3):  # current and future
+        raise OSError(os.strerror(ctypes.get_errno()))
+    return library.munlockall
 
 
 class Histogram:
@@ -388,7 +402,6 @@ class RealtimeLoop:
         self._warm_up(state, m)
         if state.start is not None:  # what follows it as well
             self._warm_up(controller.init(m, **{**self._start, "a_k": state.a_k}), m)
-        self._checks = Checklist(self.safety, controller, self._facts)
         if controller.disturbance(state) is None:
             self._note("contact is not detected: law and adaptation observe no disturbance")
         gc.collect()
@@ -407,24 +420,20 @@ class RealtimeLoop:
         return m
 
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
-        """Run all code of a cycle from a state, with a measurement and a reference."""
+        """Run all code of a cycle from a state, by a loop that sends, records and says nothing."""
         assert self._path is not None
-        state, controller, desired = (
-            state.adapt(self._adapting),
-            self._controller,
-            self._path.at(0.0),
-        )
-        if desired.x_d.size == desired.xd_d.size:  # no quaternion
-            desired = desired._replace(x_d=desired.x_d + _ASIDE)
+        aside = np.full(self._controller.kinematics.task.size, _ASIDE)
+        loop = copy(self)
+        loop._recorder, loop._say, loop.result = None, lambda words: None, RunResult()
+        loop._tick, loop._last, loop._path = {}, deque(maxlen=1), self._path.shifted(aside)
+        loop._state, loop._phase = state, Phase.RUNNING
+        loop._checks = Checklist(self.safety, self._controller, self._facts)
         for k in range(_WARM_UPS):
-            m = m._replace(t=m.t + min(k, 1) * self._period)
-            torque, state = controller.step(state, m, desired, self._period)
+            if k == _WARM_UPS - 2:
+                loop._phase = Phase.DAMPING
+            loop._cycle(m._replace(t=m.t + k * self._period), self._period, 0.0)
             if m.tau is not None:  # the brakes hold the arm: it is not what is asked for
-                m = m._replace(tau=self._of_motors(torque, m))
-            self._checks.limited(torque, self._sent, self._period)
-            self._checks.of_arm(m, self._period)
-            self._watched(m, self._period, state, desired, torque)
-            controller.safe(state, m, damping=self.safety.damping)
+                m = m._replace(tau=loop._given)
 
     def _first_frame(self) -> Measurement:
         """Return the first measurement with a frame of the camera, if the task needs one.

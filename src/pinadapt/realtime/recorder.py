@@ -43,7 +43,6 @@ PHASES = ("starting", "running", "holding", "damping", "stopped")
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
-_SLOWLY = 0.1  # [s] between two records of the estimates
 
 _HEADER = """{line}
 MSG: std_msgs/Header
@@ -87,21 +86,15 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
         **{"x_d": x, "xd_d": m, "xdd_d": m, "asked": n, "sent": n, "given": n, "residual": n},
     }
     one = ["t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time"]
-    slow = {"a_k": kinematics.size, "a_d": dynamics.size}
-    return np.dtype(
-        [(name, float) for name in one]
-        + [(name, float, (size,)) for name, size in {**sizes, **slow}.items()]
-    )
+    sizes |= {"a_k": kinematics.size, "a_d": dynamics.size}
+    fields = [(name, float, (size,)) for name, size in sizes.items() if size]
+    return np.dtype([(name, float) for name in one] + fields)
 
 
 def _definition(tick: np.dtype[Any]) -> str:
     """Return a record's definition as a message."""
-    shapes = {name: tick[name].shape for name in tick.names or ()}
-    return "".join(
-        f"float64{f'[{shape[0]}]' if shape else ''} {name}\n"
-        for name, shape in shapes.items()
-        if shape != (0,)
-    )
+    shapes = ((name, tick[name].shape) for name in tick.names or ())
+    return "".join(f"float64{f'[{shape[0]}]' if shape else ''} {name}\n" for name, shape in shapes)
 
 
 def _tick(definition: str) -> np.dtype[Any]:
@@ -230,7 +223,7 @@ class Recorder:
             self.trouble = "cycles are not in the log; its disk is too slow"
             return
         row = self._ring[self._count % len(self._ring)]
-        for name in row.dtype.names:
+        for name in row.dtype.names or ():
             value = cycle.get(name)
             row[name] = math.nan if value is None else value
         self._count += 1
@@ -315,11 +308,9 @@ class _LogProcess:
         self._translate, self._read = translate, 0
         self._row = self._ring[0]
         self._joints = json.loads(about["joints"])
-        self._start, self._zero, self._slowly = time.time_ns(), math.nan, -math.inf
+        self._start, self._zero = time.time_ns(), math.nan
         self._messages: list[str] = []
         self._writer: Any = None
-        names = [name for name in tick.names or () if name not in ("a_k", "a_d")]
-        self._cycle, self._slow = tick[names], tick[["t", "a_k", "a_d"]]
         if path is not None:
             self._open(path, float(about["period"]))
 
@@ -328,8 +319,8 @@ class _LogProcess:
 
         self._file = path.open("wb")
         pose = "PoseStamped" if self._row["x"].size == 7 else "PointStamped"
-        size = self._cycle.itemsize * _CHUNK / period
-        self._writer = Writer(self._file, max(int(size), 1), CompressionType.NONE)
+        size = self._ring.itemsize * _CHUNK / period
+        self._writer = Writer(self._file, max(int(size), 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
         self._writer.add_metadata("pinadapt", self._about)
         self._channels = {}
@@ -338,10 +329,8 @@ class _LogProcess:
             "/joint_states": "sensor_msgs/msg/JointState",
             "/task_frame": f"geometry_msgs/msg/{pose}",
             "/pinadapt/events": "std_msgs/msg/String",
-            "/pinadapt/estimates": "pinadapt_msgs/msg/Estimates",
         }.items():
-            own = self._slow if kind.endswith("Estimates") else self._cycle
-            text = _DEFINITIONS.get(kind) or _definition(own)
+            text = _DEFINITIONS.get(kind) or _definition(self._ring.dtype)
             schema = self._writer.register_schema(kind, "ros2msg", text.encode())
             self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
 
@@ -396,16 +385,13 @@ class _LogProcess:
             self._counts[1] = self._read
             stamp = self._stamp()
             header, n = (stamp // 10**9, stamp % 10**9), len(self._joints)
-            self._add("/pinadapt/cycle", stamp, cdr(_packed(row, self._cycle)))
+            self._add("/pinadapt/cycle", stamp, cdr(np.frombuffer(row.tobytes())))
             if row["q"].size == n:
                 tau = row["given"] if np.isnan(row["tau"]).any() else row["tau"]
                 parts = [part for values in (row["q"], row["v"], tau) for part in (n, values)]
                 self._add("/joint_states", stamp, cdr(*header, "", n, *self._joints, *parts))
             if row["x"].size in (3, 7) and np.isfinite(row["x"]).all():
                 self._add("/task_frame", stamp, cdr(*header, "base", row["x"]))
-            if row["t"] - self._slowly > _SLOWLY:
-                self._slowly = row["t"]
-                self._add("/pinadapt/estimates", stamp, cdr(_packed(row, self._slow)))
 
     def _note(self, what: dict[str, Any]) -> None:
         text = json.dumps(what)
@@ -430,7 +416,7 @@ class _LogProcess:
             return {"error": f"there is no command {name!r}; expected one of {known}."}
         row = self._row
         if name == "state":
-            shown = ("q", "v", "x", "x_d", "sent", "tau", "residual", "a_k", "a_d")
+            shown = {"a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual"}
             return {
                 "t": float(row["t"]),
                 "cycle": self._read,
@@ -439,7 +425,9 @@ class _LogProcess:
                 "step_us": float(row["step_us"]),
                 "messages": self._messages,
                 "about": self._about,
-                **{key: np.nan_to_num(row[key]).tolist() for key in shown},
+                "a_k": [],
+                "a_d": [],
+                **{key: np.nan_to_num(row[key]).tolist() for key in shown & {*row.dtype.names}},
             }
         value = asked.get("value")
         if name in self._translate:
@@ -448,11 +436,6 @@ class _LogProcess:
             value = self._translate[name](value, measurement_of(row))
         self._send(name, value)
         return {"done": name}
-
-
-def _packed(row: np.void, part: np.dtype[Any]) -> np.ndarray:
-    """Return the numbers of some fields of a record."""
-    return np.concatenate([np.ravel(row[name]) for name in part.names or ()])
 
 
 def _serve(*arguments: Any) -> None:
@@ -561,14 +544,12 @@ class CycleLog:
         about: texts kept with the log.
         cycles: all records; ``cycles.t`` is (N), ``cycles.q`` is (N, nq), and so on.
         events: what happened, in order; each has the number of the cycle before which it did.
-        estimates: records of t [s], a_k and a_d, ten a second.
         whole: whether the file has its end.
     """
 
     about: dict[str, str]
     cycles: np.recarray[Any, Any]
     events: list[dict[str, Any]]
-    estimates: np.recarray[Any, Any]
     whole: bool
 
     @classmethod
@@ -601,12 +582,10 @@ class CycleLog:
             if "/pinadapt/cycle" not in found:
                 raise LogError("has no cycle of a loop.", where=str(path))
             texts = {one.topic: schemas.get(one.schema_id, "") for one in channels.values()}
-            cycles, slow = (
-                np.frombuffer(b"".join(found.get(topic, ())), _tick(texts[topic])).view(np.recarray)
-                for topic in ("/pinadapt/cycle", "/pinadapt/estimates")
-            )
+            data = b"".join(found["/pinadapt/cycle"])
+            cycles = np.frombuffer(data, _tick(texts["/pinadapt/cycle"])).view(np.recarray)
             events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
-        return cls(about, cycles, events, slow, whole)
+        return cls(about, cycles, events, whole)
 
     def __len__(self) -> int:
         """Return the number of cycles."""

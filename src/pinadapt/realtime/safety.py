@@ -173,6 +173,7 @@ class Checklist:
         noise = controller.disturbance_noise(robot.q0, facts.period)
         least = 0.0 if noise is None else _DEVIATIONS * noise
         self._contact = np.maximum(safety.contact * self.limit, least)
+        self._rest = 0.5 * self._contact
         self.residual, self.latched = np.zeros(n), ""
         self._same, self._late, self._before = 0, 0.0, -math.inf
         self._pushing = np.zeros(n)  # [s] at the limit
@@ -249,7 +250,7 @@ class Checklist:
             ("error", SafetyAction.DAMP, np.abs(dx), self._far, _FAR),
             ("torque", SafetyAction.HOLD, self._pushing, self._safety.saturated, _PUSHING),
             ("camera", SafetyAction.HOLD, frame_age, self._blind, "no frame for {value:.2g} s"),
-            ("contact", SafetyAction.REST, residual, 0.5 * self._contact, _CONTACT),
+            ("contact", SafetyAction.REST, residual, self._rest, _CONTACT),
         )
 
     def _first(self, *checks: tuple[str, SafetyAction, Any, Any, str]) -> SafetyFinding | None:
