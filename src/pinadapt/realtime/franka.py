@@ -18,11 +18,11 @@ limits, reflexes and errors. It is no evidence about friction, elasticity or tim
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._checks import vector
 from ..exceptions import ArmError, InputError
@@ -32,11 +32,11 @@ from ..robot.motors import Gravity
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts, Frames
 
-TORQUE = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)  # [N m]
+TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
 TORQUE_RATE = 1000.0  # [N m/s]
 PERIOD = 1e-3  # [s]
 COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
-FORCES = (40.0, 40.0, 40.0, 25.0, 25.0, 25.0)  # [N], [N m] for that of the flange
+FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
 _COUNTED = 100  # commands of which the robot states the share that it has received
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
@@ -57,8 +57,8 @@ class FrankaArm(Arm):
         address: str,
         robot: Robot,
         *,
-        collision: Sequence[float] = COLLISION,
-        forces: Sequence[float] = FORCES,
+        collision: ArrayLike = COLLISION,
+        forces: ArrayLike = FORCES,
         load: Payload | None = None,
         recover: bool = False,
         enforce: bool = False,
@@ -106,10 +106,10 @@ class FrankaArm(Arm):
             torque_rate=TORQUE_RATE,
             compensation=Gravity(robot),
         )
-        kind = pylibfranka.RealtimeConfig
-        kind = kind.kEnforce if enforce else kind.kIgnore
+        kinds = pylibfranka.RealtimeConfig
+        kernel = kinds.kEnforce if enforce else kinds.kIgnore
         try:
-            self._robot: Any = pylibfranka.Robot(address, kind)
+            self._robot: Any = pylibfranka.Robot(address, kernel)
         except self._failures as error:
             raise InputError(
                 f"cannot be reached: {str(error).rstrip(chr(46))}.",
