@@ -25,10 +25,10 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.realtime import (
     Arm,
-    RunResult,
     ProcessArm,
     RealtimeLoop,
     Recorder,
+    RunResult,
     Safety,
     Scheduling,
 )

@@ -19,7 +19,7 @@ from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
 from ..plants.plant import SimulatedPlant
 from ..realtime.arm import Arm, ProcessArm
-from ..realtime.realtime_loop import RunResult, RealtimeLoop, Scheduling, Stage
+from ..realtime.realtime_loop import RealtimeLoop, RunResult, Scheduling, Stage
 from ..realtime.recorder import COMMANDS, CycleLog, Recorder, load_of
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety

@@ -75,7 +75,9 @@ def log_of_columns(table: Table, selection: Selection, source: str) -> Log:
         signal: _Columns(_of_one(signal, other, selection), selection, name, columns, signal)
         for signal, (other, name) in selection.tables.items()
     }
-    found = {name: homes.get(name, own).of_joints(name) for name in ("q", "v", "tau")}
+    found: dict[str, Any] = {
+        name: homes.get(name, own).of_joints(name) for name in ("q", "v", "tau")
+    }
     q, tau, times = found["q"], found["tau"], homes.get("q", own)
     if q is None:
         raise times.missing("q")

@@ -50,7 +50,7 @@ def read_arrays(path: Path, selection: Selection) -> Log:
     about = about if isinstance(about, dict) else {}
     names = about.get("joint_names", ()) if found["q"].shape == found["v"].shape else ()
     x = None if about.get("task") == "joint" else found["x"]
-    parts = {name: found[name] for name in ("t", "q", "tau", "v")}
+    parts: dict[str, Any] = {name: found[name] for name in ("t", "q", "tau", "v")}
     log = Log(**parts, joints=tuple(names), x=x, held=True, source=str(path))
     if not len(log.t):
         raise LogError("the run has no sample.", where=str(path))

@@ -135,7 +135,8 @@ class Intake:
         """
         if given is None or isinstance(given, Intake):
             return given or cls()
-        table, where = given, "intake"
+        table: Any = given
+        where = "intake"
         if not isinstance(given, Mapping):
             path, where = Path(given), str(given)
             try:

@@ -130,7 +130,7 @@ def _pinned(core: int) -> Callable[[], object]:
     return lambda: os.sched_setaffinity(0, cores)
 
 
-def _locked(_: bool) -> Callable[[], object]:
+def _locked(_: int) -> Callable[[], object]:
     """Keep the memory of this process from being paged out; return what takes it back."""
     library = ctypes.CDLL(None, use_errno=True)
     if library.mlockall(3):  # current and future
@@ -420,20 +420,27 @@ class RealtimeLoop:
         return m
 
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
-        """Run all code of a cycle from a state, by a loop that sends, records and says nothing."""
+        """Run all code of a cycle from a state, by a loop that sends, records and says nothing.
+
+        Raises:
+            ArmError: the controller refuses the measurement.
+        """
         assert self._path is not None
         aside = np.full(self._controller.kinematics.task.size, _ASIDE)
+        findings: list[SafetyFinding | None] = []
         loop = copy(self)
-        loop._recorder, loop._say, loop.result = None, lambda words: None, RunResult()
+        loop._recorder, loop._respond = None, findings.append  # type: ignore[method-assign]
         loop._tick, loop._last, loop._path = {}, deque(maxlen=1), self._path.shifted(aside)
-        loop._state, loop._phase = state, Phase.RUNNING
         loop._checks = Checklist(self.safety, self._controller, self._facts)
+        loop._state, loop._say, loop.result = state, lambda words: None, RunResult()
         for k in range(_WARM_UPS):
-            if k == _WARM_UPS - 2:
-                loop._phase = Phase.DAMPING
+            loop._phase, loop._resting = Phase.RUNNING if k else Phase.DAMPING, False
             loop._cycle(m._replace(t=m.t + k * self._period), self._period, 0.0)
             if m.tau is not None:  # the brakes hold the arm: it is not what is asked for
                 m = m._replace(tau=loop._given)
+        for finding in findings:
+            if finding is not None and finding.check == "controller":
+                raise ArmError(f"cannot start: {finding.words}", where=self._facts.name)
 
     def _first_frame(self) -> Measurement:
         """Return the first measurement with a frame of the camera, if the task needs one.

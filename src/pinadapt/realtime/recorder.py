@@ -236,7 +236,7 @@ class Recorder:
 
     def commands(self) -> list[tuple[str, Any]]:
         """Return the commands that have come; ``trouble`` may have changed."""
-        found = []
+        found: list[tuple[str, Any]] = []
         while True:
             try:
                 said = self._link.recv(1 << 20)
@@ -530,10 +530,10 @@ def watched(
 
 def measurement_of(row: np.void) -> Measurement:
     """Return the measurement in a record of a cycle."""
-    values = {name: np.array(row[name]) for name in Measurement._fields}
-    present = {name: value for name, value in values.items() if not np.isnan(value).all()}
-    times = {name: float(row[name]) for name in ("t", "x_time") if name in present}
-    return Measurement(**{"q": values["q"], "v": values["v"], **present, **times})
+    values: dict[str, Any] = {name: np.array(row[name]) for name in Measurement._fields}
+    absent = [name for name, value in values.items() if np.isnan(value).all()]
+    times = {name: float(values[name]) for name in ("t", "x_time")}
+    return Measurement(**values | times | dict.fromkeys(absent))
 
 
 @dataclass(frozen=True, eq=False)
@@ -617,7 +617,7 @@ class CycleLog:
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
             raise LogError("does not contain the start of the loop.", where="log")
-        start = {name: np.array(value) for name, value in begun["start"].items()}
+        start: dict[str, Any] = {name: np.array(part) for name, part in begun["start"].items()}
         announced = {int(event["cycle"]): event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
         found = np.full((len(self), n), math.nan)

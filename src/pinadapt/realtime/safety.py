@@ -157,7 +157,8 @@ class Checklist:
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
         plain = model.nq == n  # no joint has cosine and sine
-        self._lower, self._upper = (lower, upper) if plain else (-math.inf, math.inf)
+        free = np.full(n, np.inf)
+        self._lower, self._upper = (lower, upper) if plain else (-free, free)
         inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
         self._brake = 0.5 * self.limit / np.maximum(inertia, np.finfo(float).tiny)
         k = self._task.positions
@@ -177,7 +178,8 @@ class Checklist:
         self.residual, self.latched = np.zeros(n), ""
         self._same, self._late, self._before = 0, 0.0, -math.inf
         self._pushing = np.zeros(n)  # [s] at the limit
-        self._mean, self._time = np.zeros(n), 0.0
+        self._mean: np.ndarray = np.zeros(n)
+        self._time = 0.0
 
     def of_arm(
         self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
