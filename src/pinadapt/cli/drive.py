@@ -148,12 +148,12 @@ def drive(options: argparse.Namespace) -> int:
             start=scenario.start,
             scheduling=scheduling,
         )
-        result = loop.run(options.duration)
-    print(result)
-    _keep_learned(controller, result, options.stage, path)
-    if any("interrupt" in why for _, _, why in result.phases):
+        ending = loop.run(options.duration)
+    print(ending)
+    _keep_learned(controller, ending, options.stage, path)
+    if any("interrupt" in why for _, _, why in ending.phases):
         return INTERRUPTED
-    return DIVERGED if result.failed else DONE
+    return DIVERGED if ending.failed else DONE
 
 
 def _tables(options: argparse.Namespace) -> tuple[ScenarioTables, Path]:
@@ -328,12 +328,12 @@ def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajector
     return starting_from(trajectory_of(tables.reference, robot), robot, here)
 
 
-def _keep_learned(controller: Controller, result: RunResult, stage: Stage, path: Path) -> None:
+def _keep_learned(controller: Controller, ending: RunResult, stage: Stage, path: Path) -> None:
     """Write what was learned beside the log."""
-    if stage is not Stage.ADAPT or result.state is None:
+    if stage is not Stage.ADAPT or ending.state is None:
         return
     beside = path.with_suffix(".learned.json")
-    LearnedParameters.of(controller, result.state).save(beside)
+    LearnedParameters.of(controller, ending.state).save(beside)
     print(f"learned parameters in {beside}")
 
 

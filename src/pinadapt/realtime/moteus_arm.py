@@ -66,8 +66,8 @@ class Motor:
             raise InputError(f"must be at most {_HIGHEST_ID}, got {self.id}.", where="motors.id")
         if self.sign not in (1, -1):
             raise InputError(f"must be 1 or -1, got {self.sign!r}.", where="motors.sign")
-        positive(self.ratio, "motors.ratio")
-        positive(self.torque, "motors.torque")
+        for name in ("ratio", "torque"):
+            positive(getattr(self, name), f"motors.{name}")
 
 
 class MoteusArm(Arm):
