@@ -222,14 +222,16 @@ class Intake:
             )
         slides = np.array(list(robot.slides.values()))
         scale = np.where(slides, 1.0, math.pi / 180.0) if self.degrees else np.ones(n)
-        change = {side: np.diag(scale) for side in ("q", "v")}
-        if gears is not None:
-            inverse = np.linalg.inv(gears).T
-            change |= {side: change[side] @ inverse for side in change if side in self.motor_side}
-        q = q @ change["q"] * sign
+        inverse = None if gears is None else np.linalg.inv(gears).T
+        parts = {"q": q} if v is None else {"q": q, "v": v}
+        for side, part in parts.items():
+            part = part * scale
+            if inverse is not None and side in self.motor_side:
+                part = part @ inverse
+            parts[side] = part * sign
         if self.offset is not None:
-            q = q + _per_joint(self.offset, names, "offset", 0.0)
-        return replace(log, q=q, v=None if v is None else v @ change["v"] * sign)
+            parts["q"] = parts["q"] + _per_joint(self.offset, names, "offset", 0.0)
+        return replace(log, **parts)
 
     def _signs(self, signal: str, names: Sequence[str]) -> np.ndarray:
         """Return the sign (n) of each joint for a signal."""
