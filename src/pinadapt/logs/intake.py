@@ -223,7 +223,7 @@ class Intake:
         slides = np.array(list(robot.slides.values()))
         scale = np.where(slides, 1.0, math.pi / 180.0) if self.degrees else np.ones(n)
         inverse = None if gears is None else np.linalg.inv(gears).T
-        parts = {"q": q} if v is None else {"q": q, "v": v}
+        parts: dict[str, Any] = {"q": q} if v is None else {"q": q, "v": v}
         for side, part in parts.items():
             part = part * scale
             if inverse is not None and side in self.motor_side:

@@ -429,7 +429,8 @@ class RealtimeLoop:
         aside = np.full(self._controller.kinematics.task.size, _ASIDE)
         findings: list[SafetyFinding | None] = []
         loop = copy(self)
-        loop._recorder, loop._respond = None, findings.append  # type: ignore[method-assign]
+        loop._respond = findings.append  # type: ignore[method-assign, assignment]
+        loop._recorder = None
         loop._tick, loop._last, loop._path = {}, deque(maxlen=1), self._path.shifted(aside)
         loop._checks = Checklist(self.safety, self._controller, self._facts)
         loop._state, loop._say, loop.result = state, lambda words: None, RunResult()

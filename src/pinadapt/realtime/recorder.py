@@ -340,7 +340,10 @@ class _LogProcess:
         said = b""
         while said != b"end":
             ready = select.select(waited, [], [], 0.02)[0]
-            said = self._link.recv(1 << 16) if self._link in ready else b"{}"
+            try:
+                said = self._link.recv(1 << 16) if self._link in ready else b"{}"
+            except OSError:
+                said = b""
             self._drain()
             if not said:
                 self._note({"lost": "the process of the loop has died", "cycle": self._read})
@@ -373,9 +376,11 @@ class _LogProcess:
 
     def _stamp(self) -> int:
         """Return the time of the latest record, by the arm's clock [ns since 1970]."""
+        if not self._read:
+            return self._start
         t = float(self._row["t"])
         self._zero = t if math.isnan(self._zero) else self._zero
-        return self._start + round(1e9 * (t - self._zero)) if self._read else self._start
+        return self._start + round(1e9 * (t - self._zero))
 
     def _drain(self) -> None:
         """Take the records that have come."""

@@ -158,7 +158,8 @@ class Checklist:
         lower, upper = position_limits(model)
         plain = model.nq == n  # no joint has cosine and sine
         free = np.full(n, np.inf)
-        self._lower, self._upper = (lower, upper) if plain else (-free, free)
+        self._lower: np.ndarray = lower if plain else -free
+        self._upper: np.ndarray = upper if plain else free
         inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
         self._brake = 0.5 * self.limit / np.maximum(inertia, np.finfo(float).tiny)
         k = self._task.positions
