@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import LogError, did_you_mean
-from .columns import Selection, at_times
+from .columns import SIDES, Selection, at_times
 from .log import Log, match_joints
 
-SIDES = ("q", "v", "tau")
 _STATES = ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
 _LOOKED_AT = 50  # messages of a topic, by which it is chosen; half as many miss a slow gripper's
 

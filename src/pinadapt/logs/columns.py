@@ -27,6 +27,7 @@ NAMES = {
     "x": "x ee_position tool_position",
     "x_time": "x_time t_x camera_time",
 }
+SIDES = ("q", "v", "tau")  # signals of the joints
 _FRAMES = ("x y z qx qy qz qw", "x y z", "px py pz", "x0 x1 x2", "x_0 x_1 x_2")
 _GAP = 3.0  # typical intervals, beyond which nothing is interpolated; 1.5 loses jittering samples
 
@@ -75,9 +76,7 @@ def log_of_columns(table: Table, selection: Selection, source: str) -> Log:
         signal: _Columns(_of_one(signal, other, selection), selection, name, columns, signal)
         for signal, (other, name) in selection.tables.items()
     }
-    found: dict[str, Any] = {
-        name: homes.get(name, own).of_joints(name) for name in ("q", "v", "tau")
-    }
+    found: dict[str, Any] = {name: homes.get(name, own).of_joints(name) for name in SIDES}
     q, tau, times = found["q"], found["tau"], homes.get("q", own)
     if q is None:
         raise times.missing("q")

@@ -23,7 +23,7 @@ from .._output import read_as_data
 from ..exceptions import LogError
 from ..robot.robot import Robot
 from .bags import read_bag
-from .columns import Selection, Table, log_of_columns
+from .columns import SIDES, Selection, Table, log_of_columns
 from .intake import Intake
 from .log import Log, check, repeated
 
@@ -229,7 +229,7 @@ def _selection(path: Path, intake: Intake, robot: Robot, *, torques: bool) -> Se
     tables = {}
     for signal, name in intake.files.items():
         file = path.parent / name
-        tables[word(signal, ("q", "v", "tau"), "intake.files")] = _table(file), str(file)
+        tables[word(signal, SIDES, "intake.files")] = _table(file), str(file)
     joints = intake.foreign(robot) or robot.joint_names
     topics = intake.topics, intake.pose_topic
     return Selection(joints, columns, tables, intake.rate, *topics, torques=torques)

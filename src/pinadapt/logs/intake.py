@@ -26,14 +26,12 @@ from .._checks import flag, instance, mapping, name_list, numbers, positive, vec
 from .._output import read_toml
 from ..exceptions import InputError, LogError, did_you_mean
 from ..robot.robot import Robot
-from .columns import NAMES
+from .columns import NAMES, SIDES
 from .log import Log
 
 SUFFIX = ".intake.toml"
 REPEATED = ("refuse", "drop")
 MOUNTS = ("floor", "wall", "ceiling")
-SIDES = ("q", "v", "tau")
-SIGNALS = tuple(NAMES)
 _PARALLEL = 1e-9  # relative size of a singular value below which gears cannot be inverted
 
 
@@ -102,7 +100,7 @@ class Intake:
     def _check(self) -> None:
         mapping(self.files, "files")
         for signal in mapping(self.columns, "columns"):
-            word(signal, SIGNALS, "columns")
+            word(signal, NAMES, "columns")
         for signal, topic in self.topics.items():
             word(signal, SIDES, "topic")
             instance(topic, str, f"topic.{signal}")

@@ -393,7 +393,8 @@ def _check_velocities(log: Log, robot: Robot) -> None:
 
 def _check_torques(log: Log, robot: Robot) -> None:
     """Refuse torques that are zero, or far above the limits: not recorded, or of other units."""
-    sizes, limits = np.sqrt(np.nanmean(log.tau**2, axis=0)), effort_limits(robot.model)
+    tau = np.where(np.isfinite(log.tau), log.tau, np.nan)
+    sizes, limits = np.sqrt(np.nanmean(tau**2, axis=0)), effort_limits(robot.model)
     name = robot.joint_names[int(np.argmin(sizes))]
     if not sizes.all():
         who = f"the torque of {name} is" if sizes.any() else "all torques are"

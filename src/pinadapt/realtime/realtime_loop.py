@@ -36,7 +36,7 @@ from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
-from ..records import Desired, Measurement
+from ..records import Measurement
 from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
@@ -575,7 +575,12 @@ class RealtimeLoop:
         self._last.append((desired.x_d, torque))
         self._state = after
         self._tick |= {"asked": torque, "adapting": adapting, **desired._asdict()}
-        finding = self._watched(m, dt, after, desired, torque)
+        sensed, task = after.sensed, controller.kinematics.task
+        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
+        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
+        age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
+        pushed = None if self.stage is Stage.LOG else controller.disturbance(after)
+        finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
         resting = finding is not None and finding.action is SafetyAction.REST
         self._calm = 0.0 if resting else self._calm + self._period
         if resting and not self._resting:
@@ -586,23 +591,6 @@ class RealtimeLoop:
         if self.stage is not Stage.LOG:
             self._respond(finding)
         return torque
-
-    def _watched(
-        self,
-        m: Measurement,
-        dt: float,
-        state: ControllerState,
-        desired: Desired,
-        torque: np.ndarray,
-    ) -> SafetyFinding | None:
-        """Return what the checklist finds in the motion."""
-        sensed, task = state.sensed, self._controller.kinematics.task
-        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
-        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
-        age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
-        sent = self.stage is not Stage.LOG
-        disturbance = self._controller.disturbance(state) if sent else None
-        return self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), disturbance)
 
     def _of_motors(self, torque: np.ndarray, m: Measurement) -> np.ndarray:
         """Return the torque (n) of the motors, with what the arm adds by itself."""

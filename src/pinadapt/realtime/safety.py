@@ -207,7 +207,7 @@ class Checklist:
             ("stale data", SafetyAction.DAMP, self._same + 1, safety.stale, _STALE),
             ("clock", SafetyAction.DAMP, -dt, 0.0, "the time jumped back by {value:.3g} s"),
             ("late", SafetyAction.DAMP, periods, 10.0, _GAP),
-            ("late", SafetyAction.HOLD, self._late, safety.late - 0.5, _LATE),
+            ("late", SafetyAction.HOLD, self._late >= safety.late, False, _LATE),
             ("commands", SafetyAction.HOLD, 1.0 - received, 1.0 - _RECEIVED, _LOST),
             ("velocity", SafetyAction.DAMP, speed, self._fast, _FAST),
             ("joint stop", SafetyAction.DAMP, ahead, 0.0, _STOP),
