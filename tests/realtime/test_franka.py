@@ -48,7 +48,6 @@ def franka():
 def ended_sooner(monkeypatch):
     """Hold and damp the arm for a moment; how long that takes is tested in this process."""
     monkeypatch.setattr("pinadapt.realtime.realtime_loop._HOLD", 0.05)
-    monkeypatch.setattr("pinadapt.realtime.realtime_loop._DAMP", 0.1)
     monkeypatch.setattr("pinadapt.cli.drive.Scheduling", lambda **_: ORDINARY)
     facts = SimpleNamespace(of=partial(ArmFacts.of, clock="simulated"))  # stepped by torques
     monkeypatch.setattr("pinadapt.realtime.franka.ArmFacts", facts)

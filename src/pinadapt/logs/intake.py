@@ -32,7 +32,6 @@ from .log import Log
 SUFFIX = ".intake.toml"
 REPEATED = ("refuse", "drop")
 MOUNTS = ("floor", "wall", "ceiling")
-_PARALLEL = 1e-9  # relative size of a singular value below which gears cannot be inverted
 
 
 @dataclass(frozen=True)
@@ -344,8 +343,7 @@ def _gears(given: Any, names: Sequence[str]) -> np.ndarray:
         LogError: it is singular.
     """
     G = _matrix(given, names, "gear")
-    sizes = np.linalg.svd(G, compute_uv=False)
-    if sizes[-1] <= _PARALLEL * sizes[0]:
+    if np.linalg.matrix_rank(G) < len(names):
         raise LogError(
             "these gears cannot be inverted: some joint would not move.",
             where=_at("gear"),

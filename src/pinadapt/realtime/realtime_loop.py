@@ -46,8 +46,8 @@ from .safety import Checklist, Safety, SafetyAction, SafetyFinding
 
 _WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
 _ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
-_HALT, _HOLD = 0.3, 0.5  # [s] until the path rests, and until the arm is damped
-_DAMP, _STILL, _QUIET = 1.0, 0.02, 0.05  # [s] longest; [rad/s or m/s] of joints at rest, for [s]
+_HALT, _HOLD = 0.3, 0.5  # [s] until the path rests; until damping, at most for twice as long
+_STILL = 0.02  # [rad/s or m/s] of joints that rest, once for a time constant of the damping
 _RINGING = 2.0  # [s] of the end of a run that are searched for ringing
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
 _FREE = 0.5  # [1/s] damping of a free drive
@@ -617,7 +617,7 @@ class RealtimeLoop:
         elif self._phase is Phase.DAMPING:
             still = np.abs(self._state.sensed.v).max() < _STILL
             self._quiet = self._quiet + self._period if still else 0.0
-            if self._quiet >= _QUIET or self._since > _DAMP:
+            if self._quiet * self.safety.damping > 1.0 or self._since > 2.0 * _HOLD:
                 self._enter(Phase.STOPPED, self.result.reason)
 
     # --- findings, commands, signals ------------------------------------------------------------

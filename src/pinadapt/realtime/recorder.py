@@ -44,27 +44,28 @@ COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference"
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
 
-_HEADER = """{line}
+_LINE = "=" * 80  # between parts of a definition
+_HEADER = f"""{_LINE}
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
 string frame_id
-{line}
+{_LINE}
 MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
-""".format(line="=" * 80)
-_POINT = "{}\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n".format("=" * 80)
-_POSE = """{line}
+"""
+_POINT = f"{_LINE}\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
+_POSE = f"""{_LINE}
 MSG: geometry_msgs/Pose
 geometry_msgs/Point position
 geometry_msgs/Quaternion orientation
-{line}
+{_LINE}
 MSG: geometry_msgs/Quaternion
 float64 x
 float64 y
 float64 z
 float64 w
-""".format(line="=" * 80)
+"""
 _DEFINITIONS = {
     "sensor_msgs/msg/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
     f"float64[] velocity\nfloat64[] effort\n{_HEADER}",
