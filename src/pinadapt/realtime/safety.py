@@ -41,7 +41,7 @@ _STOP = "{name} cannot brake before its limit: {value:.3g} {unit} are missing"
 _CONTACT = "{value:.3g} {force} at {name} that the model does not explain, limit {limit:.3g}"
 _OUTSIDE = "coordinate {coordinate} of the frame is {value:.3g} m outside of its box"
 _FAR = "coordinate {coordinate} is {value:.3g} m or rad off, limit {limit:.3g}"
-_PUSHING = "{name} at its limit for {value:.2g} s; brakes, or a heavy load?"
+_PUSHING = "{name} stays at its limit; brakes, or a heavy load?"
 
 
 class SafetyAction(IntEnum):
@@ -158,17 +158,15 @@ class Checklist:
         lower, upper = position_limits(model)
         plain = model.nq == n  # no joint has cosine and sine
         free = np.full(n, np.inf)
-        self._lower: np.ndarray = lower if plain else -free
-        self._upper: np.ndarray = upper if plain else free
+        self._lower: np.ndarray = (-lower if plain else free) - safety.margin
+        self._upper: np.ndarray = (upper if plain else free) - safety.margin
         inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
-        self._brake = 0.5 * self.limit / np.maximum(inertia, np.finfo(float).tiny)
+        self._braked, self._slowed = inertia / self.limit, 1.5 / safety.damping
         k = self._task.positions
-        box = np.array([[-np.inf], [np.inf]]) if safety.box is None else numbers(safety.box, "box")
-        if safety.box is not None and box.shape[1] != k:
-            raise InputError(
-                f"has {box.shape[1]} coordinates; the task has {k}.", where="safety.box"
-            )
-        self._box = box
+        self._box = None if safety.box is None else numbers(safety.box, "safety.box")
+        if self._box is not None and self._box.shape[1] != k:
+            words = f"has {self._box.shape[1]} coordinates; the task has {k}."
+            raise InputError(words, where="safety.box")
         length = 0.1 * robot.reach if safety.error is None else safety.error
         self._far = np.where(np.arange(self._task.size) < k, length, safety.angle)
         self._blind = explained_age(controller.sensors) + safety.camera if k else math.inf
@@ -178,7 +176,7 @@ class Checklist:
         self._rest = 0.5 * self._contact
         self.residual, self.latched = np.zeros(n), ""
         self._same, self._late, self._before = 0, 0.0, -math.inf
-        self._pushing = np.zeros(n)  # [s] at the limit
+        self._pushing = 0.0  # [s] at a limit
         self._mean: np.ndarray = np.zeros(n)
         self._time = 0.0
 
@@ -198,8 +196,8 @@ class Checklist:
         self._same = self._same + 1 if m.t == self._before else 0
         self._before = m.t
         self._late = max(self._late + (1.0 if periods > 1.5 else -0.02), 0.0)
-        way = np.maximum(1.5 * speed / safety.damping, speed**2 / (2.0 * self._brake))
-        room = np.where(m.v > 0.0, self._upper, -self._lower) - safety.margin
+        way = np.maximum(self._slowed * speed, self._braked * speed**2)
+        room = np.where(m.v > 0.0, self._upper, self._lower)
         q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)  # not cosine and sine
         ahead = np.where(speed > _STILL, np.sign(m.v) * q + way - room, 0.0)
         finding = self._first(
@@ -244,14 +242,18 @@ class Checklist:
             self._mean = self._mean + slow * (disturbance - self._mean)
             self.residual = disturbance - self._mean
         full = np.abs(torque) > 0.999 * self.limit
-        self._pushing = np.where(full, self._pushing + dt, 0.0)
-        residual, p = np.abs(self.residual), x[: self._task.positions]
-        outside = np.maximum(self._box[0] - p, p - self._box[1])
+        self._pushing = self._pushing + dt if full.any() else 0.0
+        pushing = full if self._pushing >= self._safety.saturated else False
+        residual = np.abs(self.residual)
+        outside: Any = False
+        if self._box is not None:
+            p = x[: self._task.positions]
+            outside = np.maximum(self._box[0] - p, p - self._box[1])
         return self._first(
             ("contact", SafetyAction.DAMP, residual, self._contact, _CONTACT),
-            ("workspace", SafetyAction.DAMP, outside, 0.0, _OUTSIDE),
+            ("workspace", SafetyAction.DAMP, outside, False, _OUTSIDE),
             ("error", SafetyAction.DAMP, np.abs(dx), self._far, _FAR),
-            ("torque", SafetyAction.HOLD, self._pushing, self._safety.saturated, _PUSHING),
+            ("torque", SafetyAction.HOLD, pushing, False, _PUSHING),
             ("camera", SafetyAction.HOLD, frame_age, self._blind, "no frame for {value:.2g} s"),
             ("contact", SafetyAction.REST, residual, self._rest, _CONTACT),
         )
