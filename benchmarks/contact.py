@@ -92,8 +92,8 @@ class Carrier:
     def learn(self) -> None:
         """Learn without a force; later runs start from the estimates."""
         _, loop = self.run(np.zeros(3), LEARNED)
-        state = loop.ending.state
-        assert state is not None and not loop.ending.failed, loop.ending
+        state = loop.result.state
+        assert state is not None and not loop.result.failed, loop.result
         self.start = {"a_k": state.a_k, "a_d": state.a_d}
 
     def run(self, force: np.ndarray, seconds: float) -> tuple[PushedArm, RealtimeLoop]:

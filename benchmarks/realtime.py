@@ -25,10 +25,10 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.realtime import (
     Arm,
-    Ending,
     ProcessArm,
     RealtimeLoop,
     Recorder,
+    RunResult,
     Safety,
     Scheduling,
 )
@@ -57,7 +57,7 @@ def only_read(arm: Arm, seconds: float) -> Histogram:
     return found
 
 
-def run(seconds: float, *, load: bool, ordinary: bool) -> tuple[Ending, Histogram]:
+def run(seconds: float, *, load: bool, ordinary: bool) -> tuple[RunResult, Histogram]:
     """Return the end of a run, and the periods of the arm when it is only read."""
     robot = pa.load("panda")
     mass = pa.Payload(1.0, [0.0, 0.0, 0.05])

@@ -29,7 +29,6 @@ class UniversalRobot(Arm):
             period=1.0 / RATE,
             paced=False,  # the loop keeps the time; the time stamps are the robot's
             compensation=Gravity(robot),
-            friction=True,
         )
         self.receive = rtde_receive.RTDEReceiveInterface(address, RATE)
         self.control = rtde_control.RTDEControlInterface(address, RATE)

@@ -21,7 +21,6 @@ OPTIONAL = (
     "franka",
     "moteus",
     "tune",
-    "camera",
 )  # extras whose packages the library imports
 PROVIDED = {
     "pin": {"pinocchio", "coal"},
@@ -29,7 +28,6 @@ PROVIDED = {
     "meshcat": {"meshcat", "umsgpack", "IPython"},  # it requires the others
     "numba": {"numba", "llvmlite"},
     "python_can": {"can"},
-    "opencv_python_headless": {"cv2"},
 }
 
 

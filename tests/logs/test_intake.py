@@ -46,7 +46,7 @@ def rows_of(columns, *, header=True):
 
 @pytest.mark.parametrize(
     ("signals", "timed"),
-    [("q v tau", True), ("q tau", True), ("tau q v", True), ("q v tau", False)],
+    [("q v tau", True), ("q tau", True), ("q v tau", False)],
 )
 def test_a_file_without_header_is_recognised(tmp_path, robot, log, signals, timed):
     path, signals = tmp_path / "a.csv", signals.split()
@@ -222,7 +222,6 @@ def test_an_intake_is_written_and_read(tmp_path):
             if one.name == "files":
                 given = expected or {}
             assert np.array_equal(value, given) or list(value) == list(given), one.name
-    assert all(f"# {one.name}: " in Intake().text() for one in fields(Intake))
 
 
 # Bags

@@ -88,7 +88,7 @@ def test_every_cycle_is_in_the_log(run):
     path, _, loop, ending, _ = run
     log = CycleLog.read(path)
     assert log.whole and len(log) == ending.cycles and log.about["by"] == "test"
-    t = log.cycles.t[:, 0]
+    t = log.cycles.t
     assert np.allclose(np.diff(t), PERIOD) and log.about["robot"] == robot().name
     assert np.array_equal(log.cycles.sent[:-1], loop.arm.sent)
     phases = [event["phase"] for event in log.events if "phase" in event]
@@ -130,7 +130,6 @@ def test_mcap_reads_it(run):
     assert kinds == {
         "/joint_states": "sensor_msgs/msg/JointState",
         "/pinadapt/cycle": "pinadapt_msgs/msg/Cycle",
-        "/pinadapt/estimates": "pinadapt_msgs/msg/Estimates",
         "/pinadapt/events": "std_msgs/msg/String",
     }
     counts = summary.statistics.channel_message_counts
@@ -138,7 +137,7 @@ def test_mcap_reads_it(run):
         assert counts.get(number, 0) == len(found.get(channel.topic, ("", ()))[1])
     cycles = CycleLog.read(run[0]).cycles
     rows = [decoded for _, decoded in found["/pinadapt/cycle"][1]]
-    for name in ("t", "q", "v", "x_d", "asked", "sent", "residual"):
+    for name in ("t", "q", "v", "x_d", "asked", "sent", "residual", "a_d"):
         read = np.array([getattr(row, name) for row in rows]).reshape(getattr(cycles, name).shape)
         assert read.tobytes() == getattr(cycles, name).tobytes(), name
     states = [decoded for _, decoded in found["/joint_states"][1]]
@@ -166,9 +165,9 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
 
         loop = Loop(faulty(kill), recorder=recorder, seconds=60.0)
         ending = loop.ended()
-    assert "log: the process of the log has died" in ending.reason
+    assert "log: the process has died" in ending.reason
     log = CycleLog.read(path)
-    assert not log.whole and len(log) >= seen[0] > 120
+    assert not log.whole and len(log) >= seen[0] - 0.1 / PERIOD > 120
     assert log.replay(controller()).same
 
 
@@ -180,18 +179,19 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
 
 @pytest.mark.slow
 def test_a_killed_loop_leaves_its_log_and_an_arm_at_rest(tmp_path):
-    """kill -9: the log is whole, and the arm stops by itself."""
-    of, (said, say) = controller(), os.pipe()
+    """kill -9: the log is whole, and the arm stops by itself. At 50 Hz, as below."""
+    of = pa.make_controller(robot(), dt=20e-3, adaptation="none")
+    said, say = os.pipe()
 
     def driven():
         def told(words):
             os.write(say, f"{words}\n".encode())
 
         make = partial(pa.plants.PinocchioPlant, heavy())
-        with Recorder(tmp_path / "run.mcap", of) as recorder, ProcessArm(make, PERIOD) as arm:
+        with Recorder(tmp_path / "run.mcap", of) as recorder, ProcessArm(make, 20e-3) as arm:
             told(f"{arm.pid} {recorder.pid}")
             options = {"recorder": recorder, "scheduling": ORDINARY, "say": told}
-            safety = Safety(late=10**6)
+            safety = Safety(late=10**6, error=10.0)
             RealtimeLoop(arm, of, circle(), stage="adapt", safety=safety, **options).run()
 
     loop = copied(driven)
@@ -207,9 +207,9 @@ def test_a_killed_loop_leaves_its_log_and_an_arm_at_rest(tmp_path):
         time.sleep(0.05)
     assert not any(map(runs, children))  # both have ended by themselves
     log = CycleLog.read(tmp_path / "run.mcap")
-    assert log.whole and len(log) > 20
+    assert log.whole and len(log) > 10
     assert log.events[-1]["lost"] == "the process of the loop has died"
-    assert log.replay(controller()).same
+    assert log.replay(of).same
 
 
 def copied(work):

@@ -19,7 +19,7 @@ def ended(loop):
 def test_a_good_run_finds_nothing():
     loop = Loop(seconds=1.0)
     assert ended(loop) == ("the time is over", ["running", "holding", "damping", "stopped"])
-    assert not loop.loop.ending.failed and len(loop.said) == 4
+    assert not loop.loop.result.failed and len(loop.said) == 4
 
 
 def test_a_joint_that_is_too_fast_starts_damping():
@@ -51,7 +51,7 @@ def test_the_frame_stays_in_its_box():
     home = robot().position(robot().q0)
     loop = Loop(safety=Safety(box=[home - 0.01, home + 0.01]), seconds=2.0)
     reason, _ = ended(loop)
-    assert reason.startswith("workspace: the frame is at ")
+    assert reason.startswith("workspace: coordinate ")
     with pytest.raises(pa.InputError, match=r"safety.box: has 3 coordinates; the task has 2"):
         Loop(safety=Safety(box=np.array([[0.0] * 3, [1.0] * 3])))
 
@@ -73,7 +73,7 @@ def test_an_unknown_load_does_not_sink_while_the_arm_is_damped():
     on.fault, on.at = (lambda arm, m: q.append(m.q) or m), 0
     loop = Loop(on, "hold", seconds=0.8)
     assert ended(loop)[1][-2:] == ["damping", "stopped"]
-    damped = next(t for t, phase, _ in loop.loop.ending.phases if phase == "damping")
+    damped = next(t for t, phase, _ in loop.loop.result.phases if phase == "damping")
     assert np.abs(np.array(q)[round(damped / PERIOD) :] - q[round(damped / PERIOD)]).max() < 3e-3
 
 

@@ -82,7 +82,7 @@ class Loop:
     @property
     def phases(self):
         """Names of the phases in their order."""
-        return [phase for _, phase, _ in self.loop.ending.phases]
+        return [phase for _, phase, _ in self.loop.result.phases]
 
 
 class Faulty(PlantArm):

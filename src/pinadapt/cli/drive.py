@@ -19,7 +19,7 @@ from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
 from ..plants.plant import SimulatedPlant
 from ..realtime.arm import Arm, ProcessArm
-from ..realtime.realtime_loop import Ending, RealtimeLoop, Scheduling, Stage
+from ..realtime.realtime_loop import RealtimeLoop, RunResult, Scheduling, Stage
 from ..realtime.recorder import COMMANDS, CycleLog, Recorder, load_of
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety
@@ -328,7 +328,7 @@ def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajector
     return starting_from(trajectory_of(tables.reference, robot), robot, here)
 
 
-def _keep_learned(controller: Controller, ending: Ending, stage: Stage, path: Path) -> None:
+def _keep_learned(controller: Controller, ending: RunResult, stage: Stage, path: Path) -> None:
     """Write what was learned beside the log."""
     if stage is not Stage.ADAPT or ending.state is None:
         return

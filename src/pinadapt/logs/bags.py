@@ -13,28 +13,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..exceptions import LogError, did_you_mean
-from .columns import Selection, at_times
+from .columns import SIDES, Selection, at_times
 from .log import Log, match_joints
 
-SIDES = ("q", "v", "tau")
 _STATES = ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
 _LOOKED_AT = 50  # messages of a topic, by which it is chosen; half as many miss a slow gripper's
-_DEPTH = (
-    2  # of messages inside messages, whose numbers are offered; half misses those of franka_ros
-)
 
 
-def _position(part: Any) -> list[float]:
-    return [part.x, part.y, part.z]
-
-
-def _pose(position: Any, rotation: Any) -> list[float]:
-    return [*_position(position), rotation.x, rotation.y, rotation.z, rotation.w]
+def _pose(position: Any, rotation: Any = None) -> list[float]:
+    turn = () if rotation is None else (rotation.x, rotation.y, rotation.z, rotation.w)
+    return [position.x, position.y, position.z, *turn]
 
 
 # Message type -> coordinates (3) or (7), position and quaternion xyzw.
 _POSES: dict[str, Callable[[Any], list[float]]] = {
-    "geometry_msgs/msg/PointStamped": lambda m: _position(m.point),
+    "geometry_msgs/msg/PointStamped": lambda m: _pose(m.point),
     "geometry_msgs/msg/PoseStamped": lambda m: _pose(m.pose.position, m.pose.orientation),
     "geometry_msgs/msg/TransformStamped": lambda m: _pose(
         m.transform.translation, m.transform.rotation
@@ -55,31 +48,32 @@ def read_bag(path: Path, selection: Selection) -> Log:
     with _opened(path) as bag:
         places, assumed = _places(bag, selection, path)
         found = {place: _series(bag, place, selection, path) for place in set(places.values())}
-        x_time, x = _frames(bag, selection.pose_topic, path)
-        contents = _contents(bag)
+        frames = _frames(bag, selection.pose_topic, path)
     main = found[places["q"]]
     if main.joints and main.joints != list(selection.joints):
         assumed["joints"] = main.joints
+    t, late = main.t, float(np.median(main.received - main.t))
     parts = dict(zip(SIDES, main.parts, strict=True))
-    for signal in places:
-        if places[signal] != places["q"]:
-            own, where = found[places[signal]], f"{path}, {places[signal]}"
+    for signal, place in places.items():
+        if place != places["q"]:
+            own, both = found[place], main.stamped and found[place].stamped
+            times = own.t if both else own.received - late  # the bag's clock is that of both
             values = own.parts[SIDES.index(signal)]
-            parts[signal] = at_times(main.t, values, own.times_by(main, where), where)
+            parts[signal] = at_times(t, values, times, f"{path}, {place}")
     if selection.torques and not np.isfinite(parts["tau"]).any():
         raise LogError(
-            f"'{places.get('tau', places['q'])}' has no efforts of the joints. {contents}",
+            f"'{places.get('tau', places['q'])}' has no efforts of the joints.",
             where=str(path),
             hint="--topic tau=NAME, or tau=NAME:FIELD, names a topic that has them.",
         )
     return Log(
-        main.t - main.t[0],
+        t - t[0],
         parts["q"],
         parts["tau"],
         parts["v"] if np.isfinite(parts["v"]).any() else None,
         tuple(selection.joints) if main.joints else (),
-        x,
-        None if x_time is None else x_time - main.t[0],
+        None if frames is None else frames[:, 1:],
+        None if frames is None else frames[:, 0] - t[0],
         source=str(path),
         assumed=assumed,
     )
@@ -120,49 +114,44 @@ def _places(bag: Any, selection: Selection, path: Path) -> tuple[dict[str, str],
         topic = place.partition(":")[0]
         if topic not in bag.topics:
             guess = did_you_mean(topic, list(bag.topics))
-            raise LogError(
-                f"'{topic}' is not a topic of it. {_contents(bag)}{guess}",
-                where=f"{path}: {signal}",
-            )
+            words = f"'{topic}' is not a topic of it. {_contents(bag)}{guess}"
+            raise LogError(words, where=f"{path}: {signal}")
     if "q" in stated:
         return stated, {}
     states = [name for name, info in bag.topics.items() if info.msgtype in _STATES]
     filled = {name: _filled(bag, name, selection.joints) for name in states}
     whole = {"q"} if "tau" in stated else {"q", "tau"}
     fitting = [name for name in states if whole <= filled[name]]
-    if fitting or len(states) == 1:
-        options = {"q": fitting or states}
-    else:
-        options = {
-            signal: [name for name in states if signal in filled[name]] for signal in ("q", "tau")
-        }
+    options = {"q": fitting or states}
+    if not fitting and len(states) > 1:
+        options = {one: [name for name in states if one in filled[name]] for one in ("q", "tau")}
     if any(len(names) != 1 for names in options.values()):
         raise LogError(
             f"not one topic fits, but {options}. {_contents(bag)}",
             where=str(path),
             hint="Say which: --topic NAME, or --topic q=NAME,tau=NAME.",
         )
-    found = {signal: names[0] for signal, names in options.items()}
+    places = {signal: names[0] for signal, names in options.items()} | stated
     if len(states) > 1:
-        words = f"the joint states are those of '{found['q']}'"
-        words += f", the torques those of '{found['tau']}'" if "tau" in found else ""
-        lack = ", ".join(name for name in states if name not in found.values())
-        words += f"; {lack} lack joints or efforts" if lack else ""
-        warnings.warn(f"{path}: {words}. --topic names others.", stacklevel=2)
-    places = {**found, **stated}
+        words = " and ".join(f"those of '{name}'" for name in dict.fromkeys(places.values()))
+        lack = ", ".join(name for name in states if name not in places.values())
+        warnings.warn(
+            f"{path}: the joint states are {words}; {lack or 'no other'} lack joints or efforts. "
+            "--topic names others.",
+            stacklevel=2,
+        )
     return places, {"topic": places["q"] if len(places) == 1 else places}
 
 
 def _filled(bag: Any, topic: str, joints: Sequence[str]) -> set[str]:
     """Return which of q, v and tau the messages of a topic have for all joints."""
     states = (state for _, message in _messages(bag, topic) for state in _states(message, ""))
-    whole = (one for one in islice(states, _LOOKED_AT) if set(joints) <= set(one.joints))
-    return {
-        signal
-        for one in whole
-        for signal, part in zip(SIDES, one.parts, strict=True)
-        if len(part) == len(one.joints)
-    }
+    found = set()
+    for state in islice(states, _LOOKED_AT):
+        if set(joints) <= set(state.joints):
+            sizes = zip(SIDES, map(len, state.parts), strict=True)
+            found |= {signal for signal, size in sizes if size == len(state.joints)}
+    return found
 
 
 def _contents(bag: Any) -> str:
@@ -205,31 +194,18 @@ class _Series(NamedTuple):
     parts: np.ndarray
     joints: list[str]
 
-    def times_by(self, other: _Series, where: str) -> np.ndarray:
-        """Return the times (N) by the clock of another series [s].
-
-        If the headers of only one of them have times, both are compared by when the bag received
-        them, by the median of its delay; a warning with ``where`` says so.
-        """
-        if self.stamped == other.stamped:
-            return self.t
-        lag, other_lag = (float(np.median(each.received - each.t)) for each in (self, other))
-        without, delay = ("it", other_lag) if other.stamped else ("the positions' topic", lag)
-        warnings.warn(
-            f"{where}: the messages of {without} have no times, so those of the bag were taken, "
-            f"less the {1e3 * delay:.3g} ms by which the bag is late with the other topic.",
-            stacklevel=3,
-        )
-        return np.asarray(self.t + lag - other_lag)
-
 
 def _messages(bag: Any, topic: str) -> Iterator[tuple[_Time, Any]]:
     """Yield time and content of each message."""
     for connection, received, raw in bag.messages(bag.topics[topic].connections):
         message, at = bag.deserialize(raw, connection.msgtype), 1e-9 * received
         header = getattr(message, "header", None)
-        stamp = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
+        stamp = 0.0 if header is None else _seconds(header.stamp)
         yield _Time(stamp if stamp > 0.0 else at, at, stamp > 0.0), message
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def _states(message: Any, field: str) -> Iterator[_State]:
@@ -237,22 +213,20 @@ def _states(message: Any, field: str) -> Iterator[_State]:
     if field:
         yield _State((), (attrgetter(field)(message),) * 3)
     elif hasattr(message, "points"):
-        for point in message.points:
-            since = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
-            parts = point.positions, point.velocities, point.effort
-            yield _State(message.joint_names, parts, since)
+        for one in message.points:
+            parts = one.positions, one.velocities, one.effort
+            yield _State(message.joint_names, parts, _seconds(one.time_from_start))
     else:
         yield _State(message.name, (message.position, message.velocity, message.effort))
 
 
-def _fields(message: Any, size: int, depth: int = _DEPTH) -> Iterator[str]:
+def _fields(message: Any, size: int, prefix: str = "") -> Iterator[str]:
     """Yield the names of the fields of a message that are a number of numbers, inner ones too."""
     for name in getattr(message, "__dataclass_fields__", ()):
         part = getattr(message, name)
         if isinstance(part, np.ndarray) and part.shape == (size,) and part.dtype.kind in "fiu":
-            yield name
-        elif depth:
-            yield from (f"{name}.{inner}" for inner in _fields(part, size, depth - 1))
+            yield prefix + name
+        yield from _fields(part, size, f"{prefix}{name}.")
 
 
 def _series(bag: Any, place: str, selection: Selection, path: Path) -> _Series:
@@ -273,14 +247,15 @@ def _series(bag: Any, place: str, selection: Selection, path: Path) -> _Series:
                 where=where,
                 hint="--topic SIGNAL=TOPIC:FIELD names it.",
             )
-    orders: dict[tuple[str, ...], list[int] | None] = {}
+    orders: dict[tuple[str, ...], list[int] | None] = {(): list(range(len(wanted)))}
     rows: dict[float, tuple[_Time, list[list[float]]]] = {}
     joints: list[str] = []
     for time, message in _messages(bag, topic):
         for state in _states(message, field):
             names = tuple(state.joints)
             if names not in orders:
-                orders[names] = _order(names, wanted, where, known=bool(joints) or selection.named)
+                exact = set(wanted) <= set(names)  # other names are matched once
+                orders[names] = match_joints(names, wanted, where) if exact or not joints else None
             if (order := orders[names]) is None:
                 continue
             joints = joints or [names[k] for k in order if names]
@@ -301,33 +276,17 @@ def _series(bag: Any, place: str, selection: Selection, path: Path) -> _Series:
     times = [rows[stamp][0] for stamp in t]
     return _Series(
         t,
-        np.array(
-            [time.received + (stamp - time.stamp) for stamp, time in zip(t, times, strict=True)]
-        ),
+        t + np.array([time.received - time.stamp for time in times]),
         all(time.stamped for time in times),
         np.array([rows[stamp][1] for stamp in t]).swapaxes(0, 1),
         joints,
     )
 
 
-def _order(
-    names: Sequence[str], wanted: Sequence[str], where: str, *, known: bool
-) -> list[int] | None:
-    """Return the index of each joint in a message, None where not all are in it.
-
-    Names that are not the robot's are matched only where the log's names are not ``known``.
-    """
-    if not names:
-        return list(range(len(wanted)))
-    if set(wanted) <= set(names):
-        return [list(names).index(name) for name in wanted]
-    return None if known else match_joints(names, wanted, where)
-
-
-def _frames(bag: Any, topic: str | None, path: Path) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return times (M) [s] and coordinates (M, 3 or 7) of a topic of positions or poses."""
+def _frames(bag: Any, topic: str | None, path: Path) -> np.ndarray | None:
+    """Return times [s] and coordinates (M, 1 + 3 or 7) of a topic of positions or poses."""
     if topic is None:
-        return None, None
+        return None
     kind = bag.topics[topic].msgtype if topic in bag.topics else "not a topic of it"
     if kind not in _POSES:
         raise LogError(
@@ -335,5 +294,6 @@ def _frames(bag: Any, topic: str | None, path: Path) -> tuple[np.ndarray | None,
             where=str(path),
             hint=f"Positions are {', '.join(_POSES)}: --pose-topic NAME.",
         )
-    frames = [(time.stamp, _POSES[kind](message)) for time, message in _messages(bag, topic)]
-    return np.array([time for time, _ in frames]), np.array([frame for _, frame in frames])
+    return np.array(
+        [[time.stamp, *_POSES[kind](message)] for time, message in _messages(bag, topic)]
+    )

@@ -24,16 +24,14 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, instance, mapping, name_list, numbers, positive, vector, word
 from .._output import read_toml
-from ..description.chain import is_slide
 from ..exceptions import InputError, LogError, did_you_mean
 from ..robot.robot import Robot
+from .columns import NAMES, SIDES
 from .log import Log
 
 SUFFIX = ".intake.toml"
 REPEATED = ("refuse", "drop")
 MOUNTS = ("floor", "wall", "ceiling")
-SIDES = ("q", "v", "tau")
-_PARALLEL = 1e-9  # relative size of a singular value below which gears cannot be inverted
 
 
 @dataclass(frozen=True)
@@ -99,8 +97,9 @@ class Intake:
             raise LogError(error.what, where=_at(error.where), hint=error.hint) from error
 
     def _check(self) -> None:
-        for name in ("columns", "files"):
-            mapping(getattr(self, name), name)
+        mapping(self.files, "files")
+        for signal in mapping(self.columns, "columns"):
+            word(signal, NAMES, "columns")
         for signal, topic in self.topics.items():
             word(signal, SIDES, "topic")
             instance(topic, str, f"topic.{signal}")
@@ -133,29 +132,18 @@ class Intake:
         """
         if given is None or isinstance(given, Intake):
             return given or cls()
-        if isinstance(given, Mapping):
-            return cls._of_table(given, "intake")
-        path = Path(given)
-        if not path.is_file():
-            raise LogError("there is no such file.", where=str(path))
-        try:
-            table = read_toml(path)
-        except InputError as error:
-            raise LogError(error.what, where=error.where, hint=error.hint) from error
-        found = cls._of_table(table, str(path))
-        files = {name: str(path.parent / file) for name, file in found.files.items()}
-        return replace(found, files=files)
-
-    @classmethod
-    def beside(cls, log: object) -> Path | None:
-        """Return the path of the intake beside a log, None where there is none."""
-        if not isinstance(log, Path | str):
-            return None
-        path = place_beside(log)
-        return path if path.is_file() else None
-
-    @classmethod
-    def _of_table(cls, table: Mapping[str, Any], where: str) -> Intake:
+        table: Any = given
+        where = "intake"
+        if not isinstance(given, Mapping):
+            path, where = Path(given), str(given)
+            try:
+                table = read_toml(path)
+            except InputError as error:
+                raise LogError(error.what, where=error.where, hint=error.hint) from error
+            files = table.get("files")
+            if isinstance(files, Mapping):
+                files = {name: str(path.parent / str(file)) for name, file in files.items()}
+                table = {**table, "files": files}
         known = [one.name for one in fields(cls)]
         for key in table:
             if key not in known:
@@ -165,18 +153,23 @@ class Intake:
                 )
         return cls(**table)
 
+    @classmethod
+    def beside(cls, log: object) -> Path | None:
+        """Return the path of the intake beside a log, None where there is none."""
+        if not isinstance(log, Path | str):
+            return None
+        path = place_beside(log)
+        return path if path.is_file() else None
+
     def updated(self, **given: Any) -> Intake:
         """Return it with other values, mappings merged; None leaves a value as it is."""
         chosen = {name: value for name, value in given.items() if value is not None}
-        for name in ("columns", "files"):
-            if name in chosen:
-                chosen[name] = {**getattr(self, name), **chosen[name]}
-        if isinstance(chosen.get("topic"), Mapping):
-            chosen["topic"] = {**self.topics, **chosen["topic"]}
-        if chosen.get("gravity") is not None:
-            chosen.setdefault("mount", None)
-        elif chosen.get("mount") is not None:
-            chosen.setdefault("gravity", None)
+        for name in ("columns", "files", "topic"):
+            if isinstance(chosen.get(name), Mapping):
+                before = self.topics if name == "topic" else getattr(self, name)
+                chosen[name] = {**before, **chosen[name]}
+        if "gravity" in chosen or "mount" in chosen:
+            chosen = {"gravity": None, "mount": None, **chosen}
         return replace(self, **chosen)
 
     @property
@@ -208,40 +201,34 @@ class Intake:
         """
         log = self._ordered(log, robot)
         names, n = robot.joint_names, robot.model.nv
-        plain = self.gear is None and self.offset is None and not self.degrees
-        turned = [name for name in self.flip if name.startswith("q:")]
-        if log.q.shape[1] != n:
-            if plain and not turned:
-                return self._torques(log, names)
+        gears = None if self.gear is None else _gears(self.gear, names)
+        q, v, tau, sign = log.q, log.v, log.tau, self._signs("q", names)
+        if self.torque_gain is not None:
+            tau = tau @ _matrix(self.torque_gain, names, "torque_gain").T
+        if gears is not None and "tau" in self.motor_side:
+            tau = tau @ gears
+        log = replace(log, tau=tau * self._signs("tau", names))
+        if gears is None and self.offset is None and not self.degrees and (sign > 0.0).all():
+            return log
+        if q.shape[1] != n:
             raise LogError(
-                f"{log.q.shape[1]} numbers for {n} joints are configurations with cosines and "
-                "sines, which units, gears, signs and offsets do not apply to.",
+                f"{q.shape[1]} numbers for {n} joints are configurations with cosines and sines, "
+                "which units, gears, signs and offsets do not apply to.",
                 where=f"{log.source}: q",
                 hint="Record one angle for each joint.",
             )
-        q, v = log.q, log.v
-        if self.degrees:
-            slides = np.array([is_slide(joint) for joint in robot.model.joints[1:]])
-            scale = np.where(slides, 1.0, math.pi / 180.0)
-            q, v = q * scale, None if v is None else v * scale
-        if self.gear is not None:
-            inverse = np.linalg.inv(_gears(self.gear, names)).T
-            q = q @ inverse if "q" in self.motor_side else q
-            v = v @ inverse if v is not None and "v" in self.motor_side else v
-        sign = self._signs("q", names)
-        q, v = q * sign, None if v is None else v * sign
+        slides = np.array(list(robot.slides.values()))
+        scale = np.where(slides, 1.0, math.pi / 180.0) if self.degrees else np.ones(n)
+        inverse = None if gears is None else np.linalg.inv(gears).T
+        parts: dict[str, Any] = {"q": q} if v is None else {"q": q, "v": v}
+        for side, part in parts.items():
+            part = part * scale
+            if inverse is not None and side in self.motor_side:
+                part = part @ inverse
+            parts[side] = part * sign
         if self.offset is not None:
-            q = q + _per_joint(self.offset, names, "offset", 0.0)
-        return self._torques(replace(log, q=q, v=v), names)
-
-    def _torques(self, log: Log, names: Sequence[str]) -> Log:
-        """Return a log with the torques of the joints."""
-        tau = log.tau
-        if self.torque_gain is not None:
-            tau = tau @ _matrix(self.torque_gain, names, "torque_gain").T
-        if self.gear is not None and "tau" in self.motor_side:
-            tau = tau @ _gears(self.gear, names)
-        return replace(log, tau=tau * self._signs("tau", names))
+            parts["q"] = parts["q"] + _per_joint(self.offset, names, "offset", 0.0)
+        return replace(log, **parts)
 
     def _signs(self, signal: str, names: Sequence[str]) -> np.ndarray:
         """Return the sign (n) of each joint for a signal."""
@@ -249,9 +236,8 @@ class Intake:
         for entry in self.flip:
             of, _, name = entry.rpartition(":")
             if of not in ("", "q", "tau"):
-                raise LogError(
-                    f"'{entry}' is neither a joint nor q:JOINT or tau:JOINT.", where=_at("flip")
-                )
+                words = f"'{entry}' is neither a joint nor q:JOINT or tau:JOINT."
+                raise LogError(words, where=_at("flip"))
             if name not in names:
                 raise _no_joint(name, names, "flip")
             if (of or "tau") == signal:
@@ -297,56 +283,21 @@ class Intake:
             yield from ((signal, list(self.joints)) for signal in SIDES)
 
     def text(self, comments: Sequence[str] = ()) -> str:
-        """Return the intake as TOML, with what is stated, and the other keys as comments."""
-        document, plain = tomlkit.document(), Intake()
-        for line in comments:
-            document.add(tomlkit.comment(line))
-        document.add(tomlkit.nl())
+        """Return what is stated as TOML, below comments."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}
-        stated = [key for key, value in values.items() if not _same(value, getattr(plain, key))]
-        for key in values:
-            if key not in stated:
-                document.add(tomlkit.comment(f"{key}: {_SAID[key]}"))
-        for key in sorted(stated, key=lambda key: isinstance(values[key], Mapping)):
-            value = values[key]
-            document[key] = value.tolist() if isinstance(value, np.ndarray) else value
-        return tomlkit.dumps(document)
-
-
-_SAID = {
-    "columns": "signal -> its columns, such as { t = 'stamp', q = 'pos_*' }",
-    "files": "signal -> another file that has it",
-    "joints": "the log's joints in the robot's order; without names there: those of its columns",
-    "rate": "samples a second",
-    "repeated": "or drop repeated samples",
-    "degrees": "angles in degrees",
-    "gear": "turns of the motor for one of the joint, or a matrix",
-    "motor_side": "signals before the gears",
-    "torque_gain": "N m for a unit of the log, such as N m/A",
-    "flip": "joints with torques of the other sign, q:NAME for positions",
-    "offset": "added to the positions, rad",
-    "topic": "of a bag's joint states, or signal -> topic",
-    "pose_topic": "of the frame's position in a bag",
-    "compensated": "the arm adds its gravity torque by itself",
-    "gravity": "m/s^2, in the axes of the base",
-    "mount": "or wall, ceiling",
-    "doubtful": "go on although the torques do not fit",
-}
+        plain = {name: getattr(Intake(), name) for name in values}
+        stated = {
+            name: np.asarray(value).tolist() if isinstance(value, np.ndarray | tuple) else value
+            for name, value in values.items()
+            if not np.array_equal(value, plain[name])
+        }
+        return "".join(f"# {line}\n" for line in comments) + tomlkit.dumps(stated)
 
 
 def place_beside(log: Path | str) -> Path:
     """Return the place of an intake beside a log: of ``run.csv`` it is ``run.intake.toml``."""
     path = Path(log)
     return path.with_name((path.stem if path.suffix else path.name) + SUFFIX)
-
-
-def _same(value: object, default: object) -> bool:
-    """Return whether a value is the default."""
-    if isinstance(value, np.ndarray) or value is None or default is None:
-        return value is default
-    if isinstance(default, tuple) and isinstance(value, Sequence):
-        return list(value) == list(default)
-    return bool(value == default)
 
 
 def _at(name: str | None) -> str:
@@ -392,8 +343,7 @@ def _gears(given: Any, names: Sequence[str]) -> np.ndarray:
         LogError: it is singular.
     """
     G = _matrix(given, names, "gear")
-    sizes = np.linalg.svd(G, compute_uv=False)
-    if sizes[-1] <= _PARALLEL * sizes[0]:
+    if np.linalg.matrix_rank(G) < len(names):
         raise LogError(
             "these gears cannot be inverted: some joint would not move.",
             where=_at("gear"),

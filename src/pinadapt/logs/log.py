@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
@@ -21,15 +21,14 @@ _EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970; twelve 
 _SHORTEST, _FEWEST = 1.0, 100  # [s] and samples; half as many leave nothing to hold out
 _SLOWEST = 0.2  # [s] between samples: windows of four samples have no inertia left at twice as much
 _REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
-_MEASURED = 0.5  # share of the samples that must be finite; half as many are a log of its own
+_MEASURED = 0.5  # share of the samples that must be finite, and within the joint limits
 _TURNS = 4.0 * math.pi  # [rad] beyond which a joint without limits hardly turns
-# Beyond a limit by more than calibration: [rad], or share of the range; and share of the samples
-# there. Half as much refuses arms with another zero, twice as much takes degrees for radians.
-_BEYOND, _RANGE, _OUTSIDE = 0.5, 0.25, 0.5
+# Beyond a limit by more than calibration: [rad], or share of the range. Half as much refuses arms
+# with another zero, twice as much takes degrees for radians.
+_BEYOND, _RANGE = 0.5, 0.25
 _TOO_STRONG = 5.0  # times the effort limit, rms: motors give twice; currents in mA are far above
 _MOVING = 0.02  # [rad/s or m/s] rms of a velocity that can be compared; half is noise of encoders
 _AVERAGED = 25  # samples over which velocities are averaged; half leaves noise of slow motions
-_FACTORS = (0.5, 2.0)  # between which a velocity agrees with the positions; units are far outside
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +74,9 @@ class Log:
             given = getattr(self, name)
             if given is not None and len(given) != len(self.t):
                 raise LogError(f"{len(given)} rows for {len(self.t)} times.", where=self._at(name))
-        times = self.t if self.x_time is None else self.x_time
-        if self.x is not None and len(self.x) != len(times):
+        if self.x is not None and len(self.x) != len(self.frames_time):
             raise LogError(
-                f"{len(self.x)} rows for {len(times)} times.",
+                f"{len(self.x)} rows for {len(self.frames_time)} times.",
                 where=self._at("x"),
                 hint="Frames of a slow camera need times of their own, x_time, or rows of NaN "
                 "between them.",
@@ -94,11 +92,16 @@ class Log:
         """Median time between samples [s]."""
         return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 0.0
 
+    @property
+    def frames_time(self) -> np.ndarray:
+        """Times (M) of the positions of the frame [s], those of the samples if not stated."""
+        return self.t if self.x_time is None else self.x_time
+
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Return times (k) [s] and coordinates (k, m) of the frames that are finite."""
         if self.x is None:
             return np.zeros(0), np.zeros((0, 0))
-        times = self.t if self.x_time is None else self.x_time
+        times = self.frames_time
         finite = np.isfinite(self.x).all(axis=1) & np.isfinite(times)
         return times[finite], self.x[finite]
 
@@ -113,15 +116,14 @@ class Log:
         names = instance(robot, Robot, "robot").joint_names
         if self.joints and list(self.joints) != names:
             order = self._order(names)
-            v = None if self.v is None else self.v[:, order]
-            q, tau = self.q[:, order], self.tau[:, order]
             read = [self.joints[k] for k in order]
+            parts = {name: getattr(self, name) for name in ("q", "v", "tau")}
+            parts = {name: part[:, order] for name, part in parts.items() if part is not None}
             assumed = self.assumed if read == names else {**self.assumed, "joints": read}
-            found = replace(self, joints=tuple(names), q=q, v=v, tau=tau, assumed=assumed)
-            return found.of(robot)
+            return replace(self, joints=tuple(names), assumed=assumed, **parts).of(robot)
         n, nq = robot.model.nv, robot.model.nq
-        parts = ("q", self.q, (n, nq)), ("v", self.v, (n,)), ("tau", self.tau, (n,))
-        for name, part, sizes in parts:
+        for name, sizes in {"q": (n, nq), "v": (n,), "tau": (n,)}.items():
+            part = getattr(self, name)
             if part is not None and part.shape[1] not in sizes:
                 raise LogError(
                     f"{part.shape[1]} columns, but {robot.name} has {n} joints: {names}.",
@@ -148,21 +150,22 @@ class Log:
         x_time = None if self.x_time is None else self.x_time - self.t[0]
         return replace(self, t=self.t - self.t[0], x_time=x_time)
 
-    @property
-    def frames_time(self) -> np.ndarray:
-        """Times (M) of the positions of the frame [s], those of the samples if not stated."""
-        return self.t if self.x_time is None else self.x_time
+    def sampled(self, kept: np.ndarray) -> Log:
+        """Return the log with those of its samples that are kept (N)."""
+        own = () if self.x_time is None else ("x",)
+        parts = {name: getattr(self, name) for name in ("t", "q", "tau", "v", "x")}
+        return replace(
+            self,
+            **{k: part[kept] for k, part in parts.items() if part is not None and k not in own},
+        )
 
     def after(self, t: float) -> Log:
         """Return the log from a time [s] on."""
-        kept = self.t >= t
-        frames = kept if self.x_time is None else self.x_time >= t
-        x = None if self.x is None else self.x[frames]
-        x_time = None if self.x_time is None else self.x_time[frames]
-        v = None if self.v is None else self.v[kept]
-        return replace(
-            self, t=self.t[kept], q=self.q[kept], tau=self.tau[kept], v=v, x=x, x_time=x_time
-        )
+        found = self.sampled(self.t >= t)
+        if self.x is None or self.x_time is None:
+            return found
+        kept = self.x_time >= t
+        return replace(found, x=self.x[kept], x_time=self.x_time[kept])
 
     def _order(self, names: Sequence[str]) -> list[int]:
         """Return the column of each of the robot's joints."""
@@ -204,24 +207,34 @@ def match_joints(found: Sequence[str], wanted: Sequence[str], source: str) -> li
     """Return the index of each wanted joint among those found, None where they do not match.
 
     Names that differ only in what all of them have in common, such as ``fer_joint1`` and
-    ``panda_joint1``, match. If no name is alike and there are as many, they are taken in their
-    order. A warning says which joint was taken for which.
+    ``panda_joint1``, match. Numbers from 0 or 1 on, or if no name is alike as many others, are
+    taken in their order. A warning says what was assumed.
 
     Args:
         found: names in a log.
         wanted: names of a robot's joints.
         source: of the log, for the warning.
     """
-    found, wanted = list(found), list(wanted)
+    found, n = list(found), len(wanted)
     if set(wanted) <= set(found):
         return [found.index(name) for name in wanted]
     if set(wanted) & set(found):
         return None
+    for first in (0, 1):
+        numbers = [str(first + k) for k in range(n)]
+        if set(numbers) <= set(found):
+            if str(first + n) in found:
+                warnings.warn(
+                    f"{source} has signals of more than the robot's {n} joints; the first {n} are "
+                    "taken. Is it the log of another robot? --columns names them.",
+                    stacklevel=2,
+                )
+            return [found.index(name) for name in numbers]
     order, how = _alike(found, wanted), "by their names"
-    if order is None and len(found) == len(wanted):
-        order, how = list(range(len(wanted))), "in their order"
     if order is None:
-        return None
+        order, how = list(range(n)), "in their order"
+        if len(found) != n:
+            return None
     pairs = ", ".join(f"{found[k]} = {name}" for k, name in zip(order, wanted, strict=True))
     warnings.warn(
         f"{source}: its joints have other names than the robot's and were matched {how}: {pairs}. "
@@ -233,41 +246,22 @@ def match_joints(found: Sequence[str], wanted: Sequence[str], source: str) -> li
 
 def _alike(found: Sequence[str], wanted: Sequence[str]) -> list[int] | None:
     """Return the index of each wanted joint among names with another beginning or end."""
-    low, keys = [name.lower() for name in found], _distinct([name.lower() for name in wanted])
-    if len(keys) < 2 or not all(keys):
-        return None
-    forms = [keys]
-    if all(key.isdecimal() for key in keys):  # counted from another number
-        forms += [[str(int(key) + shift) for key in keys] for shift in (-1, 1)]
-    for form in forms:
-        orders = set()
-        for name in low:
-            for at in range(len(name)):
-                if name.startswith(form[0], at):
-                    before, after = name[:at], name[at + len(form[0]) :]
-                    names = [before + key + after for key in form]
-                    if set(names) <= set(low):
-                        orders.add(tuple(low.index(one) for one in names))
-        if len(orders) == 1:
-            return list(orders.pop())
-        if orders:
-            return None
-    return None
-
-
-def _distinct(names: Sequence[str]) -> list[str]:
-    """Return names without the beginning and the end that all of them have in common."""
-    before = _common(names)
-    before = next((k for k in range(before, 0, -1) if not names[0][k - 1].isdigit()), 0)
-    rest = [name[before:] for name in names]
-    after = _common([name[::-1] for name in rest])
-    return [name[: len(name) - after] for name in rest]
+    before = len(wanted[0][: _common(wanted)].rstrip("0123456789"))
+    after = _common([name[:before:-1] for name in wanted])
+    keys = [name[before : len(name) - after].lower() for name in wanted]
+    low, orders = [name.lower() for name in found], set[tuple[int, ...]]()
+    for name in low:
+        head, key, tail = name.rpartition(keys[0])
+        names = [head + each + tail for each in keys]
+        if key and len(keys) > 1 and set(names) <= set(low):
+            orders.add(tuple(low.index(each) for each in names))
+    return list(orders.pop()) if len(orders) == 1 else None
 
 
 def _common(names: Sequence[str]) -> int:
     """Return how many first letters all names have in common."""
-    columns = enumerate(zip(*names, strict=False))
-    return next((k for k, letters in columns if len(set(letters)) > 1), min(map(len, names)))
+    letters = zip(*names, strict=False)
+    return sum(1 for _ in takewhile(lambda each: len(set(each)) == 1, letters))
 
 
 def repeated(log: Log) -> np.ndarray:
@@ -276,14 +270,11 @@ def repeated(log: Log) -> np.ndarray:
     A sample at rest that equals the one before counts only if one of the next two differs, as that
     of a driver that is asked more often than it measures.
     """
-    latest = np.maximum.accumulate(log.t)
-    late = np.append(False, log.t[1:] <= latest[:-1])
-    parts = [log.q, log.tau] if log.v is None else [log.q, log.v, log.tau]
-    rows = np.hstack(parts)
+    late = np.append(False, log.t[1:] <= np.maximum.accumulate(log.t)[:-1])
+    rows = np.hstack([part for part in (log.q, log.v, log.tau) if part is not None])
     same = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
-    changed = np.append(~same[1:], True)
-    changed |= np.append(changed[1:], True)
-    return np.asarray(late | (same & changed))
+    rests = np.append(same[1:], [False]) & np.append(same[2:], [False, False])
+    return np.asarray(late | (same & ~rests))
 
 
 def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
@@ -298,11 +289,12 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     late = np.append(False, ~(np.diff(log.t) > 0.0)) | ~np.isfinite(log.t)
     if late.any():
         row = int(np.argmax(late))
-        raise LogError(
+        raise _refused(
+            log,
+            "t",
             f"times must ascend; sample {row} is at {log.t[row]:.6g} s. There are "
             f"{np.count_nonzero(late)} such samples.",
-            where=f"{log.source}: t",
-            hint="--repeated drop leaves out samples of repeated or earlier times. Otherwise name "
+            "--repeated drop leaves out samples of repeated or earlier times. Otherwise name "
             "another column: --columns t=NAME.",
         )
     _check_finite(log, robot, "q")
@@ -310,29 +302,29 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     if not torques:
         return
     if len(log.t) < _FEWEST or log.duration < _SHORTEST:
-        raise LogError(
-            f"{len(log.t)} samples over {log.duration:.3g} s are too short; at least {_FEWEST} and "
-            f"{_SHORTEST:g} s are needed.",
-            where=f"{log.source}: t",
-        )
+        words = f"{len(log.t)} samples over {log.duration:.3g} s are too short"
+        raise _refused(log, "t", f"{words}; at least {_FEWEST} and {_SHORTEST:g} s are needed.")
     if log.period > _SLOWEST:
-        milliseconds = f" If these are milliseconds: --rate {1e3 / log.period:.4g}."
-        raise LogError(
+        raise _refused(
+            log,
+            "t",
             f"samples are {log.period:.4g} s apart, too far for inertia to have a visible effect.",
-            where=f"{log.source}: t",
-            hint=f"Record at {1.0 / _SLOWEST:g} Hz or more, with times in seconds.{milliseconds}",
+            f"Record at {1.0 / _SLOWEST:g} Hz or more, with times in seconds. If these are "
+            f"milliseconds: --rate {1e3 / log.period:.4g}.",
         )
     share = float(np.mean(repeated(log)))
     if share > _REPEATED:
-        raise LogError(
-            f"{share:.0%} of the samples repeat the one before in all numbers, so that their times "
-            "are wrong.",
-            where=log.source,
-            hint="--repeated drop leaves them out.",
-        )
+        words = f"{share:.0%} of the samples repeat the one before in all numbers"
+        hint = "--repeated drop leaves them out."
+        raise _refused(log, "t", f"{words}, so that their times are wrong.", hint)
     _check_finite(log, robot, "tau")
     _check_velocities(log, robot)
     _check_torques(log, robot)
+
+
+def _refused(log: Log, name: str, words: str, hint: str | None = None) -> LogError:
+    """Return the error of a signal of a log."""
+    return LogError(words, where=f"{log.source}: {name}", hint=hint)
 
 
 def _check_finite(log: Log, robot: Robot, name: str) -> None:
@@ -340,10 +332,8 @@ def _check_finite(log: Log, robot: Robot, name: str) -> None:
     share = np.isfinite(part).mean(axis=0)
     if (share < _MEASURED).any():
         joint = int(np.argmin(share)) if part.shape[1] == robot.model.nv else 0
-        raise LogError(
-            f"only {share.min():.0%} of the samples of {robot.joint_names[joint]} are numbers.",
-            where=f"{log.source}: {name}",
-        )
+        words = f"only {share.min():.0%} of the samples of {robot.joint_names[joint]} are numbers."
+        raise _refused(log, name, words)
 
 
 def _check_degrees(log: Log, robot: Robot) -> None:
@@ -351,23 +341,24 @@ def _check_degrees(log: Log, robot: Robot) -> None:
     if log.q.shape[1] != robot.model.nv:
         return
     low, high = position_limits(robot.model)
-    slides = np.array(list(robot.slides.values()))
-    free = slides | ~np.isfinite(high - low)
+    free = ~np.isfinite(high - low)
     low, high = np.where(free, -_TURNS, low), np.where(free, _TURNS, high)
     margin = np.maximum(_BEYOND, _RANGE * (high - low))
-    outside = np.mean((log.q < low - margin) | (log.q > high + margin), axis=0) > _OUTSIDE
-    if (outside & ~slides).any():
-        j = int(np.argmax(outside & ~slides))
-        q = log.q[np.isfinite(log.q[:, j]), j]
+    outside = np.mean((log.q < low - margin) | (log.q > high + margin), axis=0)
+    outside[list(robot.slides.values())] = 0.0
+    j = int(outside.argmax())
+    if outside[j] > _MEASURED:
+        least, most = np.nanmin(log.q[:, j]), np.nanmax(log.q[:, j])
         what, option = "Is this the log of another robot?", ""
-        if np.abs(q).max() > 2.0 * math.pi:
+        if max(-least, most) > 2.0 * math.pi:
             what = "Are these degrees, or angles of the motor before a gear?"
             option = "--degrees or --gear N reads them. "
-        raise LogError(
-            f"{robot.joint_names[j]} is at {q.min():.4g} to {q.max():.4g}, and its limits are "
+        raise _refused(
+            log,
+            "q",
+            f"{robot.joint_names[j]} is at {least:.4g} to {most:.4g}, and its limits are "
             f"{low[j]:.4g} and {high[j]:.4g} rad. {what}",
-            where=f"{log.source}: q",
-            hint=f"{option}Columns without joint names must be in the robot's order.",
+            f"{option}Columns without joint names must be in the robot's order.",
         )
 
 
@@ -380,45 +371,47 @@ def _check_velocities(log: Log, robot: Robot) -> None:
     rates, mean = moved / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
     for name, rate, velocity in zip(robot.joint_names, rates.T, mean.T, strict=True):
         both = np.isfinite(velocity) & np.isfinite(rate)
-        rate, velocity = _averages(rate[both]), _averages(velocity[both])
+        # averages, in which the noise of differenced encoders cancels
+        rate, velocity = (
+            np.convolve(part[both], np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")
+            for part in (rate, velocity)
+        )
         if not len(rate) or float(np.sqrt(np.mean(rate**2))) < _MOVING:
             continue
         factor = float(rate @ velocity / (rate @ rate))
-        if not _FACTORS[0] < factor < _FACTORS[1]:
-            raise LogError(
+        if not 0.5 < factor < 2.0:  # other units are far outside
+            raise _refused(
+                log,
+                "v",
                 f"the velocity of {name} is {factor:.3g} times the rate of its positions: 57.3 "
                 "where it is in degrees a second, 0.0175 where the positions are in degrees, -1 "
                 "where one sign is wrong, the ratio of a gear where one is that of the motor.",
-                where=f"{log.source}: v",
-                hint="Convert both to rad and rad/s (m and m/s), or leave velocities out: they are "
-                "then computed from the positions.",
+                "Convert both to rad and rad/s (m and m/s), or leave velocities out: they are then "
+                "computed from the positions.",
             )
-
-
-def _averages(values: np.ndarray) -> np.ndarray:
-    """Return running averages, in which the noise of differenced encoders cancels."""
-    return np.convolve(values, np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")
 
 
 def _check_torques(log: Log, robot: Robot) -> None:
     """Refuse torques that are zero, or far above the limits: not recorded, or of other units."""
     tau = np.where(np.isfinite(log.tau), log.tau, np.nan)
     sizes, limits = np.sqrt(np.nanmean(tau**2, axis=0)), effort_limits(robot.model)
+    name = robot.joint_names[int(np.argmin(sizes))]
     if not sizes.all():
-        name = robot.joint_names[int(np.argmin(sizes))]
         who = f"the torque of {name} is" if sizes.any() else "all torques are"
-        raise LogError(
+        raise _refused(
+            log,
+            "tau",
             f"{who} zero in all samples: not recorded.",
-            where=f"{log.source}: tau",
-            hint=f"Record the efforts of the motors; --lock {name} leaves out what did not move.",
+            f"Record the efforts of the motors; --lock {name} leaves out what did not move.",
         )
-    if (sizes > _TOO_STRONG * limits).any():
-        joint = int(np.argmax(sizes / limits))
-        raise LogError(
-            f"{robot.joint_names[joint]} gives {sizes[joint]:.4g} on average, and its limit is "
-            f"{limits[joint]:g} N m or N. Are these other units?",
-            where=f"{log.source}: tau",
-            hint="Torques must be those of the joints, after the gears, in N m or N. --torque-gain "
+    j = int(np.argmax(sizes / limits))
+    if sizes[j] > _TOO_STRONG * limits[j]:
+        raise _refused(
+            log,
+            "tau",
+            f"{robot.joint_names[j]} gives {sizes[j]:.4g} on average, and its limit is "
+            f"{limits[j]:g} N m or N. Are these other units?",
+            "Torques must be those of the joints, after the gears, in N m or N. --torque-gain "
             "multiplies them, with N m/A for currents.",
         )
 
@@ -432,28 +425,24 @@ def joined(logs: Sequence[Log], pause: float) -> Log:
     Raises:
         LogError: torques that are held in one log and measured at their instants in another.
     """
-    first, *others = logs
-    if not others:
-        return first
+    if len(logs) == 1:
+        return logs[0]
+    source = ", ".join(log.source for log in logs)
     if len({log.held for log in logs}) > 1:
-        raise LogError(
-            "torques are held in one of the logs, and measured at their instants in another.",
-            where=", ".join(log.source for log in logs),
-        )
-    shifts = starts_of(logs, pause)
-    parts: dict[str, Any] = {}
+        words = "torques are held in one of the logs, and measured at their instants in another."
+        raise LogError(words, where=source)
+    times = list(zip(logs, starts_of(logs, pause), strict=True))
+    parts: dict[str, Any] = {
+        "t": np.concatenate([log.t + start for log, start in times]),
+        "x_time": np.concatenate([log.frames_time + start for log, start in times]),
+    }
     for name in ("q", "tau", "v", "x"):
         arrays = [getattr(log, name) for log in logs]
-        missing = any(array is None or array.shape[1] != arrays[0].shape[1] for array in arrays)
-        parts[name] = None if missing else np.concatenate(arrays)
-    parts["t"] = np.concatenate([log.t + shift for log, shift in zip(logs, shifts, strict=True)])
-    parts["x_time"] = None
-    if parts["x"] is not None:
-        parts["x_time"] = np.concatenate(
-            [log.frames_time + shift for log, shift in zip(logs, shifts, strict=True)]
-        )
-    source = ", ".join(log.source for log in logs)
-    return replace(first, **parts, source=source)
+        sizes = {None if array is None else array.shape[1] for array in arrays}
+        parts[name] = np.concatenate(arrays) if len(sizes) == 1 and None not in sizes else None
+    if parts["x"] is None:
+        parts["x_time"] = None
+    return replace(logs[0], **parts, source=source)
 
 
 def starts_of(logs: Sequence[Log], pause: float) -> list[float]:

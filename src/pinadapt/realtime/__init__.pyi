@@ -1,13 +1,11 @@
 from .arm import Arm as Arm
 from .arm import ArmFacts as ArmFacts
-from .arm import BallCamera as BallCamera
 from .arm import Frames as Frames
 from .arm import PlantArm as PlantArm
 from .arm import ProcessArm as ProcessArm
-from .arm import ball_centre as ball_centre
-from .realtime_loop import Ending as Ending
 from .realtime_loop import Phase as Phase
 from .realtime_loop import RealtimeLoop as RealtimeLoop
+from .realtime_loop import RunResult as RunResult
 from .realtime_loop import Scheduling as Scheduling
 from .realtime_loop import Stage as Stage
 from .recorder import CycleLog as CycleLog
@@ -15,7 +13,7 @@ from .recorder import Recorder as Recorder
 from .recorder import ReplayedTorques as ReplayedTorques
 from .recorder import tell as tell
 from .recorder import watched as watched
-from .safety import Answer as Answer
 from .safety import Checklist as Checklist
 from .safety import Safety as Safety
+from .safety import SafetyAction as SafetyAction
 from .safety import SafetyFinding as SafetyFinding

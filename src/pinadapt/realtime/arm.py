@@ -1,12 +1,12 @@
-"""What the library needs of an arm, and any ``Plant`` as one: here, or in a process of its own.
-
-And x from the pictures of a camera: a coloured ball at the tool, found by OpenCV.
-"""
+"""What the library needs of an arm, and any ``Plant`` as one: here, or in a process of its own."""
 
 from __future__ import annotations
 
+import gc
 import math
 import os
+import pickle
+import signal
 import socket
 import time
 from abc import ABC, abstractmethod
@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
-from types import ModuleType, TracebackType
-from typing import Any, TypeAlias
+from types import TracebackType
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -29,17 +29,14 @@ from ..records import Measurement, Sensors
 from ..robot.motors import Compensation, Gravity
 from ..robot.robot import Robot
 
-_BRAKE = 20.0  # [1/s] at which the brakes of a simulated arm take its speed
-_REST, _BRAKING = 1e-3, 1.0  # [rad/s or m/s] at rest, and longest time to it [s]
+_BRAKE, _BRAKING = 20.0, 1.0  # [1/s] of a simulated arm's brakes, and longest time to rest [s]
+_REST = 1e-3  # [rad/s or m/s] of an arm that its brakes have stopped
 _SILENT = 0.1  # [s] without a torque after which a simulated arm stops by itself
 _STARTING = 60.0  # [s] that a new process may take
-_FIELDS = ("q", "v", "x", "xd", "tau")
-SIDES = ("joint", "motor")
+_NEEDED = ("t", "q", "v")  # signals of a measurement that a driver cannot leave out
 Frames = Callable[[], tuple[np.ndarray, float] | None]
 """Returns x of a new frame and when it was taken [s], or None while there is no new one."""
 
-_SATURATED, _BRIGHT = 90, 40  # of 255, saturation and value above which a pixel counts
-_ROUND = 0.8  # least share of its smallest enclosing circle that a ball fills, if seen whole
 MAIN = "In a script, what starts processes stands below `if __name__ == '__main__':`."
 
 
@@ -55,10 +52,8 @@ class ArmFacts:
         clock: whose clock ``Measurement.t`` counts: "arm" or "host", on both of which a period
             also takes that long by this computer's clock, and is checked; or "simulated", on which
             it may take any time.
-        side: "joint" if a torque is that behind the gear, "motor" if before it.
         compensation: what the arm adds to a torque that it is sent, of q (nq): gravity mostly; or
             None.
-        friction: whether the arm compensates the friction of its motors by itself.
         torque: (n) limits of the torque [N m or N].
         torque_rate: (n) largest change of a torque [N m/s or N/s]; infinite for none.
         velocity: (n) limits of the joint velocity [rad/s or m/s].
@@ -73,9 +68,7 @@ class ArmFacts:
     torque_rate: np.ndarray = field(default_factory=lambda: np.array(np.inf))
     paced: bool = True
     clock: str = "arm"
-    side: str = "joint"
     compensation: Compensation | None = None
-    friction: bool = False
     silence: float = _SILENT
 
     def __post_init__(self) -> None:
@@ -86,7 +79,6 @@ class ArmFacts:
                 an unknown word.
         """
         positive(self.period, "period")
-        word(self.side, SIDES, "side")
         word(self.clock, ("arm", "host", "simulated"), "clock")
         n = len(self.joints)
         for name in ("torque", "velocity", "torque_rate"):
@@ -104,7 +96,9 @@ class ArmFacts:
         return cls(**parts)  # type: ignore[arg-type]
 
 
-def as_measured(given: Any, sizes: Mapping[str, int], t: float) -> tuple[Measurement, str]:
+def as_measured(
+    given: Any, shapes: Mapping[str, tuple[int, ...]], t: float
+) -> tuple[Measurement, str]:
     """Return a driver's measurement in new arrays, and what is wrong with it, or "".
 
     Lists and integers are converted. What is wrong becomes NaN, a signal that may be missing None,
@@ -112,34 +106,28 @@ def as_measured(given: Any, sizes: Mapping[str, int], t: float) -> tuple[Measure
 
     Args:
         given: anything.
-        sizes: of the signals, by name.
+        shapes: of the signals, by name.
         t: expected time [s].
     """
+    flaw, found = "", dict[str, Any]()
     if not isinstance(given, Measurement):
-        words = f"`read` returned {shown(given)}; expected a pinadapt.Measurement"
-        n = np.full(sizes["q"], np.nan), np.full(sizes["v"], np.nan)
-        return Measurement(t, *n), words
-    wrong = ""
-    found: dict[str, Any] = {}
-    for name, size in sizes.items():
-        value, needed = getattr(given, name), name in ("q", "v")
+        flaw = f"`read` returned {shown(given)}; expected a pinadapt.Measurement"
+        given = Measurement(t, np.full(shapes["q"], np.nan), np.full(shapes["v"], np.nan))
+    for name, shape in shapes.items():
+        value, needed = getattr(given, name), name in _NEEDED
         if value is None and not needed:
             continue
         array = _real_numbers(value)
-        if array is None or array.shape != (size,):
-            wrong = wrong or f"measurement '{name}': expected {size} numbers, got {shown(value)}"
-            array = np.full(size, np.nan) if needed else None
-        elif needed and not math.isfinite(array.dot(array)):
-            wrong = wrong or f"measurement '{name}' is not finite"
-        found[name] = array
-    seen_at = given.x_time if found.get("x") is not None else None
-    for name, value in (("t", given.t), ("x_time", seen_at)):
-        number = _real_numbers(value)
-        if number is not None and not number.shape and math.isfinite(number):
-            found[name] = float(number)
-        elif name == "t" or value is not None:
-            wrong = wrong or f"measurement '{name}': expected a time, got {shown(value)}"
-    return Measurement(**{"t": t, **found}), wrong
+        if array is None or array.shape != shape:
+            what = f"{shape[0]} numbers" if shape else "a time"
+            flaw = flaw or f"measurement '{name}': expected {what}, got {shown(value)}"
+            array = np.full(shape, np.nan) if needed else None
+        elif (needed or not shape) and not math.isfinite(np.vdot(array, array)):
+            flaw = flaw or f"measurement '{name}' is not finite"
+        found[name] = array if shape or array is None else float(array)
+    if not math.isfinite(found["t"]):
+        found["t"] = t
+    return Measurement(**found), flaw
 
 
 def _real_numbers(value: Any) -> np.ndarray | None:
@@ -213,9 +201,6 @@ class Arm(ABC):
         self.close()
 
 
-PlantSource: TypeAlias = Callable[[], Plant]
-
-
 class PlantArm(Arm):
     """Any ``Plant`` as an arm in this process.
 
@@ -255,23 +240,19 @@ class PlantArm(Arm):
             InputError: no plant, or one of unknown joints.
         """
         self.plant = instance(plant, Plant, "plant")
-        if robot is None and isinstance(plant, SimulatedPlant):
-            robot = plant.robot
-        robot = instance(robot, Robot, "robot")
-        added = plant.compensation if isinstance(plant, SimulatedPlant) else None
+        robot = instance(getattr(plant, "robot", None) if robot is None else robot, Robot, "robot")
         self.facts = ArmFacts.of(
             robot,
             period=period,
             paced=clock is None,
             clock="simulated" if clock is None else "host",
-            compensation=added,
+            compensation=getattr(plant, "compensation", None),
             silence=silence,
         )
         self._sensors = (
             None if sensors is None else SimulatedSensors(robot, period, sensors, seed=seed)
         )
-        self._clock = clock
-        self._start: float | None = None
+        self._clock, self._start = clock, math.nan
         self._sent: np.ndarray | None = None
         self._given: np.ndarray | None = None
         self._count, self._quiet = -1, 0  # the first measurement is of time zero
@@ -284,17 +265,17 @@ class PlantArm(Arm):
         Raises:
             ArmError: the arm has stopped.
         """
-        if self.stopped:
-            raise ArmError(f"the arm has stopped: {self.stopped}.", where=self.facts.name)
         for _ in range(self._due()):
             self._count += 1
-            if self._sent is None:
+            if self._sent is None or self.stopped:
                 continue
             self._quiet += 1
             if self._quiet * self.facts.period > self.facts.silence:
                 self.stop(f"no torque came for {self.facts.silence:g} s")
-                raise ArmError(f"the arm has stopped: {self.stopped}.", where=self.facts.name)
+                break
             self.plant.step(self._sent.copy(), self.facts.period)
+        if self.stopped:
+            raise ArmError(f"the arm has stopped: {self.stopped}.", where=self.facts.name)
         truth = self.plant.measure()._replace(t=self._count * self.facts.period)
         return truth if self._sensors is None else self._sensors.measure(truth, self._given)
 
@@ -303,7 +284,7 @@ class PlantArm(Arm):
         if self._clock is None:
             return 1
         now = self._clock()
-        if self._start is None:
+        if math.isnan(self._start):
             self._start = now
         return max(int((now - self._start) / self.facts.period + 1e-6) - self._count, 0)
 
@@ -319,17 +300,15 @@ class PlantArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Bring the plant to rest by brakes, as a real arm does by itself."""
-        if self.stopped:
-            return
-        self.stopped = reason.rstrip(".") or "stopped"
-        plant = self.plant
-        if self._sent is None or not isinstance(plant, SimulatedPlant):
+        plant, moves = self.plant, self._sent is not None and not self.stopped
+        self.stopped = self.stopped or reason.rstrip(".") or "stopped"
+        if not moves or not isinstance(plant, SimulatedPlant):
             return
         robot, period = plant.robot, self.facts.period
         gravity, data = Gravity(robot), robot.model.createData()
         for _ in range(round(_BRAKING / period)):
             seen = plant.measure()
-            if not np.isfinite(seen.v).all() or np.abs(seen.v).max() < _REST:
+            if not _REST < np.abs(seen.v).max() < np.inf:
                 break
             added = 0.0 if plant.compensation is None else plant.compensation(seen.q)
             inertia = np.diag(pin.crba(robot.model, data, seen.q))
@@ -349,7 +328,7 @@ class ProcessArm(Arm):
 
     def __init__(
         self,
-        make: PlantSource,
+        make: Callable[[], Plant],
         period: float = 1e-3,
         *,
         sensors: Sensors | None = None,
@@ -375,37 +354,23 @@ class ProcessArm(Arm):
         Raises:
             ArmError: the process does not start.
         """
-        here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        options = {"sensors": sensors, "silence": silence, "seed": seed}
-        context = get_context("spawn")
-        self._process = context.Process(
-            target=_serve, args=(there, make, period, options, (core, priority)), daemon=True
-        )
+        self._socket, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        options = {"period": period, "sensors": sensors, "silence": silence, "seed": seed}
+        arguments = there, make, options, (core, priority)
+        self._process = get_context("spawn").Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
         there.close()
-        self.pid = self._process.pid
-        self._socket, self._timeout = here, timeout
-        here.settimeout(_STARTING)
-        facts, sizes = self._opening()
-        self.facts = replace(facts, clock="arm")  # its process keeps the time
-        self._layout = _Layout(sizes)
-        self._stopped = ""
-
-    def _opening(self) -> tuple[ArmFacts, dict[str, int]]:
-        """Return what the process says of its plant."""
-        import pickle
-
+        self.pid, self._timeout, self._stopped = self._process.pid, timeout, ""
+        self._socket.settimeout(_STARTING)
         try:
-            said = self._socket.recv(1 << 20)
-        except (TimeoutError, OSError):
-            said = b""
-        if not said:
-            raise ArmError("the process of the plant has not started.", where="plant", hint=MAIN)
-        found = pickle.loads(said)  # of our own child
-        if isinstance(found, Exception):
-            raise found
-        facts, sizes = found
-        return facts, sizes
+            facts = pickle.loads(self._socket.recv(1 << 20))  # of our own child
+        except (OSError, EOFError) as error:
+            raise ArmError(
+                "the process of the plant has not started.", where="plant", hint=MAIN
+            ) from error
+        if isinstance(facts, Exception):
+            raise facts
+        self.facts = replace(facts, clock="arm")  # its process keeps the time
 
     def read(self) -> Measurement:
         """Wait for the next measurement and return the newest; frames of skipped ones stay.
@@ -442,7 +407,8 @@ class ProcessArm(Arm):
                 where=self.facts.name,
                 hint="Its process has died or was stopped.",
             )
-        return self._layout.unpack(said)
+        measurement: Measurement = pickle.loads(said)
+        return measurement
 
     def send(self, torque: np.ndarray) -> None:
         """Send a torque (n) [N m or N].
@@ -451,7 +417,7 @@ class ProcessArm(Arm):
             ArmError: the process has ended.
         """
         try:
-            self._socket.send(np.asarray(torque, dtype=float).tobytes())
+            self._socket.send(pickle.dumps(np.asarray(torque, dtype=float)))
         except BlockingIOError:
             return  # the arm has not taken the last ones yet
         except OSError as error:
@@ -462,7 +428,7 @@ class ProcessArm(Arm):
         if not self._stopped:
             self._stopped = reason.rstrip(".") or "stopped"
             with suppress(OSError):
-                self._socket.send(b"stop" + self._stopped.encode()[:200])
+                self._socket.send(pickle.dumps(self._stopped))
 
     def close(self) -> None:
         """End the process."""
@@ -473,222 +439,49 @@ class ProcessArm(Arm):
             self._process.join(1.0)
 
 
-class _Layout:
-    """Measurements as bytes: flags, times, then the fields one after the other."""
-
-    def __init__(self, sizes: dict[str, int]) -> None:
-        self._sizes = sizes
-        self._row = np.zeros(2 + len(_FIELDS) + sum(sizes.values()))
-        self._parts, start = {}, 2 + len(_FIELDS)
-        for name in _FIELDS:
-            self._parts[name] = slice(start, start + sizes[name])
-            start += sizes[name]
-
-    @classmethod
-    def of(cls, measurement: Measurement) -> dict[str, int]:
-        """Return the sizes of the fields of a measurement that has them all."""
-        n = measurement.v.size
-        x = 0 if measurement.x is None else measurement.x.size
-        xd = 0 if measurement.xd is None else measurement.xd.size
-        return {"q": measurement.q.size, "v": n, "x": x, "xd": xd, "tau": n}
-
-    def pack(self, measurement: Measurement) -> bytes:
-        """Return a measurement as bytes."""
-        row = self._row
-        row[0] = measurement.t
-        row[1] = np.nan if measurement.x_time is None else measurement.x_time
-        for k, name in enumerate(_FIELDS):
-            value = getattr(measurement, name)
-            row[2 + k] = value is not None
-            if value is not None:
-                row[self._parts[name]] = value
-        return row.tobytes()
-
-    def unpack(self, said: bytes) -> Measurement:
-        """Return the measurement in bytes; a signal that was not sent is None."""
-        row = np.frombuffer(said).copy()
-        found = {
-            name: row[self._parts[name]] if row[2 + k] else None for k, name in enumerate(_FIELDS)
-        }
-        seen = row[1]
-        x_time = None if np.isnan(seen) else float(seen)
-        return Measurement(float(row[0]), x_time=x_time, **found)  # type: ignore[arg-type]
-
-
 def _serve(
     link: socket.socket,
-    make: PlantSource,
-    period: float,
-    options: dict[str, object],
+    make: Callable[[], Plant],
+    options: dict[str, Any],
     place: tuple[int | None, int | None],
 ) -> None:
     """Move a plant on its own clock until the loop ends, stops it, or goes silent."""
-    import gc
-    import pickle
-    import signal
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
+    core, priority = place
     try:
-        core, priority = place
         with suppress(OSError, AttributeError):
             if core is not None:
                 os.sched_setaffinity(0, {core})
             if priority is not None:
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        plant = make()
-        arm = PlantArm(plant, period, **options)  # type: ignore[arg-type]
-        layout = _Layout(sizes := _Layout.of(plant.measure()))
+        arm = PlantArm(plant := make(), **options)
+        period = arm.facts.period
         plant.step(np.zeros(plant.nv), period)  # kernels are compiled and touched
         plant.reset()
     except Exception as error:
         link.send(pickle.dumps(error if isinstance(error, InputError) else ArmError(str(error))))
         return
-    link.send(pickle.dumps((arm.facts, sizes)))
+    link.send(pickle.dumps(arm.facts))
     gc.freeze()
     gc.disable()
     link.setblocking(False)
-    size, due = plant.nv * 8, time.monotonic()
-    while not arm.stopped:
-        with suppress(ArmError):
-            said = layout.pack(arm.read())
-            try:
-                link.send(said)
-            except BlockingIOError:
-                pass  # the loop is late; what it does not read is lost
-            except OSError:
-                arm.stop("the loop has ended")
-        due = max(due + period, time.monotonic() - 10.0 * period)
-        while (left := due - time.monotonic()) > 0.0:
-            time.sleep(left)
-        torque = None
-        try:
-            while True:
-                heard = link.recv(1 << 12)
-                if not heard:
-                    arm.stop("the loop has ended")
-                    break
-                if heard.startswith(b"stop") and len(heard) != size:
-                    arm.stop(heard[4:].decode(errors="replace"))
-                    break
-                torque = np.frombuffer(heard)
-        except BlockingIOError:
-            pass
-        except OSError:
-            arm.stop("the loop has ended")
-        if torque is not None and not arm.stopped:
-            arm.send(vector(torque, plant.nv, "torque", fills=False))
-    link.close()
-
-
-# A ball at the tool, in the pictures of a camera
-
-
-class BallCamera:
-    """x from the pictures of a ball of one colour at the tool, for the task "image".
-
-    Call it once in each cycle: in the ``read`` of an arm of your own, or as
-    ``FrankaArm(camera=...)``. It returns x, the ball's centre in pixels times ``pixel``, with the
-    time of the picture; None while there is no new one, and where the ball is not seen whole, see
-    ``ball_centre``. The centre of a ball's outline is not the picture of its centre: with a radius
-    r at a distance d and an angle a off the camera's axis it is about (r / d)^2 tan(a) focal
-    lengths further out, some hundredths of a pixel.
-
-    Attributes:
-        seen: number of pictures in which the ball was found.
-        unseen: number of the others.
-    """
-
-    def __init__(
-        self,
-        read: Callable[[], tuple[np.ndarray, float] | None],
-        hue: tuple[float, float],
-        pixel: float,
-    ) -> None:
-        """Take where pictures come from.
-
-        Args:
-            read: returns a new picture (h, w, 3), bytes in the order blue, green, red as OpenCV
-                has them, and when it was taken [s], on the clock of the arm; or None. It must not
-                wait: let a thread fetch the pictures.
-            hue: of the ball, from and to, as of ``ball_centre``.
-            pixel: length [m] that a pixel counts as, as of ``Robot.filmed_by``.
-
-        Raises:
-            InputError: OpenCV is not installed, or no function, no hues or no length.
-        """
-        _opencv()
-        if not callable(read):
-            raise InputError("expected a function that returns a picture.", where="read")
-        vector(hue, 2, "hue")
-        self._read, self._hue = read, hue
-        self._pixel = positive(pixel, "pixel", error=InputError)
-        self.seen = self.unseen = 0
-
-    def __call__(self) -> tuple[np.ndarray, float] | None:
-        """Return x (2) [m] and time [s] of a new picture, or None.
-
-        Raises:
-            InputError: as ``ball_centre``.
-        """
-        new = self._read()
-        if new is None:
-            return None
-        found = ball_centre(new[0], self._hue)
-        if found is None:
-            self.unseen += 1
-            return None
-        self.seen += 1
-        return self._pixel * found, new[1]
-
-
-def ball_centre(
-    picture: np.ndarray, hue: tuple[float, float], *, smallest: float = 3.0
-) -> np.ndarray | None:
-    """Return the centre (2) [pixels] of the largest ball of a colour, or None if it is not whole.
-
-    u counts to the right and v downwards, from the middle of the first pixel. The centre is that of
-    the area within the outline, so that reflections on the ball do not matter. A ball that is cut
-    by the border of the picture, or hidden so far that it is no longer round, is not seen.
-
-    Args:
-        picture: (h, w, 3) bytes, blue, green, red.
-        hue: from and to [deg]: red is 0, green 120, blue 240; (340, 20) passes through red.
-        smallest: radius of a ball [pixels].
-
-    Raises:
-        InputError: OpenCV is not installed, or something else than a picture or an angle.
-    """
-    cv = _opencv()
-    of_bytes = isinstance(picture, np.ndarray) and picture.dtype == np.uint8
-    if not of_bytes or picture.ndim != 3 or picture.shape[2] != 3 or not picture.size:
-        raise InputError("expected bytes (h, w, 3): blue, green, red.", where="picture")
-    low, high = (0.5 * float(each) for each in vector(hue, 2, "hue"))
-    if not (0.0 <= low <= 180.0 and 0.0 <= high <= 180.0):
-        raise InputError(f"expected angles from 0 to 360 deg, got {hue}.", where="hue")
-    colours = cv.cvtColor(np.ascontiguousarray(picture), cv.COLOR_BGR2HSV)
-    spans = [(low, high)] if low <= high else [(low, 180.0), (0.0, high)]
-    of_ball = np.zeros(picture.shape[:2], dtype=np.uint8)
-    for first, last in spans:
-        of_ball |= cv.inRange(colours, (first, _SATURATED, _BRIGHT), (last, 255.0, 255.0))
-    outlines, _ = cv.findContours(of_ball, cv.RETR_EXTERNAL, cv.CHAIN_APPROX_NONE)
-    if not outlines:
-        return None
-    outline = max(outlines, key=cv.contourArea)
-    moments, (_, radius) = cv.moments(outline), cv.minEnclosingCircle(outline)
-    u, v, width, height = cv.boundingRect(outline)
-    whole = u > 0 and v > 0 and u + width < picture.shape[1] and v + height < picture.shape[0]
-    area = moments["m00"]
-    if not whole or radius < smallest or area < _ROUND * np.pi * radius**2:
-        return None
-    return np.array([moments["m10"], moments["m01"]]) / area
-
-
-def _opencv() -> ModuleType:
-    """Return the module cv2, imported at first use."""
+    due = time.monotonic()
     try:
-        import cv2
-    except ImportError as error:
-        raise InputError(
-            "OpenCV is not installed.", hint='Install it: pip install "pinadapt[camera]".'
-        ) from error
-    return cv2
+        while not arm.stopped:
+            with suppress(ArmError, BlockingIOError):  # what a late loop does not read is lost
+                link.send(pickle.dumps(arm.read()))
+            due = max(due + period, time.monotonic() - 10.0 * period)
+            while (left := due - time.monotonic()) > 0.0:
+                time.sleep(left)
+            said: Any = None
+            with suppress(BlockingIOError):
+                while not isinstance(said, str):
+                    heard = link.recv(1 << 16)
+                    said = pickle.loads(heard) if heard else "the loop has ended"
+            if isinstance(said, str):
+                arm.stop(said)
+            elif said is not None:
+                arm.send(said)
+    except OSError:
+        arm.stop("the loop has ended")
+    link.close()

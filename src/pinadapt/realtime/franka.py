@@ -18,11 +18,11 @@ limits, reflexes and errors. It is no evidence about friction, elasticity or tim
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._checks import vector
 from ..exceptions import ArmError, InputError
@@ -32,11 +32,12 @@ from ..robot.motors import Gravity
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts, Frames
 
-TORQUE = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)  # [N m]
+TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
 TORQUE_RATE = 1000.0  # [N m/s]
+PERIOD = 1e-3  # [s]
 COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
-FORCES = (40.0, 40.0, 40.0, 25.0, 25.0, 25.0)  # [N], [N m] for that of the flange
-_PERIOD, _JOINTS, _COUNTED = 1e-3, 7, 100
+FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
+_COUNTED = 100  # commands of which the robot states the share that it has received
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
@@ -56,8 +57,8 @@ class FrankaArm(Arm):
         address: str,
         robot: Robot,
         *,
-        collision: Sequence[float] = COLLISION,
-        forces: Sequence[float] = FORCES,
+        collision: ArrayLike = COLLISION,
+        forces: ArrayLike = FORCES,
         load: Payload | None = None,
         recover: bool = False,
         enforce: bool = False,
@@ -78,47 +79,37 @@ class FrankaArm(Arm):
             camera: returns x of a new frame and its time on the robot's clock [s], or None.
 
         Raises:
-            InputError: pylibfranka is missing, no answer, a description of another arm, or
-                thresholds of another number.
+            InputError: pylibfranka is missing, no answer, a description of another arm, or another
+                number of thresholds.
         """
         try:
             import pylibfranka
         except ImportError as error:
             raise InputError(f"pylibfranka is missing: {error}.", hint=_INSTALL) from error
-        if robot.model.nv != _JOINTS:
+        if robot.model.nv != len(TORQUE):
             raise InputError(
-                f"a Franka has {_JOINTS} joints; the description has {robot.joint_names}.",
+                f"a Franka has {len(TORQUE)} joints; the description has {robot.joint_names}.",
                 where="robot",
                 hint="Lock the fingers, and take a frame behind the seventh joint.",
             )
         self._vendor: Any = pylibfranka
-        self._failures = (
-            pylibfranka.FrankaException,
-            pylibfranka.NetworkException,
-            pylibfranka.ControlException,
-            pylibfranka.CommandException,
-            pylibfranka.InvalidOperationException,
-            pylibfranka.RealtimeException,
-            RuntimeError,  # of the network
-        )
+        self._failures = (pylibfranka.FrankaException, RuntimeError)  # of which its others are
         self.address, self._camera = address, camera
-        self._collision = _thresholds(collision, _JOINTS, "collision")
-        self._forces = _thresholds(forces, 6, "forces")
+        self._collision = vector(collision, len(TORQUE), "collision", fills=False).tolist()
+        self._forces = vector(forces, len(FORCES), "forces", fills=False).tolist()
         self._load, self._recover = load, recover
         self.facts = ArmFacts.of(
             robot,
             name=f"Franka at {address}",
-            period=_PERIOD,
+            period=PERIOD,
             torque=TORQUE,
             torque_rate=TORQUE_RATE,
             compensation=Gravity(robot),
-            friction=True,
         )
-        kind = pylibfranka.RealtimeConfig
+        kinds = pylibfranka.RealtimeConfig
+        kernel = kinds.kEnforce if enforce else kinds.kIgnore
         try:
-            self._robot: Any = pylibfranka.Robot(
-                address, kind.kEnforce if enforce else kind.kIgnore
-            )
+            self._robot: Any = pylibfranka.Robot(address, kernel)
         except self._failures as error:
             raise InputError(
                 f"cannot be reached: {str(error).rstrip(chr(46))}.",
@@ -147,7 +138,7 @@ class FrankaArm(Arm):
                     self.received = float(state.control_command_success_rate)
         except self._failures as error:
             raise self._broken(error) from error
-        t = _seconds(state.time)
+        t = float(state.time.to_sec())
         x, x_time = self._frame(t)
         return Measurement(
             t,
@@ -193,8 +184,9 @@ class FrankaArm(Arm):
             both = (self._collision, self._collision, self._forces, self._forces)
             self._robot.set_collision_behavior(*both)  # of contact and of collision alike
             if self._load is not None:
-                com, inertia = np.asarray(self._load.com), _full(self._load)
-                self._robot.set_load(float(self._load.mass), com.tolist(), inertia)
+                seen = self._load.spatial_inertia()
+                inertia = seen.inertia.ravel().tolist()
+                self._robot.set_load(seen.mass, seen.lever.tolist(), inertia)
             self._control = self._robot.start_torque_control()
         except self._failures as error:
             raise self._broken(error) from error
@@ -208,7 +200,7 @@ class FrankaArm(Arm):
         """
         if self._control is None:
             return
-        given = vector(torque, _JOINTS, "torque", fills=False)
+        given = vector(torque, len(TORQUE), "torque", fills=False)
         try:
             self._control.writeOnce(self._vendor.Torques(given.tolist()))
             self._commands += 1
@@ -225,7 +217,7 @@ class FrankaArm(Arm):
             return
         with suppress(*self._failures):
             control.readOnce()
-            torques = self._vendor.Torques([0.0] * _JOINTS)
+            torques = self._vendor.Torques([0.0] * len(TORQUE))
             torques.motion_finished = True
             control.writeOnce(torques)
             return
@@ -265,31 +257,8 @@ def at_task_frame(load: Payload, robot: Robot) -> Payload:
     return Payload(seen.mass, seen.lever, full[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
 
 
-def _thresholds(values: Sequence[float], size: int, name: str) -> list[float]:
-    """Return positive thresholds.
-
-    Raises:
-        InputError: another number of them, or one that is not positive.
-    """
-    found = vector(values, size, name, fills=False)
-    if not (found > 0.0).all():
-        raise InputError(f"must be positive, got {found.tolist()}.", where=name)
-    return [float(each) for each in found]
-
-
-def _seconds(stamp: Any) -> float:
-    """Return a time of the client [s]."""
-    return float(stamp.to_sec()) if hasattr(stamp, "to_sec") else float(stamp)
-
-
 def _errors(errors: Any) -> str:
     """Return the names of the errors that are set."""
     names = [name for name in dir(errors) if not name.startswith("_")]
     found = [name for name in names if getattr(errors, name) is True]
     return ", ".join(found) or "a reflex that was not acknowledged"
-
-
-def _full(load: Payload) -> list[float]:
-    """Return the inertia of a load as nine numbers."""
-    xx, xy, yy, xz, yz, zz = np.asarray(load.inertia, dtype=float).ravel()[:6]
-    return [float(each) for each in (xx, xy, xz, xy, yy, yz, xz, yz, zz)]

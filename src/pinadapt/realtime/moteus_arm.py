@@ -31,11 +31,8 @@ from ..robot.robot import Robot
 from .arm import Arm, ArmFacts
 
 _INSTALL = 'Install them: pip install "pinadapt[moteus]".'
-_TURN = 2.0 * math.pi
 _MISSED = 3  # cycles without a reply after which a motor is lost
-_FAULT, _WATCHDOG = 1, 11  # modes of a motor
 _HIGHEST_ID = 126
-_SIZES = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # of the data of a CAN-FD frame
 _NOTHING = b"\x50"  # a command that does nothing, as padding
 
 
@@ -110,19 +107,18 @@ class MoteusArm(Arm):
         """
         try:
             import can
+            import can.util
             import moteus
         except ImportError as error:
             raise InputError(f"moteus or python-can is missing: {error}.", hint=_INSTALL) from error
         names = instance(robot, Robot, "robot").joint_names
-        by_joint = {motor.joint: motor for motor in motors}
-        if sorted(by_joint) != sorted(names) or len(motors) != len(names):
+        of = [motor.joint for motor in motors]
+        if sorted(of) != sorted(names) or len({motor.id for motor in motors}) < len(names):
             raise InputError(
-                f"the motors are of {[motor.joint for motor in motors]}, the joints are {names}.",
+                f"expected a motor with an id of its own for each of the joints {names}, got {of}.",
                 where="motors",
             )
-        self.motors = [by_joint[name] for name in names]
-        if len({motor.id for motor in self.motors}) < len(names):
-            raise InputError("two motors have the same id.", where="motors")
+        self.motors = [motors[of.index(name)] for name in names]
         self._can, self._moteus, self._clock = can, moteus, clock
         self._timeout, self._silence = positive(timeout, "timeout"), positive(silence, "silence")
         self.facts = ArmFacts.of(
@@ -133,11 +129,10 @@ class MoteusArm(Arm):
             clock="host",
             silence=silence,
         )
-        sign = np.array([motor.sign for motor in self.motors], dtype=float)
-        ratio = np.array([motor.ratio for motor in self.motors])
-        self._angle = sign * _TURN / ratio
-        self._torque = sign * ratio * np.array([motor.torque for motor in self.motors])
-        self._offset = np.array([motor.offset for motor in self.motors])
+        signs, ratios, self._offset, scales = np.array(
+            [(one.sign, one.ratio, one.offset, one.torque) for one in self.motors]
+        ).T
+        self._angle, self._torque = signs * 2.0 * math.pi / ratios, signs * ratios * scales
         self._places = {motor.id: k for k, motor in enumerate(self.motors)}
         self._nodes = [moteus.Controller(motor.id) for motor in self.motors]
         self._queries = [self._message(node.make_query()) for node in self._nodes]
@@ -164,15 +159,14 @@ class MoteusArm(Arm):
 
     def _message(self, command: Any) -> Any:
         """Return the message of a command: its reply bit, source and destination are in the id."""
-        destination = command.destination
-        number = getattr(destination, "can_id", destination)
+        target = getattr(command.destination, "can_id", command.destination)
         source = command.source | (0x80 if command.reply_required else 0)
-        arbitration, data = command.can_prefix << 16 | source << 8 | number, bytes(command.data)
-        size = next(size for size in _SIZES if size >= len(data))
+        number, data = command.can_prefix << 16 | source << 8 | target, bytes(command.data)
+        size = self._can.util.dlc2len(self._can.util.len2dlc(len(data)))
         return self._can.Message(
-            arbitration_id=arbitration,
-            is_extended_id=arbitration > 0x7FF,
-            data=data + _NOTHING * (size - len(data)),
+            arbitration_id=number,
+            is_extended_id=number > 0x7FF,
+            data=data.ljust(size, _NOTHING),
             is_fd=True,
             bitrate_switch=True,
         )
@@ -206,17 +200,17 @@ class MoteusArm(Arm):
             return
         register = self._moteus.Register
         values = self._moteus.parse_registers(bytes(message.data)).response
-        mode, fault = int(values.get(register.MODE, 0)), int(values.get(register.FAULT, 0))
-        if mode in (_FAULT, _WATCHDOG):
-            what = "stopped by its watchdog" if mode == _WATCHDOG else f"has fault {fault}"
+        mode, modes = int(values.get(register.MODE, 0)), self._moteus.Mode
+        if mode in (modes.FAULT, modes.TIMEOUT):
+            fault = f"has fault {int(values.get(register.FAULT, 0))}"
+            what = "stopped by its watchdog" if mode == modes.TIMEOUT else fault
             raise ArmError(
                 f"the motor of {self.motors[k].joint} {what}.",
                 where=self.facts.name,
                 hint="Faults are listed in moteus' reference; they end with a stop command.",
             )
-        self._raw[:, k] = [
-            values[each] for each in (register.POSITION, register.VELOCITY, register.TORQUE)
-        ]
+        asked = register.POSITION, register.VELOCITY, register.TORQUE
+        self._raw[:, k] = [values[each] for each in asked]
         heard.add(number)
 
     def read(self) -> Measurement:

@@ -1,22 +1,25 @@
 """The log of every cycle, and the process beside the loop that writes it and answers requests.
 
-The loop copies one row of numbers a cycle into a ring in shared memory, and does nothing else. The
-process beside it writes the rows as MCAP, twenty times a second, answers on the loopback, and hands
-commands on. If the loop dies, the process writes what the ring still holds and ends the file; if it
-dies itself, the file is readable up to the last 0.1 s and the loop stops the arm.
+The loop fills one record of numbers a cycle in a ring of shared memory, and does nothing else. The
+process beside it writes the records as MCAP, answers on the loopback, and hands commands on. If the
+loop dies, the process writes what the ring still holds and ends the file; if it dies itself, the
+file is readable up to the last 0.1 s and the loop stops the arm.
+
+Messages are those of ROS 2 (CDR, little endian), so Foxglove and everything that reads bags opens
+the file.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import pickle
 import select
 import signal
 import socket
+import struct
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -27,110 +30,107 @@ import numpy as np
 
 from .._output import read_as_data
 from .._version import __version__
-from ..exceptions import InputError, LogError
-from ..logs.mcap import (
-    JointStates,
-    McapWriter,
-    Topic,
-    fields_of,
-    numbers_definition,
-    numbers_message,
-    numbers_of,
-    pose_message,
-    read_mcap,
-    text_message,
-    text_of,
-)
+from ..exceptions import InputError, LogError, PinadaptError
+from ..records import Desired, Measurement
 from .arm import MAIN
 
 if TYPE_CHECKING:
     from ..controller.controller import Controller
     from ..controller.state import ControllerState, Sample
-    from ..records import Desired, Measurement
     from ..robot.robot import Robot
 
 PHASES = ("starting", "running", "holding", "damping", "stopped")
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
-_CYCLE, _STATES, _FRAMES, _EVENTS, _ESTIMATES = range(5)
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
-_EVERY = 0.05  # [s] between two chunks of the file
-_SLOWLY = 0.1  # [s] between two records of the estimates
-_WRITTEN, _READ, _DROPPED, _WAITING, _FAILED, _CLOSED, _ALIVE = range(7)
-_HAS = ("x", "xd", "tau", "w")
+_CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
+
+_LINE = "=" * 80  # between parts of a definition
+_HEADER = f"""{_LINE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_LINE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_POINT = f"{_LINE}\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
+_POSE = f"""{_LINE}
+MSG: geometry_msgs/Pose
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+{_LINE}
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+"""
+_DEFINITIONS = {
+    "sensor_msgs/msg/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
+    f"float64[] velocity\nfloat64[] effort\n{_HEADER}",
+    "geometry_msgs/msg/PointStamped": "std_msgs/Header header\ngeometry_msgs/Point point\n"
+    f"{_HEADER}{_POINT}",
+    "geometry_msgs/msg/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose\n"
+    f"{_HEADER}{_POINT}{_POSE}",
+    "std_msgs/msg/String": "string data\n",
+}
 
 
-def _fields(nq: int, n: int, x: int, m: int) -> dict[str, int]:
-    """Return the fields of a row and their sizes."""
-    one = "t host dt phase stepped adapting step_us received age has x_time"
-    return {
-        **dict.fromkeys(one.split(), 1),
-        **{"q": nq, "v": n, "x": x, "xd": m, "tau": n, "w": n},
+def tick_of(controller: Controller) -> np.dtype[Any]:
+    """Return the record of a cycle: its numbers by name, NaN for a signal that was not measured."""
+    kinematics, dynamics = controller.kinematics, controller.dynamics
+    nq, n, task = kinematics.nq, kinematics.nv, kinematics.task
+    x, m = task.coordinates, task.size
+    sizes = {
+        **{"q": nq, "v": n, "x": x, "xd": m, "a": n, "tau": n, "w": n},
         **{"x_d": x, "xd_d": m, "xdd_d": m, "asked": n, "sent": n, "given": n, "residual": n},
     }
+    one = ["t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time"]
+    sizes |= {"a_k": kinematics.size, "a_d": dynamics.size}
+    fields = [(name, float, (size,)) for name, size in sizes.items() if size]
+    return np.dtype([(name, float) for name in one] + fields)
 
 
-class Row:
-    """One row of numbers with its fields as views, of which the last axis are the numbers.
-
-    Attributes:
-        values: (width) the numbers.
-    """
-
-    def __init__(self, fields: Mapping[str, int], values: np.ndarray | None = None) -> None:
-        """Take the fields and their sizes, and the numbers of an existing row or of many."""
-        self.fields = dict(fields)
-        self.values = np.zeros(sum(fields.values())) if values is None else values
-        at = 0
-        for name, size in fields.items():
-            part = self.values[..., at : at + size]
-            setattr(self, name, part)
-            at += size
-
-    def __getattr__(self, name: str) -> Any:
-        """Return a field; this is reached only by names that are none."""
-        raise AttributeError(name)
-
-    def measured(self, m: Measurement) -> None:
-        """Write a measurement."""
-        has = 0
-        self.t[0], self.q[:], self.v[:] = m.t, m.q, m.v
-        for k, name in enumerate(_HAS):
-            value = getattr(m, name)
-            if value is not None:
-                has |= 1 << k
-                getattr(self, name)[:] = value
-        self.has[0] = has
-        self.x_time[0] = math.nan if m.x_time is None else m.x_time
-
-    def measurement(self) -> Measurement:
-        """Return the measurement that was written."""
-        from ..records import Measurement
-
-        has, seen = int(self.has[0]), float(self.x_time[0])
-        found = {
-            name: getattr(self, name).copy() if has >> k & 1 else None
-            for k, name in enumerate(_HAS)
-        }
-        x_time = None if math.isnan(seen) else seen
-        return Measurement(float(self.t[0]), self.q.copy(), self.v.copy(), x_time=x_time, **found)
-
-    def desired(self) -> Desired:
-        """Return the desired motion that was written."""
-        from ..records import Desired
-
-        return Desired(self.x_d.copy(), self.xd_d.copy(), self.xdd_d.copy())
+def _definition(tick: np.dtype[Any]) -> str:
+    """Return a record's definition as a message."""
+    shapes = ((name, tick[name].shape) for name in tick.names or ())
+    return "".join(f"float64{f'[{shape[0]}]' if shape else ''} {name}\n" for name, shape in shapes)
 
 
-Translator = Callable[[Any, "Measurement"], Any]
+def _tick(definition: str) -> np.dtype[Any]:
+    """Return the record that a definition of a message states."""
+    parts = [line.removeprefix("float64").split() for line in definition.splitlines()]
+    return np.dtype(
+        [
+            (part[-1], float, (int(part[0].strip("[]")),)) if len(part) > 1 else (part[0], float)
+            for part in parts
+        ]
+    )
+
+
+def cdr(*values: str | int | np.ndarray) -> bytes:
+    """Return a message of texts, 32-bit integers and arrays of float64, each aligned."""
+    body = bytearray()
+    for value in values:
+        if isinstance(value, np.ndarray):
+            body += bytes(-len(body) % 8) + value.tobytes()
+            continue
+        raw = value.encode() + b"\0" if isinstance(value, str) else b""
+        body += bytes(-len(body) % 4) + struct.pack("<I", len(raw) if raw else value) + raw
+    return b"\x00\x01\x00\x00" + bytes(body)
+
+
+Translator = Callable[[Any, Measurement], Any]
 
 
 class Recorder:
-    """Writes the log of a loop and takes its commands, by processes of their own.
+    """Writes the log of a loop and takes its commands, by a process of its own.
 
     Attributes:
-        row: to be filled before ``commit``.
         path: of the log, or None.
         port: on the loopback, or None.
+        trouble: what is wrong with the log or its process, or an empty text.
     """
 
     def __init__(
@@ -157,55 +157,52 @@ class Recorder:
         Raises:
             InputError: the file cannot be written, or the port is in use.
         """
-        kinematics = controller.kinematics
-        robot, task = kinematics.robot, kinematics.task
-        fields = _fields(robot.model.nq, robot.model.nv, task.coordinates, task.size)
-        self.row, self.path = Row(fields), None if path is None else Path(path)
+        tick, robot = tick_of(controller), controller.kinematics.robot
+        self.path, self.trouble = None if path is None else Path(path), ""
+        if self.path is not None:
+            try:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self.path.write_bytes(b"")
+            except OSError as error:
+                raise InputError(
+                    f"cannot be written: {error.strerror or error}.",
+                    where=str(path),
+                    hint="Choose another file by --log.",
+                ) from error
         server = None if port is None else _server(port)
         self.port: int | None = None if server is None else server.getsockname()[1]
-        if self.path is not None:
-            self._check(self.path)
         context = get_context("spawn")
-        width, sizes = self.row.values.size, (kinematics.size, controller.dynamics.size)
         try:
-            self._raw = context.RawArray("d", rows * width)
-            self._head_raw = context.RawArray("Q", 8)
-            self._now_raw = context.RawArray("d", max(sum(sizes), 1))
+            shared = context.RawArray("b", rows * tick.itemsize), context.RawArray("Q", 2)
         except OSError as error:
             raise InputError(
                 f"no memory can be shared: {error.strerror or error}.",
                 where=str(path),
                 hint="Make room in /dev/shm, or in the folder of temporary files.",
             ) from error
-        self._ring = np.frombuffer(self._raw).reshape(rows, width)
-        self._head = np.frombuffer(self._head_raw, dtype=np.uint64)
-        self._estimates, self._split = np.frombuffer(self._now_raw), sizes[0]
-        self._rows, self._count = rows, 0
-        here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        told = {
+        self._ring, self._counts = _views(shared, tick)
+        self._count = 0
+        about = {
             "version": __version__,
             "robot": robot.name,
             "joints": json.dumps(robot.joint_names),
             "law": str(getattr(controller.law, "name", "")),
             "period": repr(controller.period),
-            "kinematic_names": json.dumps(list(kinematics.names)),
+            "kinematic_names": json.dumps(list(controller.kinematics.names)),
             "dynamic_names": json.dumps(list(controller.dynamics.names)),
             **(about or {}),
         }
-        place = None if self.path is None else str(self.path)
-        arguments = (
-            (self._raw, self._head_raw, self._now_raw), fields, sizes, place, told, there, server,
-            dict(translate or {}),
-        )  # fmt: skip
+        self._link, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        arguments = shared, tick, about, self.path, there, server, dict(translate or {})
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
+        self.pid = self._process.pid
         there.close()
         if server is not None:
             server.close()
-        self._link = here
-        here.settimeout(60.0)
+        self._link.settimeout(60.0)
         try:
-            ready = here.recv(1 << 12)
+            ready = self._link.recv(1 << 12)
         except OSError:
             ready = b""
         if ready != b"ready":
@@ -215,36 +212,23 @@ class Recorder:
                 where=str(path),
                 hint=MAIN,
             )
-        here.setblocking(False)
-        self.pid = self._process.pid
+        self._link.setblocking(False)
 
-    @staticmethod
-    def _check(path: Path) -> None:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("wb"):
-                pass
-        except OSError as error:
-            raise InputError(
-                f"cannot be written: {error.strerror or error}.",
-                where=str(path),
-                hint="Choose another file by --log.",
-            ) from error
+    def record(self, cycle: Mapping[str, Any]) -> None:
+        """Hand on the record of a cycle; a full ring drops it, and says so.
 
-    def commit(self) -> None:
-        """Hand the row on; a full ring drops it and counts it."""
-        head = self._head
-        if self._count - int(head[_READ]) >= self._rows:
-            head[_DROPPED] += np.uint64(1)
+        Args:
+            cycle: numbers by name; what is None or missing is NaN.
+        """
+        if self._count - int(self._counts[1]) >= len(self._ring):
+            self.trouble = "cycles are not in the log; its disk is too slow"
             return
-        self._ring[self._count % self._rows] = self.row.values
+        row = self._ring[self._count % len(self._ring)]
+        for name in row.dtype.names or ():
+            value = cycle.get(name)
+            row[name] = math.nan if value is None else value
         self._count += 1
-        head[_WRITTEN] = self._count
-
-    def estimates(self, a_k: np.ndarray, a_d: np.ndarray) -> None:
-        """Show the present estimates, for the log's slow topic and for viewers."""
-        self._estimates[: self._split] = a_k
-        self._estimates[self._split : self._split + a_d.size] = a_d
+        self._counts[0] = self._count
 
     def event(self, **what: Any) -> None:
         """Log something that happens, as JSON, with the number of the coming cycle."""
@@ -252,35 +236,27 @@ class Recorder:
             self._link.send(json.dumps({"cycle": self._count, **what}).encode())
 
     def commands(self) -> list[tuple[str, Any]]:
-        """Return the commands that have come."""
-        if not self._head[_WAITING]:
-            return []
-        self._head[_WAITING] = 0
-        found = []
-        try:
-            while said := self._link.recv(1 << 20):
-                found.append(pickle.loads(said))  # of our own child
-        except OSError:  # nothing is there any more
-            pass
-        return found
-
-    @property
-    def trouble(self) -> str:
-        """What is wrong with the log or its process, or an empty text."""
-        head = self._head
-        if head[_FAILED]:
-            return f"the log cannot be written: {os.strerror(int(head[_FAILED]))}"
-        if head[_DROPPED]:
-            return f"{int(head[_DROPPED])} cycles are not in the log; its disk is too slow"
-        return ""
-
-    def alive(self) -> bool:
-        """Return whether the process runs; a system call."""
-        return self._process.is_alive()
+        """Return the commands that have come; ``trouble`` may have changed."""
+        found: list[tuple[str, Any]] = []
+        while True:
+            try:
+                said = self._link.recv(1 << 20)
+            except BlockingIOError:
+                return found
+            except OSError:
+                said = b""
+            name, value = pickle.loads(said) if said else ("trouble", "the process has died")
+            if name != "trouble":
+                found.append((name, value))
+                continue
+            self.trouble = value
+            if not said:
+                return found
 
     def close(self) -> None:
         """Have the rest written and end the process."""
-        self._head[_CLOSED] = 1
+        with suppress(OSError):
+            self._link.send(b"end")
         self._process.join(10.0)
         if self._process.is_alive():
             self._process.kill()
@@ -294,6 +270,11 @@ class Recorder:
     def __exit__(self, *error: object) -> None:
         """Close it."""
         self.close()
+
+
+def _views(shared: tuple[Any, Any], tick: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ring of records, and how many were written and read."""
+    return np.frombuffer(shared[0], dtype=tick), np.frombuffer(shared[1], dtype=np.uint64)
 
 
 def _server(port: int) -> socket.socket:
@@ -315,179 +296,158 @@ class _LogProcess:
 
     def __init__(
         self,
-        shared: tuple[Any, Any, Any],
-        fields: dict[str, int],
-        sizes: tuple[int, int],
-        path: str | None,
+        shared: tuple[Any, Any],
+        tick: np.dtype[Any],
         about: dict[str, str],
+        path: Path | None,
         link: socket.socket,
         server: socket.socket | None,
         translate: dict[str, Translator],
     ) -> None:
-        raw, head, now = shared
-        width = sum(fields.values())
-        self._ring = np.frombuffer(raw).reshape(-1, width)
-        self._head = np.frombuffer(head, dtype=np.uint64)
-        self._now, self._sizes = np.frombuffer(now), sizes
-        self._row = Row(fields)
+        self._ring, self._counts = _views(shared, tick)
         self._about, self._link, self._server = about, link, server
         self._translate, self._read = translate, 0
-        self._start = time.time_ns()
-        self._zero: float | None = None
+        self._row = self._ring[0]
+        self._joints = json.loads(about["joints"])
+        self._start, self._zero = time.time_ns(), math.nan
         self._messages: list[str] = []
-        self._states = JointStates(json.loads(about["joints"]))
-        self._writer: McapWriter | None = None
-        self._plain = fields["q"] == fields["v"]
+        self._writer: Any = None
         if path is not None:
-            pose = "PoseStamped" if fields["x"] == 7 else "PointStamped"
-            estimates = {"t": 1, "a_k": sizes[0], "a_d": sizes[1]}
-            topics = [
-                Topic("/pinadapt/cycle", "pinadapt_msgs/msg/Cycle", numbers_definition(fields)),
-                Topic("/joint_states", "sensor_msgs/msg/JointState"),
-                Topic("/task_frame", f"geometry_msgs/msg/{pose}"),
-                Topic("/pinadapt/events", "std_msgs/msg/String"),
-                Topic(
-                    "/pinadapt/estimates",
-                    "pinadapt_msgs/msg/Estimates",
-                    numbers_definition(estimates),
-                ),
-            ]
-            file = Path(path).open("wb", buffering=0)  # noqa: SIM115  # until the loop ends
-            self._writer = McapWriter(file, topics, about)
+            self._open(path, float(about["period"]))
+
+    def _open(self, path: Path, period: float) -> None:
+        from mcap.writer import CompressionType, Writer
+
+        self._file = path.open("wb")
+        pose = "PoseStamped" if self._row["x"].size == 7 else "PointStamped"
+        size = self._ring.itemsize * _CHUNK / period
+        self._writer = Writer(self._file, max(int(size), 1), CompressionType.ZSTD)
+        self._writer.start("ros2", "pinadapt")
+        self._writer.add_metadata("pinadapt", self._about)
+        self._channels = {}
+        for topic, kind in {
+            "/pinadapt/cycle": "pinadapt_msgs/msg/Cycle",
+            "/joint_states": "sensor_msgs/msg/JointState",
+            "/task_frame": f"geometry_msgs/msg/{pose}",
+            "/pinadapt/events": "std_msgs/msg/String",
+        }.items():
+            text = _DEFINITIONS.get(kind) or _definition(self._ring.dtype)
+            schema = self._writer.register_schema(kind, "ros2msg", text.encode())
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
 
     def run(self) -> None:
         """Write and answer until the loop closes or dies."""
         waited = [self._link] + ([] if self._server is None else [self._server])
-        flushed = slowly = 0.0
-        while True:
+        said = b""
+        while said != b"end":
             ready = select.select(waited, [], [], 0.02)[0]
-            lost = self._link in ready and not self._heard()
-            closed = bool(self._head[_CLOSED])
+            try:
+                said = self._link.recv(1 << 16) if self._link in ready else b"{}"
+            except OSError:
+                said = b""
             self._drain()
+            if not said:
+                self._note({"lost": "the process of the loop has died", "cycle": self._read})
+                break
+            if self._link in ready and said != b"end":
+                self._note(json.loads(said))
             if self._server in ready:
                 self._answer()
-            now = time.monotonic()
-            if now - slowly > _SLOWLY and self._read:
-                slowly = now
-                values = np.concatenate([self._row.t, self._now[: sum(self._sizes)]])
-                self._add(_ESTIMATES, numbers_message(values))
-            if now - flushed > _EVERY:
-                flushed = now
-                self._guarded(lambda writer: writer.flush())
-            if lost:
-                self._note({"lost": "the process of the loop has died", "cycle": self._read})
-            if lost or closed:
-                while not lost and select.select([self._link], [], [], 0.0)[0]:
-                    lost = not self._heard()  # the last events may still wait
-                self._drain()
-                self._guarded(lambda writer: writer.close())
-                return
+        if self._writer is not None:
+            self._guarded(self._writer.finish)
+
+    def _guarded(self, write: Callable[..., object], *arguments: Any) -> None:
+        """Write; a failure is reported to the loop, and the log ends at its last whole chunk."""
+        try:
+            write(*arguments)
+            self._file.flush()
+        except OSError as error:
+            self._writer = None
+            words = f"the log cannot be written: {error.strerror or error}"
+            self._send("trouble", words)
+
+    def _send(self, name: str, value: Any) -> None:
+        with suppress(OSError):
+            self._link.send(pickle.dumps((name, value)))
+
+    def _add(self, topic: str, stamp: int, data: bytes) -> None:
+        if self._writer is not None:
+            channel = self._channels[topic]
+            self._guarded(self._writer.add_message, channel, stamp, data, stamp)
 
     def _stamp(self) -> int:
-        """Return the time of the row, by the arm's clock [ns]."""
-        t = float(self._row.t[0])
-        if not math.isfinite(t):
+        """Return the time of the latest record, by the arm's clock [ns since 1970]."""
+        if not self._read:
             return self._start
-        self._zero = t if self._zero is None else self._zero
+        t = float(self._row["t"])
+        self._zero = t if math.isnan(self._zero) else self._zero
         return self._start + round(1e9 * (t - self._zero))
 
-    def _guarded(self, write: Callable[[McapWriter], None]) -> None:
-        """Write; failures are reported to the loop, and the log ends at its last whole chunk."""
-        if self._writer is None:
-            return
-        try:
-            write(self._writer)
-        except OSError as error:
-            self._head[_FAILED] = error.errno or 5
-            self._writer = None
-
-    def _add(self, topic: int, data: bytes) -> None:
-        if self._writer is not None:
-            self._writer.add(topic, self._stamp(), data)
-
     def _drain(self) -> None:
-        """Take the rows that have come."""
-        row, rows = self._row, len(self._ring)
-        while self._read < int(self._head[_WRITTEN]):
-            row.values[:] = self._ring[self._read % rows]
+        """Take the records that have come."""
+        while self._read < int(self._counts[0]):
+            self._row = row = self._ring[self._read % len(self._ring)].copy()
             self._read += 1
-            self._head[_READ] = self._read
-            if self._writer is None:
-                continue
-            stamp, has = self._stamp(), int(row.has[0])
-            self._add(_CYCLE, numbers_message(row.values))
-            if self._plain:
-                tau = row.tau if has >> 2 & 1 else row.given
-                self._add(_STATES, self._states.message(stamp, row.q, row.v, tau))
-            if has & 1 and row.x.size in (3, 7):
-                self._add(_FRAMES, pose_message(stamp, row.x))
-
-    def _heard(self) -> bool:
-        """Log an event of the loop; return False if the loop has died."""
-        said = self._link.recv(1 << 16)
-        if said:
-            self._drain()
-            self._note(json.loads(said))
-        return bool(said)
+            self._counts[1] = self._read
+            stamp = self._stamp()
+            header, n = (stamp // 10**9, stamp % 10**9), len(self._joints)
+            self._add("/pinadapt/cycle", stamp, cdr(np.frombuffer(row.tobytes())))
+            if row["q"].size == n:
+                tau = row["given"] if np.isnan(row["tau"]).any() else row["tau"]
+                parts = [part for values in (row["q"], row["v"], tau) for part in (n, values)]
+                self._add("/joint_states", stamp, cdr(*header, "", n, *self._joints, *parts))
+            if row["x"].size in (3, 7) and np.isfinite(row["x"]).all():
+                self._add("/task_frame", stamp, cdr(*header, "base", row["x"]))
 
     def _note(self, what: dict[str, Any]) -> None:
-        self._messages = [*self._messages[-19:], json.dumps(what)]
-        self._add(_EVENTS, text_message(json.dumps(what)))
+        text = json.dumps(what)
+        self._messages = [*self._messages[-19:], text]
+        self._add("/pinadapt/events", self._stamp(), cdr(text))
 
     def _answer(self) -> None:
         """Answer one datagram."""
         assert self._server is not None
-        try:
-            said, sender = self._server.recvfrom(1 << 16)
-        except OSError:
-            return
-        try:
-            reply = self._reply(json.loads(said))
-        except Exception as error:  # a command must not end the log
-            reply = {"error": f"{error}"}
         with suppress(OSError):
-            self._server.sendto(json.dumps(reply).encode(), sender)
+            said, sender = self._server.recvfrom(1 << 16)
+            try:
+                reply = json.dumps(self._reply(json.loads(said)))
+            except Exception as error:  # a command must not end the log
+                reply = json.dumps({"error": f"{error}"})
+            self._server.sendto(reply.encode(), sender)
 
     def _reply(self, asked: Any) -> dict[str, Any]:
         name = asked.get("command") if isinstance(asked, dict) else None
         if name not in COMMANDS:
-            return {
-                "error": f"there is no command {name!r}; expected one of {', '.join(COMMANDS)}."
-            }
+            known = ", ".join(COMMANDS)
+            return {"error": f"there is no command {name!r}; expected one of {known}."}
         row = self._row
         if name == "state":
-            found: dict[str, Any] = {
-                key: getattr(row, key).tolist() for key in ("q", "v", "x", "x_d", "sent", "tau")
-            }
-            k, p = self._sizes
-            estimates = self._now[: k + p].tolist()
+            shown = {"a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual"}
             return {
-                "t": float(row.t[0]),
+                "t": float(row["t"]),
                 "cycle": self._read,
-                "phase": PHASES[int(row.phase[0])],
-                "adapting": bool(row.adapting[0]),
-                "step_us": float(row.step_us[0]),
-                "residual": row.residual.tolist(),
-                "a_k": estimates[:k],
-                "a_d": estimates[k:],
+                "phase": PHASES[int(row["phase"])],
+                "adapting": bool(row["adapting"] == 1.0),
+                "step_us": float(row["step_us"]),
                 "messages": self._messages,
                 "about": self._about,
-                **found,
+                "a_k": [],
+                "a_d": [],
+                **{key: np.nan_to_num(row[key]).tolist() for key in shown & {*row.dtype.names}},
             }
         value = asked.get("value")
         if name in self._translate:
             if not self._read:
                 return {"error": "the loop has not started."}
-            value = self._translate[name](value, row.measurement())
-        self._link.send(pickle.dumps((name, value)))
-        self._head[_WAITING] = 1
+            value = self._translate[name](value, measurement_of(row))
+        self._send(name, value)
         return {"done": name}
 
 
 def _serve(*arguments: Any) -> None:
     """Serve in the process beside the loop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
-    link = arguments[5]
+    link = arguments[4]
     try:
         process = _LogProcess(*arguments)
     except Exception as error:
@@ -548,7 +508,6 @@ def watched(
         InputError: no loop answers there.
     """
     from ..controller.state import Sample
-    from ..records import Desired, Measurement
 
     state: ControllerState | None = None
     said = tell(port, "state")
@@ -575,54 +534,75 @@ def watched(
 # --- reading and replaying ----------------------------------------------------------------------
 
 
+def measurement_of(row: np.void) -> Measurement:
+    """Return the measurement in a record of a cycle."""
+    values: dict[str, Any] = {name: np.array(row[name]) for name in Measurement._fields}
+    absent = [name for name, value in values.items() if np.isnan(value).all()]
+    times = {name: float(values[name]) for name in ("t", "x_time")}
+    return Measurement(**values | times | dict.fromkeys(absent))
+
+
 @dataclass(frozen=True, eq=False)
 class CycleLog:
     """The cycles of a run.
 
     Attributes:
         about: texts kept with the log.
-        cycles: all rows; ``cycles.q`` is (N, nq), and so on.
+        cycles: all records; ``cycles.t`` is (N), ``cycles.q`` is (N, nq), and so on.
         events: what happened, in order; each has the number of the cycle before which it did.
-        estimates: (M, 1 + p_k + p_d) times [s] and estimates, ten a second.
         whole: whether the file has its end.
     """
 
     about: dict[str, str]
-    cycles: Row
+    cycles: np.recarray[Any, Any]
     events: list[dict[str, Any]]
-    estimates: np.ndarray
     whole: bool
 
     @classmethod
     def read(cls, path: Path | str) -> CycleLog:
-        """Return the log in a file, up to where it is whole.
+        """Return the log in a file, up to where it is whole. It is data, which runs nothing.
 
         Raises:
             LogError: it is no log of a loop, or has no cycle.
         """
-        with read_as_data(Path(path), LogError):
-            content = read_mcap(Path(path))
-            rows = content.messages.get("/pinadapt/cycle", [])
-            if not rows:
+        from mcap.exceptions import McapError
+        from mcap.records import Channel, Footer, Message, Metadata, Schema
+        from mcap.stream_reader import StreamReader
+
+        about: dict[str, str] = {}
+        found: dict[str, list[bytes]] = {}
+        schemas, channels, whole = dict[int, str](), dict[int, Any](), False
+        with read_as_data(Path(path), LogError), Path(path).open("rb") as file:
+            with suppress(McapError, struct.error):  # where its end is missing
+                for record in StreamReader(file).records:
+                    if isinstance(record, Message):
+                        topic = channels[record.channel_id].topic
+                        found.setdefault(topic, []).append(record.data[4:])
+                    elif isinstance(record, Schema):
+                        schemas[record.id] = record.data.decode()
+                    elif isinstance(record, Channel):
+                        channels[record.id] = record
+                    elif isinstance(record, Metadata):
+                        about = record.metadata
+                    whole = whole or isinstance(record, Footer)
+            if "/pinadapt/cycle" not in found:
                 raise LogError("has no cycle of a loop.", where=str(path))
-            fields = fields_of(content.definitions["/pinadapt/cycle"])
-            values = np.array([numbers_of(data) for _, data in rows])
-            events = [
-                json.loads(text_of(data))
-                for _, data in content.messages.get("/pinadapt/events", [])
-            ]
-            slow = [numbers_of(data) for _, data in content.messages.get("/pinadapt/estimates", [])]
-            return cls(content.about, Row(fields, values), events, np.array(slow), content.whole)
+            texts = {one.topic: schemas.get(one.schema_id, "") for one in channels.values()}
+            data = b"".join(found["/pinadapt/cycle"])
+            cycles = np.frombuffer(data, _tick(texts["/pinadapt/cycle"])).view(np.recarray)
+            events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
+        return cls(about, cycles, events, whole)
 
     def __len__(self) -> int:
         """Return the number of cycles."""
-        return len(self.cycles.values)
+        return len(self.cycles)
 
-    def row(self, k: int) -> Row:
-        """Return one cycle."""
-        return Row(self.cycles.fields, self.cycles.values[k])
+    @property
+    def stepped(self) -> np.ndarray:
+        """(N) in which cycles the controller was asked."""
+        return np.isfinite(self.cycles.asked).all(axis=1)
 
-    def replay(self, controller: Controller, *, sent: bool = False) -> ReplayedTorques:
+    def replay(self, controller: Controller) -> ReplayedTorques:
         """Return what a controller asks for, given the same measurements and desired motion.
 
         The controller that was run asks for the same torques bit for bit. Another one shows what
@@ -630,53 +610,40 @@ class CycleLog:
 
         Args:
             controller: the one that was run, or another one for the same arm.
-            sent: compare with the torques that were sent instead of those asked for.
 
         Raises:
             LogError: the log belongs to another arm.
             PinadaptError: the controller refuses a sample.
         """
-        cycles = self.cycles
-        n = controller.kinematics.nv
-        if cycles.fields["v"] != n or cycles.fields["q"] != controller.kinematics.nq:
+        cycles, n = self.cycles, controller.kinematics.nv
+        if cycles.v.shape[1] != n or cycles.q.shape[1] != controller.kinematics.nq:
             raise LogError(
-                f"has {cycles.fields['v']} joints; the controller is for {n}.", where="log"
+                f"has {cycles.v.shape[1]} joints; the controller is for {n}.", where="log"
             )
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
             raise LogError("does not contain the start of the loop.", where="log")
-        start: dict[str, Any] = {
-            name: None if value is None else np.array(value)
-            for name, value in begun["start"].items()
-        }
-        if any(
-            value is not None and value.shape[-1:] != (size,)
-            for name, size in (
-                ("a_k", controller.kinematics.size),
-                ("a_d", controller.dynamics.size),
-                ("information", controller.dynamics.size),
-                ("information_k", controller.kinematics.size),
-            )
-            if (value := start.get(name)) is not None
-        ):
-            start = {}  # another choice of unknowns: from its own estimates
+        start: dict[str, Any] = {name: np.array(part) for name, part in begun["start"].items()}
         announced = {int(event["cycle"]): event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
         found = np.full((len(self), n), math.nan)
-        period = float(begun["period"])
-        for k in range(len(self)):
-            row = self.row(k)
+        for k, row in enumerate(np.asarray(cycles)):
             if k in announced and state is not None:
                 state = controller.announce(state, payload=load_of(announced[k]))
-            if not row.stepped[0]:
+            if np.isnan(row["asked"]).any():
                 continue
-            m = row.measurement()
+            m, given = measurement_of(row), np.array(row["given"])
+            desired = Desired(*(np.array(row[name]) for name in ("x_d", "xd_d", "xdd_d")))
             if state is None:
-                state = controller.init(m, **start)
-            given = row.given.copy() if np.isfinite(row.given).all() else None
-            state = state.adapt(bool(row.adapting[0])).gave(given)
-            found[k], state = controller.step(state, m, row.desired(), period)
-        return ReplayedTorques(cycles.t[:, 0], found, cycles.sent if sent else cycles.asked)
+                try:
+                    state = controller.init(m, **start)
+                except PinadaptError:  # other unknowns: from its own estimates
+                    state = controller.init(m)
+            state = state.adapt(bool(row["adapting"])).gave(
+                None if np.isnan(given).any() else given
+            )
+            found[k], state = controller.step(state, m, desired, float(begun["period"]))
+        return ReplayedTorques(cycles.t, found, cycles.asked)
 
 
 @dataclass(frozen=True, eq=False)
@@ -723,5 +690,5 @@ def load_of(table: Mapping[str, Any] | None) -> Any:
         return None
     if not isinstance(table, Mapping) or "mass" not in table:
         raise InputError('expected a table such as {"mass": 1.0}.', where="load")
-    com: Sequence[float] = table.get("com", (0.0, 0.0, 0.0))
+    com = table.get("com", (0.0, 0.0, 0.0))
     return Payload(table["mass"], com, table.get("inertia", (0.0,) * 6))

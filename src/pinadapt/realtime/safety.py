@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -30,11 +31,22 @@ _SETTLED = 0.33  # [s] in which all of it is none; half: a load rests the adapta
 _STILL = 0.01  # [rad/s or m/s] up to which a joint rests at its stop; half or twice: as well
 _RECEIVED = 0.9  # of the last commands; libfranka's communication_test calls less insufficient
 
+# Words of the checks
+_STALE = "the last {value} measurements are of the same instant"
+_GAP = "{value:.3g} periods passed between two measurements"
+_LATE = "too many cycles in a short while were late"
+_LOST = "{value:.0%} of the last torques have not reached the arm, at most {limit:.0%} may"
+_FAST = "{name} at {value:.3g} {unit}/s, limit {limit:.3g} {unit}/s"
+_STOP = "{name} cannot brake before its limit: {value:.3g} {unit} are missing"
+_CONTACT = "{value:.3g} {force} at {name} that the model does not explain, limit {limit:.3g}"
+_OUTSIDE = "coordinate {coordinate} of the frame is {value:.3g} m outside of its box"
+_FAR = "coordinate {coordinate} is {value:.3g} m or rad off, limit {limit:.3g}"
+_PUSHING = "{name} stays at its limit; brakes, or a heavy load?"
 
-class Answer(IntEnum):
+
+class SafetyAction(IntEnum):
     """Responses to a finding, the mildest first."""
 
-    NONE = 0
     REST = 1  # the adaptation rests, the arm goes on
     HOLD = 2  # the path stops, then as DAMP
     DAMP = 3  # gravity compensation and damping until the arm rests, then as STOP
@@ -48,12 +60,12 @@ class SafetyFinding:
     Attributes:
         check: its name.
         words: what is wrong, with numbers.
-        answer: the response.
+        action: the response.
     """
 
     check: str
     words: str
-    answer: Answer
+    action: SafetyAction
 
     def __str__(self) -> str:
         """Return name and words."""
@@ -119,7 +131,6 @@ class Checklist:
     """The checks of one run, with their state.
 
     Attributes:
-        safety: the numbers.
         limit: (n) torques that are sent at most [N m or N].
         latched: why the operator's latch is set, or an empty text; nothing in the program opens it.
         residual: (n) torque that the model does not explain [N m or N], if it is watched.
@@ -131,45 +142,43 @@ class Checklist:
         Raises:
             InputError: a box for another number of coordinates.
         """
-        self.safety, self._facts, kinematics = safety, facts, controller.kinematics
+        kinematics = controller.kinematics
         robot, self._task = kinematics.robot, kinematics.task
         model, n = robot.model, robot.model.nv
-        self._names, self._slides = robot.joint_names, list(robot.slides.values())
-        self.limit = np.minimum(facts.torque, effort_limits(model))
-        if controller.limits.torque is not None:
-            self.limit = np.minimum(self.limit, controller.limits.torque)
-        rate = np.broadcast_to(numbers(safety.torque_rate, "safety.torque_rate", infinite=True), n)
-        self._rate = np.minimum(rate, facts.torque_rate)
+        self._safety, self._period = safety, facts.period
+        self._joints = [
+            (name, "m" if slide else "rad")
+            for name, slide in zip(robot.joint_names, robot.slides.values(), strict=True)
+        ]
+        own = np.inf if controller.limits.torque is None else controller.limits.torque
+        self.limit = np.minimum(np.minimum(facts.torque, effort_limits(model)), own)
+        rate = numbers(safety.torque_rate, "safety.torque_rate", infinite=True)
+        self._rate = np.minimum(np.broadcast_to(rate, n), facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
-        self._lower, self._upper = position_limits(model)
-        self._plain = model.nq == n
-        self._near = self._lower + safety.margin, self._upper - safety.margin
+        lower, upper = position_limits(model)
+        plain = model.nq == n  # no joint has cosine and sine
+        free = np.full(n, np.inf)
+        self._lower: np.ndarray = (-lower if plain else free) - safety.margin
+        self._upper: np.ndarray = (upper if plain else free) - safety.margin
         inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
-        with np.errstate(divide="ignore"):
-            self._brake = 0.5 * self.limit / inertia
+        self._braked, self._slowed = inertia / self.limit, 1.5 / safety.damping
+        k = self._task.positions
         self._box = None if safety.box is None else numbers(safety.box, "safety.box")
-        if self._box is not None and self._box.shape[1] != self._task.positions:
-            raise InputError(
-                f"has {self._box.shape[1]} coordinates; the task has {self._task.positions}.",
-                where="safety.box",
-            )
+        if self._box is not None and self._box.shape[1] != k:
+            words = f"has {self._box.shape[1]} coordinates; the task has {k}."
+            raise InputError(words, where="safety.box")
         length = 0.1 * robot.reach if safety.error is None else safety.error
-        far = np.full(self._task.size, safety.angle)
-        far[: self._task.positions] = length
-        self._far = far
-        self._blind = explained_age(controller.sensors) + safety.camera
-        self._contact, self._full = safety.contact * self.limit, 0.999 * self.limit
+        self._far = np.where(np.arange(self._task.size) < k, length, safety.angle)
+        self._blind = explained_age(controller.sensors) + safety.camera if k else math.inf
         noise = controller.disturbance_noise(robot.q0, facts.period)
-        if noise is not None:
-            self._contact = np.maximum(self._contact, _DEVIATIONS * noise)
-        self.announced()
-        self.residual = np.zeros(n)
-        self.latched = ""
-        self._same = self._late = 0.0
-        self._pushing = 0.0
-        self._before = -math.inf
-
-    # --- the list -------------------------------------------------------------------------------
+        least = 0.0 if noise is None else _DEVIATIONS * noise
+        self._contact = np.maximum(safety.contact * self.limit, least)
+        self._rest = 0.5 * self._contact
+        self.residual, self.latched = np.zeros(n), ""
+        self._same, self._late, self._before = 0, 0.0, -math.inf
+        self._pushing = 0.0  # [s] at a limit
+        self._mean: np.ndarray = np.zeros(n)
+        self._time = 0.0
 
     def of_arm(
         self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
@@ -182,25 +191,42 @@ class Checklist:
             host: the same by this computer's clock [s]; 0 where the arm does not follow it.
             received: share of the last torques that the arm has received; NaN: not known.
         """
-        return (
-            self._operator()
-            or self._stale(m)
-            or self._clock(dt, host)
-            or self._lost(received)
-            or self._speed(m)
-            or self._stops(m)
+        safety, speed, passed = self._safety, np.abs(m.v), max(dt, host)
+        periods = passed / self._period
+        self._same = self._same + 1 if m.t == self._before else 0
+        self._before = m.t
+        self._late = max(self._late + (1.0 if periods > 1.5 else -0.02), 0.0)
+        way = np.maximum(self._slowed * speed, self._braked * speed**2)
+        room = np.where(m.v > 0.0, self._upper, self._lower)
+        q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)  # not cosine and sine
+        ahead = np.where(speed > _STILL, np.sign(m.v) * q + way - room, 0.0)
+        finding = self._first(
+            ("latch", SafetyAction.DAMP, bool(self.latched), False, self.latched),
+            ("stale data", SafetyAction.DAMP, self._same + 1, safety.stale, _STALE),
+            ("clock", SafetyAction.DAMP, -dt, 0.0, "the time jumped back by {value:.3g} s"),
+            ("late", SafetyAction.DAMP, periods, 10.0, _GAP),
+            ("late", SafetyAction.HOLD, self._late >= safety.late, False, _LATE),
+            ("commands", SafetyAction.HOLD, 1.0 - received, 1.0 - _RECEIVED, _LOST),
+            ("velocity", SafetyAction.DAMP, speed, self._fast, _FAST),
+            ("joint stop", SafetyAction.DAMP, ahead, 0.0, _STOP),
         )
+        if self._late >= safety.late:
+            self._late = 0.0
+        return finding
 
     def of_motion(
         self,
         dt: float,
-        x: np.ndarray | None,
+        x: np.ndarray,
         dx: np.ndarray,
         frame_age: float,
         torque: np.ndarray,
         disturbance: np.ndarray | None,
     ) -> SafetyFinding | None:
         """Return the first finding of what is checked besides while a controller moves the arm.
+
+        A contact is sudden; the disturbance by a wrong model, or by a load that is being learned,
+        changes with the motion. So its slow part is no contact.
 
         Args:
             dt: since the sample before [s].
@@ -210,18 +236,53 @@ class Checklist:
             torque: (n) that the motors are to give now [N m or N].
             disturbance: (n) that the law observes [N m or N], or None.
         """
-        return (
-            self._obstacle(dt, disturbance)
-            or self._where(x)
-            or self._far_off(dx)
-            or self._saturation(torque, dt)
-            or self._frames(frame_age)
+        if disturbance is not None:
+            self._time += dt
+            slow = 1.0 if self._time < _SETTLED else -math.expm1(-_SLOW * dt)
+            self._mean = self._mean + slow * (disturbance - self._mean)
+            self.residual = disturbance - self._mean
+        full = np.abs(torque) > 0.999 * self.limit
+        self._pushing = self._pushing + dt if full.any() else 0.0
+        pushing = full if self._pushing >= self._safety.saturated else False
+        residual = np.abs(self.residual)
+        outside: Any = False
+        if self._box is not None:
+            p = x[: self._task.positions]
+            outside = np.maximum(self._box[0] - p, p - self._box[1])
+        return self._first(
+            ("contact", SafetyAction.DAMP, residual, self._contact, _CONTACT),
+            ("workspace", SafetyAction.DAMP, outside, False, _OUTSIDE),
+            ("error", SafetyAction.DAMP, np.abs(dx), self._far, _FAR),
+            ("torque", SafetyAction.HOLD, pushing, False, _PUSHING),
+            ("camera", SafetyAction.HOLD, frame_age, self._blind, "no frame for {value:.2g} s"),
+            ("contact", SafetyAction.REST, residual, self._rest, _CONTACT),
         )
 
-    def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> tuple[np.ndarray, bool]:
-        """Return a torque (n) within its limits of size and change, and whether it was changed."""
-        safe = limited_torque(torque, self.limit, before, self._rate * dt)
-        return safe, not np.array_equal(safe, torque)
+    def _first(self, *checks: tuple[str, SafetyAction, Any, Any, str]) -> SafetyFinding | None:
+        """Return the first finding: of a check whose value, or one of them, is beyond its limit.
+
+        Args:
+            checks: name, response, value or values, limit or limits, and words with ``value`` and
+                ``limit``, and for joints ``name`` and its ``unit`` and that of its ``force``.
+        """
+        for check, action, value, limit, words in checks:
+            beyond = value > limit
+            if beyond if beyond.__class__ is bool else beyond.any():
+                beyond = np.atleast_1d(beyond)
+                k = int(beyond.argmax())
+                name, unit = self._joints[k] if k < len(self._joints) else ("", "")
+                found = {
+                    "value": np.ravel(value)[k],
+                    "limit": np.broadcast_to(limit, beyond.shape)[k],
+                    "force": "N" if unit == "m" else "N m",
+                }
+                text = words.format(name=name, unit=unit, coordinate=k + 1, **found)
+                return SafetyFinding(check, text, action)
+        return None
+
+    def limited(self, torque: np.ndarray, before: np.ndarray, dt: float) -> np.ndarray:
+        """Return a torque (n) within its limits of size and change [N m or N]."""
+        return limited_torque(torque, self.limit, before, self._rate * dt)
 
     def announced(self) -> None:
         """Take what is unexplained from now on for a part of the model: a load was attached."""
@@ -235,127 +296,6 @@ class Checklist:
         """
         return np.clip(-self._mean, -0.5 * self.limit, 0.5 * self.limit)
 
-    # --- its items ------------------------------------------------------------------------------
-
-    def _operator(self) -> SafetyFinding | None:
-        """Has the operator set the latch?"""
-        if not self.latched:
-            return None
-        return SafetyFinding("latch", self.latched, Answer.DAMP)
-
-    def _stale(self, m: Measurement) -> SafetyFinding | None:
-        """Do the measurements change?"""
-        self._same = self._same + 1 if m.t == self._before else 0
-        self._before = m.t
-        if self._same < self.safety.stale:
-            return None
-        words = f"the last {self._same + 1:g} measurements are of the same instant"
-        return SafetyFinding("stale data", words, Answer.DAMP)
-
-    def _clock(self, dt: float, host: float) -> SafetyFinding | None:
-        """Does the time go on, by about a period, by the arm's clock and by this computer's?"""
-        if dt < 0.0:
-            return SafetyFinding("clock", f"the time jumped back by {-dt:.3g} s", Answer.DAMP)
-        passed = max(dt, host)
-        periods = passed / self._facts.period
-        if periods > 10.0:
-            words = f"{passed:.3g} s passed between two measurements, {periods:.3g} periods"
-            if host > dt:
-                words += f"; by the arm's clock {dt:.3g} s"
-            return SafetyFinding("late", words, Answer.DAMP)
-        self._late = max(self._late + (1.0 if periods > 1.5 else -0.02), 0.0)
-        if self._late < self.safety.late:
-            return None
-        self._late = 0.0
-        return SafetyFinding(
-            "late", f"{self.safety.late} cycles in a short while were late", Answer.HOLD
-        )
-
-    def _lost(self, received: float) -> SafetyFinding | None:
-        """Do the torques reach the arm?"""
-        if not received < _RECEIVED:
-            return None
-        words = f"the arm has received {received:.0%} of the last torques, least {_RECEIVED:.0%}"
-        return SafetyFinding("commands", words, Answer.HOLD)
-
-    def _speed(self, m: Measurement) -> SafetyFinding | None:
-        """Are all joints slower than their limits?"""
-        j = _first(np.abs(m.v) > self._fast)
-        if j < 0:
-            return None
-        unit = "m/s" if self._slides[j] else "rad/s"
-        words = f"{self._names[j]} at {m.v[j]:.3g} {unit}, limit {self._fast[j]:.3g} {unit}"
-        return SafetyFinding("velocity", words, Answer.DAMP)
-
-    def _stops(self, m: Measurement) -> SafetyFinding | None:
-        """Can all joints brake before their stops?"""
-        if not self._plain:
-            return None
-        speed, (lower, upper) = np.abs(m.v), self._near
-        way = np.maximum(1.5 * speed / self.safety.damping, speed**2 / (2.0 * self._brake))
-        room = np.where(m.v > 0.0, upper - m.q, m.q - lower)
-        j = _first((way > room) & (speed > _STILL))
-        if j < 0:
-            return None
-        unit = "m" if self._slides[j] else "rad"
-        words = (
-            f"{self._names[j]} at {m.q[j]:.3g} {unit} with {m.v[j]:.3g} {unit}/s cannot brake "
-            f"before its limits, {self._lower[j]:.3g} and {self._upper[j]:.3g} {unit}"
-        )
-        return SafetyFinding("joint stop", words, Answer.DAMP)
-
-    def _obstacle(self, dt: float, disturbance: np.ndarray | None) -> SafetyFinding | None:
-        """Does something act on the joints that is not in the model, and began lately?
-
-        A contact is sudden; the disturbance by a wrong model, or by a load that is being learned,
-        changes with the motion. So its slow part is no contact.
-        """
-        if disturbance is None:
-            return None
-        self._time += dt
-        slow = 1.0 if self._time < _SETTLED else -math.expm1(-_SLOW * dt)
-        self._mean = self._mean + slow * (disturbance - self._mean)
-        self.residual = disturbance - self._mean
-        share = np.abs(self.residual) / self._contact
-        j = int(share.argmax())
-        if share[j] < 0.5:
-            return None
-        unit = "N" if self._slides[j] else "N m"
-        words = f"{self.residual[j]:.3g} {unit} at {self._names[j]} that the model does not explain"
-        return SafetyFinding("contact", words, Answer.DAMP if share[j] >= 1.0 else Answer.REST)
-
-    def _where(self, x: np.ndarray | None) -> SafetyFinding | None:
-        """Is the task frame inside its box?"""
-        if self._box is None or x is None:
-            return None
-        p = x[: self._task.positions]
-        if (p >= self._box[0]).all() and (p <= self._box[1]).all():
-            return None
-        return SafetyFinding("workspace", f"the frame is at {p.round(3).tolist()} m", Answer.DAMP)
-
-    def _far_off(self, dx: np.ndarray) -> SafetyFinding | None:
-        """Is the arm near its path?"""
-        k = _first(np.abs(dx) > self._far)
-        if k < 0:
-            return None
-        words = f"coordinate {k + 1} is {abs(dx[k]):.3g} m or rad off, limit {self._far[k]:.3g}"
-        return SafetyFinding("error", words, Answer.DAMP)
-
-    def _saturation(self, torque: np.ndarray, dt: float) -> SafetyFinding | None:
-        """Are the motors below their limits?"""
-        j = _first(np.abs(torque) > self._full)
-        self._pushing = self._pushing + dt if j >= 0 else 0.0
-        if self._pushing < self.safety.saturated:
-            return None
-        words = f"{self._names[j]} at its limit for {self._pushing:.2g} s; brakes, or a heavy load?"
-        return SafetyFinding("torque", words, Answer.HOLD)
-
-    def _frames(self, age: float) -> SafetyFinding | None:
-        """Does the camera see the frame?"""
-        if not self._task.positions or age < self._blind:
-            return None
-        return SafetyFinding("camera", f"no frame for {age:.2g} s", Answer.HOLD)
-
 
 @np.errstate(over="ignore", invalid="ignore")  # a limit beyond the largest float is none
 def limited_torque(
@@ -368,8 +308,3 @@ def limited_torque(
     x = np.where(np.isnan(torque), 0.0, torque)
     last = np.where(np.isnan(before), x, np.clip(before, -limit, limit))
     return np.clip(np.clip(x, last - change, last + change), -limit, limit)
-
-
-def _first(found: np.ndarray) -> int:
-    """Return the first index (n) of what holds, or -1."""
-    return int(found.argmax()) if found.any() else -1
