@@ -323,17 +323,15 @@ class _Explanation(NamedTuple):
 
 
 class _Load(NamedTuple):
-    """A load that is not described: mass and deviation [kg], whether an arm can carry it, torque.
+    """A load that is not described.
 
     Attributes:
         mass, deviation: kg.
-        possible: whether an arm can carry it, or lack it.
         torque: (K, n) of the load [N m or N].
     """
 
     mass: float
     deviation: float
-    possible: bool
     torque: np.ndarray
 
 
@@ -408,7 +406,11 @@ class _Comparison:
     def _load(
         self, motion: _Motion, tau: np.ndarray, d: np.ndarray, gravity: np.ndarray, plain: _Fit
     ) -> _Load:
-        """Return the load on the last body that best explains the rest, near a usual one."""
+        """Return the load on the last body that best explains the rest, near a usual one.
+
+        One that is heavier than an arm can carry, or lack, or farther away than it reaches is taken
+        in part: with no mistake and with each of them a load is from the same set.
+        """
         model, robot = self._model, self._robot
         model.gravity.linear = gravity
         usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
@@ -425,11 +427,13 @@ class _Comparison:
         H = rows.T @ rows
         inverse = np.linalg.inv(H[:-1, :-1] + np.eye(PER_BODY))
         x = inverse @ H[:-1, -1]
-        mass, deviation = x[0] * usual[0], math.sqrt(inverse[0, 0]) * usual[0]
         body = float(model.inertias[model.njoints - 1].mass)
-        heaviest = _HEAVIEST * robot.mass
-        near = np.linalg.norm(x[1:4] * usual[1:4]) <= robot.reach * max(mass, body)
-        return _Load(mass, deviation, bool(-body <= mass <= heaviest and near), Y @ x)
+        mass, moment = float(x[0]) * usual[0], float(np.linalg.norm(x[1:4])) * usual[1]
+        least = -body / mass if mass < 0.0 else np.inf
+        most = _HEAVIEST * robot.mass / mass if mass > 0.0 else least
+        near = robot.reach * max(mass, body) / moment if moment else np.inf
+        x = min(1.0, most, near) * x
+        return _Load(x[0] * usual[0], math.sqrt(inverse[0, 0]) * usual[0], Y @ x)
 
     def _causes(self, plain: _Fit) -> Iterator[Cause]:
         """Yield the likeliest mistakes; none if the log is as likely without one, loaded or not."""
@@ -500,9 +504,8 @@ class _Comparison:
         fit = _fit(motion, tau, d, sizes)
         yield _Explanation(cause, fit, fit.score + _PRICE * numbers)
         load = self._load(motion, tau, d, gravity, fit)
-        if load.possible:
-            fit = _fit(motion, tau - load.torque, d, sizes)
-            yield _Explanation(cause, fit, fit.score + _PRICE * (numbers + _LOAD_NUMBERS))
+        fit = _fit(motion, tau - load.torque, d, sizes)
+        yield _Explanation(cause, fit, fit.score + _PRICE * (numbers + _LOAD_NUMBERS))
 
     def _gains(self, plain: _Fit) -> Iterator[_Explanation]:
         """Yield explanations by signs and factors of the torques."""
