@@ -84,7 +84,7 @@ def test_samples_with_nan_are_left_out_and_counted():
     tau[400, 1] = np.nan
     told = pa.Unknown(tool=True, **TOLD)
     found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"), unknown=told)
-    assert found.online.refused == 6 and "refused online" in found.report()
+    assert found.summary()["left_out"] == 6 and "left out" in found.report()
     assert np.isfinite(found.online.a_d).all() and np.isfinite(found.dynamic.estimate).all()
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
 

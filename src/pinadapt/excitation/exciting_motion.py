@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, positive, whole
+from .._checks import instance, numbers, positive, whole
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -74,11 +74,10 @@ class _Part:
 
     def information(self, W: np.ndarray, rows: float) -> Information:
         """Return the information of ``rows`` measurements, for which W (N, n, p) stand."""
-        whitened = (W / self.noise[:, None]).reshape(W.shape[0] * W.shape[1], len(self.names))
-        H, score = rows / max(len(W), 1) * (whitened.T @ whitened), np.zeros(len(self.names))
-        return Information(
-            self.names, self.initial, H, score, self.noise, round(rows * len(self.noise))
-        )
+        noise = self.noise * np.sqrt(max(len(W), 1) / rows)
+        none = np.zeros(W.shape[:2])
+        found = Information.of_rows(self.names, self.initial, W, none, noise)
+        return replace(found, noise=self.noise, rows=round(rows * len(self.noise)))
 
 
 class Aim:
@@ -115,34 +114,31 @@ class Aim:
                 "combinations.",
             )
 
-    def information_gain(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float
-    ) -> float:
-        """Return the expected information gain [nat] of N states (N, .) over a duration [s]."""
-        rows = duration / BLOCK
-        torque, _ = self._torque.gain(self._regressors(q, v, a), rows)
-        position, _ = self._position.gain(self._position_regressors(q), rows)
-        return torque + position
-
-    def gain_and_changes(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float, first: int
+    def gain(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        duration: float,
+        first: int | None = None,
     ) -> tuple[float, np.ndarray]:
-        """Return the gain [nat] of the first states, and its change when one of them is replaced.
+        """Return the expected information gain [nat] of N states (N, .) over a duration [s].
 
+        The second is its change when one of the ``first`` states, which count alone, is replaced.
         The other states are k blocks, each with a replacement for every one of the first. The
         changes (k first) are to first order, of one replacement at a time.
         """
-        rows, changes = duration / BLOCK, np.zeros(len(q) - first)
-        total = 0.0
+        count = len(q) if first is None else first
+        total, changes = 0.0, np.zeros(len(q) - count)
         for part, W in (
             (self._torque, self._regressors(q, v, a)),
             (self._position, self._position_regressors(q)),
         ):
             if not W.size:
                 continue
-            gain, slope = part.gain(W[:first], rows)
-            others = W[first:].reshape(-1, *W[:first].shape)
-            changes += np.einsum("tij,ktij->kt", slope, others - W[:first]).ravel()
+            gain, slope = part.gain(W[:count], duration / BLOCK)
+            others = W[count:].reshape(-1, *W[:count].shape)
+            changes += np.einsum("tij,ktij->kt", slope, others - W[:count]).ravel()
             total += gain
         return total, changes
 
@@ -184,23 +180,17 @@ def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
     noise = _TORQUE_NOISE * np.where(
         np.isfinite(efforts), efforts, np.maximum(typical, typical.max())
     )
-    sizes = np.sqrt(np.mean(Y**2, axis=(0, 1)))
-    scale = np.sqrt(np.mean(typical**2)) / np.where(sizes > 0.0, sizes, np.inf)
-    prior = _dynamic_prior(robot, dynamics)
-    R = base.regrouping
-    covariance = np.diag(scale[base.chosen] ** 2) if prior is None else R @ prior @ R.T
-    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, _root(covariance), noise)
-
-
-def _dynamic_prior(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
-    """Return the prior covariance (p, p) of the dynamic parameters, None where there is none."""
-    size = dynamics.inertial.size
+    size, R = dynamics.inertial.size, base.regrouping
     inertial = prior_covariance(robot, dynamics) if size else np.zeros((0, 0))
     if inertial is None:
-        return None
-    covariance = np.diag(dynamics.typical**2)
-    covariance[:size, :size] = inertial
-    return covariance
+        sizes = np.sqrt(np.mean(Y**2, axis=(0, 1)))
+        scale = np.sqrt(np.mean(typical**2)) / np.where(sizes > 0.0, sizes, np.inf)
+        covariance = np.diag(scale[base.chosen] ** 2)
+    else:
+        prior = np.diag(dynamics.typical**2)
+        prior[:size, :size] = inertial
+        covariance = R @ prior @ R.T
+    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, _root(covariance), noise)
 
 
 def _position_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
@@ -295,7 +285,9 @@ def excite(
     if harmonics is None:
         harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
     harmonics = whole(harmonics, "harmonics", 2, most=_MOST_HARMONICS)
-    allowed = Allowance.of(nominal, excursion, load, Shapes.of(nominal, srdf, floor))
+    level = None if floor is None else float(numbers(floor, "floor", error=InputError))
+    shapes = Shapes.of(nominal, srdf, level)
+    allowed = Allowance.of(nominal, excursion, load, shapes, level)
     search = _Search(aim, allowed, RestToRest(harmonics, duration, _PER_HARMONIC * harmonics))
     theta = search.best(whole(seed, "seed", 0), watched(range(_ITERATIONS), progress, "excite"))
     fine = RestToRest(harmonics, duration, _FINE * harmonics)
@@ -308,7 +300,7 @@ def excite(
         aim.excitation(q, v, a, duration),
         LimitUse.of(allowed, angles, q, v, a),
         (aim.dynamic, aim.kinematic),
-        aim.information_gain(q, v, a, duration),
+        aim.gain(q, v, a, duration)[0],
     )
 
 
@@ -404,7 +396,7 @@ class _Search:
         return self._allowed.kept(*self.states(theta))
 
     def _negative_gain(self, theta: np.ndarray) -> float:
-        return -self._aim.information_gain(*self.states(theta)[1:], self._basis.period)
+        return -self._aim.gain(*self.states(theta)[1:], self._basis.period)[0]
 
     def _cost(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the penalty for exceeded allowances minus the gain [nat], and its derivative.
@@ -419,7 +411,7 @@ class _Search:
         states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
         angles, v, a = states.reshape(3, -1, n)
         q = configurations(self._allowed.robot, angles)
-        gain, changes = self._aim.gain_and_changes(q, v, a, self._basis.period, count)
+        gain, changes = self._aim.gain(q, v, a, self._basis.period, count)
         beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
         slopes = (beyond[1:] - beyond[0] - changes.reshape(3 * n, count)) / _STEP
@@ -489,10 +481,7 @@ class ExcitingMotion:
             rows.append(("distance", f"{limits.apart:.3g} m between {limits.closest}"))
         note = "Collisions of the robot with its surroundings are not checked."
         if not limits.shapes:
-            note = (
-                "The description has no collision geometry: collisions of the robot with itself or "
-                "with its surroundings are not checked."
-            )
+            note += " Nor are those with itself: the description has no collision geometry."
         return Sheet("Exciting motion", [Table(rows), limits.table(), *found.tables()], note)
 
 
@@ -547,7 +536,7 @@ class LimitUse:
             allowed.load,
             allowed.clearance(q),
             *allowed.apart(q),
-            allowed.shapes is not None and not allowed.shapes.alone,
+            allowed.shapes is not None,
         )
 
     def table(self) -> Table:

@@ -16,17 +16,16 @@ import numpy as np
 from .._output import Sheet, Table, html_page, whole_file, write_text
 from .._version import __version__
 from ..exceptions import InputError, ParameterError
-from ..information.information import Information, identifiable, known_to
+from ..information.information import identifiable, known_to
 from ..information.measured_motion import CUTOFF
 from ..information.payload import PayloadEstimate
-from ..models.basis import base_parameters
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import windows_of
-from .identified_model import IdentifiedModel, rms
+from .fits import Windows, columns_rms
 
 if TYPE_CHECKING:
     from ..plots.style import Picture
+    from .identified_model import Errors, Identification
 
 FILES = (
     "estimates.npz",
@@ -43,32 +42,40 @@ FILES = (
 # up to which a description is correct: half or twice as much changes words for borderline logs.
 _HARDLY, _RIGHT = 2.0, 1e-3
 _OFF = 0.02  # of the reach, error of positions from which the robot is another one; half: the same
-_SINGULAR = 1e-10  # share of the largest singular value that least squares leave out; rounding
 
 
-def verdict(found: IdentifiedModel) -> str:
+def verdict(found: Identification) -> str:
     """Return the result in one line."""
     if found.check is not None and not found.check.fits:
         return f"NOT TO BE TRUSTED: {found.check.verdict}"
-    if not found.dynamic.names:
-        return f"error of held-out positions: {_of_positions(found)} (rms)."
+    if found.position_errors is not None and not found.dynamic.names:
+        return f"error of held-out positions: {_change(found.position_errors, 1e3)} mm (rms)."
     errors = found.torque_errors
-    before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
-    gain = errors.gain or 0.0
-    words = f"error of held-out torques: {before:.3g} -> {after:.3g} {unit_of(found)} (rms), "
-    words += f"{gain:.3g} times less"
+    gain, words = errors.gain or 0.0, f"error of held-out torques: {_change(errors)} "
+    words += f"{unit_of(found)} (rms), {gain:.3g} times less"
     if (off := position_doubt(found)) is not None:
         return f"{words}. {off}"
     if gain >= _HARDLY:
         return f"{words}."
-    if max(before, after) < _RIGHT * rms(errors.size):
+    if np.linalg.norm(errors.described_held_out) < _RIGHT * np.linalg.norm(errors.size):
         return f"{words}. The description was already correct to 0.1 % of the torques."
     if gain < 1.0:
         return f"{words}: WORSE. The estimate from the first part does not predict the last."
     return f"{words}, hardly better than the description. Are these the joints' torques?"
 
 
-def position_doubt(found: IdentifiedModel) -> str | None:
+def _change(errors: Errors, scale: float = 1.0) -> str:
+    """Return the errors of the held-out part before and after, in words."""
+    both = errors.described_held_out, errors.learned_held_out
+    return " -> ".join(f"{scale * _all(part):.3g}" for part in both)
+
+
+def _all(values: np.ndarray) -> float:
+    """Return the root mean square of all signals together."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def position_doubt(found: Identification) -> str | None:
     """Return why a log seems to be that of another robot by its positions, None if it does not."""
     positions = found.position_errors
     if positions is None or not found.described.task.positions:
@@ -82,97 +89,131 @@ def position_doubt(found: IdentifiedModel) -> str | None:
     )
 
 
-def unit_of(found: IdentifiedModel) -> str:
+def unit_of(found: Identification) -> str:
     """Return the unit of the torques."""
     return "N m or N" if any(found.described.slides.values()) else "N m"
 
 
-def _of_positions(found: IdentifiedModel) -> str:
-    """Return the errors of held-out positions before and after, in words."""
-    errors = found.position_errors
-    assert errors is not None  # else no translation is unknown
-    before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
-    return f"{1e3 * before:.3g} -> {1e3 * after:.3g} mm"
+def record(found: Identification) -> dict[str, Any]:
+    """Return what there is to say of an identification: text and page consist of it too."""
+    log, effects, units = found.log, found.effects, found.parameters().units
+    start = found.estimator.controller.kinematics.initial
+    signals = np.hstack([log.q, log.tau, *([] if log.v is None else [log.v])])
+    parts = {"dynamic": (found.dynamic, found.described_parameters)}
+    parts["kinematic"] = found.kinematic, start
+    columns = ("name", "described", "value", "known_to", "unit")
+    tables = {
+        kind: [
+            dict(zip(columns, (*each, units.get(each[0], "")), strict=True))
+            for each in zip(
+                part.names, before.tolist(), part.estimate.tolist(), part.deviations.tolist(),
+                strict=True,
+            )
+        ]
+        for kind, (part, before) in parts.items()
+    }  # fmt: skip
+    return {
+        "verdict": verdict(found),
+        "log": log.source,
+        "robot": found.described.name,
+        "joint_names": found.described.joint_names,
+        "samples": len(log.t),
+        "left_out": int(np.count_nonzero(~np.isfinite(signals).all(axis=1))),
+        "duration": log.duration,
+        "period": log.period,
+        "velocities_from_positions": found.motion.smoothed,
+        "windows": len(found.windows.t),
+        "held_out_from": found.split,
+        "tested": found.tested,
+        "check": None if found.check is None else found.check.summary(),
+        "torque": found.torque_errors if found.dynamic.names else None,
+        "torque_online_held_out": found.online_held_out,
+        "position": found.position_errors,
+        "dynamic_identifiable": found.dynamic.rank,
+        "kinematic_identifiable": found.kinematic.rank,
+        **tables,
+        "effects": None if effects is None else {"unknown": effects.words, "gains": effects.gains},
+        "payload": payload_of(found),
+        "version": __version__,
+    }
 
 
-def title(found: IdentifiedModel) -> str:
-    """Return what was identified from which logs, and on which it was tested."""
-    logs = [name for name in found.log.source.split(", ") if name not in found.tested]
-    words = f"{found.described.name}, identified from {', '.join(logs)}"
-    return f"{words}, tested on {', '.join(found.tested)}" if found.tested else words
-
-
-def sheet(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -> Sheet:
+def sheet(found: Identification, compared: Mapping[str, Robot] | None = None) -> Sheet:
     """Return the whole report, with the held-out errors of other models by name.
 
     Raises:
         ParameterError: a compared robot has other joints.
     """
-    tables = [Table(_overview(found))]
-    if found.check is not None:
-        tables.append(found.check.table())
-    if found.dynamic.names:
-        tables.append(_torque_table(found, compared or {}))
-    if found.effects is not None:
-        rows = [
-            (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}")
-            for one in found.effects.gains
-        ]
-        what = "effect of the joints, beside viscous and Coulomb friction"
-        rows = rows or [("none lowers the error in cross-validation", "", "")]
-        tables.append(Table(rows, (what, "lowers the squared error by", "")))
-    if (load := payload_of(found)) is not None:
-        tables += load.tables()
-    units = found.parameters().units
-    start = found.estimator.controller.kinematics.initial
-    for part, before in ((found.kinematic, start), (found.dynamic, found.described_parameters)):
-        if part.names:
-            tables.append(_parameter_table(part, before, units))
-    return Sheet(title(found), tables, verdict(found))
-
-
-def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
-    """Return the input, how it was processed, and how many combinations are identifiable."""
-    log, online = found.log, found.online
+    of, log = record(found), found.log
     velocities = "as measured"
-    if found.smoothed:
+    if found.motion.smoothed:
         reason = "none" if log.v is None else "those of the log disagree with the positions"
         velocities = f"{reason}; computed from the positions (zero phase, {CUTOFF:g} Hz)"
+    period, count = f"every {1e3 * log.period:.4g} ms", of["left_out"]
     rows = [
-        ("log", f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms"),
+        ("log", f"{of['samples']} samples, {log.duration:.4g} s, {period}"),
+        ("left out", f"{count} samples that are not finite"),
         ("velocities", velocities),
         ("torques", "held until the next sample" if log.held else "measured at each sample"),
-        ("averaged over", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
+        ("averaged over", f"{of['windows']} windows of {found.windows.length:.2g} s"),
         ("held out", ", ".join(found.tested) or f"from {found.split:.4g} s on"),
     ]
-    if log.v is None:
-        rows.append(("online", f"velocities from a causal low pass, {CUTOFF:g} Hz"))
-    if online.refused:
-        rows.append(("refused online", f"{online.refused} samples, the first {online.reason}"))
     for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
         if part.names:
             rows.append((f"{name} parameters", identifiable(part)))
     if found.check is not None:
         rows += [("note", note) for note in found.check.notes]
     if found.position_errors is not None:
-        rows.append(("held-out positions", f"{_of_positions(found)} (rms)"))
-    return rows
+        rows.append(("held-out positions", f"{_change(found.position_errors, 1e3)} mm (rms)"))
+    tables = [Table(rows)]
+    if found.check is not None:
+        tables.append(found.check.table())
+    if found.dynamic.names:
+        tables.append(_torque_table(found, compared or {}))
+    if of["effects"] is not None:
+        gains = [
+            (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}")
+            for one in of["effects"]["gains"]
+        ]
+        what = "effect of the joints, beside viscous and Coulomb friction"
+        gains = gains or [("none lowers the error in cross-validation", "", "")]
+        tables.append(Table(gains, (what, "lowers the squared error by", "")))
+    if of["payload"] is not None:
+        tables += of["payload"].tables()
+    tables += [_parameter_table(of[kind]) for kind in ("kinematic", "dynamic") if of[kind]]
+    logs = [name for name in log.source.split(", ") if name not in found.tested]
+    tested = f", tested on {', '.join(found.tested)}" if found.tested else ""
+    title = f"{found.described.name}, identified from {', '.join(logs)}{tested}"
+    return Sheet(title, tables, of["verdict"])
 
 
-def _torque_table(found: IdentifiedModel, compared: Mapping[str, Robot]) -> Table:
-    """Return held-out errors of the torques, one row for each joint."""
-    errors, (plain, weighted) = found.torque_errors, least_squares_errors(found)
+def _torque_table(found: Identification, compared: Mapping[str, Robot]) -> Table:
+    """Return held-out errors of the torques, one row for each joint.
+
+    Raises:
+        ParameterError: a compared robot has other joints.
+    """
+    errors, others = found.torque_errors, {}
+    for name, robot in compared.items():
+        if robot.joint_names != found.described.joint_names:
+            raise ParameterError(
+                f"its joints are {list(robot.joint_names)}, those of the log "
+                f"{list(found.described.joint_names)}.",
+                where=f"compared model {robot.name}",
+            )
+        nothing = Unknown(bodies="none", friction=False, armature=False)
+        dynamics = nominal_dynamics(robot, nothing, ())
+        windows = Windows.of(found.motion, dynamics, found.log.period, held=found.log.held)
+        others[name] = columns_rms(windows.between(found.split, np.inf).y)
     columns = {
         "torque": errors.size,
         "described": errors.described_held_out,
-        "OLS": plain,
-        "WLS": weighted,
-        **{name: _error_of(found, robot) for name, robot in compared.items()},
+        **others,
         "identified": errors.learned_held_out,
         "online": found.online_held_out,
     }
     names = [*found.described.joint_names, f"all, rms, {unit_of(found)}"]
-    values = np.array([[*part, rms(part)] for part in columns.values()]).T
+    values = np.array([[*part, _all(part)] for part in columns.values()]).T
     rows = [
         (name, *(f"{value:.3g}" for value in row), "")
         for name, row in zip(names, values, strict=True)
@@ -180,48 +221,7 @@ def _torque_table(found: IdentifiedModel, compared: Mapping[str, Robot]) -> Tabl
     return Table(rows, ("error of held-out torques", *columns, ""))
 
 
-def least_squares_errors(found: IdentifiedModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the held-out errors (n) of base parameters by ordinary and weighted least squares.
-
-    They have the same effects of the joints, no prior, and need not be physical: what is usual in
-    the literature.
-    """
-    dynamics = found.estimator.controller.dynamics
-    chosen = base_parameters(dynamics, found.described).chosen
-    first = found.windows.between(-np.inf, found.split)
-    last = found.windows.between(found.split, np.inf)
-    W, errors = first.W[:, :, chosen], []
-    noise = np.ones(W.shape[1])
-    for _ in range(2):
-        A = (W / noise[:, None]).reshape(-1, len(chosen))
-        a = np.linalg.lstsq(A, (first.y / noise).ravel(), rcond=_SINGULAR)[0]
-        errors.append(_columns_rms(last.y - last.W[:, :, chosen] @ a))
-        noise = np.maximum(_columns_rms(first.y - W @ a), np.finfo(float).tiny)
-    return errors[0], errors[1]
-
-
-def _error_of(found: IdentifiedModel, robot: Robot) -> np.ndarray:
-    """Return the held-out errors (n) of the torques that another robot predicts.
-
-    Raises:
-        ParameterError: it has other joints.
-    """
-    if robot.joint_names != found.described.joint_names:
-        raise ParameterError(
-            f"its joints are {list(robot.joint_names)}, those of the log "
-            f"{list(found.described.joint_names)}.",
-            where=f"compared model {robot.name}",
-        )
-    dynamics = nominal_dynamics(robot, Unknown(bodies="none", friction=False, armature=False), ())
-    windows = windows_of(found.motion, dynamics, found.log.period, held=found.log.held)
-    return _columns_rms(windows.between(found.split, np.inf).y)
-
-
-def _columns_rms(residual: np.ndarray) -> np.ndarray:
-    return np.asarray(np.sqrt(np.mean(np.square(residual), axis=0)))
-
-
-def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
+def payload_of(found: Identification) -> PayloadEstimate | None:
     """Return the load, or None where the last body was not among the parameters."""
     try:
         return found.payload()
@@ -229,51 +229,18 @@ def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
         return None
 
 
-def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, str]) -> Table:
+def _parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
     """Return the identifiable parameters, and how many others there are."""
-    identified = np.isfinite(part.deviations)
+    shown = [one for one in parameters if np.isfinite(one["known_to"])]
     rows = [
-        (name, f"{first:.4g}", f"{value:.4g}", known_to(deviation), units.get(name, ""))
-        for name, first, value, deviation, shown in zip(
-            part.names, before, part.estimate, part.deviations, identified, strict=True
-        )
-        if shown
+        (one["name"], f"{one['described']:.4g}", f"{one['value']:.4g}", known_to(one["known_to"]))
+        for one in shown
     ]
-    if not identified.all():
-        others = f"{np.count_nonzero(~identified)} others"
+    rows = [(*row, one["unit"]) for row, one in zip(rows, shown, strict=True)]
+    if len(shown) < len(parameters):
+        others = f"{len(parameters) - len(shown)} others"
         rows.append((others, "", "", "", "only combinations of them are identifiable"))
     return Table(rows, ("parameter", "described", "learned", "known to", "unit"))
-
-
-def summary(found: IdentifiedModel) -> dict[str, Any]:
-    """Return the record of ``summary.json``; None stands for what is not finite."""
-    effects, errors = found.effects, found.torque_errors if found.dynamic.names else None
-    record = {
-        "verdict": verdict(found),
-        "log": found.log.source,
-        "robot": found.described.name,
-        "joint_names": found.described.joint_names,
-        "samples": len(found.log.t),
-        "duration": found.log.duration,
-        "period": found.log.period,
-        "velocities_from_positions": found.smoothed,
-        "windows": len(found.windows.t),
-        "held_out_from": found.split,
-        "tested": found.tested,
-        "check": None if found.check is None else found.check.summary(),
-        "torque": None if errors is None else errors.summary(),
-        "torque_online_held_out": found.online_held_out,
-        "position": None if found.position_errors is None else found.position_errors.summary(),
-        "dynamic_identifiable": found.dynamic.rank,
-        "kinematic_identifiable": found.kinematic.rank,
-        "dynamic": _values(found.dynamic),
-        "kinematic": _values(found.kinematic),
-        "effects": None if effects is None else {"unknown": effects.words, "gains": effects.gains},
-        "payload": payload_of(found),
-        "refused_online": found.online.refused,
-        "version": __version__,
-    }
-    return dict(plain(record))
 
 
 def plain(value: Any) -> Any:
@@ -291,12 +258,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _values(part: Information) -> list[dict[str, Any]]:
-    columns = zip(part.names, part.estimate.tolist(), part.deviations.tolist(), strict=True)
-    return [{"name": name, "value": value, "known_to": known} for name, value, known in columns]
-
-
-def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
+def save(found: Identification, folder: Path, *, mjcf: bool = False) -> None:
     """Write arrays, numbers and the identified robot into a folder, each file atomically.
 
     Raises:
@@ -320,7 +282,7 @@ def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
     found.parameters().save(folder / "learned.json")
     about = f"How {Path(found.log.source).name} was read."
     write_text(folder / "intake.toml", found.intake.text([about]))
-    write_text(folder / "summary.json", json.dumps(summary(found), indent=2) + "\n")
+    write_text(folder / "summary.json", json.dumps(found.summary(), indent=2) + "\n")
     missing = []
     for name in ("learned.urdf", "learned.xml")[: 1 + mjcf]:
         try:
@@ -331,7 +293,7 @@ def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
         raise ParameterError("; ".join(missing), where="not written")
 
 
-def page(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -> str:
+def page(found: Identification, compared: Mapping[str, Robot]) -> str:
     """Return the report as a web page with pictures, without scripts and external resources.
 
     Args:
@@ -341,29 +303,23 @@ def page(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) ->
     Raises:
         ParameterError: a compared robot has other joints.
     """
-    whole = sheet(found, compared)
-    torque, friction = pictures_of(found).torque, _friction(found)
-    return html_page(
-        whole.title,
-        [
-            f"<h1>{escape(whole.title)}</h1>",
-            f'<div class="note">{escape(whole.note)}</div>',
-            *(table.html() for table in whole.tables),
-            "<p>OLS, WLS: ordinary and weighted least squares on base parameters.</p>",
-            "<h2>Torques</h2>",
-            _image(torque, "torques of each joint over time"),
-            "<h2>Friction: torques without those of the identified bodies, over the velocity</h2>",
-            _image(friction, "torque of each joint's friction over its velocity"),
-        ],
-    )
+    whole, parts = sheet(found, compared), list[str]()
+    pictures = {
+        "Torques": pictures_of(found).torque,
+        "Friction: torques without those of the identified bodies, over the velocity": _friction(
+            found
+        ),
+    }
+    for words, picture in pictures.items():
+        data = b64encode(picture.png(dpi=100)).decode()
+        image = f'<img alt="{words}" src="data:image/png;base64,{data}">'
+        parts += [f"<h2>{words}</h2>", image]
+    title = f"<h1>{escape(whole.title)}</h1>"
+    note = f'<div class="note">{escape(whole.note)}</div>'
+    return html_page(whole.title, [title, note, *(t.html() for t in whole.tables), *parts])
 
 
-def _image(picture: Picture, words: str) -> str:
-    data = b64encode(picture.png(dpi=100)).decode()
-    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
-
-
-def _friction(found: IdentifiedModel) -> Picture:
+def _friction(found: Identification) -> Picture:
     """Return a picture of the torque that bodies do not explain, over the velocity."""
     from ..plots.figures import friction_figure
     from ..plots.style import RC, matplotlib  # here, because matplotlib is slow to import
@@ -390,7 +346,7 @@ class Pictures(NamedTuple):
     parameters: Picture
 
 
-def pictures_of(found: IdentifiedModel) -> Pictures:
+def pictures_of(found: Identification) -> Pictures:
     """Draw both pictures."""
     from ..plots.figures import parameter_figure, prediction_figure
     from ..plots.style import (
@@ -399,7 +355,8 @@ def pictures_of(found: IdentifiedModel) -> Pictures:
     )
 
     windows, title = found.windows, f"{found.described.name}, {Path(found.log.source).name}"
-    before, after = (windows.residual(a) for a in (found.described_parameters, found.before_split))
+    estimates = {"described": found.described_parameters, "identified": found.before_split}
+    predicted = {name: windows.tau - windows.residual(a) for name, a in estimates.items()}
     online = SimpleNamespace(
         title=title,
         law="identified online",
@@ -416,19 +373,13 @@ def pictures_of(found: IdentifiedModel) -> Pictures:
         diverged=None,
         interrupted=None,
     )
+    slides = found.described.slides
     with matplotlib.rc_context(RC):
-        torque = prediction_figure(
-            title,
-            found.described.slides,
-            windows.t,
-            windows.tau,
-            {"described": windows.tau - before, "identified": windows.tau - after},
-            found.split,
-        )
+        torque = prediction_figure(title, slides, windows.t, windows.tau, predicted, found.split)
         return Pictures(torque, parameter_figure(online, "dashed: whole log"))
 
 
-def draw(found: IdentifiedModel, folder: Path) -> list[Path]:
+def draw(found: Identification, folder: Path) -> list[Path]:
     """Write ``torque.png`` and ``parameters.png``; return their paths."""
     paths = []
     for name, picture in pictures_of(found)._asdict().items():
