@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, positive, whole
+from .._checks import MOST_SAMPLES, instance, numbers, positive, whole
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -175,22 +175,28 @@ class Aim:
 
 def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
     """Return the dynamic parameters; prior: inertias within 30 %, coefficients typical ones."""
-    base, (typical, Y) = base_parameters(dynamics, robot), _typical(robot, dynamics)
-    efforts = effort_limits(robot.model)
+    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
+    torques, regressors = [], []
+    for _ in range(_SAMPLES):
+        q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
+        v, a = _SPEED * rng.standard_normal((2, model.nv))
+        torques.append(pin.rnea(model, data, q, v, a))
+        regressors.append(dynamics.regressor(q, v, a))
+    typical, Y = np.sqrt(np.mean(np.square(torques), axis=0)), np.array(regressors)
+    efforts, size = effort_limits(model), dynamics.inertial.size
     noise = _TORQUE_NOISE * np.where(
         np.isfinite(efforts), efforts, np.maximum(typical, typical.max())
     )
-    size, R = dynamics.inertial.size, base.regrouping
+    base = base_parameters(dynamics, robot)
+    prior = np.diag(dynamics.typical**2)
     inertial = prior_covariance(robot, dynamics) if size else np.zeros((0, 0))
-    if inertial is None:
-        sizes = np.sqrt(np.mean(Y**2, axis=(0, 1)))
-        scale = np.sqrt(np.mean(typical**2)) / np.where(sizes > 0.0, sizes, np.inf)
-        covariance = np.diag(scale[base.chosen] ** 2)
-    else:
-        prior = np.diag(dynamics.typical**2)
-        prior[:size, :size] = inertial
-        covariance = R @ prior @ R.T
-    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, _root(covariance), noise)
+    if inertial is None:  # of which nothing is known but the torques
+        effects = np.sqrt(np.mean(Y**2, axis=(0, 1)))[:size]
+        level = np.sqrt(np.mean(typical**2))
+        inertial = np.diag((level / np.where(effects > 0.0, effects, np.inf)) ** 2)
+    prior[:size, :size] = inertial
+    root = _root(base.regrouping @ prior @ base.regrouping.T)
+    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, root, noise)
 
 
 def _position_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
@@ -207,18 +213,6 @@ def _position_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
     return _Part(tuple(kinematics.names), kinematics.initial, chosen, root, noise)
 
 
-def _typical(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
-    """Return rms torques (n) over random states around home, and Y (N, n, p) at these."""
-    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
-    torques, regressors = [], []
-    for _ in range(_SAMPLES):
-        q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
-        v, a = _SPEED * rng.standard_normal((2, model.nv))
-        torques.append(pin.rnea(model, data, q, v, a))
-        regressors.append(dynamics.regressor(q, v, a))
-    return np.sqrt(np.mean(np.square(torques), axis=0)), np.array(regressors)
-
-
 def _root(covariance: np.ndarray) -> np.ndarray:
     """Return an L with covariance = L L^T."""
     values, vectors = np.linalg.eigh(covariance)
@@ -226,7 +220,7 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 
 
 _FASTEST = 0.5  # [Hz] of the harmonics, unless the duration is too short
-_FEWEST, _MOST, _MOST_HARMONICS = 3, 8, 1000  # harmonics, by default and at most
+_FEWEST, _MOST = 3, 8  # harmonics, by default
 _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
 _STARTS, _ITERATIONS = 24, 60
 _PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
@@ -284,7 +278,7 @@ def excite(
     duration = positive(duration, "duration", error=InputError)
     if harmonics is None:
         harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
-    harmonics = whole(harmonics, "harmonics", 2, most=_MOST_HARMONICS)
+    harmonics = whole(harmonics, "harmonics", 2, most=MOST_SAMPLES)
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))
     shapes = Shapes.of(nominal, srdf, level)
     allowed = Allowance.of(nominal, excursion, load, shapes, level)
@@ -524,13 +518,12 @@ class LimitUse:
         """Return the shares that N states of a motion use."""
         robot = allowed.robot
         lower, upper = position_limits(robot.model)
-        limited = np.isfinite(lower)
-        lower, upper = np.where(limited, lower, 0.0), np.where(limited, upper, 0.0)
-        middle, half = 0.5 * (lower + upper), np.where(limited, 0.5 * (upper - lower), np.inf)
+        with np.errstate(invalid="ignore"):  # of joints without limits
+            position = np.abs(2.0 * angles - lower - upper).max(axis=0) / (upper - lower)
         efforts = np.abs(allowed.torques(q, v, a)).max(axis=(0, 1))
         return cls(
             tuple(robot.joint_names),
-            np.abs(angles - middle).max(axis=0) / half,
+            np.nan_to_num(position),
             np.abs(v).max(axis=0) / velocity_limits(robot.model),
             efforts / effort_limits(robot.model),
             allowed.load,

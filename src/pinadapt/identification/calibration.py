@@ -40,7 +40,7 @@ from .._version import __version__
 from ..exceptions import InputError, LogError, did_you_mean
 from ..information.information import Information, gauss_newton
 from ..information.measured_motion import at_times
-from ..information.tracker import check_axes
+from ..information.tracker import CERTAIN, LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.intake import Intake
 from ..logs.log import Log
 from ..models.linear_kinematics import SHIFT, TURN, axes_of
@@ -61,7 +61,6 @@ FILES = ("learned.urdf", "summary.json")
 _ROBOTS = ("described", "robot", "sheet")  # attributes that are no numbers
 _AS_GOOD = 1.2  # ratio of two errors up to which they are the same
 _WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
-_LATE = 5.0  # deviations from which the frames have another clock
 _OWN = "offset"
 
 
@@ -160,7 +159,7 @@ class Calibration:
         words = f"error of held-out frames: {self.before.words()} -> {self.after.words()} (rms)"
         late, known = self.late
         clock = ""
-        if abs(late) > _LATE * known:
+        if abs(late) > CERTAIN * known:
             early = f"{1e3 * abs(late):.2g} ms {'before' if late > 0.0 else 'after'}"
             clock = f" Frames taken {early} their time stamps would explain more."
         if self.after.position > _WORST * self.motion:
@@ -318,7 +317,6 @@ def calibrate(
 _MOST = 2000  # frames
 _BLOCKS = 12  # of time, some of which are held out
 _TURNED = 0.5  # [rad] that no base is mounted off its description
-_LEAST_WAY = 1e-3  # of the reach, that a frame moves (rms)
 
 
 class _MeasuredFrames(NamedTuple):
@@ -402,7 +400,7 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
         pin.forwardKinematics(robot.model, data, q)
         p[k] = pin.updateFramePlacement(robot.model, data, robot.frame_id).translation
     x, motion = seen.x[:, : seen.task.positions], math.sqrt(float(np.mean(np.var(p, axis=0))))
-    if motion < _LEAST_WAY * robot.reach:
+    if motion < LEAST_WAY * robot.reach:
         raise LogError(
             f"the arm moves its frame by {1e3 * motion:.2g} mm (rms) only.",
             where=where,
@@ -520,8 +518,9 @@ def _unknown_placements(
         found += [(f"{name}.{labels[k]}", joint, axes[:, k], prior[k], along[k]) for k in chosen]
     if not found:
         raise InputError("nothing is unknown, so there is nothing to calibrate.", where="unknown")
-    labels, joints, motions, prior, along = (np.array(part) for part in zip(*found, strict=True))
-    return _Columns(tuple(labels.tolist()), joints, motions.T, prior, along)
+    own, *rest = zip(*found, strict=True)
+    joints, motions, sizes, axial = (np.array(part) for part in rest)
+    return _Columns(own, joints, motions.T, sizes, axial)
 
 
 # The chain that is moved
@@ -620,7 +619,6 @@ _LEAST = 1.5  # equations for each identified combination
 _HUBER, _OUTLIER = 3.0, 6.0  # deviations from which a frame counts less, and not at all
 _MOST_OUTLIERS = 0.2  # share of the frames
 _LEAST_SHARE = 0.3  # of the variance, below which the noise of a tracker is found slowly
-_LEAST_NOISE = 1e-7  # of the reach, and [rad]
 
 
 class _GeometryFit(NamedTuple):
@@ -663,10 +661,10 @@ def _fitted(
 
     m, s, count = seen.task.size, geometry.columns.prior, len(seen.x)
     groups = [group.rows for group in seen.task.groups]
-    least = np.array([_LEAST_NOISE * geometry.reach, _LEAST_NOISE])[: len(groups)]
+    least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: len(groups)]
     kept, robust = np.ones(count, dtype=bool), known is None
-    explained, noise = 0.0, known
-    if noise is None:
+    explained, noise = 0.0, least if known is None else known
+    if robust:
         r, _, _ = geometry.rows(seen)
         noise = np.array([math.sqrt(float(np.median(r[:, part] ** 2))) for part in groups])
         noise = np.maximum(noise, least)
@@ -781,29 +779,27 @@ def _identified(
     Returns:
         The combinations as text, and name -> names of those that can cancel it.
     """
-    from scipy.linalg import qr, solve_triangular  # here, because scipy is slow to import
+    from scipy.linalg import qr  # here, because scipy is slow to import
 
-    names, s = columns.names, columns.prior
-    rows, last = rows * s, np.where(columns.along, _KEPT_LAST, 1.0)
+    names, rows = columns.names, rows * columns.prior
+    last = np.where(columns.along, _KEPT_LAST, 1.0)
     R, order = qr(rows * last, mode="r", pivoting=True)
     order = order[: min(R.shape)]
-    kept = np.abs(np.diag(R)) > last[order]
-    taken, others = np.sort(order[kept]), np.setdiff1d(np.arange(len(names)), order[kept])
-    Q, R = np.linalg.qr(rows[:, taken])
-    parts = solve_triangular(R, Q.T @ rows[:, others])
+    taken = np.sort(order[np.abs(np.diag(R)) > last[order]])
+    others = np.setdiff1d(np.arange(len(names)), taken)
+    parts = np.linalg.lstsq(rows[:, taken], rows[:, others], rcond=None)[0]
     sizes = np.linalg.norm(rows, axis=0)
-    effects = np.abs(parts) * sizes[taken, None] / np.maximum(sizes[others], 1.0)
-    combinations = []
-    for i, own, sized in zip(taken, parts, effects, strict=True):
-        terms = [
-            f" {'-' if part < 0.0 else '+'} {abs(part) * s[i] / s[d]:.3g} {names[d]}"
-            for d, part, effect in zip(others, own, sized, strict=True)
-            if effect > _SHOWN
-        ]
-        combinations.append(names[i] + "".join(terms))
+    shown = np.abs(parts) * sizes[taken, None] > _SHOWN * np.maximum(sizes[others], 1.0)
+    parts *= columns.prior[taken, None] / columns.prior[others]
+    combinations = [
+        names[i]
+        + "".join(f" {parts[k, d]:+.3g} {names[others[d]]}" for d in np.flatnonzero(shown[k]))
+        for k, i in enumerate(taken)
+    ]
+    strongest = np.argsort(-np.abs(parts) * sizes[taken, None], axis=0)
     unidentified = {
-        names[d]: tuple(names[taken[i]] for i in np.argsort(-sized) if sized[i] > _SHOWN)
-        for d, sized in zip(others, effects.T, strict=True)
+        names[other]: tuple(names[taken[k]] for k in strongest[:, d] if shown[k, d])
+        for d, other in enumerate(others)
     }
     return tuple(combinations), unidentified
 

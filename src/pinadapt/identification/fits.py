@@ -336,8 +336,8 @@ class Windows(NamedTuple):
         if inertial is None:
             W, y = _equations(motion, averages, dynamics.momentum, dynamics.size)
             tau = averages.held_mean(motion.tau) if held else averages.mean(motion.tau)
-            parts = W, tau - y, tau
-            return cls(averages.t[whole], *(part[whole] for part in parts), averages.length)
+            t, y, length = averages.t[whole], (tau - y)[whole], averages.length
+            return cls(t, W[whole], y, tau[whole], length)
         if joints is None:
             return inertial
         W, y = _equations(motion, averages, joints.momentum, joints.size)
@@ -346,7 +346,8 @@ class Windows(NamedTuple):
 
     def only(self, chosen: np.ndarray) -> Windows:
         """Return the windows of a mask or of indices."""
-        return Windows(*(part[chosen] for part in self[:4]), self.length)
+        t, W, y, tau = (part[chosen] for part in (self.t, self.W, self.y, self.tau))
+        return Windows(t, W, y, tau, self.length)
 
     def between(self, first: float, last: float) -> Windows:
         """Return the windows that lie wholly between two times [s]."""

@@ -40,7 +40,7 @@ from .fits import (
     torque_fit,
 )
 from .identified_model import Identification, estimate_online, measurements
-from .selection import blocks_of, choose_effects, effect_spread
+from .selection import blocks_of, choose_effects
 from .torque_check import TorqueCheck, check_torques, on_wall
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
@@ -150,11 +150,12 @@ def identify(
             hint="Record longer, without gaps between samples.",
         )
     next(bar)
-    effects, averages = None, Averages(motion.t, found.period)
+    effects = None
     others = unknown.friction is None and not unknown.effects
     if (unknown.armature is None or others) and placed.controller.dynamics.joints is not None:
         own = physical_set(inertial, nominal)
         chosen = {"armature": unknown.armature is None, "effects": others}
+        averages = Averages(motion.t, found.period)
         effects = choose_effects(nominal, motion, averages, first, own, **chosen)
         nominal = replace(nominal, friction=effects.friction)
         options["unknown"] = replace(options["unknown"], **effects.unknown(unknown))
@@ -178,9 +179,6 @@ def identify(
         both = learned_from, bare
         load_estimate = load_fit(model, physical_set(model, nominal), both, nominal, WEIGHT, turns)
     dynamic = torque_fit(names, physical, learned_from, WEIGHT, blocks)
-    if effects is not None and dynamic.spread is not None:
-        more = effect_spread(nominal, motion, averages, learned_from, physical, dynamic)
-        dynamic = replace(dynamic, spread=np.vstack([dynamic.spread, more]))
     next(bar, None)
     recorded = measurements(motion_of_log(nominal, first_log), frames, held=first_log.held)
     steps = watched(range(len(first_log.t)), progress, "online")

@@ -54,10 +54,11 @@ class Errors(NamedTuple):
     @classmethod
     def of(cls, *signals: np.ndarray) -> Errors:
         """Take the signal, and the errors (N, n) in the order of the attributes."""
-        values = [columns_rms(part) for part in signals]
-        before, after = (rms(part) for part in values[3:])
-        seen = len(signals[3]) and after > 0.0
-        return cls(*values, gain=before / after if seen else None)
+        size, described, learned, *held_out = (columns_rms(part) for part in signals)
+        before, after = held_out
+        seen = len(signals[3]) and rms(signals[4]) > 0.0
+        gain = rms(signals[3]) / rms(signals[4]) if seen else None
+        return cls(size, described, learned, before, after, gain)
 
 
 def rms(values: np.ndarray) -> float:
@@ -298,8 +299,8 @@ def estimate_online(
             stored.append(state)
     if state is None:
         raise LogError(f"the estimator refuses every sample: {reason}.", where="log")
-    columns = zip(*((each.t, each.a_k, each.a_d) for each in (*stored, state)), strict=True)
-    return OnlineEstimates(*(np.array(column) for column in columns), state=state)
+    t, a_k, a_d = zip(*((each.t, each.a_k, each.a_d) for each in (*stored, state)), strict=True)
+    return OnlineEstimates(np.array(t), np.array(a_k), np.array(a_d), state)
 
 
 def measurements(motion: MeasuredMotion, frames: Frames, *, held: bool) -> Iterator[Measurement]:

@@ -233,10 +233,14 @@ def _parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
     """Return the identifiable parameters, and how many others there are."""
     shown = [one for one in parameters if np.isfinite(one["known_to"])]
     rows = [
-        (one["name"], f"{one['described']:.4g}", f"{one['value']:.4g}", known_to(one["known_to"]))
+        (
+            str(one["name"]),
+            *(f"{one[kind]:.4g}" for kind in ("described", "value")),
+            known_to(one["known_to"]),
+            str(one["unit"]),
+        )
         for one in shown
     ]
-    rows = [(*row, one["unit"]) for row, one in zip(rows, shown, strict=True)]
     if len(shown) < len(parameters):
         others = f"{len(parameters) - len(shown)} others"
         rows.append((others, "", "", "", "only combinations of them are identifiable"))
@@ -303,34 +307,16 @@ def page(found: Identification, compared: Mapping[str, Robot]) -> str:
     Raises:
         ParameterError: a compared robot has other joints.
     """
-    whole, parts = sheet(found, compared), list[str]()
-    pictures = {
-        "Torques": pictures_of(found).torque,
-        "Friction: torques without those of the identified bodies, over the velocity": _friction(
-            found
-        ),
-    }
-    for words, picture in pictures.items():
-        data = b64encode(picture.png(dpi=100)).decode()
-        image = f'<img alt="{words}" src="data:image/png;base64,{data}">'
-        parts += [f"<h2>{words}</h2>", image]
-    title = f"<h1>{escape(whole.title)}</h1>"
-    note = f'<div class="note">{escape(whole.note)}</div>'
-    return html_page(whole.title, [title, note, *(t.html() for t in whole.tables), *parts])
-
-
-def _friction(found: Identification) -> Picture:
-    """Return a picture of the torque that bodies do not explain, over the velocity."""
-    from ..plots.figures import friction_figure
-    from ..plots.style import RC, matplotlib  # here, because matplotlib is slow to import
-
-    windows, motion, a = found.windows, found.motion, found.dynamic.estimate
-    size = found.estimator.controller.dynamics.inertial.size
-    seen = windows.y - windows.W[:, :, :size] @ a[:size]
-    model = windows.W[:, :, size:] @ a[size:]
-    v = np.column_stack([np.interp(windows.t, motion.t, part) for part in motion.v.T])
-    with matplotlib.rc_context(RC):
-        return friction_figure(found.described.slides, v, seen, model)
+    whole = sheet(found, compared)
+    data = b64encode(pictures_of(found).torque.png(dpi=100)).decode()
+    parts = [
+        f"<h1>{escape(whole.title)}</h1>",
+        f'<div class="note">{escape(whole.note)}</div>',
+        *(table.html() for table in whole.tables),
+        "<h2>Torques</h2>",
+        f'<img alt="torques of each joint over time" src="data:image/png;base64,{data}">',
+    ]
+    return html_page(whole.title, parts)
 
 
 class Pictures(NamedTuple):

@@ -21,10 +21,8 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import name_list
-from ..information.information import Information
 from ..information.measured_motion import OVERLAP, Averages, MeasuredMotion
 from ..models.physical_fit import PhysicalSet
-from ..models.regressor import PER_BODY
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
@@ -237,38 +235,6 @@ def _shaped(friction: Friction, j: int, fading: float, dry: float, other: float)
     ratio = (dry + other) / dry if dry > 0.0 else _BREAKAWAY
     breakaway[j], fadings[j] = np.clip(ratio, 0.0, _BREAKAWAY), fading
     return replace(friction, breakaway=breakaway, fading=fadings)
-
-
-def effect_spread(
-    robot: Robot,
-    motion: MeasuredMotion,
-    averages: Averages,
-    windows: Windows,
-    physical: PhysicalSet,
-    found: Information,
-) -> np.ndarray:
-    """Return by how much an estimate changes (m, p) with one more effect of a joint.
-
-    What a log shows of these effects is not certain, and coefficients depend on them.
-
-    Args:
-        robot: with the chosen friction.
-        motion: of the whole log.
-        averages: over its windows.
-        windows: of all parameters, from which they were estimated.
-        physical: the set of the parameters.
-        found: their estimate.
-    """
-    count, p = PER_BODY * physical.bodies, len(found.names)
-    _, candidates = _candidates(robot, motion, averages, np.isin(averages.t, windows.t))
-    added = [one.columns for one in candidates if one.columns.shape[2] == 1]
-    T, left = np.eye(p), windows.residual(found.estimate)
-    T[:count, :count] = physical.local(found.estimate)[0][:count, :count]
-    noise = np.maximum(columns_rms(left), noise_levels(windows.tau)[1])
-    X = np.concatenate([windows.W @ T, *added, left[:, :, None]], axis=2) / noise[:, None]
-    solved, rest = _eliminated(_sums(X, count), np.arange(p))
-    effects = rest[p:-1, -1] / np.diag(rest)[p:-1]
-    return np.asarray((T @ (solved[:, p:-1] * effects)).T)
 
 
 def _sums(X: np.ndarray, bodies: int) -> np.ndarray:

@@ -11,9 +11,9 @@ logs of four real arms gave 0.65 to 2.0, correlations of at least 0.79. Currents
 gear, a wrong sign or another mounting do not.
 
 Usual mistakes are undone one by one, each without and with a load that is not described. What is
-then left of a joint's torque, with a factor between 0.65 and 2 and friction that takes energy, judges
-them: the sum over the joints of log(residual^2), and a price for each number that is chosen. A log
-fits if no mistake is surely likelier than none.
+then left of a joint's torque, with a factor between 0.65 and 2 and friction that takes energy,
+judges them: the sum over the joints of log(residual^2), and a price for each number that is chosen.
+A log fits if no mistake is surely likelier than none.
 """
 
 from __future__ import annotations
@@ -58,6 +58,7 @@ _LOAD_NUMBERS, _RARE = 4, 8  # numbers of a load; for which a rare mistake count
 _HEAVIEST = 1.0 / 3.0
 _LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
 _EPS = np.finfo(float).eps
+_UNITS = "Are they motor currents (A) or torques before the gear, or is the robot of another size?"
 
 
 class JointFactor(NamedTuple):
@@ -94,7 +95,8 @@ class Cause(NamedTuple):
 
     def __str__(self) -> str:
         """Return both in a sentence."""
-        return f"{self.words}; {self.option} corrects that" if self.option else self.words
+        mark = "" if self.words.endswith("?") else ";"
+        return f"{self.words}{mark} {self.option} corrects that" if self.option else self.words
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -450,7 +452,7 @@ class _Comparison:
             words = f"the position of {name} has the wrong sign"
             yield explained(Cause(words, f"--flip q:{name}"), 1, turned)
             words, option = f"{name} turns the other way", f"--flip q:{name},tau:{name}"
-            yield explained(Cause(words, option), _RARE, turned._replace(tau=motion.tau * sign))
+            yield explained(Cause(words, option), _RARE, turned, gains=sign)
             for quarter in (1, -1, 2) if not slides[j] else ():
                 shift = 0.5 * math.pi * quarter
                 words = f"the zero of {name} is {-90 * quarter} degrees from the described one, if "
@@ -465,12 +467,14 @@ class _Comparison:
         motion: _Motion | None = None,
         gravity: np.ndarray | None = None,
         added: np.ndarray | float = 0.0,
+        gains: np.ndarray | float = 1.0,
     ) -> _Explanation:
         """Return the fits without and with a load after a mistake is undone.
 
         Residuals are relative to the torques of the corrected motion, less what is ``added``.
         """
         motion = self._motion if motion is None else motion
+        motion = motion._replace(tau=motion.tau * gains)
         gravity = self._down if gravity is None else gravity
         d, tau = self._torques(motion, gravity), motion.tau + added
         sizes = np.linalg.norm(motion.tau, axis=0)
@@ -483,39 +487,37 @@ class _Comparison:
         return _Explanation(cause, bare, loaded, mass, bool(fits), score)
 
     def _gains(self, plain: _Fit) -> Iterator[_Explanation]:
-        """Yield explanations by signs and factors of the torques."""
-        motion, names, n = self._motion, self._names, self._n
+        """Yield explanations by signs of the torques, and by a common factor."""
+        names, n = self._names, self._n
         against = plain.judged & (plain.factor < 0.0)
-        flipped = {(j,) for j in range(n)} | {tuple(range(n)), tuple(np.flatnonzero(against))}
-        for one in sorted(flipped - {()}):
-            sign = np.ones(n)
-            sign[list(one)] = -1.0
-            who, whole = ",".join(names[j] for j in one), len(one) == n
-            words = f"the torque of {'all joints' if whole else who} has the wrong sign"
-            cause = Cause(words, "--torque-gain=-1" if whole else f"--flip {who}")
-            scaled = motion._replace(tau=motion.tau * sign)
-            yield self._explained(cause, 1 if whole else len(one), scaled)
-        clear, sizes = plain.judged & (np.abs(plain.correlation) >= _CLEAR), np.abs(plain.factor)
-        off = clear & ((sizes < _FACTORS[0]) | (sizes > _FACTORS[1]))
-        if not off.any():
+        for one in {*((j,) for j in range(n)), tuple(np.flatnonzero(against).tolist())} - {()}:
+            who = ",".join(names[j] for j in one)
+            cause = Cause(f"the torque of {who} has the wrong sign", f"--flip {who}")
+            yield self._explained(
+                cause, len(one), gains=np.where(np.isin(range(n), one), -1.0, 1.0)
+            )
+        cause = Cause("the torque of all joints has the wrong sign", "--torque-gain=-1")
+        yield self._explained(cause, 1, gains=-np.ones(n))
+        clear = plain.judged & (np.abs(plain.correlation) >= _CLEAR)
+        if not clear.any():
             return
-        common = float(np.exp(np.mean(np.log(sizes[clear]))))
-        spread = sizes[clear] / common
-        alike = bool(((spread > _USUAL[0]) & (spread < 1.0 / _USUAL[0])).all())
-        signs = -np.ones(n) if alike and against[clear].all() else np.where(against, -1.0, 1.0)
-        gains = signs / (common if alike else np.where(off, sizes, 1.0))
-        words = f"all torques are about {common:.2g} times the described ones"
-        option = f"--torque-gain={gains[0]:.3g}"
-        if not alike:
-            shown = ", ".join(f"{names[j]} {plain.factor[j]:.2g}" for j in np.flatnonzero(off))
+        sign, factors = -1.0 if against[clear].all() else 1.0, plain.factor
+        common = sign * float(np.exp(np.mean(np.log(np.abs(factors[clear])))))
+        spread, sizes = factors[clear] / common, np.abs(factors)
+        off = np.flatnonzero(clear & ((sizes < _FACTORS[0]) | (sizes > _FACTORS[1])))
+        if not off.size:
+            return
+        words, gains = f"all torques are about {common:.2g} times the described ones", np.ones(n)
+        option = f"--torque-gain={1.0 / common:.3g}"
+        if ((spread > _USUAL[0]) & (spread < 1.0 / _USUAL[0])).all():
+            off, gains = off[:1], gains / common
+        else:
+            gains[off] = 1.0 / factors[off]
+            shown = ", ".join(f"{names[j]} {factors[j]:.2g}" for j in off)
             words = f"torques are these multiples of the described ones: {shown}"
-        if np.ptp(gains) > 0.0:
-            listed = zip(names, gains.tolist(), strict=True)
-            option = "--torque-gain " + ",".join(f"{name}={gain:.3g}" for name, gain in listed)
-        words += ", as motor currents (A), torques before the gear or another size would be"
-        cause = Cause(words, f"{option}, or rather the gains of the data sheet,")
-        numbers = (1 if alike else int(off.sum())) + int(np.ptp(signs) > 0.0) * int(against.sum())
-        yield self._explained(cause, numbers, motion._replace(tau=motion.tau * gains))
+            option = "--torque-gain " + ",".join(f"{names[j]}={gains[j]:.3g}" for j in off)
+        cause = Cause(f"{words}. {_UNITS}", f"{option}, or rather the data sheet's gains,")
+        yield self._explained(cause, off.size, gains=gains)
 
     def _gravities(self) -> Iterator[_Explanation]:
         """Yield the explanation by another mounting, if the log shows one."""
@@ -538,13 +540,14 @@ class _Comparison:
 
     def _unexplained(self, plain: _Fit) -> Cause:
         """Return the cause of a log that no single mistake explains."""
-        wrong = [
+        wrong = np.flatnonzero(~plain.fits)
+        shown = [
             f"{self._names[j]} is {plain.factor[j]:.2f} times the description (correlation "
             f"{plain.correlation[j]:.2f})"
-            for j in np.flatnonzero(~plain.fits)
+            for j in wrong
         ]
         return Cause(
-            f"{'; '.join(wrong)}. Neither a sign, a unit, a gear, two swapped columns nor a "
+            f"{'; '.join(shown)}. Neither a sign, a unit, a gear, two swapped columns nor a "
             "mounting explains it. Is it the log of another robot, or do several of these come "
             "together?"
         )

@@ -48,9 +48,9 @@ class Information:
         score: (p) W^T S^-1 r of the residuals r = y - W a: zero at the least-squares estimate.
         noise: (n) standard deviation of the residual of each measured signal, in its unit.
         rows: N.
-        spread: (B, p) differences of estimates from parts of the data, or with another model,
+        spread: (B, p) differences of estimates from parts of the data,
             whose squares sum to the variances of the estimate as far as errors last: those of a
-            jackknife over blocks of time, and with other friction. None where rows are independent.
+            jackknife over blocks of time. None where rows are independent.
     """
 
     names: tuple[str, ...]

@@ -243,9 +243,12 @@ class Averages:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of values (N, ...) at the samples."""
-        return np.asarray(
-            (self.phi @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
-        )
+        found = self.phi @ values.reshape(len(values), -1)
+        return np.asarray(found.reshape(-1, *values.shape[1:]))
+
+    def held_mean(self, values: np.ndarray) -> np.ndarray:
+        """Return the averages (K, n) of values (N, n) that are held from a sample to the next."""
+        return np.asarray(self._held @ values)
 
     def derivative(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of the time derivative of values (N, ...)."""

@@ -27,16 +27,16 @@ from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
 from .information import Information, frames, gauss_newton
 
-_LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
+LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 _PRIOR = 0.1  # of the reach: standard deviation of a described translation
-_LEAST_NOISE = 1e-6  # of the reach
+LEAST_NOISE = 1e-6  # of the reach, and [rad]
 _FEWEST = 4
 _LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _LARGEST = 10.0  # motion of a picture over that of the arm
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
-_CERTAIN = 5.0  # deviations
+CERTAIN = 5.0  # deviations from which frames have another clock
 _UNSEEN = 0.9  # of the prior deviation
 _ROUNDS = 4  # in which the noise is found
 
@@ -83,23 +83,17 @@ class FoundTracker:
     def sheet(self) -> Sheet:
         """The table."""
         placement, a = self.tracker.placement, self.tracker.a
-        turn = pin.log3(placement.rotation)
-        values = [*np.degrees(turn), *1e3 * placement.translation, *1e3 * a]
-        scales = np.repeat([math.degrees(1.0), 1e3], [3, 3 + len(a)])
-        units = np.repeat(["deg", "mm"], [3, 3 + len(a)])
-        rows = [
-            (name, f"{value:.4g} {unit}", f"{scale * deviation:.2g} {unit}")
-            for name, value, unit, scale, deviation in zip(
-                self.names, values, units, scales, self.deviations, strict=True
-            )
-        ]
+        values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
+        rows = []
+        for k, name in enumerate(self.names):
+            scale, unit = (math.degrees(1.0), "deg") if k < 3 else (1e3, "mm")
+            known = f"{scale * self.deviations[k]:.2g} {unit}"
+            rows.append((name, f"{scale * values[k]:.4g} {unit}", known))
         summary = [
-            ("turned", f"{math.degrees(float(np.linalg.norm(turn))):.4g} deg"),
             ("frames", f"{self.frames}"),
             ("rms residual", f"{1e3 * self.noise:.3g} mm"),
+            ("not identified by this motion", ", ".join(self.unseen) or "-"),
         ]
-        if self.unseen:
-            summary.append(("not identified by this motion", ", ".join(self.unseen)))
         return Sheet("tracker", [Table(summary), Table(rows, ("", "value", "deviation"))])
 
 
@@ -195,7 +189,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     sigma = _noise(left, len(a), reach)
     late = told.beside(W, r, -rate / sigma)
     seen.check("camera", left, sigma, motion, late)
-    if abs(late[0]) > max(_LATE, _CERTAIN * late[1]):
+    if abs(late[0]) > max(_LATE, CERTAIN * late[1]):
         raise LogError(
             "the frames have another clock than q: frames taken about "
             f"{1e3 * late[0]:.2g} ms before their time stamps would explain them.",
@@ -232,7 +226,7 @@ class _Seen(NamedTuple):
         q, v, x = frames(kinematics, samples)
         p = np.array([kinematics.in_base(*each)[0] for each in zip(q, v, strict=True)])
         moved = min(_rms(part - part.mean(axis=0)) if len(part) else 0.0 for part in (p, x))
-        if len(p) < _FEWEST or moved < _LEAST_WAY * kinematics.robot.reach:
+        if len(p) < _FEWEST or moved < LEAST_WAY * kinematics.robot.reach:
             what = "tracker" if isinstance(kinematics, TrackerKinematics) else "camera"
             raise LogError(
                 f"{len(p)} frames of a motion of {moved:.2g} (rms) do not show the {what}.",
@@ -265,7 +259,7 @@ class _Seen(NamedTuple):
         if sigma * math.sqrt(max(alike, 0.0) / size if size else 0.0) <= _WORST * motion:
             return
         cause = ""
-        if abs(late[0]) > _CERTAIN * late[1]:
+        if abs(late[0]) > CERTAIN * late[1]:
             early = f"{1e3 * late[0]:.2g} ms"
             cause = f"; frames taken about {early} before their time stamps would explain more"
         raise LogError(
@@ -278,7 +272,7 @@ class _Seen(NamedTuple):
 def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:
     """Refuse frames whose rotation block B (m_p, 3) shows another unit or another handedness."""
     size = _rms(x - x.mean(axis=0)) / motion * math.sqrt(x.shape[1] / 3.0)
-    if abs(math.log(max(size, _LEAST_NOISE))) > _SCALE:
+    if abs(math.log(max(size, LEAST_NOISE))) > _SCALE:
         raise LogError(
             f"the frames move {size:.3g} times as far as the arm. In millimetres, or frozen?",
             hint="Give x in metres, of a point that is fixed to the last body.",
@@ -293,7 +287,7 @@ def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> No
 def _noise(residual: np.ndarray, parameters: int, reach: float) -> float:
     """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""
     variance = float(np.sum(residual**2)) / max(1, residual.size - parameters)
-    return max(math.sqrt(variance), _LEAST_NOISE * reach)
+    return max(math.sqrt(variance), LEAST_NOISE * reach)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -320,38 +320,6 @@ def prediction_figure(
     return figure
 
 
-def friction_figure(
-    slides: Mapping[str, bool], v: np.ndarray, seen: np.ndarray, model: np.ndarray
-) -> Picture:
-    """Return a figure with a panel per joint: torques of friction over the velocity.
-
-    Args:
-        slides: name of a joint -> whether it is prismatic, in order.
-        v: (N, n) velocities [rad/s or m/s].
-        seen: (N, n) measured torque less that of the bodies [N m or N].
-        model: (N, n) torque of the identified effects [N m or N].
-    """
-    n = len(slides)
-    columns = min(n, 3)
-    rows = -(-n // columns)
-    figure = Picture(figsize=(4.0 * columns, 2.4 * rows + 0.5), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    for j, (name, slide) in enumerate(slides.items()):
-        ax = axes[j]
-        ax.plot(v[:, j], seen[:, j], ".", color="0.6", ms=4.0, label="measured minus bodies")
-        ax.plot(v[:, j], model[:, j], ".", color=colour(0), ms=3.0, label="identified")
-        ax.axhline(0.0, color="black", lw=0.5)
-        ax.axvline(0.0, color="black", lw=0.5)
-        ax.set_title(literal(name), fontsize=8)
-        ax.set_ylabel("N" if slide else "N m")
-        if slide or j >= n - columns:
-            ax.set_xlabel("m/s" if slide else "rad/s")
-    for ax in axes[n:]:
-        ax.set_visible(False)
-    legend(axes[columns - 1])
-    return figure
-
-
 def overlay_figure(runs: Sequence[Drawable]) -> Picture:
     """Return one figure with the error norms of several runs of one task, named by their laws.
 
