@@ -19,7 +19,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ..exceptions import LogError, ParameterError
 from ..information.information import Information, fitted, position_rows
@@ -41,8 +40,7 @@ _POSITION_NOISE = 1e-2  # first, share of the reach
 _PRIOR = 0.5  # of the reach: standard deviation of a described translation
 _LEAST_WEIGHT = 1e-6
 _EPS = np.finfo(float).eps
-_LOAD = 0.05  # of the robot's mass and reach: mass and radius of gyration of a likely load
-_FREE = 1e-2  # weight of that, relative to the description of a body
+_FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
 _FARTHEST = 4.0  # of the reach, farther than any frame of the robot moves
 _CHUNK = 1000  # samples whose regressors are in memory at once
 
@@ -150,15 +148,10 @@ def load_fit(
     t, y, tau = (np.concatenate([getattr(w, part) for w in both]) for part in ("t", "y", "tau"))
     shift = len(loaded.t)
     turns = [np.concatenate([one, other + shift]) for one, other in zip(*blocks, strict=False)]
-    likely = pin.Inertia(
-        _LOAD * robot.mass,
-        robot.model.frames[robot.frame_id].placement.translation,
-        _LOAD * robot.mass * (_LOAD * robot.reach) ** 2 * np.eye(3),
-    )
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
-        center=np.insert(physical.center, size, likely.toDynamicParameters()),
+        center=np.insert(physical.center, size, physical.center[size - PER_BODY : size]),
         body_weights=np.append(np.ones(physical.bodies), _FREE),
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]

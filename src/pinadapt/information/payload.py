@@ -49,7 +49,6 @@ _OFF = (0.003, 0.01, 0.03, 0.1, 0.3)  # shares by which bodies may be off, each 
 _PLAIN = 0.9  # prior probability that the arm is as described
 _SURE = 0.95  # probability from which on there is a load
 _USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is expected
-_STEP = 1e-6  # relative, of numerical derivatives
 _ENTRIES = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
@@ -327,27 +326,18 @@ def _to_task_frame(robot: Robot) -> np.ndarray:
 def _of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return mass, centre and inertia about it (10) of ten parameters at the last joint.
 
-    The second is the derivative (10, 10), by central differences.
+    The second is the derivative (10, 10) by these parameters.
     """
     to_frame = _to_task_frame(robot)
-    at = to_frame @ ten
-    step = _STEP * max(float(np.abs(at).max()), 1e-3)
-    slopes = [
-        (_mass_com_inertia(at + step * unit) - _mass_com_inertia(at - step * unit)) / (2.0 * step)
-        for unit in np.eye(PER_BODY)
-    ]
-    return _mass_com_inertia(at), np.column_stack(slopes) @ to_frame
-
-
-def _mass_com_inertia(ten: np.ndarray) -> np.ndarray:
-    """Return mass, centre of mass and inertia about it (10) of ten parameters (10)."""
-    mass = ten[0] if ten[0] else np.nan
-    com = ten[1:4] / mass
-    xx, xy, yy, xz, yz, zz = ten[4:]
-    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) + mass * (
-        pin.skew(com) @ pin.skew(com)
-    )
-    return np.array([mass, *com, *about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+    mass, *rest = to_frame @ ten
+    mass, entries = mass or np.nan, ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
+    com = np.array(rest[:3]) / mass
+    S, slope = pin.skew(com), np.eye(PER_BODY)
+    slope[1:4, 0], slope[1:4, 1:4] = -com / mass, np.eye(3) / mass
+    slope[4:, 0] = -(S @ S)[entries]
+    for k, axis in enumerate(map(pin.skew, np.eye(3)), 1):
+        slope[4:, k] = (axis @ S + S @ axis)[entries]
+    return np.array([mass, *com, *(rest[3:] + mass * (S @ S)[entries])]), slope @ to_frame
 
 
 @dataclass(frozen=True, eq=False)
