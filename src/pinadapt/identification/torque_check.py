@@ -342,11 +342,14 @@ class _Comparison:
                 self._names, numbers.tolist(), fit.judged, fit.fits, strict=True
             )
         )
-        note = (
-            f"the torques fit only with a load of {plain.mass:.2f} kg behind the last joint, which "
-            "is not described. Without such a load it may be the log of a larger robot."
-        )
-        return TorqueCheck(source, joints, self.gravity, causes, (note,) if with_load else ())
+        notes = []
+        if not causes and plain.loaded.score + _PRICE * _LOAD_NUMBERS < bare.score - _SURELY:
+            only = "only" if with_load else "better"
+            notes.append(
+                f"the torques fit {only} with a load of {plain.mass:.2f} kg behind the last joint, "
+                "in addition to what is described there."
+            )
+        return TorqueCheck(source, joints, self.gravity, causes, tuple(notes))
 
     def _states(self, motion: _Motion) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield configuration, velocity and acceleration of each window."""
