@@ -7,7 +7,8 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.identification.fits import Windows
-from pinadapt.information.measured_motion import Averages, motion_of_log
+from pinadapt.identification.logged_motion import motion_of_log
+from pinadapt.information.measured_motion import Averages
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded, torques, true_robot
 

@@ -14,8 +14,7 @@ from ..exceptions import InputError, ParameterError, TorqueMismatchError
 from ..identification import calibration
 from ..identification.identification import identify as identify_log
 from ..identification.identification import log_and_robot
-from ..identification.identified_model import Identification
-from ..identification.report import FILES
+from ..identification.report import FILES, Identification
 from ..identification.torque_check import check_torques
 from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load

@@ -566,18 +566,16 @@ class RestToRest:
         self.times = np.linspace(0.0, period, samples, endpoint=False)
         w = 2.0 * np.pi / period * k
         c, s = np.cos(np.outer(self.times, w)), np.sin(np.outer(self.times, w))
-        self._displacement = np.hstack([c - 1.0, s]) @ self._free
-        self._velocity = np.hstack([-w * s, w * c]) @ self._free
-        self._acceleration = np.hstack([-w * w * c, -w * w * s]) @ self._free
+        rows = [[c - 1.0, s], [-w * s, w * c], [-w * w * c, -w * w * s]]
+        self._rows = np.array([np.hstack(row) for row in rows]) @ self._free  # (3, N, size)
 
-    def motion(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return displacement, velocity and acceleration (N, n) for theta (n, size)."""
-        return self._displacement @ theta.T, self._velocity @ theta.T, self._acceleration @ theta.T
+    def motion(self, theta: np.ndarray) -> np.ndarray:
+        """Return displacement, velocity and acceleration (3, N, n) for theta (n, size)."""
+        return np.asarray(self._rows @ theta.T)
 
     def derivative(self, by_states: np.ndarray) -> np.ndarray:
         """Return a derivative (n, size) by theta from that (3, n, N) by the states."""
-        parts = self._displacement, self._velocity, self._acceleration
-        return sum(by_state @ part for by_state, part in zip(by_states, parts, strict=True))
+        return np.asarray((by_states @ self._rows).sum(axis=0))
 
     def series(self, start: np.ndarray, theta: np.ndarray) -> FourierSeries:
         """Return the motion for theta (n, size) from a start (n)."""

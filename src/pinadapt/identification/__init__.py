@@ -4,6 +4,6 @@ from .calibration import Calibration as Calibration
 from .calibration import FrameErrors as FrameErrors
 from .calibration import calibrate as calibrate
 from .identification import identify as identify
-from .identified_model import Identification as Identification
+from .report import Identification as Identification
 from .torque_check import TorqueCheck as TorqueCheck
 from .torque_check import check_torques as check_torques

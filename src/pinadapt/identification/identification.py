@@ -15,7 +15,7 @@ from .._checks import positive
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
-from ..information.measured_motion import Averages, MeasuredMotion, motion_of_log
+from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import read_log
 from ..logs.intake import Intake
 from ..logs.log import Log, joined, starts_of
@@ -39,7 +39,9 @@ from .fits import (
     position_fit,
     torque_fit,
 )
-from .identified_model import Identification, estimate_online, measurements
+from .identified_model import estimate_online, measurements
+from .logged_motion import motion_of_log
+from .report import Identification
 from .selection import blocks_of, choose_effects
 from .torque_check import TorqueCheck, check_torques, on_wall
 

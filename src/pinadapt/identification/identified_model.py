@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from ..logs.log import Log
 from ..records import Measurement
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
-from . import report
 from .fits import Frames, PositionRows, Windows, columns_rms
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck
@@ -67,8 +65,8 @@ def rms(values: np.ndarray) -> float:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
-    """A robot identified from a log, estimates in SI units; ``print`` shows a report.
+class IdentifiedModel:
+    """Estimates from a log, in SI units.
 
     Attributes:
         log: the motion, its columns in the order of the joints.
@@ -190,68 +188,6 @@ class Identification:
         last, learned = rows.split(self.split)[1], rows.residual(self.kinematic.estimate - start)
         held_out = last.r, last.residual(self.position_before_split - start)
         return Errors.of(rows.r - rows.r.mean(axis=0), rows.r, learned, *held_out)
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the log can be one of the described robot, by its torques and positions."""
-        fits = self.check is None or self.check.fits
-        return fits and (not self.dynamic.names or report.position_doubt(self) is None)
-
-    @property
-    def verdict(self) -> str:
-        """The result in one line."""
-        return report.verdict(self)
-
-    def report(self) -> str:
-        """Return the estimates, their prediction errors, and what is not identifiable."""
-        return str(report.sheet(self))
-
-    def __repr__(self) -> str:
-        """Return the report."""
-        return self.report()
-
-    def _repr_html_(self) -> str:
-        return report.sheet(self).html()
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; None stands for what is not finite."""
-        return dict(report.plain(report.record(self)))
-
-    def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
-        """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
-
-        Args:
-            folder: that takes the files.
-            mjcf: whether to write ``learned.xml`` too, see ``Robot.mjcf``.
-
-        Raises:
-            ParameterError: files of the robot that could not be written; the others are.
-            OSError: they cannot be written.
-        """
-        report.save(self, Path(folder), mjcf=mjcf)
-
-    def page(self, compared: Mapping[str, Robot] | None = None) -> str:
-        """Return the report as one web page with pictures, without external resources.
-
-        Args:
-            compared: other models of the same chain by name, such as a published one, with their
-                friction; the page compares their errors.
-
-        Raises:
-            ParameterError: a compared robot has other joints.
-        """
-        return report.page(self, compared or {})
-
-    def plot(self, folder: Path | str | None = None) -> Any:
-        """Draw measured and predicted torques, and the online estimates in time.
-
-        Args:
-            folder: into which to write ``torque.png`` and ``parameters.png``.
-
-        Returns:
-            The paths of the files; without a folder the two figures, which Jupyter displays.
-        """
-        return report.pictures_of(self) if folder is None else report.draw(self, Path(folder))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from html import escape
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,10 +22,10 @@ from ..information.payload import PayloadEstimate
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .fits import Windows, columns_rms
+from .identified_model import Errors, IdentifiedModel, rms
 
 if TYPE_CHECKING:
     from ..plots.style import Picture
-    from .identified_model import Errors, Identification
 
 FILES = (
     "estimates.npz",
@@ -44,7 +44,7 @@ _HARDLY, _RIGHT = 2.0, 1e-3
 _OFF = 0.02  # of the reach, error of positions from which the robot is another one; half: the same
 
 
-def verdict(found: Identification) -> str:
+def verdict(found: IdentifiedModel) -> str:
     """Return the result in one line."""
     if found.check is not None and not found.check.fits:
         return f"NOT TO BE TRUSTED: {found.check.verdict}"
@@ -67,15 +67,10 @@ def verdict(found: Identification) -> str:
 def _change(errors: Errors, scale: float = 1.0) -> str:
     """Return the errors of the held-out part before and after, in words."""
     both = errors.described_held_out, errors.learned_held_out
-    return " -> ".join(f"{scale * _all(part):.3g}" for part in both)
+    return " -> ".join(f"{scale * rms(part):.3g}" for part in both)
 
 
-def _all(values: np.ndarray) -> float:
-    """Return the root mean square of all signals together."""
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def position_doubt(found: Identification) -> str | None:
+def position_doubt(found: IdentifiedModel) -> str | None:
     """Return why a log seems to be that of another robot by its positions, None if it does not."""
     positions = found.position_errors
     if positions is None or not found.described.task.positions:
@@ -89,12 +84,12 @@ def position_doubt(found: Identification) -> str | None:
     )
 
 
-def unit_of(found: Identification) -> str:
+def unit_of(found: IdentifiedModel) -> str:
     """Return the unit of the torques."""
     return "N m or N" if any(found.described.slides.values()) else "N m"
 
 
-def record(found: Identification) -> dict[str, Any]:
+def record(found: IdentifiedModel) -> dict[str, Any]:
     """Return what there is to say of an identification: text and page consist of it too."""
     log, effects, units = found.log, found.effects, found.parameters().units
     start = found.estimator.controller.kinematics.initial
@@ -138,7 +133,7 @@ def record(found: Identification) -> dict[str, Any]:
     }
 
 
-def sheet(found: Identification, compared: Mapping[str, Robot] | None = None) -> Sheet:
+def sheet(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -> Sheet:
     """Return the whole report, with the held-out errors of other models by name.
 
     Raises:
@@ -187,7 +182,7 @@ def sheet(found: Identification, compared: Mapping[str, Robot] | None = None) ->
     return Sheet(title, tables, of["verdict"])
 
 
-def _torque_table(found: Identification, compared: Mapping[str, Robot]) -> Table:
+def _torque_table(found: IdentifiedModel, compared: Mapping[str, Robot]) -> Table:
     """Return held-out errors of the torques, one row for each joint.
 
     Raises:
@@ -213,7 +208,7 @@ def _torque_table(found: Identification, compared: Mapping[str, Robot]) -> Table
         "online": found.online_held_out,
     }
     names = [*found.described.joint_names, f"all, rms, {unit_of(found)}"]
-    values = np.array([[*part, _all(part)] for part in columns.values()]).T
+    values = np.array([[*part, rms(part)] for part in columns.values()]).T
     rows = [
         (name, *(f"{value:.3g}" for value in row), "")
         for name, row in zip(names, values, strict=True)
@@ -221,7 +216,7 @@ def _torque_table(found: Identification, compared: Mapping[str, Robot]) -> Table
     return Table(rows, ("error of held-out torques", *columns, ""))
 
 
-def payload_of(found: Identification) -> PayloadEstimate | None:
+def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
     """Return the load, or None where the last body was not among the parameters."""
     try:
         return found.payload()
@@ -262,7 +257,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def save(found: Identification, folder: Path, *, mjcf: bool = False) -> None:
+def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
     """Write arrays, numbers and the identified robot into a folder, each file atomically.
 
     Raises:
@@ -286,7 +281,7 @@ def save(found: Identification, folder: Path, *, mjcf: bool = False) -> None:
     found.parameters().save(folder / "learned.json")
     about = f"How {Path(found.log.source).name} was read."
     write_text(folder / "intake.toml", found.intake.text([about]))
-    write_text(folder / "summary.json", json.dumps(found.summary(), indent=2) + "\n")
+    write_text(folder / "summary.json", json.dumps(plain(record(found)), indent=2) + "\n")
     missing = []
     for name in ("learned.urdf", "learned.xml")[: 1 + mjcf]:
         try:
@@ -297,7 +292,7 @@ def save(found: Identification, folder: Path, *, mjcf: bool = False) -> None:
         raise ParameterError("; ".join(missing), where="not written")
 
 
-def page(found: Identification, compared: Mapping[str, Robot]) -> str:
+def page(found: IdentifiedModel, compared: Mapping[str, Robot]) -> str:
     """Return the report as a web page with pictures, without scripts and external resources.
 
     Args:
@@ -332,7 +327,7 @@ class Pictures(NamedTuple):
     parameters: Picture
 
 
-def pictures_of(found: Identification) -> Pictures:
+def pictures_of(found: IdentifiedModel) -> Pictures:
     """Draw both pictures."""
     from ..plots.figures import parameter_figure, prediction_figure
     from ..plots.style import (
@@ -365,7 +360,7 @@ def pictures_of(found: Identification) -> Pictures:
         return Pictures(torque, parameter_figure(online, "dashed: whole log"))
 
 
-def draw(found: Identification, folder: Path) -> list[Path]:
+def draw(found: IdentifiedModel, folder: Path) -> list[Path]:
     """Write ``torque.png`` and ``parameters.png``; return their paths."""
     paths = []
     for name, picture in pictures_of(found)._asdict().items():
@@ -373,3 +368,73 @@ def draw(found: Identification, folder: Path) -> list[Path]:
         with whole_file(paths[-1]) as file:
             file.write(picture.png(dpi=130))
     return paths
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(IdentifiedModel):
+    """A robot identified from a log; ``print`` shows a report.
+
+    The estimates and their errors are those of ``IdentifiedModel``.
+    """
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the log can be one of the described robot, by its torques and positions."""
+        fits = self.check is None or self.check.fits
+        return fits and (not self.dynamic.names or position_doubt(self) is None)
+
+    @property
+    def verdict(self) -> str:
+        """The result in one line."""
+        return verdict(self)
+
+    def report(self) -> str:
+        """Return the estimates, their prediction errors, and what is not identifiable."""
+        return str(sheet(self))
+
+    def __repr__(self) -> str:
+        """Return the report."""
+        return self.report()
+
+    def _repr_html_(self) -> str:
+        return sheet(self).html()
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of ``summary.json``; None stands for what is not finite."""
+        return dict(plain(record(self)))
+
+    def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
+        """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
+
+        Args:
+            folder: that takes the files.
+            mjcf: whether to write ``learned.xml`` too, see ``Robot.mjcf``.
+
+        Raises:
+            ParameterError: files of the robot that could not be written; the others are.
+            OSError: they cannot be written.
+        """
+        save(self, Path(folder), mjcf=mjcf)
+
+    def page(self, compared: Mapping[str, Robot] | None = None) -> str:
+        """Return the report as one web page with pictures, without external resources.
+
+        Args:
+            compared: other models of the same chain by name, such as a published one, with their
+                friction; the page compares their errors.
+
+        Raises:
+            ParameterError: a compared robot has other joints.
+        """
+        return page(self, compared or {})
+
+    def plot(self, folder: Path | str | None = None) -> Any:
+        """Draw measured and predicted torques, and the online estimates in time.
+
+        Args:
+            folder: into which to write ``torque.png`` and ``parameters.png``.
+
+        Returns:
+            The paths of the files; without a folder the two figures, which Jupyter displays.
+        """
+        return pictures_of(self) if folder is None else draw(self, Path(folder))

@@ -31,10 +31,11 @@ import pinocchio as pin
 from .._output import Sheet, Table
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import LogError
-from ..information.measured_motion import Averages, motion_of_log
+from ..information.measured_motion import Averages
 from ..logs.log import Log
 from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
+from .logged_motion import motion_of_log
 
 _MOST = 250  # windows; half as many give the same verdicts on the real logs
 _SLIDING = 0.02  # [rad/s or m/s] from where Coulomb friction has its full size; half: the same

@@ -378,22 +378,11 @@ class Excitation:
     def tables(self) -> list[Table]:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
-        overview = [
-            row
-            for name, part in parts.items()
-            if part.names
-            for row in (
-                (f"{name} parameters", identifiable(part)),
-                (f"{name} conditioning", _conditioning(part)),
-            )
-        ]
-        tables = [Table(overview or [("nothing", "was adapted")])]
-        for part in parts.values():
-            if part.names:
-                tables.append(
-                    Table(self._rows(part), ("parameter", "estimate", "known to", "unit"))
-                )
-        return tables
+        seen = {name: part for name, part in parts.items() if part.names}
+        overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
+        header = ("parameter", "estimate", "known to", "unit")
+        tables = [Table(self._rows(part), header) for part in seen.values()]
+        return [Table(overview or [("nothing", "was adapted")]), *tables]
 
     def _rows(self, part: Information) -> list[tuple[str, ...]]:
         return [
@@ -412,13 +401,6 @@ def known_to(deviation: float) -> str:
 def identifiable(part: Information) -> str:
     """Return in words how many combinations of parameters are identifiable."""
     return f"{part.rank} identifiable combinations of {len(part.names)}"
-
-
-def _conditioning(part: Information) -> str:
-    """Return the ratio of the largest to the smallest excited eigenvalue of the scaled H."""
-    if not part.rank:
-        return "nothing was excited"
-    return f"{part.spectrum[0] / part.spectrum[part.rank - 1]:.2g}, from {part.rows} rows"
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..controller.state import Sample
-from ..exceptions import LogError
-from ..logs.log import Log
-from ..robot.robot import Robot
 
 CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window
 LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
@@ -34,9 +31,8 @@ _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one
 _FASTEST = 0.4  # of the sampling rate: the highest cutoff
 
 # Relative difference, root mean square, up to which the velocities of a run are those of the
-# positions. Half: noise of encoders smooths them; twice: filtered velocities pass. Of a log it is
-# more, as trapezoids over its longer periods differ by themselves, at 50 Hz by about 1e-3.
-_OF_RUN, _OF_LOG = 1e-3, 5e-3
+# positions. Half: noise of encoders smooths them; twice: filtered velocities pass.
+_TOLERANCE = 1e-3
 
 
 class MeasuredMotion(NamedTuple):
@@ -91,43 +87,11 @@ def motion_of_samples(
     )
     moved, mean, halfway = differences(model, q), 0.5 * (v[:-1] + v[1:]), t[:-1] + 0.5 * period
     long_enough = t[-1] - t[0] > 10.0 * _SETTLING and cutoff * period < _FASTEST
-    if agree(moved / period, mean, _OF_RUN) or not long_enough:
+    if agree(moved / period, mean, _TOLERANCE) or not long_enough:
         middle = integrated(model, q[:-1], 0.5 * moved)
         return MeasuredMotion(halfway, middle, mean, np.diff(v, axis=0) / period, tau, False)
     travelled = np.cumsum(moved, axis=0) - 0.5 * moved
     return smoothed(model, q[0], halfway, travelled, tau, period, cutoff)
-
-
-def motion_of_log(robot: Robot, log: Log, *, cutoff: float = CUTOFF) -> MeasuredMotion:
-    """Return the motion in a log at its own times, without samples that are not finite.
-
-    Args:
-        robot: whose joints were recorded.
-        log: of the motion.
-        cutoff: of the low pass [Hz]; at most 0.4 times the sampling rate is taken.
-
-    Raises:
-        LogError: fewer than two samples are finite.
-    """
-    model, q = robot.model, log.configurations(robot)
-    signals = np.hstack([q, log.tau, *([] if log.v is None else [log.v])])
-    finite = np.isfinite(signals).all(axis=1)
-    if np.count_nonzero(finite) < 2:
-        raise LogError(
-            "fewer than two samples have all signals finite.",
-            where=log.source,
-            hint="Record all joints at the same times, or interpolate.",
-        )
-    t, q, tau = log.t[finite], q[finite], log.tau[finite]
-    moved, steps = differences(model, q), np.diff(t)
-    if log.v is not None:
-        v = log.v[finite]
-        near = steps < 1.5 * log.period  # no sample is missing in between
-        mean = 0.5 * (v[:-1] + v[1:])
-        if agree((moved / steps[:, None])[near], mean[near], _OF_LOG):
-            return MeasuredMotion(t, q, v, np.gradient(v, t, axis=0), tau, False)
-    travelled = np.vstack([np.zeros(model.nv), np.cumsum(moved, axis=0)])
-    return smoothed(model, q[0], t, travelled, tau, log.period, cutoff)
 
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
