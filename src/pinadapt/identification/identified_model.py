@@ -15,7 +15,7 @@ from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import LogError, MeasurementError
 from ..information.information import Excitation, Information
-from ..information.measured_motion import MeasuredMotion
+from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
 from ..logs.intake import Intake
 from ..logs.log import Log
@@ -178,6 +178,14 @@ class IdentifiedModel:
     def online_held_out(self) -> np.ndarray:
         """Errors (n) of the held-out torques with the online estimate at the split [N m or N]."""
         return columns_rms(self._held_out.residual(self.online.at(self.split)))
+
+    @cached_property
+    def late(self) -> tuple[float, float]:
+        """How much later the torques seem to be than the positions, and its deviation [s]."""
+        averages, noise = Averages(self.motion.t, self.log.period), self.dynamic.noise
+        effect = -averages.derivative(self.motion.tau)[averages.whole] / noise
+        left = self.windows.residual(self.dynamic.estimate) / noise
+        return self.dynamic.beside(self.windows.W / noise[:, None], left, effect)
 
     @cached_property
     def position_errors(self) -> Errors | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from html import escape
 from pathlib import Path
@@ -19,6 +19,7 @@ from ..exceptions import InputError, ParameterError
 from ..information.information import identifiable, known_to
 from ..information.measured_motion import CUTOFF
 from ..information.payload import PayloadEstimate
+from ..information.tracker import CERTAIN
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .fits import Windows, columns_rms
@@ -123,6 +124,7 @@ def record(found: IdentifiedModel) -> dict[str, Any]:
         "check": None if found.check is None else found.check.summary(),
         "torque": found.torque_errors if found.dynamic.names else None,
         "torque_online_held_out": found.online_held_out,
+        "torque_late": found.late if found.dynamic.names else None,
         "position": found.position_errors,
         "dynamic_identifiable": found.dynamic.rank,
         "kinematic_identifiable": found.kinematic.rank,
@@ -156,8 +158,7 @@ def sheet(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -
     for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
         if part.names:
             rows.append((f"{name} parameters", identifiable(part)))
-    if found.check is not None:
-        rows += [("note", note) for note in found.check.notes]
+    rows += [("note", note) for note in _notes(found)]
     if found.position_errors is not None:
         rows.append(("held-out positions", f"{_change(found.position_errors, 1e3)} mm (rms)"))
     tables = [Table(rows)]
@@ -180,6 +181,25 @@ def sheet(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -
     tested = f", tested on {', '.join(found.tested)}" if found.tested else ""
     title = f"{found.described.name}, identified from {', '.join(logs)}{tested}"
     return Sheet(title, tables, of["verdict"])
+
+
+def _notes(found: IdentifiedModel) -> Iterator[str]:
+    """Yield what a user should look at: loads, another clock, bodies that became others."""
+    if found.check is not None:
+        yield from found.check.notes
+    if not found.dynamic.names:
+        return
+    late, known = found.late
+    if abs(late) > CERTAIN * known:
+        yield (
+            f"the torques seem to be {1e3 * late:.2g} +- {1e3 * known:.1g} ms later than the "
+            "positions; part of this is learned as friction and inertia."
+        )
+    for name, before, after in zip(
+        found.dynamic.names, found.described_parameters, found.dynamic.estimate, strict=True
+    ):
+        if name.endswith(".m") and not 0.5 < after / max(before, np.finfo(float).tiny) < 2.0:
+            yield f"the mass of {name[:-2]} changed from {before:.3g} to {after:.3g} kg."
 
 
 def _torque_table(found: IdentifiedModel, compared: Mapping[str, Robot]) -> Table:
