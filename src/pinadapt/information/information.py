@@ -48,9 +48,9 @@ class Information:
         score: (p) W^T S^-1 r of the residuals r = y - W a: zero at the least-squares estimate.
         noise: (n) standard deviation of the residual of each measured signal, in its unit.
         rows: N.
-        spread: (B, p) differences of estimates from parts of the data,
-            whose squares sum to the variances of the estimate as far as errors last: those of a
-            jackknife over blocks of time. None where rows are independent.
+        spread: (B, p) differences of estimates from parts of the data, whose squares sum to the
+            variances of the estimate as far as errors last: those of a jackknife over blocks of
+            time. None where rows are independent.
     """
 
     names: tuple[str, ...]
@@ -117,14 +117,9 @@ class Information:
         return values[::-1], vectors[:, ::-1]
 
     @property
-    def spectrum(self) -> np.ndarray:
-        """Eigenvalues (p) of H scaled to a unit diagonal, descending; all ones are the best."""
-        return self._eigen[0]
-
-    @property
     def rank(self) -> int:
         """Number of identifiable combinations of the parameters."""
-        values = self.spectrum
+        values, _ = self._eigen
         return int(np.count_nonzero(values > _UNEXCITED * values.max(initial=0.0)))
 
     @cached_property
