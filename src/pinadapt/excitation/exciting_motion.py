@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import MOST_SAMPLES, instance, numbers, positive, whole
+from .._checks import MOST_SAMPLES, instance, keywords, numbers, positive, whole
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -228,6 +228,7 @@ _STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
 _BISECTIONS = 20  # in the last check
 
 
+@keywords()
 def excite(
     robot: Robot | Controller,
     *,
