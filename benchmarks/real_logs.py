@@ -33,8 +33,7 @@ import numpy as np
 
 import pinadapt as pa
 from pinadapt._output import toml
-from pinadapt.identification import check_torques
-from pinadapt.identification.report import least_squares_errors
+from pinadapt.identification import Identification, check_torques
 
 from .timing import markdown
 
@@ -82,6 +81,26 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+def least_squares_errors(found: Identification) -> tuple[float, float]:
+    """Return the held-out errors of base parameters by ordinary and weighted least squares.
+
+    They have the same effects of the joints, no prior, and need not be physical: what is usual in
+    the literature.
+    """
+    dynamics = found.estimator.controller.dynamics
+    chosen = pa.models.base_parameters(dynamics, found.described).chosen
+    first = found.windows.between(-np.inf, found.split)
+    last = found.windows.between(found.split, np.inf)
+    W, errors = first.W[:, :, chosen], []
+    noise = np.ones(W.shape[1])
+    for _ in range(2):
+        A = (W / noise[:, None]).reshape(-1, len(chosen))
+        a = np.linalg.lstsq(A, (first.y / noise).ravel(), rcond=1e-10)[0]
+        errors.append(rms(last.y - last.W[:, :, chosen] @ a))
+        noise = np.sqrt(np.mean((first.y - W @ a) ** 2, axis=0))
+    return errors[0], errors[1]
+
+
 def measure(log: str, what: str) -> dict[str, Any]:
     """Return the figures of a log."""
     with warnings.catch_warnings():
@@ -104,7 +123,7 @@ def measure(log: str, what: str) -> dict[str, Any]:
             "torque": rms(errors.size),
         }
         if what == "identified":
-            plain, weighted = (rms(part) for part in least_squares_errors(found))
+            plain, weighted = least_squares_errors(found)
             gains = [] if found.effects is None else found.effects.gains
             numbers |= {"plain": plain, "weighted": weighted}
             numbers["effects"] = ", ".join(f"{one.words} {one.share:.0%}" for one in gains)

@@ -24,7 +24,7 @@ def blank_pictures(monkeypatch):
     png, figures = blank.png(), Figures(*[blank] * len(Figures._fields))
     monkeypatch.setattr(Figures, "of", lambda run: figures)
     monkeypatch.setattr(Picture, "png", lambda self, dpi=100: png)
-    for drawn in ("parameter", "prediction", "friction"):  # those of an identification
+    for drawn in ("parameter", "prediction"):  # those of an identification
         monkeypatch.setattr(f"pinadapt.plots.figures.{drawn}_figure", lambda *_, **__: blank)
 
 

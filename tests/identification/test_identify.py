@@ -84,9 +84,18 @@ def test_samples_with_nan_are_left_out_and_counted():
     tau[400, 1] = np.nan
     told = pa.Unknown(tool=True, **TOLD)
     found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"), unknown=told)
-    assert found.online.refused == 6 and "refused online" in found.report()
+    assert found.summary()["left_out"] == 6 and "left out" in found.report()
     assert np.isfinite(found.online.a_d).all() and np.isfinite(found.dynamic.estimate).all()
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
+
+
+def test_torques_of_another_clock_are_found():
+    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
+    tau = np.vstack([log.tau[:1], log.tau[:-1]])
+    told = pa.Unknown(tool=True, **TOLD)
+    found = pa.identify(replace(log, tau=tau), robot, unknown=told)
+    assert found.late[0] == pytest.approx(log.period, rel=0.15)
+    assert "ms later than the positions" in found.report()
 
 
 def test_torques_without_gravity_are_detected_and_compensated():

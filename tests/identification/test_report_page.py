@@ -40,5 +40,5 @@ class Reader(HTMLParser):
 def test_a_page_is_whole_and_loads_nothing():
     reader = Reader(identified("ur5").page())
     assert not reader.opened
-    assert len(reader.sources) == 2
+    assert len(reader.sources) == 1
     assert all(source.startswith("data:image/png;base64,") for source in reader.sources)

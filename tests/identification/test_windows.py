@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.identification.fits import windows_of
+from pinadapt.identification.fits import Windows
 from pinadapt.identification.logged_motion import motion_of_log
-from pinadapt.information.measured_motion import CUTOFF, Averages
+from pinadapt.information.measured_motion import Averages
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded, torques, true_robot
 
@@ -19,7 +19,7 @@ def windows(name, log, held=False):
     """Return the windows of a log, and the parameters of the true robot."""
     robot = catalogue_robot(name)
     dynamics = pa.make_estimator(robot).controller.dynamics
-    found = windows_of(motion_of_log(robot, log, cutoff=CUTOFF), dynamics, log.period, held=held)
+    found = Windows.of(motion_of_log(robot, log), dynamics, log.period, held=held)
     return found, dynamics.value(true_robot(name))
 
 
@@ -42,7 +42,7 @@ def test_the_error_is_that_of_friction_alone(dt):
     a = np.gradient(v, dt, axis=0, edge_order=2)
     log = replace(log, tau=torques(smooth, q, v, a))
     dynamics = pa.make_estimator(robot).controller.dynamics
-    found = windows_of(motion_of_log(robot, log, cutoff=CUTOFF), dynamics, dt, held=False)
+    found = Windows.of(motion_of_log(robot, log), dynamics, dt, held=False)
     assert missed(found, dynamics.value(smooth)) < 20.0 * dt**2  # that of the acceleration here
 
 
@@ -62,7 +62,7 @@ def test_times_may_jitter_and_a_gap_costs_only_the_windows_around_it():
 def test_averages_are_integrals_and_rates_are_derivatives():
     t = np.linspace(0.0, 3.0, 900)
     averages = Averages(t, t[1])
-    mean, rate = averages.mean(np.sin(t)), averages.rate(np.sin(t))
+    mean, rate = averages.mean(np.sin(t)), averages.derivative(np.sin(t))
     assert np.allclose(averages.mean(np.ones_like(t)), 1.0, atol=1e-6)
     damping = mean[10] / np.sin(averages.t[10])  # the low pass of the window
     assert 0.99 < damping < 1.0 and np.allclose(mean, damping * np.sin(averages.t), atol=1e-6)

@@ -12,9 +12,9 @@ from typing import Any
 from .._output import check_writable, one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
 from ..identification import calibration
-from ..identification.identification import Identification, log_and_robot
 from ..identification.identification import identify as identify_log
-from ..identification.report import FILES
+from ..identification.identification import log_and_robot
+from ..identification.report import FILES, Identification
 from ..identification.torque_check import check_torques
 from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, positive, whole
+from .._checks import MOST_SAMPLES, instance, keywords, numbers, positive, whole
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -74,11 +74,10 @@ class _Part:
 
     def information(self, W: np.ndarray, rows: float) -> Information:
         """Return the information of ``rows`` measurements, for which W (N, n, p) stand."""
-        whitened = (W / self.noise[:, None]).reshape(W.shape[0] * W.shape[1], len(self.names))
-        H, score = rows / max(len(W), 1) * (whitened.T @ whitened), np.zeros(len(self.names))
-        return Information(
-            self.names, self.initial, H, score, self.noise, round(rows * len(self.noise))
-        )
+        noise = self.noise * np.sqrt(max(len(W), 1) / rows)
+        none = np.zeros(W.shape[:2])
+        found = Information.of_rows(self.names, self.initial, W, none, noise)
+        return replace(found, noise=self.noise, rows=round(rows * len(self.noise)))
 
 
 class Aim:
@@ -115,34 +114,31 @@ class Aim:
                 "combinations.",
             )
 
-    def information_gain(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float
-    ) -> float:
-        """Return the expected information gain [nat] of N states (N, .) over a duration [s]."""
-        rows = duration / BLOCK
-        torque, _ = self._torque.gain(self._regressors(q, v, a), rows)
-        position, _ = self._position.gain(self._position_regressors(q), rows)
-        return torque + position
-
-    def gain_and_changes(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float, first: int
+    def gain(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        duration: float,
+        first: int | None = None,
     ) -> tuple[float, np.ndarray]:
-        """Return the gain [nat] of the first states, and its change when one of them is replaced.
+        """Return the expected information gain [nat] of N states (N, .) over a duration [s].
 
+        The second is its change when one of the ``first`` states, which count alone, is replaced.
         The other states are k blocks, each with a replacement for every one of the first. The
         changes (k first) are to first order, of one replacement at a time.
         """
-        rows, changes = duration / BLOCK, np.zeros(len(q) - first)
-        total = 0.0
+        count = len(q) if first is None else first
+        total, changes = 0.0, np.zeros(len(q) - count)
         for part, W in (
             (self._torque, self._regressors(q, v, a)),
             (self._position, self._position_regressors(q)),
         ):
             if not W.size:
                 continue
-            gain, slope = part.gain(W[:first], rows)
-            others = W[first:].reshape(-1, *W[:first].shape)
-            changes += np.einsum("tij,ktij->kt", slope, others - W[:first]).ravel()
+            gain, slope = part.gain(W[:count], duration / BLOCK)
+            others = W[count:].reshape(-1, *W[:count].shape)
+            changes += np.einsum("tij,ktij->kt", slope, others - W[:count]).ravel()
             total += gain
         return total, changes
 
@@ -179,28 +175,28 @@ class Aim:
 
 def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
     """Return the dynamic parameters; prior: inertias within 30 %, coefficients typical ones."""
-    base, (typical, Y) = base_parameters(dynamics, robot), _typical(robot, dynamics)
-    efforts = effort_limits(robot.model)
+    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
+    torques, regressors = [], []
+    for _ in range(_SAMPLES):
+        q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
+        v, a = _SPEED * rng.standard_normal((2, model.nv))
+        torques.append(pin.rnea(model, data, q, v, a))
+        regressors.append(dynamics.regressor(q, v, a))
+    typical, Y = np.sqrt(np.mean(np.square(torques), axis=0)), np.array(regressors)
+    efforts, size = effort_limits(model), dynamics.inertial.size
     noise = _TORQUE_NOISE * np.where(
         np.isfinite(efforts), efforts, np.maximum(typical, typical.max())
     )
-    sizes = np.sqrt(np.mean(Y**2, axis=(0, 1)))
-    scale = np.sqrt(np.mean(typical**2)) / np.where(sizes > 0.0, sizes, np.inf)
-    prior = _dynamic_prior(robot, dynamics)
-    R = base.regrouping
-    covariance = np.diag(scale[base.chosen] ** 2) if prior is None else R @ prior @ R.T
-    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, _root(covariance), noise)
-
-
-def _dynamic_prior(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
-    """Return the prior covariance (p, p) of the dynamic parameters, None where there is none."""
-    size = dynamics.inertial.size
+    base = base_parameters(dynamics, robot)
+    prior = np.diag(dynamics.typical**2)
     inertial = prior_covariance(robot, dynamics) if size else np.zeros((0, 0))
-    if inertial is None:
-        return None
-    covariance = np.diag(dynamics.typical**2)
-    covariance[:size, :size] = inertial
-    return covariance
+    if inertial is None:  # of which nothing is known but the torques
+        effects = np.sqrt(np.mean(Y**2, axis=(0, 1)))[:size]
+        level = np.sqrt(np.mean(typical**2))
+        inertial = np.diag((level / np.where(effects > 0.0, effects, np.inf)) ** 2)
+    prior[:size, :size] = inertial
+    root = _root(base.regrouping @ prior @ base.regrouping.T)
+    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, root, noise)
 
 
 def _position_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
@@ -217,18 +213,6 @@ def _position_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
     return _Part(tuple(kinematics.names), kinematics.initial, chosen, root, noise)
 
 
-def _typical(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
-    """Return rms torques (n) over random states around home, and Y (N, n, p) at these."""
-    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
-    torques, regressors = [], []
-    for _ in range(_SAMPLES):
-        q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
-        v, a = _SPEED * rng.standard_normal((2, model.nv))
-        torques.append(pin.rnea(model, data, q, v, a))
-        regressors.append(dynamics.regressor(q, v, a))
-    return np.sqrt(np.mean(np.square(torques), axis=0)), np.array(regressors)
-
-
 def _root(covariance: np.ndarray) -> np.ndarray:
     """Return an L with covariance = L L^T."""
     values, vectors = np.linalg.eigh(covariance)
@@ -236,7 +220,7 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 
 
 _FASTEST = 0.5  # [Hz] of the harmonics, unless the duration is too short
-_FEWEST, _MOST, _MOST_HARMONICS = 3, 8, 1000  # harmonics, by default and at most
+_FEWEST, _MOST = 3, 8  # harmonics, by default
 _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
 _STARTS, _ITERATIONS = 24, 60
 _PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
@@ -244,6 +228,7 @@ _STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
 _BISECTIONS = 20  # in the last check
 
 
+@keywords()
 def excite(
     robot: Robot | Controller,
     *,
@@ -294,8 +279,10 @@ def excite(
     duration = positive(duration, "duration", error=InputError)
     if harmonics is None:
         harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
-    harmonics = whole(harmonics, "harmonics", 2, most=_MOST_HARMONICS)
-    allowed = Allowance.of(nominal, excursion, load, Shapes.of(nominal, srdf, floor))
+    harmonics = whole(harmonics, "harmonics", 2, most=MOST_SAMPLES)
+    level = None if floor is None else float(numbers(floor, "floor", error=InputError))
+    shapes = Shapes.of(nominal, srdf, level)
+    allowed = Allowance.of(nominal, excursion, load, shapes, level)
     search = _Search(aim, allowed, RestToRest(harmonics, duration, _PER_HARMONIC * harmonics))
     theta = search.best(whole(seed, "seed", 0), watched(range(_ITERATIONS), progress, "excite"))
     fine = RestToRest(harmonics, duration, _FINE * harmonics)
@@ -308,7 +295,7 @@ def excite(
         aim.excitation(q, v, a, duration),
         LimitUse.of(allowed, angles, q, v, a),
         (aim.dynamic, aim.kinematic),
-        aim.information_gain(q, v, a, duration),
+        aim.gain(q, v, a, duration)[0],
     )
 
 
@@ -404,7 +391,7 @@ class _Search:
         return self._allowed.kept(*self.states(theta))
 
     def _negative_gain(self, theta: np.ndarray) -> float:
-        return -self._aim.information_gain(*self.states(theta)[1:], self._basis.period)
+        return -self._aim.gain(*self.states(theta)[1:], self._basis.period)[0]
 
     def _cost(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the penalty for exceeded allowances minus the gain [nat], and its derivative.
@@ -419,7 +406,7 @@ class _Search:
         states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
         angles, v, a = states.reshape(3, -1, n)
         q = configurations(self._allowed.robot, angles)
-        gain, changes = self._aim.gain_and_changes(q, v, a, self._basis.period, count)
+        gain, changes = self._aim.gain(q, v, a, self._basis.period, count)
         beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
         slopes = (beyond[1:] - beyond[0] - changes.reshape(3 * n, count)) / _STEP
@@ -489,10 +476,7 @@ class ExcitingMotion:
             rows.append(("distance", f"{limits.apart:.3g} m between {limits.closest}"))
         note = "Collisions of the robot with its surroundings are not checked."
         if not limits.shapes:
-            note = (
-                "The description has no collision geometry: collisions of the robot with itself or "
-                "with its surroundings are not checked."
-            )
+            note += " Nor are those with itself: the description has no collision geometry."
         return Sheet("Exciting motion", [Table(rows), limits.table(), *found.tables()], note)
 
 
@@ -535,19 +519,18 @@ class LimitUse:
         """Return the shares that N states of a motion use."""
         robot = allowed.robot
         lower, upper = position_limits(robot.model)
-        limited = np.isfinite(lower)
-        lower, upper = np.where(limited, lower, 0.0), np.where(limited, upper, 0.0)
-        middle, half = 0.5 * (lower + upper), np.where(limited, 0.5 * (upper - lower), np.inf)
+        with np.errstate(invalid="ignore"):  # of joints without limits
+            position = np.abs(2.0 * angles - lower - upper).max(axis=0) / (upper - lower)
         efforts = np.abs(allowed.torques(q, v, a)).max(axis=(0, 1))
         return cls(
             tuple(robot.joint_names),
-            np.abs(angles - middle).max(axis=0) / half,
+            np.nan_to_num(position),
             np.abs(v).max(axis=0) / velocity_limits(robot.model),
             efforts / effort_limits(robot.model),
             allowed.load,
             allowed.clearance(q),
             *allowed.apart(q),
-            allowed.shapes is not None and not allowed.shapes.alone,
+            allowed.shapes is not None,
         )
 
     def table(self) -> Table:
@@ -584,18 +567,16 @@ class RestToRest:
         self.times = np.linspace(0.0, period, samples, endpoint=False)
         w = 2.0 * np.pi / period * k
         c, s = np.cos(np.outer(self.times, w)), np.sin(np.outer(self.times, w))
-        self._displacement = np.hstack([c - 1.0, s]) @ self._free
-        self._velocity = np.hstack([-w * s, w * c]) @ self._free
-        self._acceleration = np.hstack([-w * w * c, -w * w * s]) @ self._free
+        rows = [[c - 1.0, s], [-w * s, w * c], [-w * w * c, -w * w * s]]
+        self._rows = np.array([np.hstack(row) for row in rows]) @ self._free  # (3, N, size)
 
-    def motion(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return displacement, velocity and acceleration (N, n) for theta (n, size)."""
-        return self._displacement @ theta.T, self._velocity @ theta.T, self._acceleration @ theta.T
+    def motion(self, theta: np.ndarray) -> np.ndarray:
+        """Return displacement, velocity and acceleration (3, N, n) for theta (n, size)."""
+        return np.asarray(self._rows @ theta.T)
 
     def derivative(self, by_states: np.ndarray) -> np.ndarray:
         """Return a derivative (n, size) by theta from that (3, n, N) by the states."""
-        parts = self._displacement, self._velocity, self._acceleration
-        return sum(by_state @ part for by_state, part in zip(by_states, parts, strict=True))
+        return np.asarray((by_states @ self._rows).sum(axis=0))
 
     def series(self, start: np.ndarray, theta: np.ndarray) -> FourierSeries:
         """Return the motion for theta (n, size) from a start (n)."""

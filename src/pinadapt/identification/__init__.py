@@ -3,7 +3,7 @@
 from .calibration import Calibration as Calibration
 from .calibration import FrameErrors as FrameErrors
 from .calibration import calibrate as calibrate
-from .identification import Identification as Identification
 from .identification import identify as identify
+from .report import Identification as Identification
 from .torque_check import TorqueCheck as TorqueCheck
 from .torque_check import check_torques as check_torques

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -34,17 +34,18 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from .._checks import flag, name_list, positive, vector
+from .._checks import flag, keywords, name_list, positive, vector
 from .._output import Sheet, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError, did_you_mean
 from ..information.information import Information, gauss_newton
-from ..information.tracker import check_axes
+from ..information.measured_motion import at_times
+from ..information.tracker import CERTAIN, LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.intake import Intake
 from ..logs.log import Log
 from ..models.linear_kinematics import SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
-from ..models.translations import BASE, FIRST, TOOL
+from ..models.translations import BASE, FIRST, TOOL, placement_of
 from ..robot.changes import move_base
 from ..robot.loading import load
 from ..robot.robot import Robot
@@ -60,10 +61,7 @@ FILES = ("learned.urdf", "summary.json")
 _ROBOTS = ("described", "robot", "sheet")  # attributes that are no numbers
 _AS_GOOD = 1.2  # ratio of two errors up to which they are the same
 _WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
-_LATE = 5.0  # deviations from which the frames have another clock
-_NAMED = 3  # parts that a table names
 _OWN = "offset"
-_HEADER = ("placement", "shifted [mm]", "turned [deg]", "encoder offset", "known to")
 
 
 class FrameErrors(NamedTuple):
@@ -161,7 +159,7 @@ class Calibration:
         words = f"error of held-out frames: {self.before.words()} -> {self.after.words()} (rms)"
         late, known = self.late
         clock = ""
-        if abs(late) > _LATE * known:
+        if abs(late) > CERTAIN * known:
             early = f"{1e3 * abs(late):.2g} ms {'before' if late > 0.0 else 'after'}"
             clock = f" Frames taken {early} their time stamps would explain more."
         if self.after.position > _WORST * self.motion:
@@ -184,45 +182,30 @@ class Calibration:
 
     @cached_property
     def sheet(self) -> Sheet:
-        """The report: what was measured, each placement, and what the motion does not identify."""
-        identified = f"{len(self.combinations)} combinations of {len(self.names)} numbers"
+        """The report: what was measured, the parameters, and what the motion does not identify."""
         noise, turn = self.noise
         residual = f"{1e3 * noise:.3g} mm a coordinate"
         if turn is not None:
             residual += f", {math.degrees(turn):.3g} deg"
+        identified = f"{len(self.combinations)} combinations of {len(self.names)} numbers"
         summary = [
             ("frames", f"{self.frames}, {self.outliers} others left out as impossible"),
             ("identified by this motion", identified),
             ("residual", residual),
             ("largest held-out error", f"{1e3 * self.after.largest:.3g} mm"),
         ]
-        tables = [Table(summary), Table(list(self._rows()), _HEADER)]
-        if self.unidentified:
-            rows = [(name, _listed(others)) for name, others in self.unidentified.items()]
-            tables.append(
-                Table(rows, ("not identified by this motion", "only in combination with"))
-            )
-        return Sheet(f"{self.described.name}, calibrated from {self.source}", tables, self.verdict)
-
-    def _rows(self) -> Iterator[tuple[str, ...]]:
-        """Yield a row for each placement: how far it was moved and turned, and the offset."""
-        found: dict[str, list[int]] = {}
-        for k, name in enumerate(self.names):
-            found.setdefault(name.rpartition(".")[0], []).append(k)
-        slides = self.described.slides
-        for place, indices in found.items():
-            parts = {self.names[k].rpartition(".")[2]: k for k in indices}
-            cells = []
-            for kind, scale in (("shift", 1e3), ("turn", math.degrees(1.0))):
-                own = [k for part, k in parts.items() if part.startswith(kind)]
-                size = scale * float(np.linalg.norm(self.estimate[own]))
-                cells.append(f"{size:.3g}" if own else "-")
-            if (own_k := parts.get(_OWN)) is None:
-                yield place, *cells, "-", ""
-                continue
-            scale, unit = (1e3, "mm") if slides.get(place) else (math.degrees(1.0), "deg")
-            value, deviation = scale * self.estimate[own_k], scale * self.deviations[own_k]
-            yield place, *cells, f"{value:.3g}", f"+- {deviation:.2g} {unit}"
+        rows, slides = [], self.described.slides
+        for name, value, deviation in zip(
+            self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True
+        ):
+            place, _, kind = name.rpartition(".")
+            shifted = slides.get(place) if kind == _OWN else kind.startswith("shift")
+            scale, unit = (1e3, "mm") if shifted else (math.degrees(1.0), "deg")
+            cells = f"{scale * value:.3g}", f"+- {scale * deviation:.2g}", unit
+            rows.append((name, *cells, ", ".join(self.unidentified.get(name, ("-",))[:3])))
+        header = ("parameter", "off", "known to", "unit", "only in combination with")
+        title = f"{self.described.name}, calibrated from {self.source}"
+        return Sheet(title, [Table(summary), Table(rows, header)], self.verdict)
 
     def summary(self) -> dict[str, Any]:
         """Return the record of ``summary.json``: its attributes but the robots, and the verdict."""
@@ -242,14 +225,7 @@ class Calibration:
         write_text(Path(folder) / FILES[1], json.dumps(self.summary(), indent=2) + "\n")
 
 
-def _listed(names: Sequence[str]) -> str:
-    """Return the first names, and how many more there are."""
-    if not names:
-        return "nothing: it has no effect"
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
-
-
+@keywords()
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def calibrate(
     log: Path | str | Log | Rollout | Sequence[Any],
@@ -293,49 +269,45 @@ def calibrate(
     if share > 0.5:
         raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
     words = name_list(unknown, "unknown", InputError)
-    moving = flag(tracker, "tracker")
     noise = vector(encoder, described.model.nv, "encoder", error=InputError)
     if (noise < 0.0).any():
         raise InputError(f"must not be negative, got {noise.tolist()}.", where="encoder")
-    sources = log if isinstance(log, list | tuple) else (log,)
     logs = []
-    for source in sources:
+    for source in log if isinstance(log, list | tuple) else (log,):
         way = Intake.of(Intake.beside(source) if intake is None else intake)
         logs.append(log_of(source, described, intake=way, torques=False))
     name = ", ".join(one.source for one in logs)
     seen = _seen(logs, described, noise, name)
-    start = _start(described, seen, name, tracker=moving)
-    parts = _unknown_placements(described, words, seen.task, start if moving else None)
-    motion = _rms_distance(seen.x[:, : seen.task.positions])
+    start = _start(described, seen, name, tracker=flag(tracker, "tracker"))
+    parts = _unknown_placements(described, words, seen.task, start if tracker else None)
 
     whole = _Geometry(described, parts, start)
     fit = _fitted(whole, seen, name)
-    kept = fit.kept
-    held = _held_out(len(seen.x), share)
-    part = _Geometry(described, parts, start)
-    _fitted(part, seen.only(kept & ~held), name, fit.noise)
-    frame = [one for one in parts if one.name == TRACKER]
-    before = _Geometry(described, frame, start)
-    if frame:
-        _fitted(before, seen.only(kept & ~held), name, fit.noise)
-    last = seen.only(kept & held)
-    combinations, unidentified = _identified(whole, fit.rows)
+    kept, held = fit.kept, _held_out(len(seen.x), share)
+    last, first = seen.only(kept & held), seen.only(kept & ~held)
+    errors = []
+    for some in (parts.only(parts.tracked), parts):
+        geometry = _Geometry(described, some, start)
+        if some.names:
+            _fitted(geometry, first, name, fit.noise)
+        errors.append(_errors(geometry, last))
+    combinations, unidentified = _identified(parts, fit.rows)
     return Calibration(
         described=described,
         robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
-        tracker=whole.tracker() if moving else None,
-        names=whole.names,
+        tracker=whole.tracker() if tracker else None,
+        names=parts.names,
         estimate=whole.value(),
-        deviations=whole.prior * np.sqrt(np.diag(fit.covariance)),
-        prior=whole.prior,
+        deviations=fit.deviations,
+        prior=parts.prior,
         combinations=combinations,
         unidentified=unidentified,
         noise=(float(fit.noise[0]), float(fit.noise[1]) if len(fit.noise) > 1 else None),
         frames=int(np.count_nonzero(kept)),
         outliers=int(np.count_nonzero(~kept)),
-        before=_errors(before, last),
-        after=_errors(part, last),
-        motion=motion,
+        before=errors[0],
+        after=errors[1],
+        motion=_rms_distance(seen.x[:, : seen.task.positions]),
         late=fit.late,
         source=name,
     )
@@ -346,7 +318,6 @@ def calibrate(
 _MOST = 2000  # frames
 _BLOCKS = 12  # of time, some of which are held out
 _TURNED = 0.5  # [rad] that no base is mounted off its description
-_LEAST_WAY = 1e-3  # of the reach, that a frame moves (rms)
 
 
 class _MeasuredFrames(NamedTuple):
@@ -383,51 +354,35 @@ def _seen(logs: Sequence[Log], robot: Robot, encoder: np.ndarray, where: str) ->
     Raises:
         LogError: there are none, or they have other coordinates than a position or a pose.
     """
-    model: pin.Model = robot.model
-    q, v, x = [], [], []
+    parts = []
     for log in logs:
         times, frames = log.frames()
-        configurations = log.configurations(robot)
-        finite = np.isfinite(configurations).all(axis=1)
-        t, known = log.t[finite], configurations[finite]
-        for time, frame in zip(times, frames, strict=True):
-            if not (len(t) > 1 and t[0] <= time <= t[-1]):
-                continue
-            k = min(max(int(np.searchsorted(t, time, side="right")) - 1, 0), len(t) - 2)
-            moved = pin.difference(model, known[k], known[k + 1])
-            step = float(t[k + 1] - t[k])
-            q.append(pin.integrate(model, known[k], moved * ((time - t[k]) / step)))
-            v.append(moved / step)
-            x.append(frame)
-    if not x:
+        known = log.configurations(robot)
+        finite = np.isfinite(known).all(axis=1)
+        within, q, v = at_times(robot.model, log.t[finite], known[finite], times)
+        if within.any():
+            parts.append((q, v, frames[within]))
+    if not parts:
         raise LogError(
             "has no positions or poses of the frame at the times of q.",
             where=where,
             hint="Record x, y, z in metres, or with a quaternion xyzw; --columns x=NAME,... names "
             "them.",
         )
-    chosen = np.unique(np.linspace(0, len(x) - 1, _MOST).astype(int))
-    if any(len(frame) != len(x[0]) for frame in x):
-        raise LogError("logs have frames of different coordinates.", where=where)
-    task = _task_of(len(x[0]), robot, where)
-    return _MeasuredFrames(
-        task, np.array(q)[chosen], np.array(v)[chosen], np.array(x)[chosen], encoder
-    )
-
-
-def _task_of(size: int, robot: Robot, where: str) -> FrameTask:
-    """Return the task of frames of so many coordinates: a position, a pose, or that of the robot.
-
-    Raises:
-        LogError: there is none.
-    """
+    size = parts[0][2].shape[1]
     task = {3: TASKS["xyz"], 7: TASKS["pose"]}.get(size, robot.task)
-    if not isinstance(task, FrameTask) or task.coordinates != size:
+    if (
+        not isinstance(task, FrameTask)
+        or task.coordinates != size
+        or any(part[2].shape[1] != size for part in parts)
+    ):
         raise LogError(
-            f"frames of {size} coordinates are neither positions (3) nor poses (7).",
+            f"frames of {size} coordinates are neither positions (3) nor poses (7) in all logs.",
             where=f"{where}: x",
         )
-    return task
+    q, v, x = (np.concatenate(part) for part in zip(*parts, strict=True))
+    chosen = np.unique(np.linspace(0, len(x) - 1, _MOST).astype(int))
+    return _MeasuredFrames(task, q[chosen], v[chosen], x[chosen], encoder)
 
 
 def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) -> pin.SE3:
@@ -446,7 +401,7 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
         pin.forwardKinematics(robot.model, data, q)
         p[k] = pin.updateFramePlacement(robot.model, data, robot.frame_id).translation
     x, motion = seen.x[:, : seen.task.positions], math.sqrt(float(np.mean(np.var(p, axis=0))))
-    if motion < _LEAST_WAY * robot.reach:
+    if motion < LEAST_WAY * robot.reach:
         raise LogError(
             f"the arm moves its frame by {1e3 * motion:.2g} mm (rms) only.",
             where=where,
@@ -487,24 +442,32 @@ _TOOL = (1.0, 0.5)  # a turn [rad] and a shift [reaches] of the tool
 _TRACKER = (10.0, 100.0)  # of the base, where x is in the axes of a tracker
 
 
-class _Placement(NamedTuple):
-    """An unknown placement.
+class _Columns(NamedTuple):
+    """Unknown displacements of placements, p parameters.
 
     Attributes:
-        name: of the joint, "tool" or "tracker".
-        joint: index of the joint; None: of the task frame.
-        columns: (6, k) directions of its displacement, in the axes of what it places.
-        labels: (k) of the parameters.
-        prior: (k) standard deviations [m or rad].
-        along: (k) whether a direction is along or about the axis of the joint.
+        names: (p) of the parameters.
+        joints: (p) index of the joint whose placement each displaces; of the tool their number.
+        motions: (6, p) shift and turn, in the axes of what is placed.
+        prior: (p) standard deviations of the description [m or rad].
+        along: (p) whether they are along or about the axis of a joint.
     """
 
-    name: str
-    joint: int | None
-    columns: np.ndarray
-    labels: tuple[str, ...]
+    names: tuple[str, ...]
+    joints: np.ndarray
+    motions: np.ndarray
     prior: np.ndarray
     along: np.ndarray
+
+    @property
+    def tracked(self) -> np.ndarray:
+        """Which are those of a tracker (p)."""
+        return np.array([name.startswith(f"{TRACKER}.") for name in self.names], dtype=bool)
+
+    def only(self, kept: np.ndarray) -> _Columns:
+        """Return those of a mask (p)."""
+        names = tuple(name for name, own in zip(self.names, kept, strict=True) if own)
+        return _Columns(names, *(part[..., kept] for part in self[1:]))
 
 
 _PLAIN = tuple(f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz")
@@ -512,8 +475,8 @@ _PLAIN = tuple(f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz")
 
 def _unknown_placements(
     robot: Robot, words: Sequence[str], task: FrameTask, base: pin.SE3 | None
-) -> list[_Placement]:
-    """Return the placements that a user's words name.
+) -> _Columns:
+    """Return the displacements of the placements that a user's words name.
 
     Args:
         robot: as described.
@@ -525,7 +488,7 @@ def _unknown_placements(
     Raises:
         InputError: an unknown word, or none.
     """
-    known, names = (BASE, JOINTS, TOOL, OFFSETS), robot.joint_names
+    known, names, model = (BASE, JOINTS, TOOL, OFFSETS), robot.joint_names, robot.model
     for word in words:
         if word not in (*known, *names):
             raise InputError(
@@ -533,89 +496,66 @@ def _unknown_placements(
                 f"{names}.{did_you_mean(word, [*known, *names])}",
                 where="unknown",
             )
-    found = []
-    for joint, name in enumerate(names, 1):
-        whole = name in words or (BASE if joint == FIRST else JOINTS) in words
-        if base is not None and joint == FIRST:
-            found.append(_tracker_placement(robot, base))
-        elif whole or OFFSETS in words:
-            found.append(_joint_placement(robot, joint, whole=whole))
-    if TOOL in words:
-        k = 6 if task.size > task.positions else 3  # a position does not show how a tool is turned
-        prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)[:k]
-        found.append(_Placement(TOOL, None, np.eye(6)[:, :k], _PLAIN[:k], prior, np.full(k, False)))
+    found: list[tuple[str, int, np.ndarray, float, bool]] = []
+    for joint, place in enumerate((*names, TOOL), 1):
+        name, axes, labels = place, np.eye(6), list(_PLAIN)
+        along, chosen = np.full(6, False), list(range(6))
+        prior = np.repeat([SHIFT * robot.reach, TURN], 3)
+        if joint == FIRST and base is not None:
+            name = TRACKER
+            turned = base.rotation @ model.jointPlacements[FIRST].rotation
+            axes = np.kron(np.eye(2), turned).T
+            prior = np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
+        elif joint == model.njoints:
+            prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)
+            # a position does not show how a tool is turned
+            chosen = chosen[: 6 if task.size > task.positions else 3] if TOOL in words else []
+        else:
+            axes, own = axes_of(model, joint)
+            labels[own], along = _OWN, np.arange(6) % 3 == own % 3
+            prior[own] *= _OFFSET
+            if not (name in words or (BASE if joint == FIRST else JOINTS) in words):
+                chosen = [own] if OFFSETS in words else []
+        found += [(f"{name}.{labels[k]}", joint, axes[:, k], prior[k], along[k]) for k in chosen]
     if not found:
         raise InputError("nothing is unknown, so there is nothing to calibrate.", where="unknown")
-    return found
-
-
-def _joint_placement(robot: Robot, joint: int, *, whole: bool) -> _Placement:
-    """Return the unknown placement of a joint, the ``whole`` or the offset of its encoder alone."""
-    basis, own = axes_of(robot.model, joint)
-    prior = np.repeat([SHIFT * robot.reach, TURN], 3)
-    prior[own] *= _OFFSET
-    labels = (*_PLAIN[:own], _OWN, *_PLAIN[own + 1 :])
-    chosen = list(range(6)) if whole else [own]
-    return _Placement(
-        robot.joint_names[joint - 1],
-        joint,
-        basis[:, chosen],
-        tuple(labels[k] for k in chosen),
-        prior[chosen],
-        (np.arange(6) % 3 == own % 3)[chosen],
-    )
-
-
-def _tracker_placement(robot: Robot, base: pin.SE3) -> _Placement:
-    """Return the unknown placement of the base in the axes of a tracker, with a first guess."""
-    turned = base.rotation @ robot.model.jointPlacements[FIRST].rotation
-    prior = np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
-    axes_of_x = np.kron(np.eye(2), turned).T
-    return _Placement(TRACKER, FIRST, axes_of_x, _PLAIN, prior, np.full(6, False))
+    own, *rest = zip(*found, strict=True)
+    joints, motions, sizes, axial = (np.array(part) for part in rest)
+    return _Columns(own, joints, motions.T, sizes, axial)
 
 
 # The chain that is moved
 
 
 class _Geometry:
-    """A chain whose unknown placements are moved; p parameters.
+    """A chain whose unknown placements are moved.
 
     Attributes:
-        names: (p) of the parameters.
-        prior: (p) standard deviations of the description [m or rad].
-        along: (p) whether they are along or about the axis of a joint.
+        columns: the parameters (p).
         reach: of the robot [m].
     """
 
-    def __init__(self, robot: Robot, parts: Sequence[_Placement], base: pin.SE3) -> None:
+    def __init__(self, robot: Robot, columns: _Columns, base: pin.SE3) -> None:
         """Use the unknown placements of a robot, its base at a placement in the axes of x."""
         self.model, self.frame, self.reach = robot.model.copy(), robot.frame_id, robot.reach
         move_base(self.model, base)
-        self.data, self._parts = self.model.createData(), parts
-        self._described = [self._at(part.joint).copy() for part in parts]
+        self.data, self.columns = self.model.createData(), columns
+        self._own = [
+            (joint, columns.joints == joint) for joint in np.unique(columns.joints).tolist()
+        ]
+        self._described = [self._place(self.model, joint).copy() for joint, _ in self._own]
         self._first = robot.model.jointPlacements[FIRST].copy()
-        self.names = tuple(f"{part.name}.{label}" for part in parts for label in part.labels)
-        self.prior = np.concatenate([np.zeros(0), *(part.prior for part in parts)])
-        self.along = np.concatenate([np.zeros(0, dtype=bool), *(part.along for part in parts)])
-        self._ends = np.cumsum([0, *(len(part.prior) for part in parts)])
 
-    def _at(self, joint: int | None) -> pin.SE3:
-        """Return the placement of a joint, or of the task frame."""
-        model = self.model
-        return model.frames[self.frame].placement if joint is None else model.jointPlacements[joint]
-
-    def _slices(self) -> Iterator[tuple[_Placement, slice]]:
-        for part, first, last in zip(self._parts, self._ends, self._ends[1:], strict=False):
-            yield part, slice(int(first), int(last))
+    def _place(self, model: pin.Model, joint: int) -> pin.SE3:
+        """Return the placement of a joint, or of the task frame, as a view."""
+        return placement_of(model, self.frame, None if joint == model.njoints else joint)
 
     def move(self, step: np.ndarray) -> None:
         """Move the placements by a step (p) of their displacements."""
-        for part, own in self._slices():
-            moved = self._at(part.joint) * pin.exp6(part.columns @ step[own])
-            if part.joint is None:
-                self.model.frames[self.frame].placement = moved
-            else:
-                self.model.jointPlacements[part.joint] = moved
+        for joint, own in self._own:
+            place = self._place(self.model, joint)
+            moved = place * pin.exp6(self.columns.motions[:, own] @ step[own])
+            place.translation, place.rotation = moved.translation, moved.rotation
         self.data = self.model.createData()
 
     def value(self) -> np.ndarray:
@@ -623,22 +563,21 @@ class _Geometry:
 
         That of a tracker is the placement of the base in its axes.
         """
-        found = np.zeros(len(self.names))
-        for (part, own), described in zip(self._slices(), self._described, strict=True):
-            known = part.name == TRACKER
-            off = self.tracker() if known else described.actInv(self._at(part.joint))
+        found, tracked = np.zeros(len(self.columns.names)), self.columns.tracked
+        for (joint, own), described in zip(self._own, self._described, strict=True):
+            known = tracked[own].any()
+            off = self.tracker() if known else described.actInv(self._place(self.model, joint))
             six = np.concatenate([off.translation, pin.log3(off.rotation)])
-            found[own] = six if known else part.columns.T @ six
+            found[own] = six if known else self.columns.motions[:, own].T @ six
         return found
 
     def robot(self, described: Robot, remark: str) -> Robot:
         """Return a described robot with these placements, but for that of the tracker."""
-        model = described.model.copy()
-        for part in self._parts:
-            if part.joint is None:
-                model.frames[self.frame].placement = self._at(None)
-            elif part.name != TRACKER:
-                model.jointPlacements[part.joint] = self._at(part.joint)
+        model, tracked = described.model.copy(), self.columns.tracked
+        for joint, own in self._own:
+            if not tracked[own].any():
+                place, moved = self._place(model, joint), self._place(self.model, joint)
+                place.translation, place.rotation = moved.translation, moved.rotation
         return replace(described, model=model, remark=remark)
 
     def tracker(self) -> pin.SE3:
@@ -669,23 +608,18 @@ class _Geometry:
             r[k, :3][place] = x[: seen.task.positions] - at.translation[place]
             if pose:
                 r[k, 3:] = pin.log3(matrix(x[3:]) @ at.rotation.T)
-        columns = np.zeros((6 * model.njoints, len(self.names)))
-        for part, own in self._slices():
-            first = 6 * (model.njoints if part.joint is None else part.joint) - 6
-            columns[first : first + 6, own] = part.columns
+        columns = np.zeros((model.njoints, 6, len(self.columns.names)))
+        columns[self.columns.joints - 1, :, np.arange(columns.shape[2])] = self.columns.motions.T
+        columns = columns.reshape(6 * model.njoints, -1)
         return r[:, rows], (K @ columns)[:, rows], J[:, rows]
 
 
 # The fit
 
 _LEAST = 1.5  # equations for each identified combination
-_ENOUGH = 3.0  # equations a combination that are advised
-_ROUNDS = 60
-_CONVERGED, _NEARLY = 1e-3, 3e-2  # of a standard deviation; the latter before frames are left out
 _HUBER, _OUTLIER = 3.0, 6.0  # deviations from which a frame counts less, and not at all
 _MOST_OUTLIERS = 0.2  # share of the frames
 _LEAST_SHARE = 0.3  # of the variance, below which the noise of a tracker is found slowly
-_LEAST_NOISE = 1e-7  # of the reach, and [rad]
 
 
 class _GeometryFit(NamedTuple):
@@ -694,14 +628,14 @@ class _GeometryFit(NamedTuple):
     Attributes:
         kept: (M) whether a frame was used.
         rows: (N, p) of the used frames, in units of their noise.
-        covariance: (p, p) in units of the prior.
+        deviations: (p) standard deviations [m or rad].
         noise: of a coordinate of the position [m], and of the orientation [rad] of poses.
         late: age of the frames at their times [s], and its deviation.
     """
 
     kept: np.ndarray
     rows: np.ndarray
-    covariance: np.ndarray
+    deviations: np.ndarray
     noise: np.ndarray
     late: tuple[float, float]
 
@@ -712,7 +646,7 @@ def _fitted(
     """Move the placements of a geometry such that it fits frames best.
 
     Frames with large residuals count less at first (Huber), then those beyond six deviations do not
-    count. The noise is that of the residuals.
+    count. The noise is that of the residuals, found along with the placements.
 
     Args:
         geometry: that is moved.
@@ -722,28 +656,40 @@ def _fitted(
             that all count; None: it is to be found.
 
     Raises:
-        LogError: too few frames, too many that do not fit, or no convergence.
+        LogError: too few frames, or too many that do not fit.
     """
-    m, s, count = seen.task.size, geometry.prior, len(seen.x)
+    from scipy.special import chdtri  # here, because scipy is slow to import
+
+    m, s, count = seen.task.size, geometry.columns.prior, len(seen.x)
     groups = [group.rows for group in seen.task.groups]
-    least = np.array([_LEAST_NOISE * geometry.reach, _LEAST_NOISE])[: len(groups)]
+    least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: len(groups)]
     kept, robust = np.ones(count, dtype=bool), known is None
-    noise = np.zeros(len(groups)) if known is None else known
-    if known is None:
+    explained, noise = 0.0, least if known is None else known
+    if robust:
         r, _, _ = geometry.rows(seen)
         noise = np.array([math.sqrt(float(np.median(r[:, part] ** 2))) for part in groups])
         noise = np.maximum(noise, least)
 
-    def whitened() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return slopes (M, m, p), residuals, and effects of lateness (M, m), and noise shares."""
+    def whitened() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return slopes (M, m, p), residuals, and effects of lateness (M, m)."""
+        nonlocal noise
         r, W, J = geometry.rows(seen)
         roots, share = _inverse_roots(J, groups, noise, seen.encoder)
-        parts = W * s, r[:, :, None], J @ -seen.v[:, :, None]
-        A, b, late = (roots @ part for part in parts)
-        return A, b[:, :, 0], late[:, :, 0], share
+        if known is None:
+            b = (roots @ r[:, :, None])[:, :, 0]
+            for g, part in enumerate(groups):
+                squares, size = np.sum(b[:, part] ** 2, axis=1), part.stop - part.start
+                usual = float(np.median(squares)) / float(chdtri(size, 0.5))
+                if not robust:
+                    usual = float(np.mean(squares[kept])) / size / (1.0 - explained)
+                noise[g] *= usual ** (0.5 / max(share[g], _LEAST_SHARE))
+            noise = np.maximum(noise, least)
+            roots, _ = _inverse_roots(J, groups, noise, seen.encoder)
+        A, b, late = (roots @ part for part in (W * s, r[:, :, None], J @ -seen.v[:, :, None]))
+        return A, b[:, :, 0], late[:, :, 0]
 
     def rows(geometry: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        A, b, *_ = whitened()
+        A, b, _ = whitened()
         off = np.sqrt(np.mean(b**2, axis=1))
         weights = np.minimum(1.0, _HUBER / np.maximum(off, 1.0)) if robust else kept
         counted = np.sqrt(weights)[:, None]
@@ -753,31 +699,25 @@ def _fitted(
         geometry.move(step * s)
         return geometry
 
-    for _ in range(_ROUNDS):
+    while True:
         gauss_newton(rows, moved, geometry, np.ones(len(s)))
-        A, b, late, share = whitened()
+        A, b, late = whitened()
         R = np.linalg.qr(np.vstack([A[kept].reshape(-1, len(s)), np.eye(len(s))]), mode="r")
-        inverse = np.linalg.inv(R)
-        covariance = inverse @ inverse.T
-        rank = len(s) - float(np.trace(covariance))
-        if np.count_nonzero(kept) * m < _LEAST * rank:
+        deviations = np.linalg.norm(np.linalg.inv(R), axis=1)
+        rank, used = len(s) - float(np.sum(deviations**2)), m * np.count_nonzero(kept)
+        if used < _LEAST * rank:
             raise LogError(
-                f"{np.count_nonzero(kept)} frames of {m} numbers are too few for {rank:.0f} "
-                "combinations of the geometry.",
+                f"{used // m} frames of {m} numbers are too few for {rank:.0f} combinations of the "
+                "geometry.",
                 where=where,
-                hint=f"Record {math.ceil(_ENOUGH * rank / m)} or more, or name fewer unknowns.",
+                hint=f"Record {math.ceil(2.0 * _LEAST * rank / m)} or more, or name fewer "
+                "unknowns.",
             )
-        if known is not None:
+        if not robust:
             break
-        explained = rank / (np.count_nonzero(kept) * m)
-        growth = _growth(b, groups, None if robust else kept, explained)
-        noise = np.maximum(noise * growth ** (1.0 / np.maximum(share, _LEAST_SHARE)), least)
-        change = np.where(noise > least, np.abs(growth - 1.0), 0.0).max()
-        if not robust and change < _CONVERGED:
-            break
-        if robust and change < _NEARLY:
-            robust, kept = False, np.sqrt(np.mean(b**2, axis=1)) < _OUTLIER
-    if np.mean(kept) < 1.0 - _MOST_OUTLIERS or robust:
+        robust, explained = False, rank / used
+        kept = np.sqrt(np.mean(b**2, axis=1)) < _OUTLIER
+    if np.mean(kept) < 1.0 - _MOST_OUTLIERS:
         raise LogError(
             f"no geometry near the described one explains these frames: {np.mean(~kept):.0%} of "
             "them do not fit the others.",
@@ -786,10 +726,9 @@ def _fitted(
             "tracker are NaN, not 0.",
         )
     A, b, late = A[kept], b[kept], late[kept]
-    fitted = Information.of_rows(geometry.names, geometry.value() / s, A, b, prior=1.0)
-    return _GeometryFit(
-        kept, A.reshape(-1, len(s)) / s, covariance, noise, fitted.beside(A, b, late)
-    )
+    fit = Information.of_rows(geometry.columns.names, geometry.value() / s, A, b, prior=1.0)
+    scaled = A.reshape(-1, len(s)) / s
+    return _GeometryFit(kept, scaled, s * deviations, noise, fit.beside(A, b, late))
 
 
 def _inverse_roots(
@@ -818,30 +757,6 @@ def _inverse_roots(
     return roots, np.array([float(np.mean(shares[part])) for part in groups])
 
 
-def _growth(
-    b: np.ndarray, groups: Sequence[slice], kept: np.ndarray | None, explained: float
-) -> np.ndarray:
-    """Return by what factor residuals b (M, m) are larger than their unit, one for each group.
-
-    Args:
-        b: (M, m) the residuals, in units of their noise.
-        groups: of coordinates.
-        kept: (M) the frames that count; None: it is taken from the median.
-        explained: share of the numbers that the parameters explain in any case.
-    """
-    from scipy.special import chdtri  # here, because scipy is slow to import
-
-    found = np.empty(len(groups))
-    for g, part in enumerate(groups):
-        squares = np.sum(b[:, part] ** 2, axis=1)
-        size = part.stop - part.start
-        if kept is None:
-            found[g] = float(np.median(squares)) / float(chdtri(size, 0.5))
-        else:
-            found[g] = float(np.mean(squares[kept])) / size / (1.0 - explained)
-    return np.sqrt(found)
-
-
 # What the motion identifies
 
 _KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
@@ -849,7 +764,7 @@ _SHOWN = 0.05  # of the effect of a parameter, from which another one that cance
 
 
 def _identified(
-    geometry: _Geometry, rows: np.ndarray
+    columns: _Columns, rows: np.ndarray
 ) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
     """Return the combinations of p parameters that rows identify, and the parameters they do not.
 
@@ -859,35 +774,33 @@ def _identified(
     Displacements along and about the axis of a joint are taken last.
 
     Args:
-        geometry: with the names of the parameters.
+        columns: the parameters.
         rows: (N, p) in units of the noise.
 
     Returns:
         The combinations as text, and name -> names of those that can cancel it.
     """
-    from scipy.linalg import qr, solve_triangular  # here, because scipy is slow to import
+    from scipy.linalg import qr  # here, because scipy is slow to import
 
-    names, s = geometry.names, geometry.prior
-    rows, last = rows * s, np.where(geometry.along, _KEPT_LAST, 1.0)
+    names, rows = columns.names, rows * columns.prior
+    last = np.where(columns.along, _KEPT_LAST, 1.0)
     R, order = qr(rows * last, mode="r", pivoting=True)
     order = order[: min(R.shape)]
-    kept = np.abs(np.diag(R)) > last[order]
-    taken, others = np.sort(order[kept]), np.setdiff1d(np.arange(len(names)), order[kept])
-    Q, R = np.linalg.qr(rows[:, taken])
-    parts = solve_triangular(R, Q.T @ rows[:, others])
+    taken = np.sort(order[np.abs(np.diag(R)) > last[order]])
+    others = np.setdiff1d(np.arange(len(names)), taken)
+    parts = np.linalg.lstsq(rows[:, taken], rows[:, others], rcond=None)[0]
     sizes = np.linalg.norm(rows, axis=0)
-    effects = np.abs(parts) * sizes[taken, None] / np.maximum(sizes[others], 1.0)
-    combinations = []
-    for i, own, sized in zip(taken, parts, effects, strict=True):
-        terms = [
-            f" {'-' if part < 0.0 else '+'} {abs(part) * s[i] / s[d]:.3g} {names[d]}"
-            for d, part, effect in zip(others, own, sized, strict=True)
-            if effect > _SHOWN
-        ]
-        combinations.append(names[i] + "".join(terms))
+    shown = np.abs(parts) * sizes[taken, None] > _SHOWN * np.maximum(sizes[others], 1.0)
+    parts *= columns.prior[taken, None] / columns.prior[others]
+    combinations = [
+        names[i]
+        + "".join(f" {parts[k, d]:+.3g} {names[others[d]]}" for d in np.flatnonzero(shown[k]))
+        for k, i in enumerate(taken)
+    ]
+    strongest = np.argsort(-np.abs(parts) * sizes[taken, None], axis=0)
     unidentified = {
-        names[d]: tuple(names[taken[i]] for i in np.argsort(-sized) if sized[i] > _SHOWN)
-        for d, sized in zip(others, effects.T, strict=True)
+        names[other]: tuple(names[taken[k]] for k in strongest[:, d] if shown[k, d])
+        for d, other in enumerate(others)
     }
     return tuple(combinations), unidentified
 

@@ -19,11 +19,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ..exceptions import LogError, ParameterError
-from ..information.information import Information
-from ..information.measured_motion import Averages, MeasuredMotion
+from ..information.information import Information, fitted, position_rows
+from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, payload_of
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
@@ -37,18 +36,17 @@ from ..robot.robot import Robot
 WEIGHT = 1.0
 _ROUNDS = 3  # in which the noise is found
 _TORQUE_NOISE, _LEAST_TORQUE_NOISE = 0.05, 1e-4  # first and least, share of a joint's torque
-_POSITION_NOISE, _LEAST_POSITION_NOISE = 1e-2, 1e-9  # first and least, share of the reach
+_POSITION_NOISE = 1e-2  # first, share of the reach
 _PRIOR = 0.5  # of the reach: standard deviation of a described translation
 _LEAST_WEIGHT = 1e-6
-_TINY = 1e-300
-_POSITION, _POSE = 3, 7  # coordinates
-_BALL = 0.05  # of the robot's mass and reach: mass and radius of gyration of a likely load
-_FREE = 1e-2  # weight of that, relative to the description of a body
+_EPS = np.finfo(float).eps
+_FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
 _FARTHEST = 4.0  # of the reach, farther than any frame of the robot moves
+_CHUNK = 1000  # samples whose regressors are in memory at once
 
 
 def torque_fit(
-    dynamics: Dynamics,
+    names: Sequence[str],
     physical: PhysicalSet,
     windows: Windows,
     gamma: float = GAMMA,
@@ -61,45 +59,28 @@ def torque_fit(
     the sum of the residual's autocorrelation, as its rows are not independent.
 
     Args:
-        dynamics: of the parameters.
+        names: of the parameters.
         physical: the set of physical ones.
         windows: the rows.
         gamma: weight of the description.
         blocks: of windows that are left out in turn, for the ``spread`` of the estimate; an error
             of the model that some of them show and others do not shows in it. By default none.
     """
-    return _fitted(tuple(dynamics.names), physical, windows, gamma, blocks)
-
-
-def _fitted(
-    names: tuple[str, ...],
-    physical: PhysicalSet,
-    windows: Windows,
-    gamma: float,
-    blocks: Sequence[np.ndarray],
-) -> Information:
-    """Return the physical least-squares estimate of parameters with these names."""
     noise, least = noise_levels(windows.tau)
-    a, rows = physical.center, windows.y.size
-    fitted: np.ndarray | None = None  # the noise at which a is the fit
+    a, rows, near = physical.center, windows.y.size, None
     if not names:
         return Information((), a, np.zeros((0, 0)), a, noise, rows)
     physical = weighted(physical, windows)
-    for last in (*(False,) * _ROUNDS, True):
-        if fitted is None or not np.array_equal(noise, fitted):
-            A, b = _whitened(windows.W, windows.y, noise)
-            near = None if fitted is None else a
-            a, fitted = physical_fit(A, b, physical, gamma=gamma, near=near), noise
-            residual = windows.residual(a)
-            rank = min(np.linalg.matrix_rank(A, tol=1e-8 * np.linalg.norm(A)), rows - 1)
+    for _ in range(_ROUNDS):
+        A, b = windows.whitened(noise)
+        near = a = physical_fit(A, b, physical, gamma=gamma, near=near)
+        rank = min(np.linalg.matrix_rank(A, tol=1e-8 * np.linalg.norm(A)), rows - 1)
+        residual, last = windows.residual(a), noise
         deviation = np.sqrt(np.mean(residual**2, axis=0) / (1.0 - rank / rows))
-        if last:
-            deviation *= np.sqrt(_repetition(residual))
         noise = np.maximum(deviation, least)
-    assert fitted is not None  # set in the first round
-    spread = jackknife(physical, windows, fitted, gamma, blocks, a) if blocks else None
-    found = Information.of_rows(names, a, windows.W, windows.residual(a), noise)
-    return replace(found, spread=spread)
+    spread = jackknife(physical, windows, last, gamma, blocks, a) if blocks else None
+    noise = np.maximum(deviation * np.sqrt(_repetition(residual)), least)
+    return replace(Information.of_rows(names, a, windows.W, residual, noise), spread=spread)
 
 
 def jackknife(
@@ -119,21 +100,16 @@ def jackknife(
     """
     from scipy.special import stdtrit  # here, because scipy is slow to import
 
-    p = windows.W.shape[2]
-    A = np.concatenate([windows.W, windows.y[:, :, None]], axis=2) / noise[:, None]
-    roots = [root_of(A[block].reshape(-1, p + 1)) for block in blocks]
-    found = np.empty((len(blocks), p))
-    for b in range(len(blocks)):
-        rows = np.vstack([root for k, root in enumerate(roots) if k != b])
-        found[b] = physical_fit(rows[:, :-1], rows[:, -1], physical, gamma=gamma, near=a)
-    few = float(stdtrit(len(blocks) - 1, 0.975)) / 1.96
-    share = np.sqrt((len(blocks) - 1) / len(blocks))
-    return np.asarray(few * share * (found - found.mean(axis=0)))
-
-
-def root_of(rows: np.ndarray) -> np.ndarray:
-    """Return at most p + 1 rows with the same sums of squares as rows (N, p + 1)."""
-    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+    count = len(blocks)
+    parts = [np.concatenate([one for k, one in enumerate(blocks) if k != b]) for b in range(count)]
+    found = np.array(
+        [
+            physical_fit(*windows.only(part).whitened(noise), physical, gamma=gamma, near=a)
+            for part in parts
+        ]
+    )
+    few = float(stdtrit(count - 1, 0.975)) / 1.96
+    return np.asarray(few * np.sqrt((count - 1) / count) * (found - found.mean(axis=0)))
 
 
 def load_fit(
@@ -160,40 +136,39 @@ def load_fit(
     Raises:
         ParameterError: the last body is not among the parameters.
     """
-    size, n = dynamics.inertial.size, robot.model.nv
-    if not dynamics.per_body or n - 1 not in dynamics.bodies:
+    size, loaded = dynamics.inertial.size, both[0]
+    if not dynamics.per_body or robot.model.nv - 1 not in dynamics.bodies:
         raise ParameterError(
             "the last body is not among the parameters, so there is no estimate of a load.",
             where="empty",
         )
-    last, loaded = slice(size - PER_BODY, size), [1.0, 0.0]
-    W = [
-        np.concatenate([w.W[:, :, :size], share * w.W[:, :, last], w.W[:, :, size:]], axis=2)
-        for w, share in zip(both, loaded, strict=True)
-    ]
-    y, tau = (np.concatenate([getattr(w, part) for w in both]) for part in ("y", "tau"))
-    windows = Windows(np.arange(float(len(y))), np.concatenate(W), y, tau, both[0].length)
-    shift = len(both[0].t)
+    own, W = loaded.W[:, :, size - PER_BODY : size], np.concatenate([part.W for part in both])
+    load = np.concatenate([own, np.zeros((len(both[1].t), *own.shape[1:]))])
+    W = np.concatenate([W[:, :, :size], load, W[:, :, size:]], axis=2)
+    t, y, tau = (np.concatenate([getattr(w, part) for w in both]) for part in ("t", "y", "tau"))
+    shift = len(loaded.t)
     turns = [np.concatenate([one, other + shift]) for one, other in zip(*blocks, strict=False)]
-    ball = pin.Inertia(
-        _BALL * robot.mass,
-        robot.model.frames[robot.frame_id].placement.translation,
-        _BALL * robot.mass * (_BALL * robot.reach) ** 2 * np.eye(3),
+    whole = replace(
+        physical,
+        bodies=physical.bodies + 1,
+        center=np.insert(physical.center, size, physical.center[size - PER_BODY : size]),
+        body_weights=np.append(np.ones(physical.bodies), _FREE),
     )
-    start = np.insert(physical.center, size, ball.toDynamicParameters())
-    weights = np.append(np.ones(physical.bodies), _FREE)
-    whole = replace(physical, bodies=physical.bodies + 1, center=start, body_weights=weights)
-    names = list(dynamics.names)
-    names[size:size] = [f"load.{label}" for label in LABELS]
-    found = _fitted(tuple(names), whole, windows, gamma, turns)
+    names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
+    found = torque_fit(names, whole, Windows(t, W, y, tau, loaded.length), gamma, turns)
     return payload_of(found, slice(size, size + PER_BODY), robot)
 
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what noise (n) torques (N, n) are first assumed to have, and the least that counts."""
-    level = np.sqrt(np.mean(tau**2, axis=0)) if len(tau) else np.zeros(tau.shape[1])
-    level = np.maximum(level, 1e-12 * max(level.max(initial=0.0), _TINY))
+    level = columns_rms(tau)
+    level = np.maximum(level, max(_EPS * level.max(initial=0.0), np.finfo(float).tiny))
     return _TORQUE_NOISE * level, _LEAST_TORQUE_NOISE * level
+
+
+def columns_rms(values: np.ndarray) -> np.ndarray:
+    """Return the root mean square of each column of (N, n); zero of none."""
+    return np.asarray(np.sqrt(np.sum(values**2, axis=0) / max(len(values), 1)))
 
 
 def weighted(physical: PhysicalSet, windows: Windows) -> PhysicalSet:
@@ -205,8 +180,8 @@ def weighted(physical: PhysicalSet, windows: Windows) -> PhysicalSet:
     columns = windows.W[:, :, PER_BODY * physical.bodies : last]
     joints = np.argmax(np.abs(columns).sum(axis=0), axis=0)  # each acts on one
     effects = np.array([np.linalg.norm(columns[:, j, k]) for k, j in enumerate(joints)])
-    whole = np.linalg.norm(windows.tau, axis=0)[joints]
-    shares = physical.coefficients(physical.center) * effects / np.maximum(whole, _TINY)
+    whole = np.maximum(np.linalg.norm(windows.tau, axis=0)[joints], _EPS)
+    shares = physical.coefficients(physical.center) * effects / whole
     return replace(physical, weights=np.clip(shares, _LEAST_WEIGHT, 1.0))
 
 
@@ -248,8 +223,8 @@ def frames_of(log: Log, robot: Robot) -> Frames:
     if not len(t):
         return Frames(np.zeros(0), np.zeros((0, robot.task.coordinates)))
     wanted, got = robot.task.coordinates, x.shape[1]
-    if got != wanted and wanted <= _POSITION and got in (_POSITION, _POSE):
-        x = x[:, :_POSITION][:, robot.frame_task.place]
+    if got != wanted and wanted <= 3 <= got:
+        x = x[:, :3][:, robot.frame_task.place]
     elif got != wanted:
         raise LogError(
             f"{got} coordinates, and the task '{robot.task.name}' has {wanted}.",
@@ -281,34 +256,22 @@ class PositionRows(NamedTuple):
     W: np.ndarray
     r: np.ndarray
 
+    @classmethod
+    def of(cls, kinematics: TaskKinematics, motion: MeasuredMotion, frames: Frames) -> PositionRows:
+        """Take the frames within a motion, at the configuration of each one's time."""
+        within, q, v = at_times(kinematics.robot.model, motion.t, motion.q, frames.t)
+        rows = position_rows(kinematics, kinematics.initial, q, v, frames.x[within])
+        return cls(frames.t[within], *rows)
+
     def split(self, t: float) -> tuple[PositionRows, PositionRows]:
         """Return the rows before a time [s], and those from it on."""
         first = self.t < t
-        return tuple(  # type: ignore[return-value]
-            PositionRows(self.t[part], self.W[part], self.r[part]) for part in (first, ~first)
-        )
+        before, after = (PositionRows(*(one[part] for one in self)) for part in (first, ~first))
+        return before, after
 
-
-def position_rows(
-    kinematics: TaskKinematics, motion: MeasuredMotion, frames: Frames
-) -> PositionRows:
-    """Return the rows of all frames within a motion, at the configuration of each one's time."""
-    still, t, W, r = np.zeros(kinematics.nv), [], [], []
-    m, p = kinematics.positions, kinematics.size
-    for time, x in zip(frames.t, frames.x, strict=True):
-        if not (p and motion.t[0] <= time <= motion.t[-1]):
-            continue
-        k = min(max(int(np.searchsorted(motion.t, time)) - 1, 0), len(motion.t) - 2)
-        share = (time - motion.t[k]) / (motion.t[k + 1] - motion.t[k])
-        q = kinematics.between(motion.q[k], motion.q[k + 1], float(share))
-        kinematics.update(kinematics.initial, q, still)
-        position, X_k = kinematics.p_hat, kinematics.X_k
-        t.append(time)
-        W.append(X_k)
-        r.append(x[:m] - position)
-    count = len(t)
-    rows = np.array(W).reshape(count, m, p), np.array(r).reshape(count, m)
-    return PositionRows(np.array(t), *rows)
+    def residual(self, step: np.ndarray) -> np.ndarray:
+        """Return the errors (M, m) at translations a_0 + step (p) [m]."""
+        return np.asarray(self.r - self.W @ step)
 
 
 def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
@@ -317,20 +280,11 @@ def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
     The prior is the description, with a standard deviation of half the reach in every direction, so
     that no choice of axes matters. It decides only what the motion does not identify.
     """
-    reach, names = kinematics.robot.reach, kinematics.names
-    noise, step = np.full(kinematics.positions, _POSITION_NOISE * reach), np.zeros(len(names))
-    for _ in range(_ROUNDS if len(rows.t) else 0):
-        prior = 1.0 / (_PRIOR * reach) ** 2
-        step = Information.of_rows(names, step, rows.W, rows.r, noise, prior).solution
-        deviation = np.sqrt(np.mean((rows.r - rows.W @ step) ** 2, axis=0))
-        noise = np.maximum(deviation, _LEAST_POSITION_NOISE * reach)
-    left = rows.r - rows.W @ step
-    return Information.of_rows(names, kinematics.initial + step, rows.W, left, noise)
-
-
-def _whitened(W: np.ndarray, y: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows (N n, p) and right-hand side (N n) in units of the noise (n)."""
-    return (W / noise[:, None]).reshape(y.size, W.shape[-1]), (y / noise).ravel()
+    reach, names, start = kinematics.robot.reach, kinematics.names, kinematics.initial
+    level, prior = np.full(rows.r.shape[1], _POSITION_NOISE * reach), 1.0 / (_PRIOR * reach) ** 2
+    found = fitted(names, start, rows.W, rows.r, level, prior=prior)
+    step = found.correction
+    return Information.of_rows(names, start + step, rows.W, rows.residual(step), found.noise)
 
 
 class Windows(NamedTuple):
@@ -350,49 +304,57 @@ class Windows(NamedTuple):
     tau: np.ndarray
     length: float
 
+    @classmethod
+    def of(
+        cls,
+        motion: MeasuredMotion,
+        dynamics: Dynamics,
+        period: float,
+        *,
+        held: bool,
+        inertial: Windows | None = None,
+    ) -> Windows:
+        """Take the windows of a motion that have no gap.
+
+        Args:
+            motion: the samples.
+            dynamics: of the unknown parameters.
+            period: typical time between samples [s].
+            held: whether torques were held from each sample to the next; else each is of its
+                instant.
+            inertial: the windows of its inertial block alone, if they are known already.
+        """
+        averages = Averages(motion.t, period)
+        whole, joints = averages.whole, dynamics.joints
+        if inertial is None:
+            W, y = _equations(motion, averages, dynamics.momentum, dynamics.size)
+            tau = averages.held_mean(motion.tau) if held else averages.mean(motion.tau)
+            t, y, length = averages.t[whole], (tau - y)[whole], averages.length
+            return cls(t, W[whole], y, tau[whole], length)
+        if joints is None:
+            return inertial
+        W, y = _equations(motion, averages, joints.momentum, joints.size)
+        both = np.concatenate([inertial.W, W[whole]], axis=2)
+        return inertial._replace(W=both, y=inertial.y - y[whole])
+
+    def only(self, chosen: np.ndarray) -> Windows:
+        """Return the windows of a mask or of indices."""
+        t, W, y, tau = (part[chosen] for part in (self.t, self.W, self.y, self.tau))
+        return Windows(t, W, y, tau, self.length)
+
     def between(self, first: float, last: float) -> Windows:
         """Return the windows that lie wholly between two times [s]."""
         half = 0.5 * self.length
-        kept = (self.t - half >= first) & (self.t + half <= last)
-        return Windows(self.t[kept], self.W[kept], self.y[kept], self.tau[kept], self.length)
+        return self.only((self.t - half >= first) & (self.t + half <= last))
 
     def residual(self, a: np.ndarray) -> np.ndarray:
         """Return y - W a (N, n) [N m or N] at parameters a (p)."""
         return np.asarray(self.y - self.W @ a)
 
-
-def windows_of(
-    motion: MeasuredMotion,
-    dynamics: Dynamics,
-    period: float,
-    *,
-    held: bool,
-    inertial: Windows | None = None,
-) -> Windows:
-    """Return the windows of a motion that have no gap.
-
-    Args:
-        motion: the samples.
-        dynamics: of the unknown parameters.
-        period: typical time between samples [s].
-        held: whether torques were held from each sample to the next; else each is of its instant.
-        inertial: the windows of its inertial block alone, if they are known already.
-    """
-    averages = Averages(motion.t, period)
-    whole, t = averages.whole, averages.t[averages.whole]
-    if inertial is None:
-        W, y = _equations(motion, averages, dynamics.momentum, dynamics.size)
-        if held:
-            tau = _held_torques(motion, averages.t, averages.length)
-        else:
-            tau = averages.mean(motion.tau)
-        return Windows(t, W[whole], (tau - y)[whole], tau[whole], averages.length)
-    joints = dynamics.joints
-    if joints is None:
-        return inertial
-    W, y = _equations(motion, averages, joints.momentum, joints.size)
-    both = np.concatenate([inertial.W, W[whole]], axis=2)
-    return inertial._replace(W=both, y=inertial.y - y[whole])
+    def whitened(self, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return rows (N n, p) and right-hand side (N n) in units of the noise (n)."""
+        rows = (self.W / noise[:, None]).reshape(self.y.size, self.W.shape[2])
+        return rows, (self.y / noise).ravel()
 
 
 def _equations(
@@ -402,34 +364,16 @@ def _equations(
     size: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return W (K, n, p), p = ``size``, and the averages (K, n) of the known part of the torque."""
-    K, n = len(averages.t), motion.v.shape[1]
-    W, known = np.zeros((K, n, size)), np.zeros((K, n))
-    for part, near, phi, rate in averages.chunks:
-        count = part.stop - part.start
-        moving, rest = np.empty((2, count, n, size + 1))
-        for k in range(count):
-            Y_M, Y_0, p_0, tau_0 = momentum(motion.q[part.start + k], motion.v[part.start + k])
-            moving[k, :, :size], moving[k, :, size] = Y_M, p_0
-            rest[k, :, :size], rest[k, :, size] = Y_0, tau_0
-        both = np.tensordot(phi, rest, axes=1) - np.tensordot(rate, moving, axes=1)
-        W[near] += both[:, :, :size]
-        known[near] += both[:, :, size]
-    return W, known
-
-
-def _integral(s: np.ndarray, length: float) -> np.ndarray:
-    """Return int phi from the left end of a window to times s from its middle, zero to one."""
-    angle = np.pi * np.clip(s, -0.5 * length, 0.5 * length) / length
-    whole = 3.0 * angle + 2.0 * np.sin(2.0 * angle) + 0.25 * np.sin(4.0 * angle)
-    return np.asarray(0.5 + whole / (3.0 * np.pi))
-
-
-def _held_torques(motion: MeasuredMotion, middles: np.ndarray, length: float) -> np.ndarray:
-    """Return int phi tau dt (N, n) of torques that are held from each sample to the next."""
-    found = np.zeros((len(middles), motion.tau.shape[1]))
-    for k, middle in enumerate(middles):
-        first, last = np.searchsorted(motion.t, (middle - 0.5 * length, middle + 0.5 * length))
-        part = slice(max(first - 1, 0), last + 1)
-        weights = np.diff(_integral(motion.t[part] - middle, length))
-        found[k] = weights @ motion.tau[part][: len(weights)]
-    return found
+    n = motion.v.shape[1]
+    found = np.zeros((len(averages.t), n * (size + 1)))
+    for start in range(0, len(motion.t), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        moving, rest = [], []
+        for q, v in zip(motion.q[part], motion.v[part], strict=True):
+            Y_M, Y_0, p_0, tau_0 = momentum(q, v)
+            moving.append(np.column_stack([Y_M, p_0]).ravel())
+            rest.append(np.column_stack([Y_0, tau_0]).ravel())
+        found += averages.phi[:, part] @ np.array(rest)
+        found -= averages.rate[:, part] @ np.array(moving)
+    both = found.reshape(-1, n, size + 1)
+    return both[:, :, :size], both[:, :, size]

@@ -1,23 +1,21 @@
-"""Identification of a robot from a recorded motion: ``identify``, and its result."""
+"""Identification of a robot from a recorded motion: ``identify``."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import positive
-from .._output import Sheet
+from .._checks import keywords, positive
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
-from ..information.measured_motion import CUTOFF, Averages, MeasuredMotion
-from ..information.payload import PayloadEstimate
+from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import read_log
 from ..logs.intake import Intake
 from ..logs.log import Log, joined, starts_of
@@ -31,100 +29,27 @@ from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_estimator
 from ..tuning.unknowns import Unknown
-from . import report
 from .fits import (
     WEIGHT,
     Frames,
+    PositionRows,
     Windows,
     frames_of,
     load_fit,
     position_fit,
-    position_rows,
     torque_fit,
-    windows_of,
 )
-from .identified_model import IdentifiedModel, estimate_online, measurements
+from .identified_model import estimate_online, measurements
 from .logged_motion import motion_of_log
-from .selection import ChosenEffects, blocks_of, choose_effects, effect_spread
+from .report import Identification
+from .selection import blocks_of, choose_effects
 from .torque_check import TorqueCheck, check_torques, on_wall
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Identification(IdentifiedModel):
-    """A robot identified from a log; ``print`` shows a report.
-
-    The estimates and their errors are those of ``IdentifiedModel``.
-    """
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the log can be one of the described robot, by its torques and positions."""
-        fits = self.check is None or self.check.fits
-        return fits and (not self.dynamic.names or report.position_doubt(self) is None)
-
-    @property
-    def verdict(self) -> str:
-        """The result in one line."""
-        return report.verdict(self)
-
-    def report(self) -> str:
-        """Return the estimates, their prediction errors, and what is not identifiable."""
-        return str(self._sheet())
-
-    def __repr__(self) -> str:
-        """Return the report."""
-        return self.report()
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
-
-    def _sheet(self) -> Sheet:
-        return report.sheet(self)
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; None stands for what is not finite."""
-        return report.summary(self)
-
-    def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
-        """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
-
-        Args:
-            folder: that takes the files.
-            mjcf: whether to write ``learned.xml`` too, see ``Robot.mjcf``.
-
-        Raises:
-            ParameterError: files of the robot that could not be written; the others are.
-            OSError: they cannot be written.
-        """
-        report.save(self, Path(folder), mjcf=mjcf)
-
-    def page(self, compared: Mapping[str, Robot] | None = None) -> str:
-        """Return the report as one web page with pictures, without external resources.
-
-        Args:
-            compared: other models of the same chain by name, such as a published one, with their
-                friction; the page compares their errors.
-
-        Raises:
-            ParameterError: a compared robot has other joints.
-        """
-        return report.page(self, compared)
-
-    def plot(self, folder: Path | str | None = None) -> Any:
-        """Draw measured and predicted torques, and the online estimates in time.
-
-        Args:
-            folder: into which to write ``torque.png`` and ``parameters.png``.
-
-        Returns:
-            The paths of the files; without a folder the two figures, which Jupyter displays.
-        """
-        return report.pictures_of(self) if folder is None else report.draw(self, Path(folder))
-
-
+@keywords()
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def identify(
     log: Path | str | Log | Rollout | Sequence[Any],
@@ -180,15 +105,18 @@ def identify(
     share = positive(held_out, "held_out", error=InputError)
     if share > 0.5:
         raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
-    sources, tests = _several(log), _several(test)
-    given = (*sources, *tests, *(() if empty is None else (empty,)))
-    intakes = [Intake.of(Intake.beside(one) if intake is None else intake) for one in given]
-    logs: list[Log] = []
-    for source, way in zip((*sources, *tests), intakes, strict=False):
-        one, described = log_and_robot(source, described, way, compensated)
+    sources, tests, extra = (
+        _several(log),
+        _several(test),
+        _several(() if empty is None else [empty]),
+    )
+    logs, intakes = list[Log](), list[Intake]()
+    for source in (*sources, *tests, *extra):
+        intakes.append(Intake.of(Intake.beside(source) if intake is None else intake))
+        one, described = log_and_robot(source, described, intakes[-1], compensated)
         logs.append(one)
-    first_log, found = logs[0], joined(logs, _PAUSE)
-    unknown = Unknown.of(unknown)
+    logs, without = logs[: len(sources) + len(tests)], logs[len(sources) + len(tests) :]
+    first_log, found, unknown = logs[0], joined(logs, _PAUSE), Unknown.of(unknown)
     frames, nominal = _frames_and_task(found, described, unknown)
     options: dict[str, Any] = {
         "adaptation": adaptation,
@@ -201,50 +129,63 @@ def identify(
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
     doubtful = any(way.doubtful for way in intakes)
-    check = _torques_checked(logs, described, doubtful=doubtful) if dynamics.size else None
-    bar = _stages(progress)
+    check = None
+    if dynamics.size:
+        check = _torques_checked([*logs, *without], described, doubtful=doubtful)
+    stages = False if callable(progress) else progress
+    bar = iter(watched(range(3), stages, "identify"))  # windows, effects, estimate
+    next(bar)
     motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     if tests:
         split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
-    rows = position_rows(kinematics, motion, frames)
+    rows = PositionRows.of(kinematics, motion, frames)
     located = position_fit(kinematics, rows.split(split)[0] if tests else rows)
     placed = _placed(estimator, nominal, located.estimate, options)
-    bodies = windows_of(motion, placed.controller.dynamics.inertial, found.period, held=found.held)
-    _check(bodies, bodies.between(-np.inf, split), found)
+    inertial = placed.controller.dynamics.inertial
+    bodies = Windows.of(motion, inertial, found.period, held=found.held)
+    first = bodies.between(-np.inf, split)
+    if min(len(first.t), len(bodies.t) - len(first.t)) < _FEWEST:
+        raise LogError(
+            f"only {len(bodies.t)} windows of {bodies.length:.2g} s have no gap, "
+            f"{len(first.t)} of them before the held-out part.",
+            where=found.source,
+            hint="Record longer, without gaps between samples.",
+        )
     next(bar)
-    effects = _effects(placed, nominal, motion, bodies, split, unknown, found)
-    if effects is not None:
+    effects = None
+    others = unknown.friction is None and not unknown.effects
+    if (unknown.armature is None or others) and placed.controller.dynamics.joints is not None:
+        own = physical_set(inertial, nominal)
+        chosen = {"armature": unknown.armature is None, "effects": others}
+        averages = Averages(motion.t, found.period)
+        effects = choose_effects(nominal, motion, averages, first, own, **chosen)
         nominal = replace(nominal, friction=effects.friction)
         options["unknown"] = replace(options["unknown"], **effects.unknown(unknown))
         estimator = _estimator(nominal, options)
         placed = _placed(estimator, nominal, located.estimate, options)
         dynamics = estimator.controller.dynamics
     next(bar)
-    physical = physical_set(dynamics, nominal)
-    windows = windows_of(
-        motion, placed.controller.dynamics, found.period, held=found.held, inertial=bodies
+    names, physical, model = (
+        dynamics.names,
+        physical_set(dynamics, nominal),
+        placed.controller.dynamics,
     )
+    windows = Windows.of(motion, model, found.period, held=found.held, inertial=bodies)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows
-    load_estimate = None
-    if empty is not None:
-        one, _ = log_and_robot(empty, described, intakes[-1], compensated)
-        _torques_checked([one], described, doubtful=doubtful)
-        load_estimate = _load_between(placed, nominal, learned_from, one)
     blocks = blocks_of(len(learned_from.t))
-    dynamic = torque_fit(dynamics, physical, learned_from, WEIGHT, blocks)
-    if effects is not None and dynamic.spread is not None:
-        others = effect_spread(
-            nominal, motion, Averages(motion.t, found.period), learned_from, physical, dynamic
-        )
-        dynamic = replace(dynamic, spread=np.vstack([dynamic.spread, others]))
-    for_load = torque_fit(dynamics, physical, learned_from) if empty is None else None
+    load_estimate = None
+    for one in without:
+        bare = Windows.of(motion_of_log(nominal, one), model, one.period, held=one.held)
+        turns = blocks, blocks_of(len(bare.t))
+        both = learned_from, bare
+        load_estimate = load_fit(model, physical_set(model, nominal), both, nominal, WEIGHT, turns)
+    dynamic = torque_fit(names, physical, learned_from, WEIGHT, blocks)
     next(bar, None)
+    recorded = measurements(motion_of_log(nominal, first_log), frames, held=first_log.held)
     steps = watched(range(len(first_log.t)), progress, "online")
-    samples = (
-        sample for sample, _ in zip(measurements(first_log, nominal, frames), steps, strict=False)
-    )
+    samples = (sample for sample, _ in zip(recorded, steps, strict=False))
     return Identification(
         log=found,
         motion=motion,
@@ -253,42 +194,19 @@ def identify(
         windows=windows,
         rows=rows,
         split=split,
-        smoothed=motion.smoothed,
         dynamic=dynamic,
         kinematic=located,
-        before_split=torque_fit(dynamics, physical, first, WEIGHT).estimate,
+        before_split=torque_fit(names, physical, first, WEIGHT).estimate,
         unknown=options["unknown"].with_joints(),
         effects=effects,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
         online=estimate_online(estimator, samples, len(first_log.t)),
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
-        for_load=for_load,
+        for_load=torque_fit(names, physical, learned_from) if empty is None else None,
         check=check,
         intake=intakes[0].updated(**first_log.assumed),
     )
-
-
-def _load_between(
-    placed: Estimator, nominal: Robot, loaded: Windows, empty: Log
-) -> PayloadEstimate:
-    """Return the load that an arm carries in some windows, and not in a log."""
-    dynamics = placed.controller.dynamics
-    motion = motion_of_log(nominal, empty, cutoff=CUTOFF)
-    without = windows_of(motion, dynamics, empty.period, held=empty.held)
-    blocks = blocks_of(len(loaded.t)), blocks_of(len(without.t))
-    physical = physical_set(dynamics, nominal)
-    return load_fit(dynamics, physical, (loaded, without), nominal, WEIGHT, blocks)
-
-
-def _stages(progress: Progress | bool | None) -> Iterator[int]:
-    """Return a bar of the stages before the online estimates: next() ends one.
-
-    They are the windows, the effects of the joints, the estimate.
-    """
-    stages = iter(watched(range(3), False if callable(progress) else progress, "identify"))
-    next(stages)
-    return stages
 
 
 def _several(given: Any) -> tuple[Any, ...]:
@@ -298,9 +216,7 @@ def _several(given: Any) -> tuple[Any, ...]:
 
 def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
     """Return the motions of logs one after another, as in ``joined``; each is smoothed alone."""
-    parts = [motion_of_log(robot, log, cutoff=CUTOFF) for log in logs]
-    if len(parts) == 1:
-        return parts[0]
+    parts = [motion_of_log(robot, log) for log in logs]
     shifts = starts_of(logs, _PAUSE)
     t = np.concatenate([part.t + shift for part, shift in zip(parts, shifts, strict=True)])
     q, v, a, tau = (np.concatenate([part[k] for part in parts]) for k in range(1, 5))
@@ -312,31 +228,6 @@ def _estimator(robot: Robot, options: Mapping[str, Any]) -> Estimator:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*nominal regressor")
         return make_estimator(robot, **options)
-
-
-def _effects(
-    placed: Estimator,
-    robot: Robot,
-    motion: MeasuredMotion,
-    bodies: Windows,
-    split: float,
-    unknown: Unknown,
-    log: Log,
-) -> ChosenEffects | None:
-    """Return the effects of the joints that the learning part shows, None if all were named."""
-    dynamics = placed.controller.dynamics
-    armature, others = unknown.armature is None, unknown.friction is None and not unknown.effects
-    if not (armature or others) or dynamics.joints is None:
-        return None
-    return choose_effects(
-        robot,
-        motion,
-        Averages(motion.t, log.period),
-        bodies.between(-np.inf, split),
-        physical_set(dynamics.inertial, robot),
-        armature=armature,
-        effects=others,
-    )
 
 
 def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> TorqueCheck:
@@ -411,21 +302,6 @@ def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, 
     return frames, replace(robot, task=JointTask.of_chain(robot.model))
 
 
-def _check(windows: Windows, first: Windows, log: Log) -> None:
-    """Check that there are enough windows to fit and to hold out.
-
-    Raises:
-        LogError: there are not.
-    """
-    if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
-        raise LogError(
-            f"only {len(windows.t)} windows of {windows.length:.2g} s have no gap, "
-            f"{len(first.t)} of them before the held-out part.",
-            where=log.source,
-            hint="Record longer, without gaps between samples.",
-        )
-
-
 def log_of(source: Any, robot: Robot, **options: Any) -> Log:
     """Return the checked log of a path, a ``Log``, or a ``Rollout``, for a robot.
 
@@ -442,19 +318,13 @@ def _recorded(rollout: Rollout) -> Log:
     """Return the log of a rollout: its measurements, or the true motion if these are not kept."""
     since = max((at for at, what in rollout.marks if what != "announced"), default=-np.inf)
     evaluation, framed = rollout.evaluation, rollout.task.positions > 0
-    x = rollout.x if framed else None
+    log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, held=True, source="rollout")
     if evaluation is None or not evaluation.samples:
-        log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, x=x, held=True, source="rollout")
-        return log.after(since)
+        return replace(log, x=rollout.x if framed else None).after(since)
     measured = [sample.measurement for sample in evaluation.samples]
-    frames = [part for part in measured if framed and part.x is not None]
-    return Log(
-        np.array([part.t for part in measured]),
-        np.array([part.q for part in measured]),
-        rollout.tau,
-        np.array([part.v for part in measured]),
-        x=np.array([part.x for part in frames]) if frames else None,
-        x_time=np.array([part.t if part.x_time is None else part.x_time for part in frames]),
-        held=True,
-        source="rollout",
-    ).after(since)
+    t, q, v = (np.array([getattr(part, name) for part in measured]) for name in ("t", "q", "v"))
+    log = replace(log, t=t, q=q, v=v)
+    if frames := [part for part in measured if framed and part.x is not None]:
+        times = np.array([part.t if part.x_time is None else part.x_time for part in frames])
+        log = replace(log, x=np.array([part.x for part in frames]), x_time=times)
+    return log.after(since)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ..adaptation.adaptation import Estimate
 from ..controller.estimator import Estimator
@@ -17,20 +15,18 @@ from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import LogError, MeasurementError
 from ..information.information import Excitation, Information
-from ..information.measured_motion import CUTOFF, MeasuredMotion
+from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
 from ..logs.intake import Intake
 from ..logs.log import Log
 from ..records import Measurement
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
-from .fits import Frames, PositionRows, Windows
+from .fits import Frames, PositionRows, Windows, columns_rms
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck
 
 _KEPT = 2000  # estimates that are stored
-_RATE = 2.0 * math.pi * CUTOFF  # [1/s] of the causal low pass
-_SETTLED = 10.0 / _RATE  # [s]
 _SAME = 1e-9  # [s] up to which two times are the same
 
 
@@ -43,6 +39,7 @@ class Errors(NamedTuple):
         learned: (n) error of the estimate from the whole log, over the whole log.
         described_held_out: (n) error of the description, over the held-out part.
         learned_held_out: (n) error of the estimate from the first part, over the held-out part.
+        gain: factor by which the held-out error falls, all signals together; None without data.
     """
 
     size: np.ndarray
@@ -50,28 +47,21 @@ class Errors(NamedTuple):
     learned: np.ndarray
     described_held_out: np.ndarray
     learned_held_out: np.ndarray
+    gain: float | None
 
-    @property
-    def gain(self) -> float | None:
-        """Factor by which the held-out error falls, all signals together; None without data."""
-        before, after = rms(self.described_held_out), rms(self.learned_held_out)
-        return None if not np.isfinite(before) or not after > 0.0 else before / after
-
-    def summary(self) -> dict[str, Any]:
-        """Return all numbers for a file."""
-        return {**self._asdict(), "gain": self.gain}
+    @classmethod
+    def of(cls, *signals: np.ndarray) -> Errors:
+        """Take the signal, and the errors (N, n) in the order of the attributes."""
+        size, described, learned, *held_out = (columns_rms(part) for part in signals)
+        before, after = held_out
+        seen = len(signals[3]) and rms(signals[4]) > 0.0
+        gain = rms(signals[3]) / rms(signals[4]) if seen else None
+        return cls(size, described, learned, before, after, gain)
 
 
 def rms(values: np.ndarray) -> float:
     """Return the root mean square of all numbers; NaN of none."""
     return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else np.nan
-
-
-def _columns_rms(values: np.ndarray) -> np.ndarray:
-    """Return the root mean square of each column of (N, n); NaN of none."""
-    if not len(values):
-        return np.full(values.shape[1], np.nan)
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +76,6 @@ class IdentifiedModel:
         windows: equations of the torque, averaged over windows.
         rows: equations of the positions.
         split: time [s] from which on the log was held out once.
-        smoothed: whether velocities were computed from low-passed positions.
         dynamic: the dynamic parameters from the whole log, with their information.
         kinematic: the translations from the whole log, likewise.
         before_split: (p_d) the dynamic parameters from the log before ``split``.
@@ -110,7 +99,6 @@ class IdentifiedModel:
     windows: Windows
     rows: PositionRows
     split: float
-    smoothed: bool
     dynamic: Information
     kinematic: Information
     before_split: np.ndarray
@@ -175,22 +163,29 @@ class IdentifiedModel:
         return controller.dynamics.initial if value is None else value
 
     @cached_property
+    def _held_out(self) -> Windows:
+        return self.windows.between(self.split, np.inf)
+
+    @cached_property
     def torque_errors(self) -> Errors:
         """Errors of the window-averaged torques of the joints (n) [N m or N]."""
-        last = self.windows.between(self.split, np.inf)
-        return Errors(
-            _columns_rms(self.windows.tau),
-            _columns_rms(self.windows.residual(self.described_parameters)),
-            _columns_rms(self.windows.residual(self.dynamic.estimate)),
-            _columns_rms(last.residual(self.described_parameters)),
-            _columns_rms(last.residual(self.before_split)),
-        )
+        windows, last, start = self.windows, self._held_out, self.described_parameters
+        learned = windows.residual(self.dynamic.estimate)
+        held_out = last.residual(start), last.residual(self.before_split)
+        return Errors.of(windows.tau, windows.residual(start), learned, *held_out)
 
     @cached_property
     def online_held_out(self) -> np.ndarray:
         """Errors (n) of the held-out torques with the online estimate at the split [N m or N]."""
-        last = self.windows.between(self.split, np.inf)
-        return _columns_rms(last.residual(self.online.at(self.split)))
+        return columns_rms(self._held_out.residual(self.online.at(self.split)))
+
+    @cached_property
+    def late(self) -> tuple[float, float]:
+        """How much later the torques seem to be than the positions, and its deviation [s]."""
+        averages, noise = Averages(self.motion.t, self.log.period), self.dynamic.noise
+        effect = -averages.derivative(self.motion.tau)[averages.whole] / noise
+        left = self.windows.residual(self.dynamic.estimate) / noise
+        return self.dynamic.beside(self.windows.W / noise[:, None], left, effect)
 
     @cached_property
     def position_errors(self) -> Errors | None:
@@ -198,14 +193,9 @@ class IdentifiedModel:
         rows, start = self.rows, self.estimator.controller.kinematics.initial
         if not len(rows.t) or not self.kinematic.names:
             return None
-        last = rows.split(self.split)[1]
-        return Errors(
-            _columns_rms(rows.r - rows.r.mean(axis=0)),
-            _columns_rms(rows.r),
-            _columns_rms(rows.r - rows.W @ (self.kinematic.estimate - start)),
-            _columns_rms(last.r),
-            _columns_rms(last.r - last.W @ (self.position_before_split - start)),
-        )
+        last, learned = rows.split(self.split)[1], rows.residual(self.kinematic.estimate - start)
+        held_out = last.r, last.residual(self.position_before_split - start)
+        return Errors.of(rows.r - rows.r.mean(axis=0), rows.r, learned, *held_out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,16 +207,12 @@ class OnlineEstimates:
         a_k: (K, p_k) kinematic estimates [m].
         a_d: (K, p_d) dynamic estimates.
         state: at the end.
-        refused: number of samples that were refused.
-        reason: why the first of them was, or None.
     """
 
     t: np.ndarray
     a_k: np.ndarray
     a_d: np.ndarray
     state: ControllerState
-    refused: int
-    reason: str | None
 
     def at(self, t: float) -> np.ndarray:
         """Return the last stored dynamic estimate (p_d) before a time [s]."""
@@ -246,74 +232,34 @@ def estimate_online(
     """
     state: ControllerState | None = None
     stored: list[ControllerState] = []
-    refused, reason, every = 0, None, max(1, count // _KEPT)
+    reason, every = None, max(1, count // _KEPT)
     for k, sample in enumerate(samples):
         try:
             state = estimator.init(sample) if state is None else estimator.step(state, sample)
         except MeasurementError as error:
-            refused += 1
             reason = reason or f"at {sample.t:g} s '{error.field}' {error.flaw}"
             continue
         if k % every == 0:
             stored.append(state)
     if state is None:
         raise LogError(f"the estimator refuses every sample: {reason}.", where="log")
-    return OnlineEstimates(*_stacked([*stored, state]), state=state, refused=refused, reason=reason)
+    t, a_k, a_d = zip(*((each.t, each.a_k, each.a_d) for each in (*stored, state)), strict=True)
+    return OnlineEstimates(np.array(t), np.array(a_k), np.array(a_d), state)
 
 
-def _stacked(states: Sequence[ControllerState]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return (
-        np.array([state.t for state in states]),
-        np.array([state.a_k for state in states]),
-        np.array([state.a_d for state in states]),
-    )
-
-
-def measurements(log: Log, robot: Robot, frames: Frames) -> Iterator[Measurement]:
+def measurements(motion: MeasuredMotion, frames: Frames, *, held: bool) -> Iterator[Measurement]:
     """Yield one measurement a sample: q, v, the mean torque since the last one, x if there is one.
 
-    If the log has no velocities, positions and torques pass the same causal low pass, and the
-    velocity is the rate of its output. It delays all of them, and the frames, by 11 ms.
+    Args:
+        motion: of a log.
+        frames: of the log.
+        held: whether torques were held from each sample to the next.
     """
-    q, v, tau = log.configurations(robot), log.v, log.tau
-    before = np.where(np.isfinite(tau[:-1]), tau[:-1], tau[1:])
-    mean = np.vstack([tau[:1], tau[:-1] if log.held else 0.5 * (tau[1:] + before)])
-    delay = 0.0 if v is not None else 1.0 / _RATE
-    low_pass = _CausalLowPass(robot.model)
-    count, taken = 0, frames.t + delay
-    for k, t in enumerate(log.t.tolist()):
-        x, x_time = None, None
-        while count < len(taken) and taken[count] <= t + _SAME:
-            x, x_time = frames.x[count], min(float(taken[count]), t)
-            count += 1
-        x_time = None if x_time is None or abs(x_time - t) <= _SAME else x_time
-        if v is not None:
-            yield Measurement(t, q[k], v[k], x, x_time, tau=mean[k])
-            continue
-        position, velocity, torque = low_pass.step(t, q[k], mean[k])
-        if t >= log.t[0] + _SETTLED:
-            yield Measurement(t, position, velocity, x, x_time, tau=torque)
-
-
-class _CausalLowPass:
-    """Positions and torques through a first-order low pass, exact for linear changes in between."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self._model = model
-        self._memory: tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
-
-    def step(
-        self, t: float, q: np.ndarray, tau: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return q, v and tau after the low pass; v is NaN if the sample is not finite."""
-        if not (np.isfinite(q).all() and np.isfinite(tau).all()):
-            return q, np.full(self._model.nv, np.nan), tau
-        t_0, q_0, tau_0, slow, torque = self._memory or (t, q, tau, q, tau)
-        lag = pin.difference(self._model, slow, q_0)
-        change, x = pin.difference(self._model, q_0, q), _RATE * (t - t_0)
-        share = -math.expm1(-x)
-        ramp = 1.0 - share / x if x > 0.0 else 0.0  # of the change over the step
-        slow = pin.integrate(self._model, slow, share * lag + ramp * change)
-        torque = torque + share * (tau_0 - torque) + ramp * (tau - tau_0)
-        self._memory = t, q, tau, slow, torque
-        return slow, _RATE * pin.difference(self._model, slow, q), torque
+    tau = motion.tau
+    mean = np.vstack([tau[:1], tau[:-1] if held else 0.5 * (tau[1:] + tau[:-1])])
+    last = np.searchsorted(frames.t, motion.t + _SAME, side="right") - 1
+    new = np.diff(last, prepend=-1) > 0
+    for k, t in enumerate(motion.t.tolist()):
+        x = frames.x[last[k]] if new[k] else None
+        taken = min(float(frames.t[last[k]]), t) if new[k] else None
+        yield Measurement(t, motion.q[k], motion.v[k], x, taken, tau=mean[k])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..exceptions import LogError
-from ..information.measured_motion import MeasuredMotion, agree, differences, smoothed
+from ..information.measured_motion import CUTOFF, MeasuredMotion, agree, differences, smoothed
 from ..logs.log import Log
 from ..robot.robot import Robot
 
@@ -14,7 +14,7 @@ from ..robot.robot import Robot
 _TOLERANCE = 5e-3
 
 
-def motion_of_log(robot: Robot, log: Log, *, cutoff: float) -> MeasuredMotion:
+def motion_of_log(robot: Robot, log: Log, *, cutoff: float = CUTOFF) -> MeasuredMotion:
     """Return the motion in a log at its own times, without samples that are not finite.
 
     Args:
@@ -26,9 +26,8 @@ def motion_of_log(robot: Robot, log: Log, *, cutoff: float) -> MeasuredMotion:
         LogError: fewer than two samples are finite.
     """
     model, q = robot.model, log.configurations(robot)
-    finite = np.isfinite(q).all(axis=1) & np.isfinite(log.tau).all(axis=1)
-    if log.v is not None:
-        finite &= np.isfinite(log.v).all(axis=1)
+    signals = np.hstack([q, log.tau, *([] if log.v is None else [log.v])])
+    finite = np.isfinite(signals).all(axis=1)
     if np.count_nonzero(finite) < 2:
         raise LogError(
             "fewer than two samples have all signals finite.",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, is_dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, is_dataclass
 from html import escape
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,14 +16,14 @@ import numpy as np
 from .._output import Sheet, Table, html_page, whole_file, write_text
 from .._version import __version__
 from ..exceptions import InputError, ParameterError
-from ..information.information import Information, identifiable, known_to
+from ..information.information import identifiable, known_to
 from ..information.measured_motion import CUTOFF
 from ..information.payload import PayloadEstimate
-from ..models.basis import base_parameters
+from ..information.tracker import CERTAIN
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import windows_of
-from .identified_model import IdentifiedModel, rms
+from .fits import Windows, columns_rms
+from .identified_model import Errors, IdentifiedModel, rms
 
 if TYPE_CHECKING:
     from ..plots.style import Picture
@@ -43,29 +43,32 @@ FILES = (
 # up to which a description is correct: half or twice as much changes words for borderline logs.
 _HARDLY, _RIGHT = 2.0, 1e-3
 _OFF = 0.02  # of the reach, error of positions from which the robot is another one; half: the same
-_SINGULAR = 1e-10  # share of the largest singular value that least squares leave out; rounding
 
 
 def verdict(found: IdentifiedModel) -> str:
     """Return the result in one line."""
     if found.check is not None and not found.check.fits:
         return f"NOT TO BE TRUSTED: {found.check.verdict}"
-    if not found.dynamic.names:
-        return f"error of held-out positions: {_of_positions(found)} (rms)."
+    if found.position_errors is not None and not found.dynamic.names:
+        return f"error of held-out positions: {_change(found.position_errors, 1e3)} mm (rms)."
     errors = found.torque_errors
-    before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
-    gain = errors.gain or 0.0
-    words = f"error of held-out torques: {before:.3g} -> {after:.3g} {unit_of(found)} (rms), "
-    words += f"{gain:.3g} times less"
+    gain, words = errors.gain or 0.0, f"error of held-out torques: {_change(errors)} "
+    words += f"{unit_of(found)} (rms), {gain:.3g} times less"
     if (off := position_doubt(found)) is not None:
         return f"{words}. {off}"
     if gain >= _HARDLY:
         return f"{words}."
-    if max(before, after) < _RIGHT * rms(errors.size):
+    if np.linalg.norm(errors.described_held_out) < _RIGHT * np.linalg.norm(errors.size):
         return f"{words}. The description was already correct to 0.1 % of the torques."
     if gain < 1.0:
         return f"{words}: WORSE. The estimate from the first part does not predict the last."
     return f"{words}, hardly better than the description. Are these the joints' torques?"
+
+
+def _change(errors: Errors, scale: float = 1.0) -> str:
+    """Return the errors of the held-out part before and after, in words."""
+    both = errors.described_held_out, errors.learned_held_out
+    return " -> ".join(f"{scale * rms(part):.3g}" for part in both)
 
 
 def position_doubt(found: IdentifiedModel) -> str | None:
@@ -87,19 +90,49 @@ def unit_of(found: IdentifiedModel) -> str:
     return "N m or N" if any(found.described.slides.values()) else "N m"
 
 
-def _of_positions(found: IdentifiedModel) -> str:
-    """Return the errors of held-out positions before and after, in words."""
-    errors = found.position_errors
-    assert errors is not None  # else no translation is unknown
-    before, after = rms(errors.described_held_out), rms(errors.learned_held_out)
-    return f"{1e3 * before:.3g} -> {1e3 * after:.3g} mm"
-
-
-def title(found: IdentifiedModel) -> str:
-    """Return what was identified from which logs, and on which it was tested."""
-    logs = [name for name in found.log.source.split(", ") if name not in found.tested]
-    words = f"{found.described.name}, identified from {', '.join(logs)}"
-    return f"{words}, tested on {', '.join(found.tested)}" if found.tested else words
+def record(found: IdentifiedModel) -> dict[str, Any]:
+    """Return what there is to say of an identification: text and page consist of it too."""
+    log, effects, units = found.log, found.effects, found.parameters().units
+    start = found.estimator.controller.kinematics.initial
+    signals = np.hstack([log.q, log.tau, *([] if log.v is None else [log.v])])
+    parts = {"dynamic": (found.dynamic, found.described_parameters)}
+    parts["kinematic"] = found.kinematic, start
+    columns = ("name", "described", "value", "known_to", "unit")
+    tables = {
+        kind: [
+            dict(zip(columns, (*each, units.get(each[0], "")), strict=True))
+            for each in zip(
+                part.names, before.tolist(), part.estimate.tolist(), part.deviations.tolist(),
+                strict=True,
+            )
+        ]
+        for kind, (part, before) in parts.items()
+    }  # fmt: skip
+    return {
+        "verdict": verdict(found),
+        "log": log.source,
+        "robot": found.described.name,
+        "joint_names": found.described.joint_names,
+        "samples": len(log.t),
+        "left_out": int(np.count_nonzero(~np.isfinite(signals).all(axis=1))),
+        "duration": log.duration,
+        "period": log.period,
+        "velocities_from_positions": found.motion.smoothed,
+        "windows": len(found.windows.t),
+        "held_out_from": found.split,
+        "tested": found.tested,
+        "check": None if found.check is None else found.check.summary(),
+        "torque": found.torque_errors if found.dynamic.names else None,
+        "torque_online_held_out": found.online_held_out,
+        "torque_late": found.late if found.dynamic.names else None,
+        "position": found.position_errors,
+        "dynamic_identifiable": found.dynamic.rank,
+        "kinematic_identifiable": found.kinematic.rank,
+        **tables,
+        "effects": None if effects is None else {"unknown": effects.words, "gains": effects.gains},
+        "payload": payload_of(found),
+        "version": __version__,
+    }
 
 
 def sheet(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -> Sheet:
@@ -108,66 +141,89 @@ def sheet(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -
     Raises:
         ParameterError: a compared robot has other joints.
     """
-    tables = [Table(_overview(found))]
+    of, log = record(found), found.log
+    velocities = "as measured"
+    if found.motion.smoothed:
+        reason = "none" if log.v is None else "those of the log disagree with the positions"
+        velocities = f"{reason}; computed from the positions (zero phase, {CUTOFF:g} Hz)"
+    period, count = f"every {1e3 * log.period:.4g} ms", of["left_out"]
+    rows = [
+        ("log", f"{of['samples']} samples, {log.duration:.4g} s, {period}"),
+        ("left out", f"{count} samples that are not finite"),
+        ("velocities", velocities),
+        ("torques", "held until the next sample" if log.held else "measured at each sample"),
+        ("averaged over", f"{of['windows']} windows of {found.windows.length:.2g} s"),
+        ("held out", ", ".join(found.tested) or f"from {found.split:.4g} s on"),
+    ]
+    for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
+        if part.names:
+            rows.append((f"{name} parameters", identifiable(part)))
+    rows += [("note", note) for note in _notes(found)]
+    if found.position_errors is not None:
+        rows.append(("held-out positions", f"{_change(found.position_errors, 1e3)} mm (rms)"))
+    tables = [Table(rows)]
     if found.check is not None:
         tables.append(found.check.table())
     if found.dynamic.names:
         tables.append(_torque_table(found, compared or {}))
-    if found.effects is not None:
-        rows = [
+    if of["effects"] is not None:
+        gains = [
             (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}")
-            for one in found.effects.gains
+            for one in of["effects"]["gains"]
         ]
         what = "effect of the joints, beside viscous and Coulomb friction"
-        rows = rows or [("none lowers the error in cross-validation", "", "")]
-        tables.append(Table(rows, (what, "lowers the squared error by", "")))
-    if (load := payload_of(found)) is not None:
-        tables += load.tables()
-    units = found.parameters().units
-    start = found.estimator.controller.kinematics.initial
-    for part, before in ((found.kinematic, start), (found.dynamic, found.described_parameters)):
-        if part.names:
-            tables.append(_parameter_table(part, before, units))
-    return Sheet(title(found), tables, verdict(found))
+        gains = gains or [("none lowers the error in cross-validation", "", "")]
+        tables.append(Table(gains, (what, "lowers the squared error by", "")))
+    if of["payload"] is not None:
+        tables += of["payload"].tables()
+    tables += [_parameter_table(of[kind]) for kind in ("kinematic", "dynamic") if of[kind]]
+    logs = [name for name in log.source.split(", ") if name not in found.tested]
+    tested = f", tested on {', '.join(found.tested)}" if found.tested else ""
+    title = f"{found.described.name}, identified from {', '.join(logs)}{tested}"
+    return Sheet(title, tables, of["verdict"])
 
 
-def _overview(found: IdentifiedModel) -> list[tuple[str, str]]:
-    """Return the input, how it was processed, and how many combinations are identifiable."""
-    log, online = found.log, found.online
-    velocities = "as measured"
-    if found.smoothed:
-        reason = "none" if log.v is None else "those of the log disagree with the positions"
-        velocities = f"{reason}; computed from the positions (zero phase, {CUTOFF:g} Hz)"
-    rows = [
-        ("log", f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms"),
-        ("velocities", velocities),
-        ("torques", "held until the next sample" if log.held else "measured at each sample"),
-        ("averaged over", f"{len(found.windows.t)} windows of {found.windows.length:.2g} s"),
-        ("held out", ", ".join(found.tested) or f"from {found.split:.4g} s on"),
-    ]
-    if log.v is None:
-        rows.append(("online", f"velocities from a causal low pass, {CUTOFF:g} Hz"))
-    if online.refused:
-        rows.append(("refused online", f"{online.refused} samples, the first {online.reason}"))
-    for name, part in (("kinematic", found.kinematic), ("dynamic", found.dynamic)):
-        if part.names:
-            rows.append((f"{name} parameters", identifiable(part)))
+def _notes(found: IdentifiedModel) -> Iterator[str]:
+    """Yield what a user should look at: loads, another clock, bodies that became others."""
     if found.check is not None:
-        rows += [("note", note) for note in found.check.notes]
-    if found.position_errors is not None:
-        rows.append(("held-out positions", f"{_of_positions(found)} (rms)"))
-    return rows
+        yield from found.check.notes
+    if not found.dynamic.names:
+        return
+    late, known = found.late
+    if abs(late) > CERTAIN * known:
+        yield (
+            f"the torques seem to be {1e3 * late:.2g} +- {1e3 * known:.1g} ms later than the "
+            "positions; part of this is learned as friction and inertia."
+        )
+    for name, before, after in zip(
+        found.dynamic.names, found.described_parameters, found.dynamic.estimate, strict=True
+    ):
+        if name.endswith(".m") and not 0.5 < after / max(before, np.finfo(float).tiny) < 2.0:
+            yield f"the mass of {name[:-2]} changed from {before:.3g} to {after:.3g} kg."
 
 
 def _torque_table(found: IdentifiedModel, compared: Mapping[str, Robot]) -> Table:
-    """Return held-out errors of the torques, one row for each joint."""
-    errors, (plain, weighted) = found.torque_errors, least_squares_errors(found)
+    """Return held-out errors of the torques, one row for each joint.
+
+    Raises:
+        ParameterError: a compared robot has other joints.
+    """
+    errors, others = found.torque_errors, {}
+    for name, robot in compared.items():
+        if robot.joint_names != found.described.joint_names:
+            raise ParameterError(
+                f"its joints are {list(robot.joint_names)}, those of the log "
+                f"{list(found.described.joint_names)}.",
+                where=f"compared model {robot.name}",
+            )
+        nothing = Unknown(bodies="none", friction=False, armature=False)
+        dynamics = nominal_dynamics(robot, nothing, ())
+        windows = Windows.of(found.motion, dynamics, found.log.period, held=found.log.held)
+        others[name] = columns_rms(windows.between(found.split, np.inf).y)
     columns = {
         "torque": errors.size,
         "described": errors.described_held_out,
-        "OLS": plain,
-        "WLS": weighted,
-        **{name: _error_of(found, robot) for name, robot in compared.items()},
+        **others,
         "identified": errors.learned_held_out,
         "online": found.online_held_out,
     }
@@ -180,47 +236,6 @@ def _torque_table(found: IdentifiedModel, compared: Mapping[str, Robot]) -> Tabl
     return Table(rows, ("error of held-out torques", *columns, ""))
 
 
-def least_squares_errors(found: IdentifiedModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the held-out errors (n) of base parameters by ordinary and weighted least squares.
-
-    They have the same effects of the joints, no prior, and need not be physical: what is usual in
-    the literature.
-    """
-    dynamics = found.estimator.controller.dynamics
-    chosen = base_parameters(dynamics, found.described).chosen
-    first = found.windows.between(-np.inf, found.split)
-    last = found.windows.between(found.split, np.inf)
-    W, errors = first.W[:, :, chosen], []
-    noise = np.ones(W.shape[1])
-    for _ in range(2):
-        A = (W / noise[:, None]).reshape(-1, len(chosen))
-        a = np.linalg.lstsq(A, (first.y / noise).ravel(), rcond=_SINGULAR)[0]
-        errors.append(_columns_rms(last.y - last.W[:, :, chosen] @ a))
-        noise = np.maximum(_columns_rms(first.y - W @ a), np.finfo(float).tiny)
-    return errors[0], errors[1]
-
-
-def _error_of(found: IdentifiedModel, robot: Robot) -> np.ndarray:
-    """Return the held-out errors (n) of the torques that another robot predicts.
-
-    Raises:
-        ParameterError: it has other joints.
-    """
-    if robot.joint_names != found.described.joint_names:
-        raise ParameterError(
-            f"its joints are {list(robot.joint_names)}, those of the log "
-            f"{list(found.described.joint_names)}.",
-            where=f"compared model {robot.name}",
-        )
-    dynamics = nominal_dynamics(robot, Unknown(bodies="none", friction=False, armature=False), ())
-    windows = windows_of(found.motion, dynamics, found.log.period, held=found.log.held)
-    return _columns_rms(windows.between(found.split, np.inf).y)
-
-
-def _columns_rms(residual: np.ndarray) -> np.ndarray:
-    return np.asarray(np.sqrt(np.mean(np.square(residual), axis=0)))
-
-
 def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
     """Return the load, or None where the last body was not among the parameters."""
     try:
@@ -229,51 +244,22 @@ def payload_of(found: IdentifiedModel) -> PayloadEstimate | None:
         return None
 
 
-def _parameter_table(part: Information, before: np.ndarray, units: Mapping[str, str]) -> Table:
+def _parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
     """Return the identifiable parameters, and how many others there are."""
-    identified = np.isfinite(part.deviations)
+    shown = [one for one in parameters if np.isfinite(one["known_to"])]
     rows = [
-        (name, f"{first:.4g}", f"{value:.4g}", known_to(deviation), units.get(name, ""))
-        for name, first, value, deviation, shown in zip(
-            part.names, before, part.estimate, part.deviations, identified, strict=True
+        (
+            str(one["name"]),
+            *(f"{one[kind]:.4g}" for kind in ("described", "value")),
+            known_to(one["known_to"]),
+            str(one["unit"]),
         )
-        if shown
+        for one in shown
     ]
-    if not identified.all():
-        others = f"{np.count_nonzero(~identified)} others"
+    if len(shown) < len(parameters):
+        others = f"{len(parameters) - len(shown)} others"
         rows.append((others, "", "", "", "only combinations of them are identifiable"))
     return Table(rows, ("parameter", "described", "learned", "known to", "unit"))
-
-
-def summary(found: IdentifiedModel) -> dict[str, Any]:
-    """Return the record of ``summary.json``; None stands for what is not finite."""
-    effects, errors = found.effects, found.torque_errors if found.dynamic.names else None
-    record = {
-        "verdict": verdict(found),
-        "log": found.log.source,
-        "robot": found.described.name,
-        "joint_names": found.described.joint_names,
-        "samples": len(found.log.t),
-        "duration": found.log.duration,
-        "period": found.log.period,
-        "velocities_from_positions": found.smoothed,
-        "windows": len(found.windows.t),
-        "held_out_from": found.split,
-        "tested": found.tested,
-        "check": None if found.check is None else found.check.summary(),
-        "torque": None if errors is None else errors.summary(),
-        "torque_online_held_out": found.online_held_out,
-        "position": None if found.position_errors is None else found.position_errors.summary(),
-        "dynamic_identifiable": found.dynamic.rank,
-        "kinematic_identifiable": found.kinematic.rank,
-        "dynamic": _values(found.dynamic),
-        "kinematic": _values(found.kinematic),
-        "effects": None if effects is None else {"unknown": effects.words, "gains": effects.gains},
-        "payload": payload_of(found),
-        "refused_online": found.online.refused,
-        "version": __version__,
-    }
-    return dict(plain(record))
 
 
 def plain(value: Any) -> Any:
@@ -289,11 +275,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [plain(part) for part in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _values(part: Information) -> list[dict[str, Any]]:
-    columns = zip(part.names, part.estimate.tolist(), part.deviations.tolist(), strict=True)
-    return [{"name": name, "value": value, "known_to": known} for name, value, known in columns]
 
 
 def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
@@ -320,7 +301,7 @@ def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
     found.parameters().save(folder / "learned.json")
     about = f"How {Path(found.log.source).name} was read."
     write_text(folder / "intake.toml", found.intake.text([about]))
-    write_text(folder / "summary.json", json.dumps(summary(found), indent=2) + "\n")
+    write_text(folder / "summary.json", json.dumps(plain(record(found)), indent=2) + "\n")
     missing = []
     for name in ("learned.urdf", "learned.xml")[: 1 + mjcf]:
         try:
@@ -331,7 +312,7 @@ def save(found: IdentifiedModel, folder: Path, *, mjcf: bool = False) -> None:
         raise ParameterError("; ".join(missing), where="not written")
 
 
-def page(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -> str:
+def page(found: IdentifiedModel, compared: Mapping[str, Robot]) -> str:
     """Return the report as a web page with pictures, without scripts and external resources.
 
     Args:
@@ -342,39 +323,15 @@ def page(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) ->
         ParameterError: a compared robot has other joints.
     """
     whole = sheet(found, compared)
-    torque, friction = pictures_of(found).torque, _friction(found)
-    return html_page(
-        whole.title,
-        [
-            f"<h1>{escape(whole.title)}</h1>",
-            f'<div class="note">{escape(whole.note)}</div>',
-            *(table.html() for table in whole.tables),
-            "<p>OLS, WLS: ordinary and weighted least squares on base parameters.</p>",
-            "<h2>Torques</h2>",
-            _image(torque, "torques of each joint over time"),
-            "<h2>Friction: torques without those of the identified bodies, over the velocity</h2>",
-            _image(friction, "torque of each joint's friction over its velocity"),
-        ],
-    )
-
-
-def _image(picture: Picture, words: str) -> str:
-    data = b64encode(picture.png(dpi=100)).decode()
-    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
-
-
-def _friction(found: IdentifiedModel) -> Picture:
-    """Return a picture of the torque that bodies do not explain, over the velocity."""
-    from ..plots.figures import friction_figure
-    from ..plots.style import RC, matplotlib  # here, because matplotlib is slow to import
-
-    windows, motion, a = found.windows, found.motion, found.dynamic.estimate
-    size = found.estimator.controller.dynamics.inertial.size
-    seen = windows.y - windows.W[:, :, :size] @ a[:size]
-    model = windows.W[:, :, size:] @ a[size:]
-    v = np.column_stack([np.interp(windows.t, motion.t, part) for part in motion.v.T])
-    with matplotlib.rc_context(RC):
-        return friction_figure(found.described.slides, v, seen, model)
+    data = b64encode(pictures_of(found).torque.png(dpi=100)).decode()
+    parts = [
+        f"<h1>{escape(whole.title)}</h1>",
+        f'<div class="note">{escape(whole.note)}</div>',
+        *(table.html() for table in whole.tables),
+        "<h2>Torques</h2>",
+        f'<img alt="torques of each joint over time" src="data:image/png;base64,{data}">',
+    ]
+    return html_page(whole.title, parts)
 
 
 class Pictures(NamedTuple):
@@ -399,7 +356,8 @@ def pictures_of(found: IdentifiedModel) -> Pictures:
     )
 
     windows, title = found.windows, f"{found.described.name}, {Path(found.log.source).name}"
-    before, after = (windows.residual(a) for a in (found.described_parameters, found.before_split))
+    estimates = {"described": found.described_parameters, "identified": found.before_split}
+    predicted = {name: windows.tau - windows.residual(a) for name, a in estimates.items()}
     online = SimpleNamespace(
         title=title,
         law="identified online",
@@ -416,15 +374,9 @@ def pictures_of(found: IdentifiedModel) -> Pictures:
         diverged=None,
         interrupted=None,
     )
+    slides = found.described.slides
     with matplotlib.rc_context(RC):
-        torque = prediction_figure(
-            title,
-            found.described.slides,
-            windows.t,
-            windows.tau,
-            {"described": windows.tau - before, "identified": windows.tau - after},
-            found.split,
-        )
+        torque = prediction_figure(title, slides, windows.t, windows.tau, predicted, found.split)
         return Pictures(torque, parameter_figure(online, "dashed: whole log"))
 
 
@@ -436,3 +388,73 @@ def draw(found: IdentifiedModel, folder: Path) -> list[Path]:
         with whole_file(paths[-1]) as file:
             file.write(picture.png(dpi=130))
     return paths
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(IdentifiedModel):
+    """A robot identified from a log; ``print`` shows a report.
+
+    The estimates and their errors are those of ``IdentifiedModel``.
+    """
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the log can be one of the described robot, by its torques and positions."""
+        fits = self.check is None or self.check.fits
+        return fits and (not self.dynamic.names or position_doubt(self) is None)
+
+    @property
+    def verdict(self) -> str:
+        """The result in one line."""
+        return verdict(self)
+
+    def report(self) -> str:
+        """Return the estimates, their prediction errors, and what is not identifiable."""
+        return str(sheet(self))
+
+    def __repr__(self) -> str:
+        """Return the report."""
+        return self.report()
+
+    def _repr_html_(self) -> str:
+        return sheet(self).html()
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of ``summary.json``; None stands for what is not finite."""
+        return dict(plain(record(self)))
+
+    def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
+        """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
+
+        Args:
+            folder: that takes the files.
+            mjcf: whether to write ``learned.xml`` too, see ``Robot.mjcf``.
+
+        Raises:
+            ParameterError: files of the robot that could not be written; the others are.
+            OSError: they cannot be written.
+        """
+        save(self, Path(folder), mjcf=mjcf)
+
+    def page(self, compared: Mapping[str, Robot] | None = None) -> str:
+        """Return the report as one web page with pictures, without external resources.
+
+        Args:
+            compared: other models of the same chain by name, such as a published one, with their
+                friction; the page compares their errors.
+
+        Raises:
+            ParameterError: a compared robot has other joints.
+        """
+        return page(self, compared or {})
+
+    def plot(self, folder: Path | str | None = None) -> Any:
+        """Draw measured and predicted torques, and the online estimates in time.
+
+        Args:
+            folder: into which to write ``torque.png`` and ``parameters.png``.
+
+        Returns:
+            The paths of the files; without a folder the two figures, which Jupyter displays.
+        """
+        return pictures_of(self) if folder is None else draw(self, Path(folder))

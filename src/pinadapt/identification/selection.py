@@ -21,14 +21,12 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import name_list
-from ..information.information import Information
 from ..information.measured_motion import OVERLAP, Averages, MeasuredMotion
 from ..models.physical_fit import PhysicalSet
-from ..models.regressor import PER_BODY
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
-from .fits import WEIGHT, Windows, noise_levels
+from .fits import WEIGHT, Windows, columns_rms, noise_levels
 
 # Blocks of time in cross-validation. Half as many leave too little to learn from, and twice as many
 # are predicted from neighbours that share their errors.
@@ -104,16 +102,6 @@ class _Candidate(NamedTuple):
     fading: tuple[int, float] | None = None
     shaft: Shaft | None = None
 
-    @property
-    def is_rotor(self) -> bool:
-        """Whether it is the rotor inertia of joints."""
-        return self.shaft is None and self.coefficients[0].endswith(".armature")
-
-    @property
-    def least(self) -> float:
-        """Share of the squared error that it has to gain."""
-        return _LEAST if self.shaft is None else _SHAFT_LEAST
-
 
 def choose_effects(
     robot: Robot,
@@ -136,38 +124,37 @@ def choose_effects(
         armature: whether rotor inertias are chosen.
         effects: whether all else is chosen: friction near rest, loads, asymmetry, offsets, shafts.
     """
-    whole, gravity = np.isin(averages.t, windows.t), _loads(robot, motion)
-    bodies = windows.W @ physical.local(physical.center)[0]
-    y = (windows.y - windows.W @ physical.center)[:, :, None]
-    count, blocks = bodies.shape[2], blocks_of(len(windows.t))
+    whole, blocks = np.isin(averages.t, windows.t), blocks_of(len(windows.t))
+    bodies, y = windows.W @ physical.local(physical.center)[0], windows.residual(physical.center)
     friction, chosen, gains = robot.friction, list[_Candidate](), list[Gain]()
-    noise, least = noise_levels(windows.tau)
+    (noise, least), n, count = noise_levels(windows.tau), robot.model.nv, bodies.shape[2]
     while True:
         moved = replace(robot, friction=friction)
-        plain, candidates = _candidates(moved, motion, averages, whole, gravity)
+        plain, candidates = _candidates(moved, motion, averages, whole)
+        taken = {name for one in chosen for name in one.coefficients}
+        names = {one.words for one in chosen if one.fading is None}
+        kept = [one for one in candidates if one.words in names]
         open_ = [
             one
             for one in candidates
-            if (armature if one.is_rotor else effects) and not _taken(one, chosen)
+            if not taken & set(one.coefficients)
+            and (armature if one.shaft is None and "armature" in one.coefficients[0] else effects)
         ]
-        taken = {one.words for one in chosen if one.fading is None}
-        model = [bodies, plain, *(one.columns for one in candidates if one.words in taken)]
-        X = np.concatenate([*model, *(one.columns for one in open_), y], axis=2)
-        index = np.arange(sum(part.shape[2] for part in model))
-        ends = np.cumsum([index.size, *(one.columns.shape[2] for one in open_)])
-        added = [np.arange(a, b) for a, b in pairwise(ends)]
-        prior = np.full(X.shape[2], _JITTER)
-        prior[:count] = WEIGHT
-        x = _solved(X / noise[:, None], prior, index)
-        left = X[:, :, -1] - X[:, :, index] @ x
-        noise = np.maximum(np.sqrt(np.mean(left**2, axis=0)), least)
-        squares = _held_out(X / noise[:, None], prior, blocks, index, [index[:0], *added])
+        parts = [bodies, plain, *(one.columns for one in (*kept, *open_)), y[:, :, None]]
+        X, first = np.concatenate(parts, axis=2), len(kept) + 2
+        ends = np.cumsum([part.shape[2] for part in parts])
+        index = np.arange(ends[first - 1])
+        added = [np.arange(a, b) for a, b in pairwise(ends[first - 1 : -1])]
+        solved, _ = _eliminated(_sums(X / noise[:, None], count), index)
+        left = X[:, :, -1] - X[:, :, index] @ solved[:, -1]
+        noise = np.maximum(columns_rms(left), least)
+        squares = _held_out(X / noise[:, None], count, blocks, index, [index[:0], *added])
         shares = (squares[0] - squares[1:]) / squares[0].mean()
         errors = shares.std(axis=1, ddof=1) / np.sqrt(len(blocks))
         found = [
             (share, error, k)
             for k, (share, error) in enumerate(zip(shares.mean(axis=1), errors, strict=True))
-            if share > max(_SURE * error, open_[k].least)
+            if share > max(_SURE * error, _LEAST if open_[k].shaft is None else _SHAFT_LEAST)
         ]
         if not found:
             break
@@ -178,31 +165,17 @@ def choose_effects(
         if best.shaft is not None:
             friction = replace(friction, shafts=(*friction.shafts, best.shaft))
         if best.fading is not None:
-            x = _solved(X / noise[:, None], prior, np.append(index, added[k]))
+            both = np.append(index, added[k])
+            solved, _ = _eliminated(_sums(X / noise[:, None], count), both)
             j, speed = best.fading
-            friction = _shaped(friction, j, speed, x[count + robot.model.nv + j], x[-1])
+            dry, other = solved[count + n + j, -1], solved[-1, -1]
+            friction = _shaped(friction, j, speed, dry, other)
     words = [name for one in chosen for name in one.coefficients if one.fading is None]
     return ChosenEffects(friction, tuple(words), tuple(gains))
 
 
-def _taken(candidate: _Candidate, chosen: Sequence[_Candidate]) -> bool:
-    """Return whether one of the coefficients was chosen before."""
-    return any(set(candidate.coefficients) & set(one.coefficients) for one in chosen)
-
-
-def _loads(robot: Robot, motion: MeasuredMotion) -> np.ndarray:
-    """Return the gravity torques |g| (N, n) that load the gears."""
-    model = robot.friction.bodies or robot.model
-    data = model.createData()
-    return np.abs([pin.computeGeneralizedGravity(model, data, q) for q in motion.q])
-
-
 def _candidates(
-    robot: Robot,
-    motion: MeasuredMotion,
-    averages: Averages,
-    whole: np.ndarray,
-    gravity: np.ndarray,
+    robot: Robot, motion: MeasuredMotion, averages: Averages, whole: np.ndarray
 ) -> tuple[np.ndarray, list[_Candidate]]:
     """Return columns (K, n, 2 n) of viscous and Coulomb friction, and effects that may be added.
 
@@ -211,63 +184,49 @@ def _candidates(
         motion: of the whole log.
         averages: over its windows.
         whole: mask of the windows.
-        gravity: (N, n) that loads the gears.
     """
     names, v, friction = robot.joint_names, motion.v, robot.friction
-    n, turns = robot.model.nv, np.eye(robot.model.nv)
+    loading = friction.bodies or robot.model
+    data = loading.createData()
+    gravity = np.abs([pin.computeGeneralizedGravity(loading, data, q) for q in motion.q])
+    turns = np.eye(robot.model.nv)
     near = np.exp(-np.abs(v) / friction.fading)
     sign = np.tanh(v / friction.threshold) * (1.0 + (friction.breakaway - 1.0) * near)
-    speed, rotor = averages.mean(v)[whole], averages.rate(v)[whole]
-    signals = {
-        "load": averages.mean(sign * gravity)[whole],
-        "asymmetry": averages.mean(np.abs(sign))[whole],
-        "offset": np.ones(speed.shape),
+
+    def columns(values: np.ndarray) -> np.ndarray:
+        """Return columns (K, n, n), each of which acts on one joint, of averages (K, n)."""
+        return np.asarray(values[whole][:, :, None] * turns)
+
+    rotor = columns(averages.derivative(v))
+    kinds = {
+        "load": columns(averages.mean(sign * gravity)),
+        "asymmetry": columns(averages.mean(np.abs(sign))),
+        "offset": columns(np.ones(whole.shape + v.shape[1:])),
         "armature": rotor,
     }
-    plain = np.concatenate([_of_joints(speed), _of_joints(averages.mean(sign)[whole])], axis=2)
-    found = [
-        _Candidate(
-            "rotor inertias of all joints",
-            tuple(f"{name}.armature" for name in names),
-            _of_joints(rotor),
-        )
-    ]
+    fadings = [(f, columns(averages.mean(sign * np.exp(-np.abs(v) / f)))) for f in _FADINGS]
+    plain = np.concatenate([columns(averages.mean(v)), columns(averages.mean(sign))], axis=2)
+    armatures = tuple(f"{name}.armature" for name in names)
+    found = [_Candidate("rotor inertias of all joints", armatures, rotor)]
     for j, name in enumerate(names):
-        unit = "m/s" if robot.slides[name] else "rad/s"
-        for kind, values in signals.items():
-            found.append(
-                _Candidate(
-                    f"{name}.{kind}", (f"{name}.{kind}",), _of_joints(values)[:, :, j : j + 1]
-                )
-            )
-        for fading in _FADINGS:
-            other = averages.mean(sign * np.exp(-np.abs(v) / fading))[whole]
+        unit, own = "m/s" if robot.slides[name] else "rad/s", slice(j, j + 1)
+        for kind, part in kinds.items():
+            found.append(_Candidate(f"{name}.{kind}", (f"{name}.{kind}",), part[:, :, own]))
+        for fading, part in fadings:
             words = f"{name}: other friction near rest, up to {fading:g} {unit}"
-            columns = _of_joints(other)[:, :, j : j + 1]
-            found.append(_Candidate(words, (f"{name}.breakaway",), columns, fading=(j, fading)))
-    for j, turn in product(range(n - 1), (1, -1)):
-        if robot.slides[names[j]] == robot.slides[names[j + 1]]:
-            shaft = Shaft((j, j + 1), turn, threshold=float(friction.threshold[j]))
-            u = v[:, j] + turn * v[:, j + 1]
-            both = turns[j] + turn * turns[j + 1]
-            parts = (
-                averages.rate(u)[whole],
-                averages.mean(u)[whole],
-                averages.mean(np.tanh(u / shaft.threshold))[whole],
-            )
-            name = shaft.name(names)
-            columns = np.einsum("pk,j->kjp", np.array(parts), both)
-            found.append(
-                _Candidate(
-                    f"a motor that turns with {name}", (f"{name}.armature",), columns, shaft=shaft
-                )
-            )
+            coefficients = (f"{name}.breakaway",)
+            found.append(_Candidate(words, coefficients, part[:, :, own], fading=(j, fading)))
+    for j, turn in product(range(len(names) - 1), (1, -1)):
+        if robot.slides[names[j]] != robot.slides[names[j + 1]]:
+            continue
+        shaft = Shaft((j, j + 1), turn, threshold=float(friction.threshold[j]))
+        u, name = v[:, j] + turn * v[:, j + 1], shaft.name(names)
+        dry = averages.mean(np.tanh(u / shaft.threshold))
+        signals = np.column_stack([averages.derivative(u), averages.mean(u), dry])[whole]
+        both = signals[:, None] * (turns[j] + turn * turns[j + 1])[:, None]
+        words = f"a motor that turns with {name}"
+        found.append(_Candidate(words, (f"{name}.armature",), both, shaft=shaft))
     return plain, found
-
-
-def _of_joints(values: np.ndarray) -> np.ndarray:
-    """Return columns (K, n, n), each of which acts on one joint, of values (K, n)."""
-    return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
 
 
 def _shaped(friction: Friction, j: int, fading: float, dry: float, other: float) -> Friction:
@@ -278,53 +237,21 @@ def _shaped(friction: Friction, j: int, fading: float, dry: float, other: float)
     return replace(friction, breakaway=breakaway, fading=fadings)
 
 
-def effect_spread(
-    robot: Robot,
-    motion: MeasuredMotion,
-    averages: Averages,
-    windows: Windows,
-    physical: PhysicalSet,
-    found: Information,
-) -> np.ndarray:
-    """Return by how much an estimate changes (m, p) with one more effect of a joint.
-
-    What a log shows of these effects is not certain, and coefficients depend on them.
-
-    Args:
-        robot: with the chosen friction.
-        motion: of the whole log.
-        averages: over its windows.
-        windows: of all parameters, from which they were estimated.
-        physical: the set of the parameters.
-        found: their estimate.
-    """
-    whole, count = np.isin(averages.t, windows.t), PER_BODY * physical.bodies
-    _, candidates = _candidates(robot, motion, averages, whole, _loads(robot, motion))
-    added = [one.columns for one in candidates if one.columns.shape[2] == 1]
-    T = np.eye(len(found.names))
-    T[:count, :count] = physical.local(found.estimate)[0][:count, :count]
-    left = windows.residual(found.estimate)
-    noise = np.maximum(np.sqrt(np.mean(left**2, axis=0)), noise_levels(windows.tau)[1])
-    X = np.concatenate([windows.W @ T, *added, left[:, :, None]], axis=2) / noise[:, None]
-    rows, p = X.reshape(-1, X.shape[2]), len(found.names)
-    H = rows.T @ rows + _JITTER * np.eye(X.shape[2])
-    H[:count, :count] += WEIGHT * np.eye(count)
-    solved = np.linalg.lstsq(H[:p, :p], H[:p], rcond=None)[0]
-    rest = H[p:, p:] - H[p:, :p] @ solved[:, p:]
-    effects = rest[:-1, -1] / np.diag(rest)[:-1]
-    return np.asarray((T @ (solved[:, p:-1] * effects)).T)
+def _sums(X: np.ndarray, bodies: int) -> np.ndarray:
+    """Return X^T X (P, P) of rows X (K, n, P), and the prior of the first columns."""
+    rows = X.reshape(-1, X.shape[2])
+    return rows.T @ rows + np.diag(np.where(np.arange(X.shape[2]) < bodies, WEIGHT, _JITTER))
 
 
-def _solved(X: np.ndarray, prior: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Return the coefficients of some columns of X (K, n, P + 1), whose last one they explain."""
-    rows = X.reshape(-1, X.shape[2])[:, [*index, -1]]
-    H = rows.T @ rows
-    return np.linalg.lstsq(H[:-1, :-1] + np.diag(prior[index]), H[:-1, -1], rcond=None)[0]
+def _eliminated(H: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what columns (k) explain of all (k, P), and the sums (P, P) of what is left."""
+    solved = np.linalg.lstsq(H[np.ix_(index, index)], H[index], rcond=None)[0]
+    return solved, H - H[:, index] @ solved
 
 
 def _held_out(
     X: np.ndarray,
-    prior: np.ndarray,
+    bodies: int,
     blocks: Sequence[np.ndarray],
     index: np.ndarray,
     added: Sequence[np.ndarray],
@@ -333,18 +260,17 @@ def _held_out(
 
     Args:
         X: (K, n, P + 1) columns in units of the noise, the last of which is explained.
-        prior: (P + 1) weights of zero as the value of a coefficient.
+        bodies: number of columns that have a prior.
         blocks: B of windows.
         index: columns of the model.
         added: C sets of columns.
     """
-    flat = [X[block].reshape(-1, X.shape[2]) for block in blocks]
-    own = [rows.T @ rows for rows in flat]
-    total, found = sum(own), np.empty((len(added), len(blocks)))
-    for b, rows in enumerate(flat):
-        H = total - own[b] + np.diag(prior)
-        solved = np.linalg.lstsq(H[np.ix_(index, index)], H[index], rcond=None)[0]
-        rest, left = rows - rows[:, index] @ solved, H - H[:, index] @ solved
+    own = [_sums(X[block], 0) for block in blocks]
+    total, found = sum(own) + _sums(X[:0], bodies), np.empty((len(added), len(blocks)))
+    for b, block in enumerate(blocks):
+        solved, left = _eliminated(total - own[b], index)
+        rows = X[block].reshape(-1, X.shape[2])
+        rest = rows - rows[:, index] @ solved
         for c, part in enumerate(added):
             x = np.linalg.lstsq(left[np.ix_(part, part)], left[part, -1], rcond=None)[0]
             found[c, b] = np.mean((rest[:, -1] - rest[:, part] @ x) ** 2)

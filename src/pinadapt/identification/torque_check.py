@@ -19,7 +19,7 @@ A log fits if no mistake is surely likelier than none.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -31,7 +31,7 @@ import pinocchio as pin
 from .._output import Sheet, Table
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import LogError
-from ..information.measured_motion import CUTOFF, Averages
+from ..information.measured_motion import Averages
 from ..logs.log import Log
 from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
@@ -42,12 +42,13 @@ _SLIDING = 0.02  # [rad/s or m/s] from where Coulomb friction has its full size;
 # Factors between which a joint is as described, and between which residuals are compared. Half as
 # wide refuses worn or wrongly described arms, twice as wide accepts a robot of another size.
 _FACTORS, _USUAL = (0.5, 2.2), (0.65, 2.0)
-_CLEAR, _LEAST = 0.75, 0.4  # correlations of a clear relation, and of one that may be there
-# Of the largest described torque, and of the joint's, from where on it is judged. Half as much
-# judges wrists whose friction hides everything else, twice as much overlooks light joints.
-_VISIBLE, _CLAIMED = 0.05, 0.3
+_CLEAR = 0.75  # correlation of a clear relation
+_LEAST = 0.4  # correlation, and share of a joint's torque, from where on a relation may be there
+# Of the largest described torque, from where on a joint is judged: half as much judges wrists whose
+# friction hides everything else, twice as much overlooks light joints.
+_VISIBLE = 0.05
 _CLOSE = 0.2  # of the torques of judged joints, that a good explanation leaves; it changes words
-_TURNED = math.radians(25.0)  # from the described gravity: tilts of half as much are found as well
+_TURNED = math.cos(math.radians(25.0))  # of gravity's turn; tilts of half as much are found as well
 # In log(residual^2): the price of a chosen number, and by how much a mistake must be likelier than
 # none. Quarters of real logs gain up to 0.8 by mistakes nobody made; the least visible one that
 # somebody made gains 1.2, so half refuses good logs and twice as much accepts a wrong sign.
@@ -57,9 +58,8 @@ _LOAD_NUMBERS, _RARE = 4, 8  # numbers of a load; for which a rare mistake count
 # loaded UR5. A usual one has this share of mass and reach, a weak prior.
 _HEAVIEST = 1.0 / 3.0
 _LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
-_MATCH = 0.15  # relative distance of a mass that is missing from a body's; a note without effect
-_FLAT = 0.02  # of gravity's directions, that a motion does not show; half: the same
-_ZERO = 1e-9  # [N m or N] of a torque that is none
+_EPS = np.finfo(float).eps
+_UNITS = "Are they motor currents (A) or torques before the gear, or is the robot of another size?"
 
 
 class JointFactor(NamedTuple):
@@ -71,7 +71,7 @@ class JointFactor(NamedTuple):
         described: that of what the description predicts, friction removed [N m or N].
         factor, correlation: of the torque and the described torque, friction removed.
         judged: whether the description predicts enough to judge the joint.
-        fits: whether the joint is as described; true where it is not judged.
+        fits: whether the joint is as described, perhaps with a load; true where it is not judged.
     """
 
     joint: str
@@ -108,8 +108,6 @@ class TorqueCheck:
         source: of the log.
         joints: (n) factors and correlations.
         gravity: (3) gravity as the log shows it [m/s^2], in the axes of the base; NaN if it cannot.
-        load: mass [kg] of a load, added to the description, that the log shows, and its standard
-            deviation.
         causes: likely ones of torques that do not fit, the likeliest first; none: they fit.
         notes: other findings, which do no harm.
     """
@@ -117,7 +115,6 @@ class TorqueCheck:
     source: str
     joints: tuple[JointFactor, ...]
     gravity: np.ndarray
-    load: tuple[float, float]
     causes: tuple[Cause, ...]
     notes: tuple[str, ...] = ()
 
@@ -130,7 +127,8 @@ class TorqueCheck:
     def verdict(self) -> str:
         """The result in one line."""
         if self.causes:
-            return f"the torques do not fit the description: {'. Or '.join(map(str, self.causes))}."
+            words = ". Or ".join(map(str, self.causes))
+            return f"the torques do not fit the description: {words}."
         factors = ", ".join(f"{one.factor:.2f}" for one in self.joints if one.judged)
         if not factors:
             return "the description predicts too little torque to judge the log by it."
@@ -151,15 +149,8 @@ class TorqueCheck:
         return Table(rows, header)
 
     def summary(self) -> dict[str, Any]:
-        """Return all numbers and words for a file; None stands for what is not finite."""
-        return {
-            "fits": self.fits,
-            "verdict": self.verdict,
-            "joints": [one._asdict() for one in self.joints],
-            "gravity": self.gravity.tolist() if np.isfinite(self.gravity).all() else None,
-            "causes": [one._asdict() for one in self.causes],
-            "notes": list(self.notes),
-        }
+        """Return all numbers and words for a file."""
+        return {"fits": self.fits, "verdict": self.verdict, **vars(self)}
 
     def sheet(self) -> Sheet:
         """Return table and verdict."""
@@ -183,7 +174,7 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     """
     motion = _averages(log, robot)
     if not len(motion.q):
-        return TorqueCheck(log.source, (), np.full(3, np.nan), (0.0, np.inf), ())
+        return TorqueCheck(log.source, (), np.full(3, np.nan), ())
     return _Comparison(motion, robot, named=bool(log.joints)).result(log.source)
 
 
@@ -197,7 +188,7 @@ def on_wall(log: Log, robot: Robot) -> Robot:
     Raises:
         LogError: the torques show no gravity of the right size, or none across the wall.
     """
-    seen = _Comparison(_averages(log, robot), robot).seen_gravity()
+    seen = _Comparison(_averages(log, robot), robot).gravity
     size = float(np.linalg.norm(robot.model.gravity.linear))
     across = np.append(seen[:2], 0.0)
     strength = float(np.linalg.norm(across)) / size
@@ -217,7 +208,7 @@ def _snapped(direction: np.ndarray) -> np.ndarray:
     """Return a direction (3), or the axis that it is close to."""
     axes = np.vstack([np.eye(3), -np.eye(3)])
     nearest = axes[np.argmax(axes @ direction)]
-    return np.asarray(nearest if nearest @ direction > math.cos(_TURNED) else direction)
+    return np.asarray(nearest if nearest @ direction > _TURNED else direction)
 
 
 class _Motion(NamedTuple):
@@ -228,10 +219,6 @@ class _Motion(NamedTuple):
     a: np.ndarray
     tau: np.ndarray
     signs: np.ndarray
-
-    def moved(self, order: Sequence[int]) -> _Motion:
-        """Return it with the columns in another order."""
-        return _Motion(*(part[:, order] for part in self))
 
     def turned(self, scale: np.ndarray, offset: np.ndarray | float = 0.0) -> _Motion:
         """Return it scaled by factors (n), positions then shifted, the torques as they are."""
@@ -253,7 +240,7 @@ class _Motion(NamedTuple):
 
 def _averages(log: Log, robot: Robot) -> _Motion:
     """Return averages over some windows of a log."""
-    motion, model = motion_of_log(robot, log, cutoff=CUTOFF), robot.model
+    motion, model = motion_of_log(robot, log), robot.model
     angles = motion.q
     if model.nq != model.nv:
         angles = np.unwrap([angles_from_configuration(model, q) for q in motion.q], axis=0)
@@ -281,9 +268,9 @@ class _Fit(NamedTuple):
     @property
     def judged(self) -> np.ndarray:
         """Whether the description predicts enough of each joint (n)."""
-        enough = self.described > max(_VISIBLE * self.described.max(), _ZERO)
-        claimed = self.described >= _CLAIMED * self.torque
-        return np.asarray(enough & ((np.abs(self.correlation) >= _CLEAR) | claimed))
+        clear = np.abs(self.correlation) >= _CLEAR
+        enough = self.described > _VISIBLE * self.described.max()
+        return np.asarray(enough & (clear | (self.described >= _LEAST * self.torque)))
 
     @property
     def fits(self) -> np.ndarray:
@@ -305,36 +292,32 @@ def _fit(motion: _Motion, tau: np.ndarray, described: np.ndarray, sizes: np.ndar
     from scipy.optimize import nnls  # here, because scipy is slow to import
 
     t, d = motion.without_friction(tau), motion.without_friction(described)
-    size, level = (np.maximum(np.linalg.norm(part, axis=0), _ZERO) for part in (d, t))
+    size, level = (np.maximum(np.linalg.norm(part, axis=0), _EPS) for part in (d, t))
     factor = (t * d).sum(axis=0) / size**2
     rest = tau - np.clip(factor, *_USUAL) * described
     left = [nnls(columns, part)[1] for columns, part in zip(motion.friction, rest.T, strict=True)]
     root = math.sqrt(len(tau))
-    shares = np.minimum(np.array(left) / np.maximum(sizes, _ZERO), 1.0)
+    shares = np.minimum(np.array(left) / np.maximum(sizes, _EPS), 1.0)
     return _Fit(factor, factor * size / level, size / root, level / root, shares)
 
 
 class _Explanation(NamedTuple):
-    """A mistake, or none, with the fit after its correction and its score."""
-
-    cause: Cause | None
-    fit: _Fit
-    score: float
-
-
-class _Load(NamedTuple):
-    """A load that is not described: mass and deviation [kg], whether an arm can carry it, torque.
+    """A mistake, or none, undone.
 
     Attributes:
-        mass, deviation: kg.
-        possible: whether an arm can carry it, or lack it.
-        torque: (K, n) of the load [N m or N].
+        cause: None without a mistake.
+        bare, loaded: the fits without and with a load that is not described.
+        mass: of that load [kg].
+        fits: whether all joints are as described, without or with a load that an arm can carry.
+        score: the smaller one of both.
     """
 
+    cause: Cause | None
+    bare: _Fit
+    loaded: _Fit
     mass: float
-    deviation: float
-    possible: bool
-    torque: np.ndarray
+    fits: bool
+    score: float
 
 
 class _Comparison:
@@ -343,29 +326,31 @@ class _Comparison:
     def __init__(self, motion: _Motion, robot: Robot, *, named: bool = True) -> None:
         self._motion, self._robot, self._model = motion, robot, robot.model.copy()
         self._named, self._data = named, self._model.createData()
-        self._gravity = np.array(robot.model.gravity.linear)
+        self._down = np.array(robot.model.gravity.linear)
         self._names, self._n = robot.joint_names, robot.model.nv
 
     def result(self, source: str) -> TorqueCheck:
         """Return factors, likely causes and other findings."""
-        tau, d = self._motion.tau, self._described
-        sizes = np.linalg.norm(tau, axis=0)
-        plain = fit = _fit(self._motion, tau, d, sizes)
-        load = self._load(self._motion, tau, d, self._gravity, plain)
-        causes = tuple(self._causes(plain))
-        if not causes and not plain.fits.all():
-            fit = _fit(self._motion, tau - load.torque, d, sizes)
-        levels = sizes / math.sqrt(len(tau))
-        numbers = np.column_stack([levels, plain.described, plain.factor, plain.correlation])
+        plain = self._explained(None, 0)
+        causes, bare = tuple(self._causes(plain)), plain.bare
+        with_load = not causes and not bare.fits.all()
+        fit = plain.loaded if with_load else bare
+        levels = np.sqrt(np.mean(self._motion.tau**2, axis=0))
+        numbers = np.column_stack([levels, bare.described, bare.factor, bare.correlation])
         joints = tuple(
             JointFactor._make([name, *row, bool(judged), bool(fits)])
             for name, row, judged, fits in zip(
                 self._names, numbers.tolist(), fit.judged, fit.fits, strict=True
             )
         )
-        notes = () if causes else tuple(self._notes(load, plain))
-        seen = self.seen_gravity()
-        return TorqueCheck(source, joints, seen, (load.mass, load.deviation), causes, notes)
+        notes = []
+        if not causes and plain.loaded.score + _PRICE * _LOAD_NUMBERS < bare.score - _SURELY:
+            only = "only" if with_load else "better"
+            notes.append(
+                f"the torques fit {only} with a load of {plain.mass:.2f} kg behind the last joint, "
+                "in addition to what is described there."
+            )
+        return TorqueCheck(source, joints, self.gravity, causes, tuple(notes))
 
     def _states(self, motion: _Motion) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield configuration, velocity and acceleration of each window."""
@@ -379,36 +364,37 @@ class _Comparison:
         return np.array([pin.rnea(self._model, self._data, *each) for each in self._states(motion)])
 
     @cached_property
-    def _described(self) -> np.ndarray:
-        """The described torques (K, n) of the motion."""
-        return self._torques(self._motion, self._gravity)
-
-    @cached_property
     def _parts(self) -> tuple[np.ndarray, np.ndarray]:
         """Described torques without gravity (K, n), and for a unit of gravity (K, n, 3)."""
         D = self._torques(self._motion, np.zeros(3))
         G = [self._torques(self._motion, axis) - D for axis in np.eye(3)]
         return D, np.stack(G, axis=2)
 
-    def seen_gravity(self) -> np.ndarray:
-        """Return gravity (3) as all joints show it together, with one factor of the inertia."""
+    @cached_property
+    def gravity(self) -> np.ndarray:
+        """Gravity (3) as all joints show it together, with one factor of the inertia."""
         motion, (D, G) = self._motion, self._parts
         weight = np.linalg.norm(G, axis=(0, 2))
-        heavy = np.flatnonzero(weight > max(_VISIBLE * weight.max(), _ZERO))
-        if not heavy.size:
-            return np.full(3, np.nan)
+        heavy = np.flatnonzero(weight > _VISIBLE * weight.max())
         columns = motion.without_friction(np.dstack([G, D, motion.tau]))[:, heavy]
-        columns = columns / np.maximum(np.linalg.norm(columns[..., 4], axis=0), _ZERO)[:, None]
+        columns = columns / np.maximum(np.linalg.norm(columns[..., 4], axis=0), _EPS)[:, None]
         rows = columns.reshape(-1, 5)
         spread = np.linalg.svd(rows[:, :3], compute_uv=False)
-        if spread[-1] < _FLAT * spread[0]:
+        if not spread[-1:].sum() > _VISIBLE * spread[:1].sum():
             return np.full(3, np.nan)
         return np.asarray(np.linalg.lstsq(rows[:, :4], rows[:, 4], rcond=None)[0][:3])
 
     def _load(
-        self, motion: _Motion, tau: np.ndarray, d: np.ndarray, gravity: np.ndarray, plain: _Fit
-    ) -> _Load:
-        """Return the load on the last body that best explains the rest, near a usual one."""
+        self, motion: _Motion, rest: np.ndarray, gravity: np.ndarray, noise: np.ndarray
+    ) -> tuple[float, np.ndarray, bool]:
+        """Return the load on the last body that best explains a rest (K, n), near a usual one.
+
+        One that is heavier than an arm can carry, or lack, or farther away than it reaches is taken
+        in part: with no mistake and with each of them a load is from the same set.
+
+        Returns:
+            Its mass [kg], its torque (K, n), and whether it is the whole of it.
+        """
         model, robot = self._model, self._robot
         model.gravity.linear = gravity
         usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
@@ -417,217 +403,155 @@ class _Comparison:
             pin.computeJointTorqueRegressor(model, self._data, *each)[:, -PER_BODY:]
             for each in self._states(motion)
         ]
-        noise = np.sqrt(plain.left**2 + _LEAST_RESIDUAL**2) * np.linalg.norm(tau, axis=0)
-        noise = np.maximum(noise, _ZERO) / math.sqrt(len(tau))
         Y = np.array(whole) * usual
-        rows = motion.without_friction(np.concatenate([Y, (tau - d)[..., None]], axis=2))
+        rows = motion.without_friction(np.concatenate([Y, rest[..., None]], axis=2))
         rows = (rows / noise[:, None]).reshape(-1, PER_BODY + 1)
         H = rows.T @ rows
-        inverse = np.linalg.inv(H[:-1, :-1] + np.eye(PER_BODY))
-        x = inverse @ H[:-1, -1]
-        mass, deviation = x[0] * usual[0], math.sqrt(inverse[0, 0]) * usual[0]
+        x = np.linalg.solve(H[:-1, :-1] + np.eye(PER_BODY), H[:-1, -1])
         body = float(model.inertias[model.njoints - 1].mass)
-        heaviest = _HEAVIEST * robot.mass
-        near = np.linalg.norm(x[1:4] * usual[1:4]) <= robot.reach * max(mass, body)
-        return _Load(mass, deviation, bool(-body <= mass <= heaviest and near), Y @ x)
+        mass, moment = x[0] * usual[0], np.linalg.norm(x[1:4]) * usual[1]
+        parts = mass / (_HEAVIEST * robot.mass), -mass / max(body, _EPS)
+        share = max(1.0, *parts, moment / (robot.reach * max(mass, body, _EPS)))
+        return float(mass / share), Y @ x / share, bool(share == 1.0)
 
-    def _causes(self, plain: _Fit) -> Iterator[Cause]:
+    def _causes(self, plain: _Explanation) -> Iterator[Cause]:
         """Yield the likeliest mistakes; none if the log is as likely without one, loaded or not."""
-        least = int(plain.judged.any())
-        fitting = [
-            one
-            for one in self._explanations(plain)
-            if one.fit.fits.all() and np.count_nonzero(one.fit.judged) >= least
-        ]
-        healthy = min((one.score for one in fitting if one.cause is None), default=np.inf)
-        tried = sorted((one for one in fitting if one.cause), key=lambda one: one.score)
-        if tried and tried[0].score < healthy - _SURELY:
+        tried = [one for one in self._mistakes(plain.bare) if one.fits and one.bare.judged.any()]
+        tried.sort(key=lambda one: one.score)
+        if tried and (not plain.fits or tried[0].score < plain.score - _SURELY):
             good = [one.cause for one in tried if one.score < tried[0].score + 0.5 * _SURELY]
             yield from dict.fromkeys(cause for cause in good if cause)
-            if not (tried[0].fit.left[tried[0].fit.judged] < _CLOSE).all():
+            left = np.minimum(tried[0].bare.left, tried[0].loaded.left)
+            if (left[tried[0].bare.judged] > _CLOSE).any():
                 yield Cause("it is the log of another robot, as this does not fit well either")
-        elif healthy == np.inf:
-            yield self._unexplained(plain)
+        elif not plain.fits:
+            yield self._unexplained(plain.bare)
 
-    def _explanations(self, plain: _Fit) -> Iterator[_Explanation]:
-        """Yield all mistakes that are considered, and none, each without and with a load."""
-        motion, n, names = self._motion, self._n, self._names
-        yield from self._corrected(None, 0)
+    def _mistakes(self, plain: _Fit) -> Iterator[_Explanation]:
+        """Yield all mistakes that are considered, undone."""
+        motion, n, names, explained = self._motion, self._n, self._names, self._explained
         yield from self._gains(plain)
         yield from self._gravities()
-        added = motion.tau + self._parts[1] @ self._gravity
+        added = self._parts[1] @ self._down
         words = "they are without gravity, which the arm adds by itself"
-        yield from self._corrected(Cause(words, "--compensated nominal"), 0, tau=added)
+        yield explained(Cause(words, "--compensated nominal"), 0, added=added)
         slides = np.array(list(self._robot.slides.values()))
         degrees = motion.turned(np.where(slides, 1.0, math.radians(1.0)))
-        yield from self._corrected(Cause("the angles are degrees", "--degrees"), 0, degrees)
-        yield from self._orders()
-        for j, name in enumerate(names):
-            sign = np.where(np.arange(n) == j, -1.0, 1.0)
-            turned = motion.turned(sign)
-            words = f"the position of {name} has the wrong sign"
-            yield from self._corrected(Cause(words, f"--flip q:{name}"), 1, turned)
-            words, option = f"{name} turns the other way", f"--flip q:{name},tau:{name}"
-            both = turned._replace(tau=turned.tau * sign)
-            yield from self._corrected(Cause(words, option), _RARE, both)
-            for quarter in (1, -1, 2) if not slides[j] else ():
-                shift = 0.5 * math.pi * quarter
-                words = f"the zero of {name} is {-90 * quarter} degrees from the described one, if "
-                words += "this is not the log of another robot"
-                cause = Cause(words, f"--offset {name}={shift:.6g}")
-                yield from self._corrected(
-                    cause, _RARE, motion.turned(sign**2, shift * (sign < 0.0))
-                )
-
-    def _corrected(
-        self,
-        cause: Cause | None,
-        numbers: float,
-        motion: _Motion | None = None,
-        tau: np.ndarray | None = None,
-        gravity: np.ndarray | None = None,
-    ) -> Iterator[_Explanation]:
-        """Yield the fits, without and with a load, after a mistake is corrected.
-
-        Residuals are relative to the torques of the corrected motion; ``tau`` has what is added.
-        """
-        known = motion is None and gravity is None
-        motion = self._motion if motion is None else motion
-        gravity = self._gravity if gravity is None else gravity
-        d = self._described if known else self._torques(motion, gravity)
-        tau = motion.tau if tau is None else tau
-        sizes = np.linalg.norm(motion.tau, axis=0)
-        fit = _fit(motion, tau, d, sizes)
-        yield _Explanation(cause, fit, fit.score + _PRICE * numbers)
-        load = self._load(motion, tau, d, gravity, fit)
-        if load.possible:
-            fit = _fit(motion, tau - load.torque, d, sizes)
-            yield _Explanation(cause, fit, fit.score + _PRICE * (numbers + _LOAD_NUMBERS))
-
-    def _gains(self, plain: _Fit) -> Iterator[_Explanation]:
-        """Yield explanations by signs and factors of the torques."""
-        motion, names = self._motion, self._names
-        other = _fit(motion, -motion.tau, self._described, np.linalg.norm(motion.tau, axis=0))
-        against = np.where(plain.judged, plain.factor < 0.0, other.left < plain.left)
-        every = bool(against.all())
-        signs, turned = np.where(against, -1.0, 1.0), np.flatnonzero(against)
-        flip = f"--flip {','.join(names[j] for j in turned)}"
-        sets = [turned, np.arange(self._n), *turned[:, None]]
-        for one in sets:
-            sign = np.ones(self._n)
-            sign[one] = -1.0
-            who, whole = ",".join(names[j] for j in one), len(one) == self._n
-            words = f"the torque of {'all joints' if whole else who} has the wrong sign"
-            cause = Cause(words, "--torque-gain=-1" if whole else f"--flip {who}")
-            scaled = motion._replace(tau=motion.tau * sign)
-            if len(one):
-                yield from self._corrected(cause, 1 if whole else len(one), scaled)
-        clear, sizes = plain.judged & (np.abs(plain.correlation) >= _CLEAR), np.abs(plain.factor)
-        off = clear & ((sizes < _FACTORS[0]) | (sizes > _FACTORS[1]))
-        if not off.any():
-            return
-        common = float(np.exp(np.mean(np.log(sizes[clear]))))
-        spread = sizes[clear] / common
-        alike = bool(((spread > _USUAL[0]) & (spread < 1.0 / _USUAL[0])).all())
-        ask = "Are they motor currents (A) or torques before the gear"
-        if alike:
-            gains = np.full(self._n, 1.0 / common)
-            gain = f"--torque-gain={-1.0 / common if every else 1.0 / common:.3g}"
-            words = f"all torques are about {common:.2g} times the described ones. {ask}, or is it "
-            words += "the log of a robot of another size?"
-        else:
-            gains = np.where(off, 1.0 / np.where(off, sizes, 1.0), 1.0)
-            each = ",".join(f"{names[j]}={gains[j]:.3g}" for j in np.flatnonzero(off))
-            gain, factors = f"--torque-gain {each}", plain.factor
-            shown = ", ".join(f"{names[j]} {factors[j]:.2g}" for j in np.flatnonzero(off))
-            words = f"torques are these multiples of the described ones: {shown}. {ask}?"
-        option = f"{gain} {flip}" if turned.size and not (alike and every) else gain
-        numbers = (1 if alike else int(off.sum())) + (0 if every else turned.size)
-        cause = Cause(words, f"{option}, or rather the gains of the data sheet,")
-        scaled = motion._replace(tau=motion.tau * gains * signs)
-        yield from self._corrected(cause, numbers, scaled)
-
-    def _gravities(self) -> Iterator[_Explanation]:
-        """Yield the explanation by another mounting, if the log shows one."""
-        seen, size = self.seen_gravity(), float(np.linalg.norm(self._gravity))
-        strength = float(np.linalg.norm(seen)) / size if size else np.nan
-        if not _FACTORS[0] < strength < _FACTORS[1]:  # also for NaN
-            return
-        direction, near = seen / (strength * size), math.cos(_TURNED)
-        if direction @ self._gravity / size > near:
-            return
-        direction = _snapped(direction)
-        places = {"upright": -direction[2] > near, "upside down": direction[2] > near}
-        places["on a wall"] = abs(direction[2]) < math.sin(_TURNED)
-        place = next((name for name, fits in places.items() if fits), "tilted")
-        mount = {"upside down": " or --mount ceiling", "on a wall": " or --mount wall"}
-        arrow = ", ".join(f"{x + 0.0:.2f}" for x in direction)
-        vector = ",".join(f"{size * x + 0.0:.3g}" for x in direction)
-        words = f"the base is mounted {place}: the torques show a gravity along ({arrow}) of it"
-        cause = Cause(words, f"--gravity={vector}{mount.get(place, '')}")
-        yield from self._corrected(cause, 1, gravity=size * direction)
-
-    def _orders(self) -> Iterator[_Explanation]:
-        """Yield explanations by two columns that are swapped, or all in the opposite order."""
-        motion, n, names = self._motion, self._n, self._names
+        yield explained(Cause("the angles are degrees", "--degrees"), 0, degrees)
         orders = [list(range(n))[::-1]] if n > 2 else []
         for i, j in combinations(range(n), 2):
             orders.append([j if k == i else i if k == j else k for k in range(n)])
         for order in orders:
             moved = [names[j] for j in range(n) if order[j] != j]
-            pair = len(moved) == 2
-            who = (
-                f"{' and '.join(moved)} are swapped" if pair else "the joints are in another order"
-            )
+            who = " and ".join(moved) + " are swapped"
+            who = who if len(moved) == 2 else "the joints are in another order"
             listed = ",".join(names[j] for j in (order if self._named else np.argsort(order)))
             cause = Cause(f"the columns of {who}", f"--joints {listed}")
-            yield from self._corrected(cause, 1, motion.moved(order))
+            yield explained(cause, 1, _Motion(*(part[:, order] for part in motion)))
             cause = Cause(f"the torques of {who}", f"--joints tau:{listed}")
-            yield from self._corrected(cause, 1, motion._replace(tau=motion.tau[:, order]))
+            yield explained(cause, 1, motion._replace(tau=motion.tau[:, order]))
+        for j, name in enumerate(names):
+            sign = np.where(np.arange(n) == j, -1.0, 1.0)
+            turned = motion.turned(sign)
+            words = f"the position of {name} has the wrong sign"
+            yield explained(Cause(words, f"--flip q:{name}"), 1, turned)
+            words, option = f"{name} turns the other way", f"--flip q:{name},tau:{name}"
+            yield explained(Cause(words, option), _RARE, turned, gains=sign)
+            for quarter in (1, -1, 2) if not slides[j] else ():
+                shift = 0.5 * math.pi * quarter
+                words = f"the zero of {name} is {-90 * quarter} degrees from the described one, if "
+                words += "this is not the log of another robot"
+                cause = Cause(words, f"--offset {name}={shift:.6g}")
+                yield explained(cause, _RARE, motion.turned(sign**2, shift * (sign < 0.0)))
+
+    def _explained(
+        self,
+        cause: Cause | None,
+        numbers: float,
+        motion: _Motion | None = None,
+        gravity: np.ndarray | None = None,
+        added: np.ndarray | float = 0.0,
+        gains: np.ndarray | float = 1.0,
+    ) -> _Explanation:
+        """Return the fits without and with a load after a mistake is undone.
+
+        Residuals are relative to the torques of the corrected motion, less what is ``added``.
+        """
+        motion = self._motion if motion is None else motion
+        motion = motion._replace(tau=motion.tau * gains)
+        gravity = self._down if gravity is None else gravity
+        d, tau = self._torques(motion, gravity), motion.tau + added
+        sizes = np.linalg.norm(motion.tau, axis=0)
+        bare = _fit(motion, tau, d, sizes)
+        noise = np.hypot(bare.left, _LEAST_RESIDUAL) * sizes / math.sqrt(len(tau))
+        mass, torque, whole = self._load(motion, tau - d, gravity, np.maximum(noise, _EPS))
+        loaded = _fit(motion, tau - torque, d, sizes)
+        fits = bare.fits.all() or (whole and loaded.fits.all())
+        score = min(bare.score, loaded.score + _PRICE * _LOAD_NUMBERS) + _PRICE * numbers
+        return _Explanation(cause, bare, loaded, mass, bool(fits), score)
+
+    def _gains(self, plain: _Fit) -> Iterator[_Explanation]:
+        """Yield explanations by signs of the torques, and by a common factor."""
+        names, n = self._names, self._n
+        against = plain.judged & (plain.factor < 0.0)
+        for one in {*((j,) for j in range(n)), tuple(np.flatnonzero(against).tolist())} - {()}:
+            who = ",".join(names[j] for j in one)
+            cause = Cause(f"the torque of {who} has the wrong sign", f"--flip {who}")
+            yield self._explained(
+                cause, len(one), gains=np.where(np.isin(range(n), one), -1.0, 1.0)
+            )
+        cause = Cause("the torque of all joints has the wrong sign", "--torque-gain=-1")
+        yield self._explained(cause, 1, gains=-np.ones(n))
+        clear = plain.judged & (np.abs(plain.correlation) >= _CLEAR)
+        if not clear.any():
+            return
+        sign, factors = -1.0 if against[clear].all() else 1.0, plain.factor
+        common = sign * float(np.exp(np.mean(np.log(np.abs(factors[clear])))))
+        spread, sizes = factors[clear] / common, np.abs(factors)
+        off = np.flatnonzero(clear & ((sizes < _FACTORS[0]) | (sizes > _FACTORS[1])))
+        if not off.size:
+            return
+        words, gains = f"all torques are about {common:.2g} times the described ones", np.ones(n)
+        option = f"--torque-gain={1.0 / common:.3g}"
+        if ((spread > _USUAL[0]) & (spread < 1.0 / _USUAL[0])).all():
+            off, gains = off[:1], gains / common
+        else:
+            gains[off] = 1.0 / factors[off]
+            shown = ", ".join(f"{names[j]} {factors[j]:.2g}" for j in off)
+            words = f"torques are these multiples of the described ones: {shown}"
+            option = "--torque-gain " + ",".join(f"{names[j]}={gains[j]:.3g}" for j in off)
+        cause = Cause(f"{words}. {_UNITS}", f"{option}, or rather the data sheet's gains,")
+        yield self._explained(cause, off.size, gains=gains)
+
+    def _gravities(self) -> Iterator[_Explanation]:
+        """Yield the explanation by another mounting, if the log shows one."""
+        size = float(np.linalg.norm(self._down))
+        strength = float(np.linalg.norm(self.gravity)) / size if size else np.nan
+        if not _FACTORS[0] < strength < _FACTORS[1]:  # also for NaN
+            return
+        seen = self.gravity / (strength * size)
+        if seen @ self._down / size > _TURNED:
+            return
+        direction = _snapped(seen)
+        places = {-1.0: "upright", 1.0: "upside down", 0.0: "on a wall"}
+        place = places.get(float(direction[2]), "tilted")
+        mount = {"upside down": " or --mount ceiling", "on a wall": " or --mount wall"}
+        arrow = ", ".join(f"{x + 0.0:.2f}" for x in direction)
+        vector = ",".join(f"{size * x + 0.0:.3g}" for x in direction)
+        words = f"the base is mounted {place}: the torques show a gravity along ({arrow}) of it"
+        cause = Cause(words, f"--gravity={vector}{mount.get(place, '')}")
+        yield self._explained(cause, 1, gravity=size * direction)
 
     def _unexplained(self, plain: _Fit) -> Cause:
         """Return the cause of a log that no single mistake explains."""
-        wrong = [
+        wrong = np.flatnonzero(~plain.fits)
+        shown = [
             f"{self._names[j]} is {plain.factor[j]:.2f} times the description (correlation "
             f"{plain.correlation[j]:.2f})"
-            for j in np.flatnonzero(~plain.fits)
+            for j in wrong
         ]
         return Cause(
-            f"{'; '.join(wrong)}. Neither a sign, a unit, a gear, two swapped columns nor a "
+            f"{'; '.join(shown)}. Neither a sign, a unit, a gear, two swapped columns nor a "
             "mounting explains it. Is it the log of another robot, or do several of these come "
-            "together"
+            "together?"
         )
-
-    def _notes(self, load: _Load, plain: _Fit) -> Iterator[str]:
-        """Yield other findings: a load, or an end of the arm that is described and not mounted."""
-        if not plain.fits.all():
-            yield (
-                f"the torques fit only with a load of {load.mass:.2f} kg behind the last joint, "
-                "which is not described. Without such a load it may be the log of a larger robot."
-            )
-        links = self._end_links()
-        for k in range(len(links)):
-            mass = sum(one for _, one in links[k:])
-            if abs(load.mass + mass) < _MATCH * mass:
-                names = ", ".join(name for name, _ in links[k:])
-                yield (
-                    f"{names} ({mass:.2f} kg) may be described and not mounted: the log shows "
-                    f"{-load.mass:.2f} kg less behind the last joint."
-                )
-                return
-
-    def _end_links(self) -> list[tuple[str, float]]:
-        """Return name and mass [kg] of the links that are fixed to the last moving one."""
-        model = self._model
-        names = {
-            frame.parentFrame: str(frame.name)
-            for frame in model.frames
-            if frame.type == pin.FrameType.BODY
-        }
-        return [
-            (names.get(index, str(frame.name)), float(frame.inertia.mass))
-            for index, frame in enumerate(model.frames)
-            if frame.parentJoint == model.njoints - 1
-            and frame.type == pin.FrameType.FIXED_JOINT
-            and frame.inertia.mass > 0.0
-        ]

@@ -7,7 +7,7 @@ least-squares estimate, and its null space what the motion does not excite.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -23,16 +23,16 @@ from ..models.dynamics import Dynamics
 from ..models.excited import Excited, TorqueSums, names_together, scales
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
-from .measured_motion import instants_of_samples, motion_of_samples
+from .measured_motion import at_times, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
 CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6 dB) at 12 Hz
 _UNEXCITED = 1e-10  # share of the largest eigenvalue up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
-_INVISIBLE = 1e-8  # share of the largest scale up to which a parameter has no effect
-_LEAST_NOISE = 1e-9  # share of the size of a signal
+_ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size up to which it is rounding
+_TINY = np.finfo(float).tiny
 _INSTANTS = 400  # at most, of which the torques are taken
-_ROUNDS, _CONVERGED = 60, 1e-6  # of Gauss-Newton; of a deviation: a thousand times changes nothing
+_ROUNDS = 60  # of Gauss-Newton
 
 State = TypeVar("State")
 
@@ -48,9 +48,9 @@ class Information:
         score: (p) W^T S^-1 r of the residuals r = y - W a: zero at the least-squares estimate.
         noise: (n) standard deviation of the residual of each measured signal, in its unit.
         rows: N.
-        spread: (B, p) differences of estimates from parts of the data, or with another model,
-            whose squares sum to the variances of the estimate as far as errors last: those of a
-            jackknife over blocks of time, and with other friction. None where rows are independent.
+        spread: (B, p) differences of estimates from parts of the data, whose squares sum to the
+            variances of the estimate as far as errors last: those of a jackknife over blocks of
+            time. None where rows are independent.
     """
 
     names: tuple[str, ...]
@@ -109,7 +109,7 @@ class Information:
         """Scale (p) of each parameter's effect, sqrt(H_ii); the largest one if it has no effect."""
         sizes = np.sqrt(np.diag(self.H))
         largest = sizes.max(initial=0.0) or 1.0
-        return np.where(sizes > _INVISIBLE * largest, sizes, largest)
+        return np.where(sizes > _ROUNDING * largest, sizes, largest)
 
     @cached_property
     def _eigen(self) -> tuple[np.ndarray, np.ndarray]:
@@ -117,14 +117,9 @@ class Information:
         return values[::-1], vectors[:, ::-1]
 
     @property
-    def spectrum(self) -> np.ndarray:
-        """Eigenvalues (p) of H scaled to a unit diagonal, descending; all ones are the best."""
-        return self._eigen[0]
-
-    @property
     def rank(self) -> int:
         """Number of identifiable combinations of the parameters."""
-        values = self.spectrum
+        values, _ = self._eigen
         return int(np.count_nonzero(values > _UNEXCITED * values.max(initial=0.0)))
 
     @cached_property
@@ -139,11 +134,6 @@ class Information:
     def correction(self) -> np.ndarray:
         """Step (p) from the estimate to the least-squares one, within the excited directions."""
         return self.covariance @ self.score
-
-    @property
-    def solution(self) -> np.ndarray:
-        """The step (p) from the estimate where a prior makes all of it certain."""
-        return np.linalg.solve(self.H, self.score)
 
     @cached_property
     def equations(self) -> tuple[np.ndarray, np.ndarray]:
@@ -162,6 +152,29 @@ class Information:
         """Return the information at the least-squares estimate from all rows."""
         best = self.estimate + self.correction
         return replace(self, estimate=best, score=np.zeros_like(self.score))
+
+    def marginalised(
+        self, root: np.ndarray | None = None, free: slice | None = None
+    ) -> Information:
+        """Return the information if the parameters may also be off by L z, |z| normal of size one.
+
+        With H = R^T R and A = R L it is R^T (1 + A A^T)^-1 R, computed as a square of its own so
+        that nothing cancels when the data are much better than what is known of L z.
+
+        Args:
+            root: L (p, k).
+            free: parameters that may be off by anything.
+        """
+        R, c = self.equations
+        for columns, known in (
+            (R[:, free or slice(0)], False),
+            (0 * R if root is None else R @ root, True),
+        ):
+            U, s, _ = np.linalg.svd(columns, full_matrices=False)
+            seen = s > np.finfo(float).eps * len(R) * s.max(initial=0.0)
+            less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2) if known else seen)) @ U.T
+            R, c = R - less @ R, c - less @ c
+        return replace(self, H=R.T @ R, score=R.T @ c)
 
     def deviation(self, gradient: np.ndarray) -> np.ndarray:
         """Return the uncertainty (k) of quantities whose gradients are the rows of (k, p).
@@ -198,7 +211,7 @@ def dynamic_information(
     model: pin.Model,
     samples: Sequence[Sample],
     a_d: np.ndarray,
-    least_noise: float = _LEAST_NOISE,
+    least_noise: float = _ROUNDING,
 ) -> Information:
     """Return the information of measured motion and torque of a chain on dynamic parameters.
 
@@ -229,7 +242,7 @@ def dynamic_information(
             kept[k // size] &= reverses.sliding(v[k])
     level = np.abs(tau).mean(axis=0) if blocks else np.zeros(nv)
     W, r = W * kept[:, :, None], r * kept
-    return _information(dynamics.names, a_d, W, r, level, kept, least_noise)
+    return fitted(dynamics.names, a_d, W, r, level, kept=kept, least_noise=least_noise)
 
 
 def position_information(
@@ -239,67 +252,68 @@ def position_information(
 
     A late frame is compared with the configuration at the time when it was taken.
     """
-    kinematics, m = controller.kinematics, controller.kinematics.positions
-    W, r = [], []
+    kinematics = controller.kinematics
     measurements = [sample.measurement for sample in samples if kinematics.size]
-    for q, v, x in frames(kinematics, measurements):
-        kinematics.update(state.a_k, q, v)
-        W.append(kinematics.explaining(x))
-        r.append(x - kinematics.p_hat)
-    shape = len(W), m
-    return _information(
-        kinematics.names,
-        state.a_k,
-        np.array(W).reshape(*shape, kinematics.size),
-        np.array(r).reshape(shape),
-        np.full(m, controller.kinematics.robot.reach),
-    )
+    W, r = position_rows(kinematics, state.a_k, *frames(kinematics, measurements))
+    level = np.full(kinematics.positions, kinematics.robot.reach)
+    return fitted(kinematics.names, state.a_k, W, r, level)
+
+
+def position_rows(
+    kinematics: TaskKinematics, a_k: np.ndarray, q: np.ndarray, v: np.ndarray, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return slopes (M, m_p, p) and residuals (M, m_p) of measured frames at an estimate (p)."""
+    m = kinematics.positions
+    W, r = np.zeros((len(q), m, kinematics.size)), np.zeros((len(q), m))
+    for k, each in enumerate(x):
+        kinematics.update(a_k, q[k], v[k])
+        W[k], r[k] = kinematics.explaining(each[:m]), each[:m] - kinematics.p_hat
+    return W, r
 
 
 def frames(
     kinematics: TaskKinematics, measurements: Sequence[Measurement]
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield q (nq), v (nv) and the measured positions x (m_p) of each frame of a motion.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return q (M, nq), v (M, nv) and the measured positions x (M, m_p) of the frames of a motion.
 
     Of a late frame q is that at ``x_time``, between two measurements.
     """
-    times, last = np.array([each.t for each in measurements]), None
-    for t, q, v, x, taken, *_ in measurements:
-        if x is None or (taken is not None and taken == last):
-            continue
-        last = taken
-        if taken is not None and taken < t and len(times) > 1:
-            k = int(np.clip(np.searchsorted(times, taken, side="right") - 1, 0, len(times) - 2))
-            share = float(np.clip((taken - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
-            before, after = measurements[k], measurements[k + 1]
-            q, v = kinematics.between(before.q, after.q, share), before.v
-        yield q, v, np.asarray(x, dtype=float)[: kinematics.positions]
+    seen = [one for one in measurements if one.x is not None]
+    taken = np.array([one.t if one.x_time is None else one.x_time for one in seen], dtype=float)
+    times, first = np.unique(taken, return_index=True)
+    x = np.array([seen[k].x for k in first], dtype=float)
+    t, q = (np.array([getattr(one, part) for one in measurements]) for part in "tq")
+    kept, q, v = at_times(kinematics.robot.model, t, q, times)
+    m = kinematics.positions
+    return q, v, x[kept][:, :m] if len(x) else np.zeros((0, m))
 
 
-def _information(
-    names: tuple[str, ...],
+def fitted(
+    names: Sequence[str],
     a: np.ndarray,
     W: np.ndarray,
     r: np.ndarray,
     level: np.ndarray,
+    *,
     kept: np.ndarray | None = None,
-    least_noise: float = _LEAST_NOISE,
+    least_noise: float = _ROUNDING,
+    prior: float = 0.0,
 ) -> Information:
     """Return the information of rows W (N, n, p) with residuals r (N, n), zero where not ``kept``.
 
     The noise of each signal is its residual at the least-squares estimate. It is found in two
     rounds: signals are weighted by their ``level`` (n) in the first, by their noise in the second.
+    ``prior`` is an inverse variance of all parameters, known as ``a`` before.
     """
     counts = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
-    count, least = int(counts.sum()), least_noise * np.maximum(level, np.finfo(float).tiny)
-    noise = np.maximum(level, np.finfo(float).tiny)
-    found = Information.of_rows(names, a, W, r, noise)
+    count, level = int(counts.sum()), np.maximum(level, _TINY)
+    found = Information.of_rows(names, a, W, r, level, prior)
     for _ in range(2 if count else 0):
         residual = r - W @ found.correction
         degrees = max(1.0 - found.rank / count, 1.0 / count)
         variance = np.sum(residual**2, axis=0) / np.maximum(counts, 1)
-        noise = np.where(counts > 0, np.maximum(np.sqrt(variance / degrees), least), noise)
-        found = Information.of_rows(names, a, W, r, noise)
+        noise = np.maximum(np.sqrt(variance / degrees), least_noise * level)
+        found = Information.of_rows(names, a, W, r, np.where(counts > 0, noise, level), prior)
     return replace(found, rows=count)
 
 
@@ -327,7 +341,7 @@ def gauss_newton(
         A = np.vstack([W.reshape(-1, root.size), np.diag(root)])
         step = np.linalg.lstsq(A, np.concatenate([r.ravel(), root * off]), rcond=None)[0]
         state = moved(state, step)
-        if np.linalg.norm(A @ step) <= _CONVERGED * np.sqrt(root.size):
+        if np.linalg.norm(A @ step) <= _ROUNDING * np.sqrt(root.size):
             break
     return state
 
@@ -359,22 +373,11 @@ class Excitation:
     def tables(self) -> list[Table]:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
-        overview = [
-            row
-            for name, part in parts.items()
-            if part.names
-            for row in (
-                (f"{name} parameters", identifiable(part)),
-                (f"{name} conditioning", _conditioning(part)),
-            )
-        ]
-        tables = [Table(overview or [("nothing", "was adapted")])]
-        for part in parts.values():
-            if part.names:
-                tables.append(
-                    Table(self._rows(part), ("parameter", "estimate", "known to", "unit"))
-                )
-        return tables
+        seen = {name: part for name, part in parts.items() if part.names}
+        overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
+        header = ("parameter", "estimate", "known to", "unit")
+        tables = [Table(self._rows(part), header) for part in seen.values()]
+        return [Table(overview or [("nothing", "was adapted")]), *tables]
 
     def _rows(self, part: Information) -> list[tuple[str, ...]]:
         return [
@@ -393,13 +396,6 @@ def known_to(deviation: float) -> str:
 def identifiable(part: Information) -> str:
     """Return in words how many combinations of parameters are identifiable."""
     return f"{part.rank} identifiable combinations of {len(part.names)}"
-
-
-def _conditioning(part: Information) -> str:
-    """Return the ratio of the largest to the smallest excited eigenvalue of the scaled H."""
-    if not part.rank:
-        return "nothing was excited"
-    return f"{part.spectrum[0] / part.spectrum[part.rank - 1]:.2g}, from {part.rows} rows"
 
 
 @dataclass(frozen=True, eq=False)
@@ -487,16 +483,24 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         return None
     first, last = samples[0].state.a_d, samples[-1].state.a_d
     model = controller.kinematics.robot.model
-    motion = instants_of_samples(model, samples, cutoff=CUTOFF, window=BLOCK, most=_INSTANTS)
-    finite = all(np.isfinite(part).all() for part in (first, last, *motion[1:5]))
-    if not (finite and len(motion.t)):
+    motion = motion_of_samples(model, samples, cutoff=CUTOFF)
+    if not len(motion.t):
         return None
-    states = list(zip(motion.q, motion.v, motion.a, strict=True))
+    tau = motion.tau
+    if motion.smoothed:  # by noise, which averages out over a block
+        from scipy.ndimage import uniform_filter1d  # here, because scipy is slow to import
+
+        tau = uniform_filter1d(tau, max(round(BLOCK / motion.period), 1), axis=0)
+    some = np.unique(np.linspace(0, len(motion.t) - 1, _INSTANTS).astype(int))
+    q, v, a, tau = (part[some] for part in (*motion[1:4], tau))
+    if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
+        return None
+    states = list(zip(q, v, a, strict=True))
     dynamics.load(last)
     Y = np.array([dynamics.regressor(*state) for state in states])
     predicted = np.array([dynamics.torque(*state) for state in states])
     sums = TorqueSums(model.nv, last)
-    sums.add(Y, motion.tau - predicted, motion.tau)
+    sums.add(Y, tau - predicted, tau)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
 
 

@@ -22,8 +22,9 @@ Neural Computation 4 (1992) 415-447.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -42,10 +43,13 @@ from ..tuning.defaults import INERTIA, prior_covariance
 from .information import Information, dynamic_information, known_to
 
 AS_DESCRIBED = "the arm as described"  # first words of the plain explanation
-SCALE = 0.5  # standard deviation of a common factor of all inertias
-OFF = (0.003, 0.01, 0.03, 0.1, 0.3)  # shares by which bodies may be off, each by its own
+LEAST_NOISE = 1e-4  # of a torque, where explanations are compared: no model is better
+_SCALE = 0.5  # standard deviation of a common factor of all inertias
+_OFF = (0.003, 0.01, 0.03, 0.1, 0.3)  # shares by which bodies may be off, each by its own
 _PLAIN = 0.9  # prior probability that the arm is as described
 _SURE = 0.95  # probability from which on there is a load
+_USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is expected
+_ENTRIES = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,124 +78,56 @@ class Explanation:
         return float(self.load[0])
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """A fitted explanation: log evidence, share explained, theta (k) and its covariance."""
-
-    evidence: float
-    explained: float
-    theta: np.ndarray
-    covariance: np.ndarray
-
-
-def explanations(
-    found: Information, known: np.ndarray, arm: np.ndarray, load: np.ndarray
-) -> tuple[Explanation, ...]:
+def explanations(found: Information, prior: ArmPrior, load: np.ndarray) -> tuple[Explanation, ...]:
     """Return the explanations of a change of the bodies, the most probable one first.
 
     Args:
         found: information about k bodies, ten parameters each, and then the joints' coefficients.
-        known: (p) the parameters of the description.
-        arm: (p, l) L of the covariance L L^T of bodies that are off by 30 %, each by its own.
+        prior: of bodies that are off by 30 %, each by its own.
         load: (10, 10) root of the covariance of a load, in the axes of the last joint.
     """
-    R, c = found.equations
-    c = c + R @ (found.estimate - known)
-    inertial = np.flatnonzero(arm.any(axis=1)).max(initial=-1) + 1
-    Q, s, _ = np.linalg.svd(R[:, inertial:], full_matrices=False)
-    Q = Q[:, s > np.finfo(float).eps * max(R.shape) * s.max(initial=0.0)]
-    R, c = R - Q @ (Q.T @ R), c - Q @ (Q.T @ c)
-    on_last, common = np.zeros((known.size, PER_BODY)), np.zeros((known.size, 1))
-    on_last[inertial - PER_BODY : inertial] = load
-    common[:inertial, 0] = SCALE * known[:inertial]
-    none = np.zeros((known.size, 0))
-    parts = [("arm", [none]), ("scale", [common])]
-    parts.append(("off", [share / UNCERTAINTY * arm for share in OFF]))
-    fits: list[tuple[str, bool, int, _Fit, float]] = []
-    for name, roots in parts:
-        for loaded in (True, False):
-            if name == "arm" and not loaded:
-                continue
-            some = [_fit(R, c, np.hstack([on_last if loaded else none, root])) for root in roots]
-            best = int(np.argmax([fit.evidence for fit in some]))
-            mean = np.logaddexp.reduce([fit.evidence for fit in some]) - np.log(len(some))
-            fits.append((name, loaded, best, some[best], float(mean)))
-    odds = [np.log(_PLAIN if name == "arm" else (1.0 - _PLAIN) / 4.0) for name, *_ in fits]
-    fits = [(*fit[:4], fit[4] + before) for fit, before in zip(fits, odds, strict=True)]
-    total = np.logaddexp.reduce([evidence for *_, evidence in fits])
-    made = [
-        _explanation(name, loaded, best, fit, float(np.exp(evidence - total)), load)
-        for name, loaded, best, fit, evidence in fits
-    ]
-    return tuple(sorted(made, key=lambda one: -one.probability))
-
-
-def _fit(R: np.ndarray, c: np.ndarray, G: np.ndarray) -> _Fit:
-    """Return the fit of c = R G theta + noise, both of unit covariance."""
-    U, s, Vt = np.linalg.svd(R @ G, full_matrices=True)
-    k = len(s)
-    g, shrunk = U.T @ c, np.ones(len(c))
-    shrunk[:k] = 1.0 / (1.0 + s**2)
-    evidence = -0.5 * float(shrunk @ g**2 - np.sum(np.log(shrunk)))
-    theta = Vt[:k].T @ (s * shrunk[:k] * g[:k])
-    variances = np.ones(len(Vt))
-    variances[:k] = shrunk[:k]
-    rest, whole = float(np.sum((shrunk * g) ** 2)), float(g @ g)
-    explained = 1.0 - rest / whole if whole > 0.0 else 1.0
-    return _Fit(evidence, explained, theta, (Vt.T * variances) @ Vt)
-
-
-def _explanation(
-    name: str, loaded: bool, best: int, fit: _Fit, probability: float, root: np.ndarray
-) -> Explanation:
-    """Return an explanation in words, with its load."""
-    load, covariance = np.zeros(PER_BODY), np.zeros((PER_BODY, PER_BODY))
-    if loaded:
-        load = root @ fit.theta[:PER_BODY]
-        covariance = root @ fit.covariance[:PER_BODY, :PER_BODY] @ root.T
-    factor = 1.0 + SCALE * float(fit.theta[-1])
-    arm = {
-        "arm": AS_DESCRIBED,
-        "scale": f"all inertias {factor:.2f} times the described ones",
-        "off": f"each body off by some {100.0 * OFF[best]:g} %",
-    }[name]
-    words = f"{arm}, and a load" if loaded else f"{arm}, and no load"
-    return Explanation(words, probability, fit.explained, loaded, load, covariance)
-
-
-def widened(
-    load: np.ndarray, deviation: np.ndarray, gradient: np.ndarray, given: tuple[Explanation, ...]
-) -> np.ndarray:
-    """Return standard deviations (m) that cover the other explanations of a load.
-
-    To the variance come, by the probability of each explanation but that of a load on the arm as
-    described, its own variance and the square of its distance.
-
-    Args:
-        load: (10) parameters of the load on the arm as described.
-        deviation: (m) of numbers of that load.
-        gradient: (m, 10) of these numbers by the load's parameters.
-        given: the explanations.
-    """
-    total = deviation**2
-    for one in given:
-        if not one.words.startswith(AS_DESCRIBED):
-            apart = gradient @ (one.load - load)
-            own = np.einsum("mi,ij,mj->m", gradient, one.covariance, gradient)
-            total = total + one.probability * (apart**2 + np.maximum(own, 0.0))
-    return np.asarray(np.sqrt(total))
+    free, p = prior.coefficients, len(found.names)
+    R, c = found.marginalised(free=free).equations
+    c = c + R @ (found.estimate - prior.mean)
+    on_last = np.zeros((p, PER_BODY))
+    on_last[free.start - PER_BODY : free.start] = load
+    common = _SCALE * prior.mean[:, None]
+    common[free] = 0.0
+    others = (1.0 - _PLAIN) / 4.0
+    cases = [(AS_DESCRIBED, common[:, :0], True, _PLAIN)]
+    for loaded in (True, False):
+        cases.append(("", common, loaded, others))
+        for share in _OFF:
+            root = share / UNCERTAINTY * prior.root
+            words = f"each body off by some {100.0 * share:g} %"
+            cases.append((words, root, loaded, others / len(_OFF)))
+    made, evidence = [], []
+    for words, root, loaded, before in cases:
+        G = np.hstack([on_last, root]) if loaded else root
+        U, s, Vt = np.linalg.svd(R @ G)
+        g, shrunk, variances = U.T @ c, np.ones(p), np.ones(len(Vt))
+        shrunk[: len(s)] = variances[: len(s)] = 1.0 / (1.0 + s**2)
+        theta = Vt[: len(s)].T @ (s * shrunk[: len(s)] * g[: len(s)])
+        covariance = (Vt.T * variances) @ Vt
+        evidence.append(np.log(before) - 0.5 * float(shrunk @ g**2 - np.sum(np.log(shrunk))))
+        whole = float(g @ g)
+        explained = 1.0 - float(np.sum((shrunk * g) ** 2)) / whole if whole > 0.0 else 1.0
+        if not words:
+            factor = 1.0 + _SCALE * theta[-1]
+            words = f"all inertias {factor:.2f} times the described ones"
+        words += ", and a load" if loaded else ", and no load"
+        own = load if loaded else np.zeros((PER_BODY, 0))
+        k = own.shape[1]
+        part = own @ theta[:k], own @ covariance[:k, :k] @ own.T
+        made.append(Explanation(words, 0.0, explained, loaded, *part))
+    odds = np.exp(np.array(evidence) - max(evidence))
+    ordered = sorted(zip(odds / odds.sum(), made, strict=True), key=lambda each: -each[0])
+    return tuple(replace(one, probability=float(share)) for share, one in ordered)
 
 
 def sure(given: tuple[Explanation, ...]) -> bool:
     """Return whether some load is part of what explains the change; True without explanations."""
     return not given or sum(one.probability for one in given if one.loaded) >= _SURE
-
-
-_AS_DESCRIBED = 0.9999  # share explained by the load from which on the arm is as described
-_OF_MASS, _OF_REACH = 0.1, 0.1  # of the robot: mass and radius of a load that is expected
-LEAST_NOISE = 1e-4  # of a torque, where explanations are compared: no model is better
-_STEP = 1e-6  # relative, of numerical derivatives
-_ENTRIES = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -207,8 +143,9 @@ class PayloadEstimate:
         com, com_known_to: (3) centre of mass [m].
         inertia, inertia_known_to: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass [kg m^2].
         explained: share, from 0 to 1, of the change of all bodies that a load on the last body
-            accounts for. Below 0.9999 estimates still move, or the arm is not as described; in the
-            latter case the uncertainties are too small, unless other explanations are compared.
+            accounts for. If it is not nearly one, estimates still move, or the arm is not as
+            described; in the latter case the uncertainties are too small, unless other explanations
+            are compared.
         explanations: what else explains the change of the bodies, the most probable first, see
             ``explanations``; their loads are part of the uncertainties. Empty where an uncertainty
             of the arm was stated, or its bodies are unknown.
@@ -220,8 +157,14 @@ class PayloadEstimate:
     com_known_to: np.ndarray
     inertia: np.ndarray
     inertia_known_to: np.ndarray
-    explained: float
+    explained: float = 1.0
     explanations: tuple[Explanation, ...] = ()
+
+    @classmethod
+    def of(cls, value: np.ndarray, deviation: np.ndarray, *rest: Any) -> PayloadEstimate:
+        """Take mass, centre of mass and inertia (10), and their uncertainties (10)."""
+        parts = [(float(each[0]), each[1:4], each[4:]) for each in (value, deviation)]
+        return cls(*(one for both in zip(*parts, strict=True) for one in both), *rest)
 
     @property
     def certain(self) -> bool:
@@ -244,7 +187,10 @@ class PayloadEstimate:
         return self._sheet().html()
 
     def _sheet(self) -> Sheet:
-        return Sheet("Load", self.tables(), self.words())
+        note = f"A load on the last body accounts for {self.explained:.3%} of the change."
+        if not self.certain:
+            note += " It is not certain that there is a load."
+        return Sheet("Load", self.tables(), note)
 
     def tables(self) -> list[Table]:
         """Return the load with its uncertainty, and what else explains the data."""
@@ -258,28 +204,11 @@ class PayloadEstimate:
         ]
         others = [
             (one.words, f"{one.explained:.3%}", f"{one.probability:.3f}", f"{one.mass:.4g} kg")
-            for one in self.explanations
+            for one in self.explanations[:5]
         ]
         header = ("explanation of the data", "explains", "probability", "load")
         tables = [Table(rows, ("load", "value", "known to", "unit"))]
         return [*tables, *([Table(others, header)] if others else [])]
-
-    def words(self) -> str:
-        """Return in words how much a load explains, and what explains the data better."""
-        note = f"A load on the last body accounts for {self.explained:.3%} of the change."
-        if self.explanations:
-            best = self.explanations[0]
-            if not self.certain:
-                note += " It is not certain that there is a load."
-            if not best.words.startswith(AS_DESCRIBED):
-                note += f" More probable: {best.words}"
-                note += f" of {best.mass:.3g} kg." if best.loaded else "."
-        elif self.explained < _AS_DESCRIBED:
-            note += (
-                " The rest is estimates that still move, or links that are not as described, which "
-                "may also be part of the load found."
-            )
-        return note
 
 
 def payload_estimate(
@@ -293,7 +222,8 @@ def payload_estimate(
     Let D be that change and H its information. The load is the d that minimises
     (D - E d)^T H (D - E d), where E d changes the last body and the coefficients of the joints.
     If only the last body was unknown, d = D. What neither load nor arm explain is taken for noise
-    and increases the uncertainty.
+    and increases the uncertainty. To the variance come, by the probability of each explanation but
+    that of a load on the arm as described, its own variance and the square of its distance.
 
     Args:
         controller: that adapted.
@@ -317,22 +247,37 @@ def payload_estimate(
         )
     joints = [i for i, name in enumerate(names) if name.rpartition(".")[2] not in LABELS]
     part = [*(names.index(name) for name in last), *joints]
-    if prior is None:
-        change = replace(found, estimate=found.estimate - known)
-    else:
-        change = prior.marginalised(found)
+    change = replace(found, estimate=found.estimate - (known if prior is None else prior.mean))
+    if prior is not None:
+        change = change.marginalised(prior.root)
     load, rest = _restricted(change, part)
     _, rest_without_load = _restricted(change, joints)
-    to_frame = _to_task_frame(robot)
-    ten = to_frame @ load.estimate[:PER_BODY]
-    gradient = np.zeros((PER_BODY, len(part)))
-    gradient[:, :PER_BODY] = _derivative(_mass_com_inertia, ten) @ to_frame
-    value, deviation = _mass_com_inertia(ten), load.deviation(gradient)
-    deviation = widened(load.estimate[:PER_BODY], deviation, gradient[:, :PER_BODY], others)
+    value, gradient = _of_load(robot, load.estimate[:PER_BODY])
+    deviation = load.deviation(np.hstack([gradient, np.zeros((PER_BODY, len(joints)))]))
+    for one in others:
+        if not one.words.startswith(AS_DESCRIBED):
+            apart = gradient @ (one.load - load.estimate[:PER_BODY])
+            own = np.maximum(np.einsum("mi,ij,mj->m", gradient, one.covariance, gradient), 0.0)
+            deviation = np.sqrt(deviation**2 + one.probability * (apart**2 + own))
     if not sure(others):
         deviation[1:] = np.inf  # of what is perhaps not there
     share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
-    return _estimate(value, deviation, share, others)
+    return PayloadEstimate.of(value, deviation, share, others)
+
+
+def _restricted(change: Information, part: list[int]) -> tuple[Information, float]:
+    """Return a change (p) explained by some parameters alone, and the squared rest of the fit."""
+    names, H = tuple(change.names[i] for i in part), change.H[np.ix_(part, part)]
+    rest = change.estimate.copy()
+    rest[part] = 0.0
+    score = (change.H @ rest)[part]
+    start = Information(names, change.estimate[part], H, score, change.noise, change.rows)
+    fitted = start.estimate + start.correction
+    rest[part] = change.estimate[part] - fitted
+    squared = float(rest @ change.H @ rest)
+    variance = max(squared / max(change.rank - start.rank, 1), 1.0)  # in parts of the noise's
+    score = (change.score + change.H @ rest)[part]
+    return replace(start, estimate=fitted, H=H / variance, score=score / variance), squared
 
 
 def explanations_of(
@@ -353,25 +298,10 @@ def explanations_of(
         arm = ArmPrior.of(robot, dynamics, INERTIA)
     except ParameterError:
         return ()
-    expected = _OF_MASS * robot.mass * np.diag([*[(_OF_REACH * robot.reach) ** 2] * 3, 1.0])
+    expected = _USUAL * robot.mass * np.diag([*[(_USUAL * robot.reach) ** 2] * 3, 1.0])
     ten = ten_parameters(expected)
     root = PhysicalSet(1, ten).local(ten)[0]
-    return explanations(found, arm.mean, arm.root, np.linalg.solve(_to_task_frame(robot), root))
-
-
-def _restricted(change: Information, part: list[int]) -> tuple[Information, float]:
-    """Return a change (p) explained by some parameters alone, and the squared rest of the fit."""
-    names, H = tuple(change.names[i] for i in part), change.H[np.ix_(part, part)]
-    rest = change.estimate.copy()
-    rest[part] = 0.0
-    score = (change.H @ rest)[part]
-    start = Information(names, change.estimate[part], H, score, change.noise, change.rows)
-    fitted = start.estimate + start.correction
-    rest[part] = change.estimate[part] - fitted
-    squared = float(rest @ change.H @ rest)
-    variance = max(squared / max(change.rank - start.rank, 1), 1.0)  # in parts of the noise's
-    score = (change.score + change.H @ rest)[part]
-    return replace(start, estimate=fitted, H=H / variance, score=score / variance), squared
+    return explanations(found, arm, np.linalg.solve(_to_task_frame(robot), root))
 
 
 def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate:
@@ -382,30 +312,9 @@ def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate
         part: where the ten parameters are.
         robot: with the task frame.
     """
-    to_frame = _to_task_frame(robot)
-    ten = to_frame @ found.estimate[part]
     gradient = np.zeros((PER_BODY, len(found.names)))
-    gradient[:, part] = _derivative(_mass_com_inertia, ten) @ to_frame
-    return _estimate(_mass_com_inertia(ten), found.deviation(gradient))
-
-
-def _estimate(
-    value: np.ndarray,
-    deviation: np.ndarray,
-    share: float = 1.0,
-    others: tuple[Explanation, ...] = (),
-) -> PayloadEstimate:
-    """Return the estimate of mass, centre of mass and inertia (10) with their deviations (10)."""
-    return PayloadEstimate(
-        float(value[0]),
-        float(deviation[0]),
-        value[1:4],
-        deviation[1:4],
-        value[4:],
-        deviation[4:],
-        share,
-        others,
-    )
+    value, gradient[:, part] = _of_load(robot, found.estimate[part])
+    return PayloadEstimate.of(value, found.deviation(gradient))
 
 
 def _to_task_frame(robot: Robot) -> np.ndarray:
@@ -414,23 +323,21 @@ def _to_task_frame(robot: Robot) -> np.ndarray:
     return np.column_stack([ten_parameters(G @ F @ G.T) for F in COEFFICIENTS])
 
 
-def _mass_com_inertia(ten: np.ndarray) -> np.ndarray:
-    """Return mass, centre of mass and inertia about it (10) of ten parameters (10)."""
-    mass = ten[0] if ten[0] else np.nan
-    com = ten[1:4] / mass
-    xx, xy, yy, xz, yz, zz = ten[4:]
-    about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) + mass * (
-        pin.skew(com) @ pin.skew(com)
-    )
-    return np.array([mass, *com, *about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+def _of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mass, centre and inertia about it (10) of ten parameters at the last joint.
 
-
-def _derivative(of: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
-    """Return the Jacobian of a function at a point by central differences."""
-    step = _STEP * max(float(np.abs(at).max()), 1e-3)
-    return np.column_stack(
-        [(of(at + step * unit) - of(at - step * unit)) / (2.0 * step) for unit in np.eye(len(at))]
-    )
+    The second is the derivative (10, 10) by these parameters.
+    """
+    to_frame = _to_task_frame(robot)
+    mass, *rest = to_frame @ ten
+    mass, entries = mass or np.nan, ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
+    com = np.array(rest[:3]) / mass
+    S, slope = pin.skew(com), np.eye(PER_BODY)
+    slope[1:4, 0], slope[1:4, 1:4] = -com / mass, np.eye(3) / mass
+    slope[4:, 0] = -(S @ S)[entries]
+    for k, axis in enumerate(map(pin.skew, np.eye(3)), 1):
+        slope[4:, k] = (axis @ S + S @ axis)[entries]
+    return np.array([mass, *com, *(rest[3:] + mass * (S @ S)[entries])]), slope @ to_frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,10 +347,12 @@ class ArmPrior:
     Attributes:
         mean: (p) of bodies, and of joints as described.
         root: (p, k) L of the covariance L L^T of the bodies, zero for the joints.
+        coefficients: where the joints' coefficients are.
     """
 
     mean: np.ndarray
     root: np.ndarray
+    coefficients: slice
 
     @classmethod
     def of(cls, robot: Robot, dynamics: Dynamics, share: float) -> ArmPrior:
@@ -463,38 +372,16 @@ class ArmPrior:
         values, vectors = np.linalg.eigh(covariance)
         root = np.zeros((dynamics.size, len(values)))
         root[: len(values)] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
-        return cls(mean, root)
+        return cls(mean, root, slice(len(values), dynamics.size))
 
     def after(self, found: Information) -> ArmPrior:
         """Return the posterior after a run without load, whatever the joints' coefficients are."""
-        R, c = found.equations
+        R, c = found.marginalised(free=self.coefficients).equations
         c = c + R @ (found.estimate - self.mean)
-        free = ~self.root.any(axis=1)
-        Q = _range(R[:, free])
-        R, c = R - Q @ (Q.T @ R), c - Q @ (Q.T @ c)
         _, s, Vt = np.linalg.svd(R @ self.root)
         root = self.root @ Vt.T
         root[:, : len(s)] /= np.sqrt(1.0 + s**2)
-        return ArmPrior(self.mean + root @ (root.T @ (R.T @ c)), root)
-
-    def marginalised(self, found: Information) -> Information:
-        """Return the information about a change from the mean that is not the arm's own.
-
-        With H = R^T R and A = R L it is R^T (1 + A A^T)^-1 R, computed as a square of its own so
-        that nothing cancels when the data are much better than the prior.
-        """
-        R, c = found.equations
-        U, s, _ = np.linalg.svd(R @ self.root, full_matrices=False)
-        less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ U.T
-        R, c = R - less @ R, c - less @ c
-        return replace(found, estimate=found.estimate - self.mean, H=R.T @ R, score=R.T @ c)
-
-
-def _range(columns: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis of the range of a matrix."""
-    U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    tolerance = np.finfo(float).eps * max(columns.shape) * s.max(initial=0.0)
-    return np.asarray(U[:, s > tolerance])
+        return replace(self, mean=self.mean + root @ (root.T @ (R.T @ c)), root=root)
 
 
 def whole_arm(controller: Controller) -> Dynamics:

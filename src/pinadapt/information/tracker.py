@@ -4,7 +4,8 @@ Hand-eye calibration with an unknown tool: R_c, t_c and the unknown translations
 
     sum over frames of |x - R_c (p(q) + sum_i (a_i - a_0i) r_i(q)) - t_c|^2,
 
-by Gauss-Newton from the nearest rotation to the lumped least-squares estimate, which is linear.
+by Gauss-Newton on the information about the lumped parameters, in which x is linear, from the
+nearest rotation to their least-squares estimate (``TrackerKinematics.explaining_tracker``).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,20 +27,18 @@ from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
 from .information import Information, frames, gauss_newton
 
-_LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
+LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 _PRIOR = 0.1  # of the reach: standard deviation of a described translation
-_LEAST_NOISE = 1e-6  # of the reach
+LEAST_NOISE = 1e-6  # of the reach, and [rad]
 _FEWEST = 4
 _LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
-_STILL = 0.1  # times the motion of the arm, below which x does not move with it
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
-_LEAST_SHARE = 0.2
 _LARGEST = 10.0  # motion of a picture over that of the arm
-_MIRRORED = -0.5  # determinant; near zero where the motion does not show all axes
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
-_CERTAIN = 5.0  # deviations
+CERTAIN = 5.0  # deviations from which frames have another clock
 _UNSEEN = 0.9  # of the prior deviation
+_ROUNDS = 4  # in which the noise is found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,23 +83,17 @@ class FoundTracker:
     def sheet(self) -> Sheet:
         """The table."""
         placement, a = self.tracker.placement, self.tracker.a
-        turn = pin.log3(placement.rotation)
-        values = [*np.degrees(turn), *1e3 * placement.translation, *1e3 * a]
-        scales = np.repeat([math.degrees(1.0), 1e3], [3, 3 + len(a)])
-        units = np.repeat(["deg", "mm"], [3, 3 + len(a)])
-        rows = [
-            (name, f"{value:.4g} {unit}", f"{scale * deviation:.2g} {unit}")
-            for name, value, unit, scale, deviation in zip(
-                self.names, values, units, scales, self.deviations, strict=True
-            )
-        ]
+        values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
+        rows = []
+        for k, name in enumerate(self.names):
+            scale, unit = (math.degrees(1.0), "deg") if k < 3 else (1e3, "mm")
+            known = f"{scale * self.deviations[k]:.2g} {unit}"
+            rows.append((name, f"{scale * values[k]:.4g} {unit}", known))
         summary = [
-            ("turned", f"{math.degrees(float(np.linalg.norm(turn))):.4g} deg"),
             ("frames", f"{self.frames}"),
             ("rms residual", f"{1e3 * self.noise:.3g} mm"),
+            ("not identified by this motion", ", ".join(self.unseen) or "-"),
         ]
-        if self.unseen:
-            summary.append(("not identified by this motion", ", ".join(self.unseen)))
         return Sheet("tracker", [Table(summary), Table(rows, ("", "value", "deviation"))])
 
 
@@ -120,44 +114,43 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         raise LogError(
             "these kinematics have no tracker.", hint="Take unknown=pa.Unknown(tracker=True)."
         )
-    p, r, x, rate = _seen(kinematics, samples)
-    motion, reach = _rms(p - p.mean(axis=0)), kinematics.robot.reach
-    if len(p) < _FEWEST or motion < _LEAST_WAY * reach:
-        raise LogError(
-            f"{len(p)} frames of a motion of {1e3 * motion:.2g} mm (rms) do not show where the "
-            "tracker stands.",
-            hint="Move every joint, such that the frame moves by centimetres.",
-        )
-    found = _lumped(kinematics, p, r, x)
-    check_axes(found.reshape(x.shape[1], -1)[:, :3], p, x, motion)
-    tracker, residual, information, late = _fitted(
-        kinematics, kinematics.tracker(found), (p, r, x, rate)
+    reach, a = kinematics.robot.reach, kinematics.initial
+    seen = _Seen.of(kinematics, samples)
+    p, x, motion = seen.p, seen.x, _rms(seen.p - seen.p.mean(axis=0))
+    X, left, _ = seen.rows(a)
+    size = np.arange(a.size).reshape(x.shape[1], -1)
+    lumped = a.copy()
+    lumped[size[:, :-1]] = 0.0  # of which only the sizes are known beforehand
+    prior = (_LUMPED * reach / kinematics.sizes) ** 2 * len(p)
+    found = Information.of_rows(kinematics.names, lumped, X, left + X @ (a - lumped), prior=prior)
+    lumped = found.estimate + found.correction
+    check_axes(lumped[size[:, :3]], p, x, motion)
+    tracker, W = kinematics.tracker(lumped), X.reshape(-1, a.size)
+    y = (left + X @ a).ravel()
+    turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
+    names = (*turned, *kinematics.translation_names)
+    for _ in range(_ROUNDS):
+        sigma = _noise(seen.rows(kinematics.parameters(tracker))[1], len(names), reach)
+        H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
+        tracker, told = kinematics.explaining_tracker(H, score, tracker)
+    a, G = kinematics.parameters(tracker), kinematics.slopes(tracker)
+    _, left, rate = seen.rows(a)
+    information = Information(
+        names, np.zeros(len(names)), told, np.zeros(len(names)), left[0], len(p)
     )
-    names = information.names
-    sigma = _noise(residual, len(names), reach)
-    if sigma * _correlated(residual) > _WORST * motion:
-        cause = ""
-        if abs(late[0]) > _CERTAIN * late[1]:
-            early = f"{1e3 * late[0]:.2g} ms"
-            cause = f"; frames taken {early} before their time stamps would explain more"
-        raise LogError(
-            f"no tracker explains these frames: they are off by {1e3 * sigma:.3g} mm (rms) in a "
-            f"motion of {1e3 * motion:.3g} mm{cause}.",
-            hint="Is x of this frame, of this robot, and timed on the clock of q?",
-        )
+    late = information.beside(X @ G / sigma, left / sigma, -rate / sigma)
+    seen.check("tracker", left, sigma, motion, late)
     deviations = information.deviations
-    prior = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
-    unseen = [name for name, off in zip(names, deviations / prior, strict=True) if off > _UNSEEN]
-    told = kinematics.information(tracker, information.H)
+    known = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
     return FoundTracker(
         tracker,
-        kinematics.parameters(tracker),
-        np.linalg.cholesky(told).T,
+        a,
+        np.linalg.cholesky(kinematics.information(tracker, told)).T,
         deviations,
         names,
         sigma,
         len(p),
-        tuple(unseen),
+        tuple(name for name, off in zip(names, deviations / known, strict=True) if off > _UNSEEN),
     )
 
 
@@ -174,174 +167,117 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     """
     if not isinstance(kinematics, CameraKinematics):
         raise LogError("these kinematics have no camera.", hint='Take the task "image".')
-    found = list(frames(kinematics, samples))
-    x, reach = np.array([each for *_, each in found]), kinematics.robot.reach
-    motion = _rms(x - x.mean(axis=0)) if len(x) else 0.0
-    if len(x) < _FEWEST or motion < _LEAST_WAY * reach:
-        raise LogError(
-            f"{len(x)} frames whose picture moves by {motion:.2g} (rms) do not show the camera.",
-            hint="Move every joint, such that the picture moves by some hundredths of the reach "
-            f"({reach:.2g} m), a pixel counted as about the length that it covers at the arm.",
-        )
-    p = np.array([kinematics.in_base(q, v)[0] for q, v, _ in found])
-    size = motion / _rms(p - p.mean(axis=0))
+    seen, reach = _Seen.of(kinematics, samples), kinematics.robot.reach
+    motion = _rms(seen.x - seen.x.mean(axis=0))
+    size = motion / _rms(seen.p - seen.p.mean(axis=0))
     if size > _LARGEST:
         raise LogError(
             f"the picture moves {size:.3g} times as far as the arm. In pixels?",
             hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
         )
-    a_0 = kinematics.standing_at(x[0])
-    told, residual, (late, uncertain) = _filmed(kinematics, found, a_0)
-    sigma = _noise(residual, len(a_0), reach)
-    cause = ""
-    if abs(late) > max(_LATE, _CERTAIN * uncertain):
-        cause = f"frames taken about {1e3 * late:.2g} ms before their time stamps would explain it"
-    if sigma * _correlated(residual) > _WORST * motion:
+    a_0, known = kinematics.standing_at(seen.x[0]), 1.0 / kinematics.sizes**2
+
+    def rows(a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        W, left, _ = seen.rows(a)
+        sigma = _noise(left, len(a), reach)
+        return W / sigma, left / sigma, a_0 - a
+
+    a = gauss_newton(rows, lambda a, step: a + step, a_0, known)
+    W, r, off = rows(a)
+    _, left, rate = seen.rows(a)
+    told = Information.of_rows(kinematics.names, a, W, r, prior=known, off=off)
+    sigma = _noise(left, len(a), reach)
+    late = told.beside(W, r, -rate / sigma)
+    seen.check("camera", left, sigma, motion, late)
+    if abs(late[0]) > max(_LATE, CERTAIN * late[1]):
         raise LogError(
-            f"no camera explains these frames: they are off by {sigma:.3g} (rms) in a motion of "
-            f"{motion:.3g}{cause and '; ' + cause}.",
-            hint="Is the picture that of this frame, of this robot, and timed on the clock of q?",
-        )
-    if cause:
-        raise LogError(
-            f"the frames have another clock than q: {cause}.",
+            "the frames have another clock than q: frames taken about "
+            f"{1e3 * late[0]:.2g} ms before their time stamps would explain them.",
             hint="x_time is when a picture was taken, on the clock of q.",
         )
     return told
 
 
-def _filmed(
-    kinematics: CameraKinematics,
-    found: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    a_0: np.ndarray,
-) -> tuple[Information, np.ndarray, tuple[float, float]]:
-    """Return what frames say of a camera at the best fit, and the residual (N, m_p).
+class _Seen(NamedTuple):
+    """N frames of a motion.
 
-    The last is how late the frames seem to be, and the deviation of that [s].
-
-    Args:
-        kinematics: of the camera, p parameters.
-        found: q (nq), v (nv) and x (m_p) of each of N frames.
-        a_0: (p) known before, to begin with.
+    Attributes:
+        kinematics: of the task.
+        q, v: (N, nq), (N, nv) configurations and velocities when they were taken.
+        x: (N, m_p) measured positions.
+        p: (N, 3) described positions in the axes of the base [m].
     """
-    known, reach = 1.0 / kinematics.sizes**2, kinematics.robot.reach
 
-    def seen(a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return slopes (N, m_p, p), residuals (N, m_p) and the rate of the picture (N, m_p)."""
+    kinematics: TrackerKinematics | CameraKinematics
+    q: np.ndarray
+    v: np.ndarray
+    x: np.ndarray
+    p: np.ndarray
+
+    @classmethod
+    def of(
+        cls, kinematics: TrackerKinematics | CameraKinematics, samples: Sequence[Measurement]
+    ) -> _Seen:
+        """Take the frames of measurements.
+
+        Raises:
+            LogError: fewer than four, or they hardly move.
+        """
+        q, v, x = frames(kinematics, samples)
+        p = np.array([kinematics.in_base(*each)[0] for each in zip(q, v, strict=True)])
+        moved = min(_rms(part - part.mean(axis=0)) if len(part) else 0.0 for part in (p, x))
+        if len(p) < _FEWEST or moved < LEAST_WAY * kinematics.robot.reach:
+            what = "tracker" if isinstance(kinematics, TrackerKinematics) else "camera"
+            raise LogError(
+                f"{len(p)} frames of a motion of {moved:.2g} (rms) do not show the {what}.",
+                hint="Move every joint, such that the frame moves by some hundredths of the reach, "
+                "and x with it: does the tracker or camera run, or repeat its last frame?",
+            )
+        return cls(kinematics, q, v, x, p)
+
+    def rows(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return slopes (N, m_p, p), residuals and rates (N, m_p) at parameters a (p)."""
         kept = []
-        for q, v, y in found:
-            kinematics.update(a, q, v)
-            kept.append((kinematics.X_k, y - kinematics.p_hat, kinematics.xd_hat[: len(y)]))
-        X_k, left, rate = (np.array(column) for column in zip(*kept, strict=True))
-        return X_k, left, rate
+        for q, v, y in zip(self.q, self.v, self.x, strict=True):
+            self.kinematics.update(a, q, v)
+            rate = self.kinematics.xd_hat[: len(y)]
+            kept.append((self.kinematics.X_k, y - self.kinematics.p_hat, rate))
+        X_k, left, rates = (np.array(column) for column in zip(*kept, strict=True))
+        return X_k, left, rates
 
-    def rows(a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        W, left, _ = seen(a)
-        sigma = _noise(left, len(a), reach)
-        return W / sigma, left / sigma, a_0 - a
+    def check(
+        self, what: str, left: np.ndarray, sigma: float, motion: float, late: tuple[float, float]
+    ) -> None:
+        """Refuse frames of which something else than noise is left (N, m_p).
 
-    a = gauss_newton(rows, lambda a, step: a + step, a_0, known)
-    W, left, rate = seen(a)
-    sigma = _noise(left, len(a), reach)
-    told = Information.of_rows(
-        kinematics.names, a, W / sigma, left / sigma, prior=known, off=a_0 - a
-    )
-    return told, left, told.beside(W / sigma, left / sigma, -rate / sigma)
+        What a tracker cannot explain changes with the motion; noise changes from frame to frame.
 
-
-def _seen(
-    kinematics: TrackerKinematics, samples: Sequence[Measurement]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return of N frames p (N, 3), r (N, 3, k), x (N, m_p), and dp/dt (N, 3)."""
-    rows = [(*kinematics.in_base(q, v), x) for q, v, x in frames(kinematics, samples)]
-    if not rows:
-        raise LogError("there is no frame: no measurement has an x.")
-    p, r, pd, x = (np.array(column) for column in zip(*rows, strict=True))
-    return p, r, x, pd
-
-
-def _lumped(
-    kinematics: TrackerKinematics, p: np.ndarray, r: np.ndarray, x: np.ndarray
-) -> np.ndarray:
-    """Return the least-squares estimate (p) of the lumped parameters.
-
-    Only the size of the blocks is known beforehand.
-    """
-    m = x.shape[1]
-    start = kinematics.initial.reshape(m, -1).copy()
-    start[:, :-1] = 0.0
-    phi = [kinematics.lumped(*each) for each in zip(p, r, strict=True)]
-    W = np.kron(np.array(phi), np.eye(m)).reshape(len(p), m, -1, m)
-    W = W.swapaxes(2, 3).reshape(len(p), m, -1)
-    prior = (_LUMPED * kinematics.robot.reach / kinematics.sizes) ** 2 * len(p)
-    found = Information.of_rows(kinematics.names, start.ravel(), W, x - start[:, -1], prior=prior)
-    return found.estimate + found.correction
-
-
-def _fitted(
-    kinematics: TrackerKinematics,
-    start: Tracker,
-    seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
-) -> tuple[Tracker, np.ndarray, Information, tuple[float, float]]:
-    """Return tracker, residual (N, m_p) [m] and what the frames say at the best fit.
-
-    The last is how late the frames seem to be, and the deviation of that [s].
-
-    Args:
-        kinematics: with the described translations, which are known to a tenth of the reach.
-        start: tracker to begin with.
-        seen: p (N, 3), r (N, 3, k), x (N, m_p) and dp/dt (N, 3), see ``_seen``.
-    """
-    p, r, x, rate = seen
-    a_0, place, reach = kinematics.nominal, kinematics.task.place, kinematics.robot.reach
-    turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
-    names = (*turned, *kinematics.translation_names)
-    known = np.repeat([0.0, 1.0 / (_PRIOR * reach) ** 2], [6, len(a_0)])
-
-    def residual(tracker: Tracker) -> np.ndarray:
-        seen_from = (p + r @ (tracker.a - a_0)) @ tracker.placement.rotation.T
-        return np.asarray(x - (seen_from + tracker.placement.translation)[:, place])
-
-    def rows(tracker: Tracker) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        R, left = tracker.placement.rotation, residual(tracker)
-        turns = np.array([-pin.skew(each) for each in (p + r @ (tracker.a - a_0)) @ R.T])
-        shifts = np.tile(np.eye(3), (len(p), 1, 1))
-        W = np.concatenate([turns, shifts, R @ r], axis=2)[:, place]
-        sigma = _noise(left, len(names), reach)
-        return W / sigma, left / sigma, np.append(np.zeros(6), a_0 - tracker.a)
-
-    def moved(tracker: Tracker, step: np.ndarray) -> Tracker:
-        placement = tracker.placement
-        R, t = pin.exp3(step[:3]) @ placement.rotation, placement.translation + step[3:6]
-        return Tracker(pin.SE3(R, t), tracker.a + step[6:])
-
-    best = gauss_newton(rows, moved, start, known)
-    W, r_n, off = rows(best)
-    estimate = np.concatenate(
-        [pin.log3(best.placement.rotation), best.placement.translation, best.a]
-    )
-    found = Information.of_rows(names, estimate, W, r_n, prior=known, off=off)
-    left = residual(best)
-    column = -(rate @ best.placement.rotation.T)[:, place] / _noise(left, len(names), reach)
-    return best, left, found, found.beside(W, r_n, column)
+        Raises:
+            LogError: too much is left.
+        """
+        size, alike = float(np.vdot(left, left)), float(np.vdot(left[1:], left[:-1]))
+        if sigma * math.sqrt(max(alike, 0.0) / size if size else 0.0) <= _WORST * motion:
+            return
+        cause = ""
+        if abs(late[0]) > CERTAIN * late[1]:
+            early = f"{1e3 * late[0]:.2g} ms"
+            cause = f"; frames taken about {early} before their time stamps would explain more"
+        raise LogError(
+            f"no {what} explains these frames: they are off by {sigma:.3g} (rms) in a motion of "
+            f"{motion:.3g}{cause}.",
+            hint="Is x of this frame, of this robot, and timed on the clock of q?",
+        )
 
 
 def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:
     """Refuse frames whose rotation block B (m_p, 3) shows another unit or another handedness."""
     size = _rms(x - x.mean(axis=0)) / motion * math.sqrt(x.shape[1] / 3.0)
-    if size < _STILL:
+    if abs(math.log(max(size, LEAST_NOISE))) > _SCALE:
         raise LogError(
-            f"x does not move with the arm: by {1e3 * size * motion:.2g} mm (rms), where the arm "
-            f"moves its frame by {1e3 * motion:.2g} mm.",
-            hint="Does the tracker run, or repeat its last frame? Is the marker on the last body?",
-        )
-    if abs(math.log(size)) > _SCALE:
-        raise LogError(
-            f"the frames move {size:.3g} times as far as the arm."
-            f"{' In millimetres?' if 300.0 < size < 3000.0 else ''}",
+            f"the frames move {size:.3g} times as far as the arm. In millimetres, or frozen?",
             hint="Give x in metres, of a point that is fixed to the last body.",
         )
-    if len(B) == 3 and np.linalg.det(B) < _MIRRORED:
+    if len(B) == 3 and np.linalg.det(B) < -0.5:  # near zero where a motion does not show all axes
         raise LogError(
             "the axes of the tracker are left-handed: only a mirror explains the frames.",
             hint="Change the sign of one coordinate of x.",
@@ -351,19 +287,7 @@ def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> No
 def _noise(residual: np.ndarray, parameters: int, reach: float) -> float:
     """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""
     variance = float(np.sum(residual**2)) / max(1, residual.size - parameters)
-    return max(math.sqrt(variance), _LEAST_NOISE * reach)
-
-
-def _correlated(residual: np.ndarray) -> float:
-    """Return the share of a residual (N, m_p) that is no noise, from its neighbours; at least 0.2.
-
-    What a tracker cannot explain changes with the motion; noise changes from frame to frame.
-    """
-    if len(residual) < 3:
-        return 1.0
-    alike = float(np.vdot(residual[1:], residual[:-1]))
-    size = float(np.vdot(residual, residual))
-    return max(math.sqrt(max(alike, 0.0) / size) if size else 0.0, _LEAST_SHARE)
+    return max(math.sqrt(variance), LEAST_NOISE * reach)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -176,26 +176,6 @@ def prediction_figure(
     return figure
 
 
-def friction_figure(
-    slides: Mapping[str, bool], v: np.ndarray, seen: np.ndarray, model: np.ndarray
-) -> Picture:
-    """Return a figure with a panel per joint: torques of friction over the velocity.
-
-    Args:
-        slides: name of a joint -> whether it is prismatic, in order.
-        v: (N, n) velocities [rad/s or m/s].
-        seen: (N, n) measured torque less that of the bodies [N m or N].
-        model: (N, n) torque of the identified effects [N m or N].
-    """
-    figure, axes = _joint_panels(slides, sharex=False)
-    for j, (ax, slide) in enumerate(zip(axes, slides.values(), strict=True)):
-        ax.plot(v[:, j], seen[:, j], ".", color="0.6", label="measured minus bodies")
-        ax.plot(v[:, j], model[:, j], ".", label="identified")
-        ax.set_xlabel("m/s" if slide else "rad/s")
-    legend(axes[min(1, len(axes) - 1)])
-    return figure
-
-
 def overlay_figure(runs: Sequence[Drawable]) -> Picture:
     """Return one figure with the error norms of several runs of one task, named by their laws.
 
