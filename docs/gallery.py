@@ -2,7 +2,7 @@
 
 ``python docs/gallery.py`` runs cases of `pinadapt zoo` for ten seconds, with and without
 adaptation, writes the animation of each run and a picture of it into docs/gallery/, and the page
-docs/gallery/index.md. It needs Chromium or Chrome, as ``docs/moving_picture.py``.
+docs/gallery/index.md. Pictures need Chromium or Chrome; without, the page has its table alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from moving_picture import browser, frames
+from moving_picture import browser, frames, installed_browser
 
 import pinadapt as pa
 from pinadapt._output import number
@@ -41,7 +41,7 @@ Chains of the catalogue under the default law and default gains, at 1 kHz with p
 true robot has friction, a tool moved by 5 % of the reach, and a load. In the model, each body is
 30 % too light or too heavy, and there is no friction. Each robot follows a circle fitted to its
 workspace: green is the desired path, red the one of its tip. The table has the largest error of the
-last second, with and without adaptation; **each name and picture leads to the run**, an animation
+last second, with and without adaptation; **each name leads to the run**, an animation
 with its curves. `docs/gallery.py` runs them whenever this site is built; `pinadapt zoo` runs all
 chains for longer.
 
@@ -76,9 +76,10 @@ def show(name: str) -> str:
         warnings.simplefilter("ignore", UserWarning)  # of descriptions with unphysical bodies
         without, adapted = simulated(case, "none"), simulated(case, "natural")
     page = adapted.animate().save(FOLDER / f"{name}.html")
-    with browser(page) as address:
-        (picture,) = asyncio.run(frames(address, [DURATION], SIZE, LAYOUT))
-    picture.save(FOLDER / f"{name}.png")
+    if installed_browser():
+        with browser(page) as address:
+            (picture,) = asyncio.run(frames(address, [DURATION], SIZE, LAYOUT))
+        picture.save(FOLDER / f"{name}.png")
     last = (run.distance[run.t >= DURATION - 1.0].max() for run in (without, adapted))
     first, second = (number(float(error), "mm", scale=1e3) for error in last)
     radius = number(case.radius, "mm", scale=1e3, digits=0)
@@ -92,7 +93,11 @@ def main() -> None:
     names = sys.argv[1:] or ROBOTS
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         table = "".join(pool.map(show, names))
-    pictures = "".join(f"\n## {name}\n\n[![{name}]({name}.png)]({name}.html)\n" for name in names)
+    pictures = "".join(
+        f"\n## {name}\n\n[![{name}]({name}.png)]({name}.html)\n"
+        for name in names
+        if (FOLDER / f"{name}.png").exists()
+    )
     (FOLDER / "index.md").write_text(HEAD + table + pictures)
 
 

@@ -97,10 +97,15 @@ def rollout() -> pa.Rollout:
     )
 
 
+def installed_browser() -> str | None:
+    """Return the program of Chromium or Chrome, or None."""
+    return next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
+
+
 @contextmanager
 def browser(page: Path) -> Iterator[str]:
     """Open a page in Chromium; yield the address that takes its commands."""
-    program = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
+    program = installed_browser()
     if program is None:
         raise SystemExit("Chromium or Chrome is needed.")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
