@@ -38,7 +38,7 @@ from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, rows_of
 from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
-from .sensing import Guards, Senses
+from .sensing import Guards, Senses, row
 from .state import ControllerState
 
 _HELD = Frozen()
@@ -98,8 +98,6 @@ class Controller:
         self._inputs = InputCheck(kinematics, dynamics.size)
         self._filters, self._projects = law.filters, adaptation_d.projects
         self._position_error = law.uses_position_error
-        first = self.senses.guards.first
-        self._held = slice(0) if first is None else first.held
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter, self._lead = None, None
         if bandwidth is not None:
@@ -180,7 +178,7 @@ class Controller:
 
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
-            ImplausibleError: the robot cannot be there, see ``FirstSamples``.
+            ImplausibleError: the robot cannot be there, see ``Guards``.
             InputError: no measurement; or a law or an adaptation of one's own returns something
                 else than arrays of finite floats of the right shapes, which is tried out here.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
@@ -194,6 +192,15 @@ class Controller:
                 self._try(state, measurement)
             return state
 
+    def _reserve(self) -> None:
+        """Take the scratch, or refuse it to another thread."""
+        if not self._alone.acquire(blocking=False):
+            raise InputError(
+                "another thread is using this controller, whose models are scratch.",
+                where="controller",
+                hint="Give each thread a copy: copy.deepcopy(controller). States may be shared.",
+            )
+
     @contextmanager
     def reserved(self) -> Iterator[None]:
         """Have the scratch for one thread, as ``step`` and all that needs it do by themselves.
@@ -201,8 +208,7 @@ class Controller:
         Raises:
             InputError: another thread is using this controller.
         """
-        if not self._alone.acquire(blocking=False):
-            raise _used_by_another_thread()
+        self._reserve()
         try:
             yield
         finally:
@@ -233,12 +239,9 @@ class Controller:
     ) -> ControllerState:
         """Return the state to start from, as ``init``, for a measurement that was checked."""
         kinematics, dynamics = self.kinematics, self.dynamics
-        initial = (
-            kinematics.initial_at(measurement.q, measurement.x)
-            if a_k is None
-            else kinematics.initial
-        )
-        a_k = initial_estimate(a_k, initial, "belief.kinematic", kinematics.names)
+        if a_k is None:
+            a_k = kinematics.initial_at(measurement.q, measurement.x)
+        a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         dynamic = self.adaptation_d.init(
             initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
         )
@@ -385,8 +388,9 @@ class Controller:
             return None
         low_pass, sensors = self.senses.low_pass, self.sensors
         c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
-        with self.reserved():
-            M = np.triu(pin.crba(self.kinematics.robot.model, self._data, q))
+        M = np.triu(
+            pin.crba(self.kinematics.robot.model, self.kinematics.robot.model.createData(), q)
+        )
         M += np.triu(M, 1).T
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
         white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
@@ -412,8 +416,7 @@ class Controller:
                 singularity.
             InputError: another thread is using this controller.
         """
-        if not self._alone.acquire(blocking=False):
-            raise _used_by_another_thread()
+        self._reserve()
         try:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
             if not elapsed:  # the time of the sample before
@@ -423,19 +426,15 @@ class Controller:
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
             kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
-            torque_filter, path, first = state.torque_filter, state.path, sensed.first
+            torque_filter, path = state.torque_filter, state.path
             given = torque if self.compensation is None else torque + self.compensation(s.q)
-            if first is not None:
-                first[self._held] = given
             self.senses.remember(sensed, given)
             if path is not None:
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
                 held = given.copy()  # the torque that goes out is the caller's
                 torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
-            size = kernels.size_of_estimates(dynamic.value, kinematic.value, torque)
-            if not size < self.limits.estimate**2:
-                raise self._divergence(size)
+            self.watch(torque, dynamic.value, kinematic.value)
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
@@ -504,13 +503,12 @@ class Controller:
             torque = np.array(dynamics.torque(sensed.q, zero, zero))
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
-            sagged = self.senses.sagged(sensed)
-            if hold:
-                spring = 0.25 * damping**2 * inertia * sagged
+            if hold and sensed.trail.size:
+                spring = 0.25 * damping**2 * inertia * row(sensed.trail, kernels.DISPLACED)
                 most = math.inf if limits is None else _SPRING * limits
                 torque -= np.clip(spring, -most, most)
-            else:
-                sagged[:] = 0.0
+            elif sensed.trail.size:
+                row(sensed.trail, kernels.DISPLACED)[:] = 0.0
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:
@@ -658,8 +656,10 @@ class Controller:
             guards = senses.guards
             elapsed = guards.elapsed(t_before, t, dt, self.period, before.trail)
             since = t - t_before if guards.clock else elapsed
-        given = before, t_before, measurement, desired, kinematics, a_k, self._position_error, since
-        sensed, still, measurement = senses.read(given)
+        sensed, resting, measurement = senses.read(
+            before, t_before, measurement, kinematics, a_k, since, self._position_error
+        )
+        still = resting and not (xd_d.any() or xdd_d.any())
         q, v, x, epsilon, X_k, _, _, _, _ = sensed
         a_d = dynamic.value
         if self._projects:
@@ -729,14 +729,11 @@ class Controller:
             DivergedError: they are not finite, or the estimates are larger than any robot's.
         """
         size = kernels.size_of_estimates(a_d, a_k, torque)
-        if not size < self.limits.estimate**2:
-            raise self._divergence(size)
-
-    def _divergence(self, size: float) -> DivergedError:
-        """Return the error for estimates of this squared norm."""
+        if size < self.limits.estimate**2:
+            return
         if not size < math.inf:
-            return DivergedError("the torque or the estimates are no longer finite.")
-        return DivergedError(
+            raise DivergedError("the torque or the estimates are no longer finite.")
+        raise DivergedError(
             f"the estimates diverged: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d "
             "and gamma_k, natural adaptation, or a start nearer to the truth; "
             "stop_on_divergence=False does not end the run."
@@ -776,57 +773,33 @@ def _of_a_user(part: Any) -> bool:
     return own or any(_of_a_user(each) for each in inner if each is not None)
 
 
-def _used_by_another_thread() -> InputError:
-    return InputError(
-        "another thread is using this controller, whose models are scratch.",
-        where="controller",
-        hint="Give each thread a copy: copy.deepcopy(controller). States may be shared.",
-    )
-
-
 def controller_sheet(controller: Controller) -> Sheet:
     """Return law, gains, what is adapted, sampling period and torque limits, with units."""
-    kinematics, dynamics, law = controller.kinematics, controller.dynamics, controller.law
-    velocity, position = getattr(law, "units", ("", ""))
-    gains = (("K_v", velocity), ("K_P", position), ("alpha", "1/s"))
+    kinematics, law, limits = controller.kinematics, controller.law, controller.limits
+    nominal, torque = controller.nominal, limits.torque
+    name = "" if nominal is None else f"{nominal.unloaded.name}, "
     rows = [
-        ("robot", _robot(controller)),
+        ("robot", f"{name}{kinematics.nv} joints"),
         ("task", f"{kinematics.task.name} of {kinematics.frame}"),
-        *((name, f"{_gain(law, name)} {unit}") for name, unit in gains if hasattr(law, name)),
-        ("kinematic", _adapted(kinematics.names, controller.adaptation_k.name)),
-        ("dynamic", _adapted(dynamics.names, controller.adaptation_d.name)),
-        ("torque limits", _limits(controller)),
     ]
-    if not controller.limits.actuators.ideal:
-        rows.append(("made for", controller.limits.actuators.words))
+    velocity, position = getattr(law, "units", ("", ""))
+    for gain, unit in (("K_v", velocity), ("K_P", position), ("alpha", "1/s")):
+        if hasattr(law, gain):
+            value = np.atleast_1d(np.asarray(getattr(law, gain), dtype=float))
+            numbers = [f"{x:.3g}" for x in (np.diag(value) if value.ndim == 2 else value)]
+            same = len(set(numbers)) == 1
+            rows.append((gain, f"{numbers[0] if same else ', '.join(numbers)} {unit}"))
+    for what, names, adaptation in (
+        ("kinematic", kinematics.names, controller.adaptation_k),
+        ("dynamic", controller.dynamics.names, controller.adaptation_d),
+    ):
+        few = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+        words = f"{len(names)} parameters ({few}), {adaptation.name}" if names else "known"
+        rows.append((what, words))
+    bounds = [] if torque is None else [f"{x:.4g}" if np.isfinite(x) else "-" for x in torque]
+    rows.append(("torque limits", f"{', '.join(bounds)} N m or N" if bounds else "none"))
+    if not limits.actuators.ideal:
+        rows.append(("made for", limits.actuators.words))
     if np.isfinite(controller.period):
         rows.append(("period", f"{1e3 * controller.period:g} ms"))
     return Sheet(f"controller, {getattr(law, 'name', type(law).__name__)}", [Table(rows)])
-
-
-def _robot(controller: Controller) -> str:
-    joints = f"{controller.kinematics.nv} joints"
-    nominal = controller.nominal
-    return joints if nominal is None else f"{nominal.unloaded.name}, {joints}"
-
-
-def _gain(law: object, name: str) -> str:
-    """Return a gain as a number, or one per axis where they differ."""
-    value = np.atleast_1d(np.asarray(getattr(law, name), dtype=float))
-    numbers = [f"{x:.3g}" for x in (np.diag(value) if value.ndim == 2 else value)]
-    return numbers[0] if len(set(numbers)) == 1 else ", ".join(numbers)
-
-
-def _adapted(names: tuple[str, ...], adaptation: str) -> str:
-    """Return how many parameters are adapted and how, and the names of a few."""
-    if not names:
-        return "known"
-    few = f" ({', '.join(names)})" if len(names) <= 3 else f" ({names[0]} to {names[-1]})"
-    return f"{len(names)} parameters{few}, {adaptation}"
-
-
-def _limits(controller: Controller) -> str:
-    limits = controller.limits.torque
-    if limits is None:
-        return "none"
-    return ", ".join(f"{x:.4g}" if np.isfinite(x) else "-" for x in limits) + " N m or N"

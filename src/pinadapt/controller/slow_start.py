@@ -213,9 +213,8 @@ class SlowStart(Controller):
         held = held._replace(q=sensed.q, v=sensed.v, x=None, x_time=None, xd=None)
         goal = Desired(joints.kinematics.task.measured(None, start.q) + e, ed, edd)
         torque, after = joints.step(inner, held, goal, elapsed or dt)
-        if sensed.first is not None:
-            own = 0.0 if self.compensation is None else self.compensation(sensed.q)
-            sensed.first[self._held] = torque + own
+        own = 0.0 if self.compensation is None else self.compensation(sensed.q)
+        self.senses.remember(sensed, torque + own)
         return torque, after._replace(
             kinematic=state.kinematic,
             filters=state.filters,
@@ -234,7 +233,7 @@ class SlowStart(Controller):
         elapsed = guards.elapsed(state.t, t, dt, self.period, before.trail)
         since = t - state.t if guards.clock else elapsed
         sensed, _, measurement = self.senses.read(
-            (before, state.t, measurement, desired, self.kinematics, state.a_k, True, since)
+            before, state.t, measurement, self.kinematics, state.a_k, since
         )
         return sensed, elapsed, measurement
 
