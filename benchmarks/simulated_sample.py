@@ -62,7 +62,6 @@ class Loop:
         if kept.reason:
             raise RuntimeError(f"this loop cannot be timed: {kept.reason}")
         self.kept.samples += kept.samples
-        self.kept.rows += kept.rows
         self.steps.append(kept.step_time)
         return perf_counter() - started - kept.step_time
 

@@ -24,7 +24,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
-from ..tuning.preflight import jacobian_finding, preflight, sensor_findings
+from ..tuning.preflight import preflight, sensor_findings
 
 _STARTS = {"a_k": "belief.kinematic", "a_d": "belief.dynamic"}
 _INFORMATION = ("information", "information_k")
@@ -92,8 +92,6 @@ def findings(
         held = overloaded(true, motors)
     words = [str(finding) for finding in found if not (held and finding.part == "motors")]
     words += map(str, sensor_findings(controller, quality))
-    if wrong := jacobian_finding(controller, true):
-        words.append(str(wrong))
     return words if held is None else [*words, held]
 
 
