@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from .._compiled import compiled
-from ..exceptions import ArrayError
 
 FOLLOWS, JUMP, SPIKE, STOPPED, APART, OUT = range(6)  # what is wrong with a joint
 
@@ -172,8 +171,6 @@ def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np
     A frame that is the same to the bit while the joints move explains nothing.
     """
     m, error, change, far = len(p_hat), 0.0, 0.0, 0.0
-    if len(x) < m or m > 3 or len(numbers) != RECENTLY + 1 or 0 < len(trail) < TRAIL:
-        raise ArrayError
     for k in range(m):
         far += (p_hat[k] - x[k]) ** 2
     if far > numbers[FARTHEST] ** 2:
@@ -212,8 +209,6 @@ def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> f
 @compiled("b1(f8[:], f8[:])", fills=0)
 def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""
-    if len(limits) != len(torque):
-        raise ArrayError
     beyond, effort = False, 0.0
     for i in range(len(torque)):
         beyond |= abs(torque[i]) > limits[i]
@@ -259,14 +254,6 @@ def path_rate(
     the rate has f as its equilibrium, but follows with more than a lag (damping 1 / sqrt(3)).
     """
     n, m, found, least = len(q), len(xd_d), 0, 1.0
-    if len(weight) < len(dx) or len(torque) != n or len(effort_limits) != n:
-        raise ArrayError
-    if len(lower) != n or len(upper) != n or len(velocity_limits) != n:
-        raise ArrayError
-    if len(xdd_d) != m or J.shape != (m, n) or gram_inverse.shape != (m, m):
-        raise ArrayError
-    if len(factor) != 1:
-        raise ArrayError
     place, turn, joint = 0.0, 0.0, 0.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])

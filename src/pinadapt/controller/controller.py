@@ -409,8 +409,7 @@ class Controller:
         Raises:
             MeasurementError: a signal that the law uses is missing, of the wrong size or type, or
                 not finite.
-            ImplausibleError: a measurement that cannot be true of this robot, see ``Guards`` and
-                ``FirstSamples``.
+            ImplausibleError: a measurement that cannot be true of this robot, see ``Guards``.
             InputError: the desired motion, dt or the state cannot be used.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
@@ -647,51 +646,56 @@ class Controller:
         The models are evaluated at the estimates. The references of the signals are those given.
         Without a period dt [s] the time is not checked.
         """
-        measurement, desired = self._inputs.sample(state, measurement, desired)
-        senses, kinematics, dynamics = self.senses, self.kinematics, self.dynamics
-        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, torque_filter, _, _ = state
-        task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, kinematic.value, desired
-        t, elapsed, since = measurement.t, 0.0, None
-        if dt is not ...:
-            guards = senses.guards
-            elapsed = guards.elapsed(t_before, t, dt, self.period, before.trail)
-            since = t - t_before if guards.clock else elapsed
-        sensed, resting, measurement = senses.read(
-            before, t_before, measurement, kinematics, a_k, since, self._position_error
-        )
-        still = resting and not (xd_d.any() or xdd_d.any())
-        q, v, x, epsilon, X_k, _, _, _, _ = sensed
-        a_d = dynamic.value
+        sensed, resting, sample, desired, elapsed = self._sensed(state, measurement, desired, dt)
+        kinematics, dynamic, (x_d, xd_d, xdd_d) = self.kinematics, state.dynamic, desired
+        s = Signals()
+        assert sensed.x is not None  # the first sample had one
+        s.t, s.q, s.v, s.x, s.w = sample.t, sensed.q, sensed.v, sensed.x, sample.w
+        s.a_k, s.a_0, s.a_d = state.kinematic.value, state.a_0, dynamic.value
         if self._projects:
-            a_d = self.adaptation_d.project(dynamic, q)
-        dynamics.load(a_d)
-        assert x is not None  # the first sample had one
-        xd_hat = kinematics.xd_hat
-        dx, xd, delta = task.errors(x, x_d, measurement.xd, xd_hat, xd_d)
-        inverse = RightInverse(kinematics.J, self.limits.singular)
-        filtered = self._filters.observe(filters, sensed, kinematics)
-        a: Any = measurement.a
+            s.a_d = self.adaptation_d.project(dynamic, s.q)
+        self.dynamics.load(s.a_d)
+        s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
+        s.inverse = RightInverse(s.J, self.limits.singular)
+        s.xd_hat, s.xd_d, s.xdd_d = kinematics.xd_hat, xd_d, xdd_d
+        s.dx, s.xd, s.delta = kinematics.task.errors(s.x, x_d, sample.xd, s.xd_hat, xd_d)
+        s.epsilon, s.X_k = sensed.epsilon, sensed.X_k
+        s.filtered = self._filters.observe(state.filters, sensed, kinematics)
+        a: Any = sample.a
         if a is None:
-            a = self._filters.acceleration(filtered)
-        filtered_torque, residual = None, None
-        if self._torque_filter is not None and (torque_filter or dt is not ...):
+            a = self._filters.acceleration(s.filtered)
+        s.a = a
+        s.filtered_torque, s.residual = None, None
+        if self._torque_filter is not None and (state.torque_filter or dt is not ...):
             tau = None  # what was commanded, unless a torque sensor is declared
             if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
-                tau = self._inputs.torque(measurement.tau)
-            filtered_torque = self._torque_filter.observe(torque_filter, q, v, tau)
-            residual = filtered_torque.W.dot(a_d) - filtered_torque.y
-        s = Signals()
-        s.t, s.q, s.v, s.a, s.x = t, q, v, a, x
-        s.xd, s.xd_d, s.xdd_d = xd, xd_d, xdd_d
-        s.dx, s.xd_hat, s.delta = dx, xd_hat, delta
-        s.a_k, s.a_d, s.a_0 = a_k, a_d, a_0
-        s.adapting = adapting and not (still and np.abs(dx).max() < senses.guards.near)
-        s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
-        s.inverse = inverse
-        s.epsilon, s.X_k = epsilon, X_k
-        s.filtered, s.filtered_torque, s.w = filtered, filtered_torque, measurement.w
-        s.residual = residual
+                tau = self._inputs.torque(sample.tau)
+            filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau)
+            s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
+        still = resting and not (xd_d.any() or xdd_d.any())
+        near = self.senses.guards.near
+        s.adapting = state.adapting and not (still and np.abs(s.dx).max() < near)
         return s, sensed, elapsed
+
+    def _sensed(
+        self,
+        state: ControllerState,
+        measurement: Measurement,
+        desired: Desired,
+        dt: float | EllipsisType,
+    ) -> tuple[SensedState, bool, Measurement, Desired, float]:
+        """Return what is kept of a sample, whether the joints rest, the inputs as they are used.
+
+        That are the sample with what was bridged replaced, and the desired motion; and the elapsed
+        time [s]. Without a period dt [s] the time is not checked.
+        """
+        measurement, desired = self._inputs.sample(state, measurement, desired)
+        guards, before, elapsed, since = self.senses.guards, state.sensed, 0.0, None
+        if dt is not ...:
+            elapsed = guards.elapsed(state.t, measurement.t, dt, self.period, before.trail)
+            since = measurement.t - state.t if guards.clock else elapsed
+        given = before, state.t, measurement, self.kinematics, state.kinematic.value, since
+        return *self.senses.read(*given, self._position_error), desired, elapsed
 
     def rate(
         self, state: ControllerState, s: Signals, drives: Drives, torque: np.ndarray

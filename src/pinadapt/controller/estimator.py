@@ -35,9 +35,9 @@ _PAUSE = 10.0  # periods after which the filters start anew
 _FIRST, _LAST = 1.0, 8.0  # [s] of motion after which the torques are judged, doubling in between
 _FACTORS = (0.3, 4.0)  # of all joints together, that wrong inertias and loads do not reach
 _CLEAR = 0.9  # correlation at which a joint is reported to have the wrong sign
-_HEAVY = 0.2  # of the largest predicted torque, from where on a joint is judged by itself
 _RELATED = 0.3  # correlation of all joints together, below which torques are not the robot's
-_PREDICTED = 0.5  # of the measured torques, from where on predicted ones must be seen in them
+_PREDICTED = 0.5  # of the measured torques, of a joint or of all, from where on predicted ones
+# must be seen in them
 _ZERO = 1e-9  # [(N m)^2 s]
 
 
@@ -315,7 +315,7 @@ class TorqueHistory(NamedTuple):
             return self
         predicted, both, measured = self.products.sum(axis=1)
         PP, PT, TT = self.products
-        against = (_HEAVY**2 * PP.max() < PP) & (PT + _CLEAR * np.sqrt(PP * TT) < 0.0)
+        against = (_PREDICTED**2 * TT < PP) & (PT + _CLEAR * np.sqrt(PP * TT) < 0.0)
         factor, guess = both / max(predicted, _ZERO), ""
         correlation = both / max(math.sqrt(predicted * measured), _ZERO)
         if against.any():

@@ -59,7 +59,7 @@ _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; hal
 # late, double: counts of an encoder shake it
 _REACTION = 0.5  # of the push that a joint gives to the others if it stops at once: the middle
 # between a joint that stops and an encoder that does
-_BEYOND, _BEYOND_RANGE = 0.17, 0.05  # [rad or m] and of the range, by which real arms stand
+_BEYOND, _BEYOND_RANGE = 0.18, 0.05  # [rad or m] and of the range, by which real arms stand
 # beyond their limits; degrees and millimetres are farther
 _MOST = 8.0 * math.pi  # [rad or m] of joints without limits
 _BEGUN = 1e-12  # [s] since now
@@ -405,7 +405,7 @@ class Senses:
         if x is not None and not late and kernels.check_frame(
             x, kinematics.p_hat, guards.numbers, after
         ):  # fmt: skip
-            measurement = self._without_frame(measurement, kinematics.p_hat, dt, after)
+            measurement = self._without_frame(measurement, kinematics.p_hat, after)
             x, x_time, late = None, None, False
         if x is None or late or self.compensator.smoothing < math.inf:
             follow = before, t_before, t, q, v
@@ -413,7 +413,7 @@ class Senses:
             if late and x is not None and after.size and sensed.frame is not before.frame:
                 p_hat = sensed.epsilon + x[: kinematics.positions]
                 if kernels.check_frame(x, p_hat, guards.numbers, after):
-                    measurement = self._without_frame(measurement, p_hat, dt, after)
+                    measurement = self._without_frame(measurement, p_hat, after)
                     sensed = self.compensator.update(*follow, None, None, kinematics)
             return sensed._replace(first=first, trail=after), resting, measurement
         epsilon, X_k = _NOTHING, _NO_COLUMNS
@@ -493,7 +493,7 @@ class Senses:
         return sample._replace(q=q, v=v), after
 
     def _without_frame(
-        self, sample: Measurement, p_hat: np.ndarray, dt: float, trail: np.ndarray
+        self, sample: Measurement, p_hat: np.ndarray, trail: np.ndarray
     ) -> Measurement:
         """Return a sample without its frame, which does not follow, and count it in the trail.
 
@@ -513,7 +513,7 @@ class Senses:
         guess = "does the camera repeat its last frame?" if seen else guess
         hint = "A tool is announced by `announce(state, tool_translation=...)`. "
         error = ImplausibleError("x", x, words, guess, hint + _SWITCH.format("position"))
-        _count(trail, kernels.LOST, kernels.FRAMES, dt, error)
+        _count(trail, kernels.LOST, kernels.FRAMES, 0.0, error)  # the kernel lets it grow
         return sample._replace(x=None, x_time=None, xd=None)
 
     def _checked_torque(
@@ -667,7 +667,7 @@ def make_guards(
         bounds[kernels.CLEAR] = _CLEAR * lengths + _CERTAIN * sensors.deviation("v")
     if on["limits"]:
         low, high = position_limits(model)
-        low, high = np.maximum(low, -_MOST), np.minimum(high, _MOST)
+        low, high = np.where(np.isfinite([low, high]), [low, high], [[-_MOST], [_MOST]])
         margin = _BEYOND + _BEYOND_RANGE * (high - low)
         bounds[kernels.LOWEST], bounds[kernels.HIGHEST] = low - margin, high + margin
     if on["rest"]:

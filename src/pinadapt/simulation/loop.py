@@ -403,18 +403,15 @@ class _Loop:
         self.desired = controller.desired(self.state, self._trajectory, t)
         if not np.isfinite(np.concatenate(self.desired)).all():
             raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
+        signals, command = controller.command(self.state, self.measurement, self.desired)
         if self._ideal:
-            signals, command = controller.command(self.state, self.measurement, self.desired)
             a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-            if controller.law.uses_acceleration:
-                tau, drives = controller.respond(self.state, signals.replaced(a=a))
-            else:
-                tau, drives = controller.sent(signals, command)
-            self.torque = plant.motors_at(q, tau)
+        if self._ideal and controller.law.uses_acceleration:
+            tau, drives = controller.respond(self.state, signals.replaced(a=a))
         else:
-            signals = controller.observe(self.state, self.measurement, self.desired)
-            tau, drives = controller.respond(self.state, signals)
-            self.torque = plant.motors_at(q, tau)
+            tau, drives = controller.sent(signals, command)
+        self.torque = plant.motors_at(q, tau)
+        if not self._ideal:
             a = plant.acceleration_at(q, v, self.torque)
         rate = controller.rate(self.state, signals, drives, self.torque)
         if rate.path is not None:

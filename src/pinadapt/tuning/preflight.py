@@ -48,7 +48,6 @@ _FREE = 1.0 + 1e-6  # of gains that are nearly zero, whose double roots are roun
 _WRONG, _AWAY = 0.3, 0.08  # of gravity, and what that may displace, of the reach or of a radian
 _SLOWED = 0.25  # of a robot's bandwidth, from which on a period is to blame
 _NULL = 1e-6  # relative stiffness of directions that the task does not have
-_HARDLY = 0.1  # of the torque that brings the joints to their typical speed within a second
 _WORSE = 1.5  # times the noise or delay for which a controller was made
 _RELATIVE_DAMPING = 0.01  # of springs without a stated one
 _ROTOR = 0.5  # of the inertia that a joint moves, where a description has no rotors
@@ -173,8 +172,15 @@ def preflight(
         if helps or part in (_FEEDBACK, _ROTORLESS):
             words = "" if actuators.ideal or part == _KINEMATICS else actuators.words
             findings.append(_too_fast(part, gains if helps else {}, radius, dt, words))
-    others = _too_slow(controller, controller.motion, dt), _too_weak(controller, dt)
-    return findings + [finding for finding in others if finding is not None]
+    slow, limits, held = (
+        _too_slow(controller, controller.motion, dt),
+        controller.limits.torque,
+        None,
+    )
+    if limits is not None and controller.compensation is None:
+        held = overloaded(controller.motion.robot, limits, "the model")
+    findings += [] if slow is None else [slow]
+    return findings + ([] if held is None else [Finding("motors", held)])
 
 
 def _too_fast(
@@ -249,28 +255,6 @@ def _too_slow(controller: Controller, motion: TypicalMotion, dt: float) -> Findi
         f"take dt <= {rounded_down(longest):.2g} s."
     )
     return Finding("bandwidth", words, longest)
-
-
-def _too_weak(controller: Controller, dt: float) -> Finding | None:
-    """Return which motors hardly move the model, or cannot hold it at home, if there are some."""
-    motion, limits = controller.motion, controller.limits.torque
-    if motion is None or limits is None:
-        return None
-    momenta = [M @ v for M, v in zip(motion.mass_matrices, motion.states.v, strict=True)]
-    need = _HARDLY * np.median(np.abs(momenta), axis=0)  # within a second
-    robot = motion.robot
-    held = overloaded(robot, limits, "the model") if controller.compensation is None else None
-    weak = [
-        f"{name} ({limit:.3g} of {least:.3g})"
-        for name, limit, least in zip(robot.joint_names, limits, need, strict=True)
-        if limit < least
-    ]
-    if held is None and not weak:
-        return None
-    words = (
-        f"the motors hardly move the model: {', '.join(weak)} N m or N. Are limits of torque in "
-    )
-    return Finding("motors", held or f"{words}another unit?")
 
 
 def sensor_findings(controller: Controller, quality: SensorQuality) -> list[Finding]:
