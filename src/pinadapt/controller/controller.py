@@ -38,12 +38,11 @@ from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, rows_of
 from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
-from .sensing import Guards, Senses, row
+from .sensing import LATEST, Guards, Senses, row
 from .state import ControllerState
 
 _HELD = Frozen()
-_SHORT = 1e-3  # [s] period of a controller that has none
-_LONGEST = 10.0  # periods between two samples
+PERIOD = 1e-3  # [s] of a controller that was made for none
 _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
 _DAMPED = 0.3  # of its speed that a joint loses in a period, at most
 
@@ -219,7 +218,7 @@ class Controller:
         task = self.kinematics.task
         x, still = task.measured(measurement.x, measurement.q), np.zeros(task.size)
         s = self._observe(state, measurement, Desired(x, still, still))[0]
-        dt = self.period if math.isfinite(self.period) else _SHORT
+        dt = self.period if math.isfinite(self.period) else PERIOD
         model = self._model(state, s, dt)
         command = self.law.command(s, model)
         self._inputs.returned(command, state.dynamic, state.kinematic)
@@ -388,10 +387,8 @@ class Controller:
             return None
         low_pass, sensors = self.senses.low_pass, self.sensors
         c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
-        M = np.triu(
-            pin.crba(self.kinematics.robot.model, self.kinematics.robot.model.createData(), q)
-        )
-        M += np.triu(M, 1).T
+        model = self.kinematics.robot.model
+        M = pin.crba(model, model.createData(), q)
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
         white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
         counted = (a * b + b * c + c * a) / 12.0 * ((M * M) @ counts**2)
@@ -489,9 +486,9 @@ class Controller:
         with self.reserved():
             self._inputs.state(state)
             t = math.nan if measurement is None else self._inputs.time(measurement.t)
-            period = self.period if math.isfinite(self.period) else _SHORT
+            period = self.period if math.isfinite(self.period) else PERIOD
             elapsed = t - state.t
-            dt = elapsed if 0.0 < elapsed <= _LONGEST * period else period
+            dt = elapsed if 0.0 < elapsed <= LATEST * period else period
             damping = min(damping, _DAMPED / period)
             model, dynamics = self.kinematics.robot.model, self.dynamics
             sensed = self.senses.believed(

@@ -29,9 +29,9 @@ from ..robot.robot import Robot
 from .controller import Controller
 from .inputs import InputCheck, initial_estimate, rows_of
 from .learned import learned_robot
+from .sensing import LATEST
 from .state import ControllerState
 
-_PAUSE = 10.0  # periods after which the filters start anew
 _FIRST, _LAST = 1.0, 8.0  # [s] of motion after which the torques are judged, doubling in between
 _FACTORS = (0.3, 4.0)  # of all joints together, that wrong inertias and loads do not reach
 _CLEAR = 0.9  # correlation at which a joint is reported to have the wrong sign
@@ -191,7 +191,7 @@ class Estimator:
         )
         dynamic, kinematic = state.dynamic, state.kinematic
         filtered = self._filtered(state, sensed, sample.tau, elapsed)
-        paused = elapsed > _PAUSE * parts.period
+        paused = elapsed > LATEST * parts.period
         heard = state.filters
         if state.adapting and not still and not paused:
             if heard and isinstance(filtered, FilteredTorque) and sample.tau is not None:
@@ -244,7 +244,7 @@ class Estimator:
     ) -> FilteredTorque | tuple[()]:
         """Return filtered regressor and torque at a sample."""
         q, v = sensed.q, sensed.v
-        if self._torque_filter is None or tau is None or elapsed > _PAUSE * self.controller.period:
+        if self._torque_filter is None or tau is None or elapsed > LATEST * self.controller.period:
             return self._anew(q, v)
         memory = self._torque_filter.step(state.torque_filter, tau, elapsed)
         return self._torque_filter.observe(memory, q, v, tau)

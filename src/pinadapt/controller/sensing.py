@@ -34,7 +34,7 @@ from .first_samples import FirstSamples, make_first_samples
 GUARDS = ("position", "velocity", "time", "rest", "limits", "differences", "gravity")
 LASTS = 0.0149  # [s] after which what does not follow is refused; half: fewer lost messages are
 # bridged, double: a wrong q or x moves the arm for twice as long
-_LATEST, _PAUSE = 10.0, 0.01  # periods, and [s] that one step may bridge, whichever is longer;
+LATEST, _PAUSE = 10.0, 0.01  # periods, and [s] that one step may bridge, whichever is longer;
 # half: more pauses end a run, double: the estimates take longer steps
 _MISSED = 1.5  # periods after which a sample was dropped: between one and two
 _CERTAIN = 5.0  # standard deviations of what no noise explains: half: false alarms within seconds
@@ -141,7 +141,7 @@ class Guards:
             ImplausibleError: the time goes back, or stands still for too long.
             InputError: the period is not positive, or longer than one step may bridge.
         """
-        longest = max(_LATEST * period, _PAUSE)
+        longest = max(LATEST * period, _PAUSE)
         try:
             fits = 0.0 < dt <= longest
         except (TypeError, ValueError):
@@ -674,7 +674,7 @@ def make_guards(
         numbers[kernels.SLOW] = (
             _SLOW * (min(1.0, size) if slides.any() else 1.0) + _NOISE * quality.v
         )
-    numbers[kernels.LONGEST] = max(_LATEST * dt, _PAUSE) + 0.5 * dt
+    numbers[kernels.LONGEST] = max(LATEST * dt, _PAUSE) + 0.5 * dt
     numbers[kernels.RECENTLY] = _RECENT + 3.0 * quality.age
     if on["position"] and kinematics.positions:
         numbers[kernels.FARTHEST] = _FAR_BASE * size

@@ -372,8 +372,7 @@ def _described(motion: TypicalMotion) -> np.ndarray | None:
     """Return M (N, n, n) of the description, None where the model has no other rotors."""
     model, own = motion.robot.model, np.array(motion.mass_matrices)
     data = model.createData()
-    M = np.triu([pin.crba(model, data, q) for q in motion.states.q])
-    M = M + np.triu(M, 1).swapaxes(1, 2)
+    M = np.array([pin.crba(model, data, q).copy() for q in motion.states.q])
     heavier = np.trace(own - M, axis1=1, axis2=2) > _NULL * np.trace(M, axis1=1, axis2=2)
     return M if heavier.any() else None
 
