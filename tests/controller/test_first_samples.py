@@ -120,7 +120,7 @@ def test_degrees_are_recognised(name):
     q = np.where(slides, robot.q0, np.degrees(robot.q0))
     error = check_first(
         robot,
-        r"joint '\w+' at .* rad, (limits|over) .*q \* pi / 180 would fit",
+        r"out of range: joint '\w+', .* rad beyond .*in degrees",
         "limits",
         first_sample(robot, q=q),
     )
@@ -131,14 +131,13 @@ def test_degrees_are_recognised(name):
 
 
 @pytest.mark.parametrize("task", ["xyz", "pose"])
-@pytest.mark.parametrize(("factor", "unit"), [(1e3, "millimetres"), (1e2, "centimetres")])
-def test_an_x_in_another_unit_is_recognised(task, factor, unit):
+@pytest.mark.parametrize("factor", [1e3, 1e2])
+def test_an_x_in_another_unit_is_recognised(task, factor):
     robot = pa.load("panda", task=task)
     sample = first_sample(robot)
     x = sample.x.copy()
     x[:3] *= factor
-    words = rf"the unknown tool can explain \(in {unit}\? x / {factor:g} would fit"
-    check_first(robot, words, "position", sample._replace(x=x))
+    check_first(robot, "unknown can explain .in millimetres", "position", sample._replace(x=x))
 
 
 # --- v against the differences of q ---
@@ -146,7 +145,7 @@ def test_an_x_in_another_unit_is_recognised(task, factor, unit):
 SPOILT = {
     "degrees": (scaled(v=180.0 / np.pi), "'v' is implausible.*in degrees", 1.5),
     "sign": (scaled(v=-1.0), "'v' is", 5.0),
-    "stuck": (scaled(v=0.0), "v says 0 rad.*v stuck", 1.0),
+    "stuck": (scaled(v=0.0), "v stuck", 1.0),
     "gear": (scaled(v=100.0), "'v' is", 1.5),
     "rpm": (scaled(v=30.0 / np.pi), "'v' is.*unit", 1.5),
 }
@@ -164,7 +163,7 @@ def test_a_velocity_that_is_not_the_rate_of_q_is_refused(name, how):
 def test_one_joint_of_the_wrong_sign_is_named():
     robot = catalogue_robot("ur5")
     signs = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
-    words = r"is not the rate of q: joint 'shoulder_lift_joint' moved by .*the wrong sign"
+    words = r"is not the rate of q: joint 'shoulder_lift_joint', .*the wrong sign"
     error, moved = Loop(robot).refused(words, spoil=scaled(v=signs))
     assert moved < 2.0 and "guards={'differences': False}" in str(error)
 
@@ -275,7 +274,7 @@ def test_an_arm_that_adds_gravity_undeclared_is_refused_before_it_has_moved(name
     robot = catalogue_robot(name)
     loop = Loop(robot, plant=adding(robot), sensors=sensors)
     error, moved = loop.refused(
-        r"adds its own gravity torque: .*: \d+ %.*compensated=\"nominal\"", 0.1
+        r"adds its own gravity torque.*: \d+ %.*compensated=\"nominal\"", 0.1
     )
     assert moved < 0.5 and 80.0 < float(error.value.split()[0]) < 110.0
     assert "guards={'gravity': False}" in str(error)

@@ -59,7 +59,7 @@ def spoilt(loop):
     return {
         "velocity": (
             sample._replace(v=np.degrees(4.0 * sample.v)),
-            r"'v' is implausible: joint 'shoulder_(pan|lift)_joint' at .*in degrees\?",
+            r"'v' is implausible: joint 'shoulder_(pan|lift)_joint', .*in degrees\?",
         ),
         "time": (sample._replace(t=0.5 * DT), r"'t' is before the last sample's, 0.002 s"),
     }

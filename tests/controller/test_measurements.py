@@ -36,15 +36,14 @@ def read(controller, t, q, v):
     """Let a controller's sensing read samples of q and v; return what it holds last."""
     senses, kinematics = controller.senses, controller.kinematics
     sensed = SensedState(q[0], v[0], trail=senses.guards.trail(v[0]))
-    resting = pa.Desired(*np.zeros((3, 3)))
     now, period = t[0], controller.period
     for k in range(1, len(t)):
         sample = pa.Measurement(t[k], q[k], v[k])
         guards = senses.guards
         elapsed = guards.elapsed(now, t[k], period, period, sensed.trail)
         since = t[k] - now if guards.clock else elapsed
-        given = sensed, now, sample, resting, kinematics, kinematics.initial, False, since
-        sensed, now = senses.read(given)[0], t[k]
+        given = sensed, now, sample, kinematics, kinematics.initial, since, False
+        sensed, now = senses.read(*given)[0], t[k]
     return sensed
 
 

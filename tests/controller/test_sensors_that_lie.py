@@ -136,11 +136,11 @@ def read(controller, t, q, v):
     """Let the senses of a controller read samples of q and v; raise what they refuse."""
     senses, kinematics = controller.senses, controller.kinematics
     sensed = SensedState(q[0], v[0], trail=senses.guards.trail(v[0]))
-    a_k, resting = kinematics.initial, pa.Desired(*np.zeros((3, 3)))
+    a_k = kinematics.initial
     for k in range(1, len(t)):
         sample = pa.Measurement(t[k], q[k], v[k])
         sensed, _, _ = senses.read(
-            (sensed, t[k - 1], sample, resting, kinematics, a_k, False, t[k] - t[k - 1])
+            sensed, t[k - 1], sample, kinematics, a_k, t[k] - t[k - 1], False
         )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.tuning.preflight import sensor_findings
 from tests.support.chains import catalogue_robot
 from tests.support.drives import along
 from tests.support.loops import with_tool_and_load
@@ -166,3 +167,11 @@ def test_samples_at_rest_show_their_noise():
     for refused in (samples[:3], [sample._replace(v=sample.v + 0.1) for sample in samples]):
         with pytest.raises(pa.InputError, match="samples"):
             pa.Sensors.measured_at_rest(refused)
+
+
+def test_sensors_that_are_worse_than_declared_are_found_before_a_run():
+    controller = pa.make_controller(catalogue_robot("ur5"))
+    coarse = pa.Sensors(encoder=2.0 * np.pi / 2**12, camera=pa.Camera(rate=30.0)).quality(6, 1e-3)
+    words = [str(finding) for finding in sensor_findings(controller, coarse)]
+    assert ["velocity noise" in words[0], "age of a frame" in words[1]] == [True, True]
+    assert sensor_findings(controller, controller.senses.quality) == []

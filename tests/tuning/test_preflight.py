@@ -170,11 +170,10 @@ def test_a_period_that_leaves_no_stiffness_against_gravity_is_found(name):
         assert pa.preflight(pa.make_controller(robot, dt=shorter), shorter) == []
 
 
-@pytest.mark.parametrize("name, words", [("panda", "cannot hold"), ("planar_2r", "hardly move")])
-def test_motors_that_are_too_weak_are_found_with_and_without_gravity(name, words):
-    robot = catalogue_robot(name)
+def test_motors_that_cannot_hold_the_model_are_found():
+    robot = catalogue_robot("panda")
     limits = pa.Limits(torque=np.full(robot.model.nv, 1e-7))
     controller = pa.make_controller(robot, adaptation="natural", limits=limits)
     (finding,) = pa.preflight(controller, 1e-3)
-    assert finding.part == "motors" and f"the motors {words} the model" in str(finding)
+    assert finding.part == "motors" and "the motors cannot hold the model" in str(finding)
     assert pa.preflight(pa.make_controller(robot, adaptation="natural"), 1e-3) == []

@@ -5,20 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from .._compiled import compiled
-from ..exceptions import ArrayError
 
 FOLLOWS, JUMP, SPIKE, STOPPED, APART, OUT = range(6)  # what is wrong with a joint
 
 # Rows of bounds, one number a joint, and numbers of all joints together; see ``Guards``.
-FASTEST, TOLERANCE, MOST, LEAP, LOWEST, HIGHEST, CLEAR = range(7)
+FASTEST, TOLERANCE, LEAP, LOWEST, HIGHEST, CLEAR = range(6)
 SLOW, FARTHEST, LONGEST, FLOOR, UNKNOWN, RECENTLY = range(6)
 
 # The trail: what is kept of the samples to compare the next one with. Numbers of all joints, the
 # last frame's error (3) and position (3), and then some of each joint.
 STEPPED, BAD, BRIDGED, LOST, FRAMES, STALE, REPEATED, DEAF, TORQUES, STEP, SEEN = range(11)
 SINCE, RECENT, ERROR, PLACE, DOUBT, TRAIL = 11, 12, 13, 16, 19, 20
-RATE, RAW, LEAST, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, BELIEVED, SAGGED = range(10)
-TORQUE, AGAINST, GAINED, PUSHED, SAME, TRAIL_ROWS = range(10, 16)
+RATE, RAW, LEAST, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, DISTRUST, UNSEEN = range(10)
+DISPLACED, TORQUE, AGAINST, GAINED, PUSHED, SAME, TRAIL_ROWS = range(10, 17)
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 LATE, EARLY = 0.1, 0.01  # [s] by which v may come after q, and q after v; half: filters of 80 ms
 # are refused, double: a wrong v is found 0.1 s later where it changes
@@ -53,7 +52,7 @@ def check_joints(
     with none before. NaN is never wrong. With the residual r = dq - v dt (trapezoid) and sums that
     forget over T, R = sum r, D = sum dq, W = D - R, C = sum dv,
 
-    * JUMP: |r| > tol + 2 dt min(|v|, v_max): q is not where v brings it.
+    * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it.
     * SPIKE: v changed by more than a bound, and q went on as before; or |v| is beyond all bounds.
     * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
@@ -67,7 +66,7 @@ def check_joints(
         q_before: (nq) at the sample before.
         v: (n) joint velocity [rad/s or m/s].
         dt: since the sample before [s]; that one is forgotten where it is long ago.
-        bounds: (7, n), see ``Guards``.
+        bounds: (6, n), see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
         numbers: (6), see ``Guards``.
         before: the trail, or empty.
@@ -75,12 +74,6 @@ def check_joints(
         kinds: (n) what is wrong.
     """
     n, kept, leak, recent = len(v), len(after) > 0, 1.0, 1.0
-    if bounds.shape != (CLEAR + 1, n) or len(places) != n + 1 or len(q) != places[n]:
-        raise ArrayError
-    if len(q_before) != len(q) or len(numbers) != RECENTLY + 1 or len(kinds) != n:
-        raise ArrayError
-    if len(before) != len(after) or (kept and len(after) != TRAIL + TRAIL_ROWS * n):
-        raise ArrayError
     follows = kept and 0.0 <= dt <= numbers[LONGEST]
     for k in range(len(after)):
         after[k] = before[k]
@@ -136,7 +129,7 @@ def check_joints(
         after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C
         after[at + STILL_Q] = before[at + STILL_Q] + dt if same else 0.0
         after[at + STILL_V] = before[at + STILL_V] + dt if now == rate else 0.0
-        after[at + BELIEVED] = after[at + SAGGED] = 0.0
+        after[at + DISTRUST] = after[at + UNSEEN] = after[at + DISPLACED] = 0.0
         low, high = min(-EARLY * C, LATE * C), max(-EARLY * C, LATE * C)
         off_R = R - min(max(R, low), high)
         still, bound = after[at + STILL_V], tolerance
@@ -146,7 +139,7 @@ def check_joints(
         leap = abs(now - rate) > bounds[LEAP, i]
         if leap and abs(way - rate * dt) < abs(way - now * dt):
             kinds[i] = SPIKE
-        elif abs(r) > tolerance + 2.0 * dt * min(quick, bounds[MOST, i]):
+        elif abs(r) > tolerance + 2.0 * dt * min(quick, bounds[FASTEST, i]):
             kinds[i] = JUMP
         elif kinds[i] == FOLLOWS and same and now == 0.0 and not halted:
             clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
@@ -178,8 +171,6 @@ def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np
     A frame that is the same to the bit while the joints move explains nothing.
     """
     m, error, change, far = len(p_hat), 0.0, 0.0, 0.0
-    if len(x) < m or m > 3 or len(numbers) != RECENTLY + 1 or 0 < len(trail) < TRAIL:
-        raise ArrayError
     for k in range(m):
         far += (p_hat[k] - x[k]) ** 2
     if far > numbers[FARTHEST] ** 2:
@@ -218,8 +209,6 @@ def size_of_estimates(a_d: np.ndarray, a_k: np.ndarray, torque: np.ndarray) -> f
 @compiled("b1(f8[:], f8[:])", fills=0)
 def exceeds(torque: np.ndarray, limits: np.ndarray) -> bool:
     """Return whether a finite torque (n) exceeds one of its limits (n)."""
-    if len(limits) != len(torque):
-        raise ArrayError
     beyond, effort = False, 0.0
     for i in range(len(torque)):
         beyond |= abs(torque[i]) > limits[i]
@@ -265,14 +254,6 @@ def path_rate(
     the rate has f as its equilibrium, but follows with more than a lag (damping 1 / sqrt(3)).
     """
     n, m, found, least = len(q), len(xd_d), 0, 1.0
-    if len(weight) < len(dx) or len(torque) != n or len(effort_limits) != n:
-        raise ArrayError
-    if len(lower) != n or len(upper) != n or len(velocity_limits) != n:
-        raise ArrayError
-    if len(xdd_d) != m or J.shape != (m, n) or gram_inverse.shape != (m, m):
-        raise ArrayError
-    if len(factor) != 1:
-        raise ArrayError
     place, turn, joint = 0.0, 0.0, 0.0
     for i in range(len(dx)):
         share = abs(dx[i] * weight[i])
@@ -321,92 +302,3 @@ def path_rate(
             found, least = 3 + 2 * n + i, bound
     factor[0] = least
     return found
-
-
-# What is kept of the first samples: numbers of the window in which the arm's gravity is judged, and
-# then rows of n, one number a joint.
-JUDGED, TIME, EARLIER, WEIGHT, HEALTHY, MOVED, AGE, HEARD, SUSPECT = range(9)
-HEADER = 9
-TRAVEL, HELD, DRIVE, FORMER, LATTER, OFFSET = range(6)
-ROWS = 6
-NOTHING, WINDOW, TOLD = 0, 1, 2
-_PASSED, _TELLING = 0.5, 4.0  # [s] of ways, and tolerances of one after which an arm moves
-_LATEST = 2.0  # [s] after it has begun to
-_LONGEST = 60.0  # [s]
-_STILL = 0.02  # of tol_0, a change of way in half a window that need not be judged
-_BRIEF = 1e-9  # [s]
-
-
-@compiled("i8(f8[:], f8, f8[:], f8, f8, f8[:], f8[:])")
-def first_samples(
-    v: np.ndarray,
-    dt: float,
-    tolerance: np.ndarray,
-    longest: float,
-    half: float,
-    before: np.ndarray,
-    after: np.ndarray,
-) -> int:
-    """Add a sample to the window in which gravity is judged.
-
-    The answer is 1 if a window is over in which the arm's speed has changed, 2 if nothing is left
-    to judge, two seconds after the arm has begun to move or after a minute, and 0 if neither.
-    ``after`` becomes ``before`` with the sample added.
-
-    Args:
-        v: (n) joint velocity [rad/s or m/s].
-        dt: time since the sample before [s]; nothing is learned from none, or from a long one.
-        tolerance: (n) tol_0 of ``check_sample`` [rad or m].
-        longest: time [s] from which on a sample does not follow the one before.
-        half: of the window [s].
-        before: the sums over the samples before.
-        after: the same with this one.
-    """
-    n = len(v)
-    if len(tolerance) != n or len(before) != HEADER + ROWS * n or len(after) != len(before):
-        raise ArrayError
-    for k in range(len(before)):
-        after[k] = before[k]
-    if not dt > 0.0:
-        return NOTHING
-    if dt > longest:
-        for k in range(TIME, len(after)):
-            if k <= WEIGHT or k >= HEADER:
-                after[k] = 0.0
-        for i in range(n):
-            after[HEADER + HELD * n + i] = np.nan
-        return NOTHING
-    after[AGE] += dt
-    keep, some = np.exp(-dt / _PASSED), after[MOVED] > 0.0
-    for i in range(n):
-        at = HEADER + TRAVEL * n + i
-        after[at] = keep * before[at] + dt * v[i]
-        some |= abs(after[at]) > _TELLING * tolerance[i]
-    if some:
-        after[MOVED] += dt
-    if after[MOVED] > _LATEST or after[AGE] > _LONGEST or after[JUDGED] == 0.0:
-        return TOLD
-    if np.isnan(after[HEADER + HELD * n]):
-        return NOTHING
-    if before[TIME] > 2.0 * half - _BRIEF:  # the next window
-        after[TIME] = after[EARLIER] = after[WEIGHT] = 0.0
-        for k in range(HEADER + DRIVE * n, HEADER + ROWS * n):
-            after[k] = 0.0
-    time = after[TIME] + 0.5 * dt
-    weight = dt * max(min(time, 2.0 * half - time), 0.0)
-    earlier = after[TIME] < half - _BRIEF
-    row = FORMER if earlier else LATTER
-    for i in range(n):
-        after[HEADER + DRIVE * n + i] += weight * after[HEADER + HELD * n + i]
-        after[HEADER + row * n + i] += dt * v[i]
-    after[TIME] += dt
-    after[EARLIER] += dt if earlier else 0.0
-    after[WEIGHT] += weight
-    if after[TIME] < 2.0 * half - _BRIEF:
-        return NOTHING
-    moved = after[HEARD] + after[SUSPECT] > 0.0
-    for i in range(n):
-        latter, former = after[HEADER + LATTER * n + i], after[HEADER + FORMER * n + i]
-        change = latter / (after[TIME] - after[EARLIER]) - former / after[EARLIER]
-        moved |= abs(change) * half > _STILL * tolerance[i]
-    return WINDOW if moved else NOTHING

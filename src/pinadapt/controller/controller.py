@@ -38,12 +38,11 @@ from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, rows_of
 from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
-from .sensing import Guards, Senses
+from .sensing import LATEST, Guards, Senses, row
 from .state import ControllerState
 
 _HELD = Frozen()
-_SHORT = 1e-3  # [s] period of a controller that has none
-_LONGEST = 10.0  # periods between two samples
+PERIOD = 1e-3  # [s] of a controller that was made for none
 _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
 _DAMPED = 0.3  # of its speed that a joint loses in a period, at most
 
@@ -98,8 +97,6 @@ class Controller:
         self._inputs = InputCheck(kinematics, dynamics.size)
         self._filters, self._projects = law.filters, adaptation_d.projects
         self._position_error = law.uses_position_error
-        first = self.senses.guards.first
-        self._held = slice(0) if first is None else first.held
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter, self._lead = None, None
         if bandwidth is not None:
@@ -180,7 +177,7 @@ class Controller:
 
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
-            ImplausibleError: the robot cannot be there, see ``FirstSamples``.
+            ImplausibleError: the robot cannot be there, see ``Guards``.
             InputError: no measurement; or a law or an adaptation of one's own returns something
                 else than arrays of finite floats of the right shapes, which is tried out here.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
@@ -194,6 +191,15 @@ class Controller:
                 self._try(state, measurement)
             return state
 
+    def _reserve(self) -> None:
+        """Take the scratch, or refuse it to another thread."""
+        if not self._alone.acquire(blocking=False):
+            raise InputError(
+                "another thread is using this controller, whose models are scratch.",
+                where="controller",
+                hint="Give each thread a copy: copy.deepcopy(controller). States may be shared.",
+            )
+
     @contextmanager
     def reserved(self) -> Iterator[None]:
         """Have the scratch for one thread, as ``step`` and all that needs it do by themselves.
@@ -201,8 +207,7 @@ class Controller:
         Raises:
             InputError: another thread is using this controller.
         """
-        if not self._alone.acquire(blocking=False):
-            raise _used_by_another_thread()
+        self._reserve()
         try:
             yield
         finally:
@@ -213,7 +218,7 @@ class Controller:
         task = self.kinematics.task
         x, still = task.measured(measurement.x, measurement.q), np.zeros(task.size)
         s = self._observe(state, measurement, Desired(x, still, still))[0]
-        dt = self.period if math.isfinite(self.period) else _SHORT
+        dt = self.period if math.isfinite(self.period) else PERIOD
         model = self._model(state, s, dt)
         command = self.law.command(s, model)
         self._inputs.returned(command, state.dynamic, state.kinematic)
@@ -233,12 +238,9 @@ class Controller:
     ) -> ControllerState:
         """Return the state to start from, as ``init``, for a measurement that was checked."""
         kinematics, dynamics = self.kinematics, self.dynamics
-        initial = (
-            kinematics.initial_at(measurement.q, measurement.x)
-            if a_k is None
-            else kinematics.initial
-        )
-        a_k = initial_estimate(a_k, initial, "belief.kinematic", kinematics.names)
+        if a_k is None:
+            a_k = kinematics.initial_at(measurement.q, measurement.x)
+        a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
         dynamic = self.adaptation_d.init(
             initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
         )
@@ -385,9 +387,8 @@ class Controller:
             return None
         low_pass, sensors = self.senses.low_pass, self.sensors
         c = min(math.inf if low_pass is None else low_pass.bandwidth, 2.0 / dt)
-        with self.reserved():
-            M = np.triu(pin.crba(self.kinematics.robot.model, self._data, q))
-        M += np.triu(M, 1).T
+        model = self.kinematics.robot.model
+        M = pin.crba(model, model.createData(), q)
         counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), len(M))
         white = (M * M).sum(axis=1) * sensors.deviation("v") ** 2
         counted = (a * b + b * c + c * a) / 12.0 * ((M * M) @ counts**2)
@@ -405,15 +406,13 @@ class Controller:
         Raises:
             MeasurementError: a signal that the law uses is missing, of the wrong size or type, or
                 not finite.
-            ImplausibleError: a measurement that cannot be true of this robot, see ``Guards`` and
-                ``FirstSamples``.
+            ImplausibleError: a measurement that cannot be true of this robot, see ``Guards``.
             InputError: the desired motion, dt or the state cannot be used.
             DivergedError: torque or estimates went wrong, see ``watch``, or the law met a
                 singularity.
             InputError: another thread is using this controller.
         """
-        if not self._alone.acquire(blocking=False):
-            raise _used_by_another_thread()
+        self._reserve()
         try:
             s, sensed, elapsed = self._observe(state, measurement, desired, dt)
             if not elapsed:  # the time of the sample before
@@ -423,19 +422,15 @@ class Controller:
             dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, elapsed)
             kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, elapsed)
             filters = self._filters.step(state.filters, s, elapsed)
-            torque_filter, path, first = state.torque_filter, state.path, sensed.first
+            torque_filter, path = state.torque_filter, state.path
             given = torque if self.compensation is None else torque + self.compensation(s.q)
-            if first is not None:
-                first[self._held] = given
             self.senses.remember(sensed, given)
             if path is not None:
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
                 held = given.copy()  # the torque that goes out is the caller's
                 torque_filter = self._torque_filter.step(s.filtered_torque, held, elapsed)
-            size = kernels.size_of_estimates(dynamic.value, kinematic.value, torque)
-            if not size < self.limits.estimate**2:
-                raise self._divergence(size)
+            self.watch(torque, dynamic.value, kinematic.value)
         except (DivergedError, np.linalg.LinAlgError) as error:
             # a signal that is not finite is the likelier cause
             self._inputs.finite(*self._inputs.sample(state, measurement, desired))
@@ -491,9 +486,9 @@ class Controller:
         with self.reserved():
             self._inputs.state(state)
             t = math.nan if measurement is None else self._inputs.time(measurement.t)
-            period = self.period if math.isfinite(self.period) else _SHORT
+            period = self.period if math.isfinite(self.period) else PERIOD
             elapsed = t - state.t
-            dt = elapsed if 0.0 < elapsed <= _LONGEST * period else period
+            dt = elapsed if 0.0 < elapsed <= LATEST * period else period
             damping = min(damping, _DAMPED / period)
             model, dynamics = self.kinematics.robot.model, self.dynamics
             sensed = self.senses.believed(
@@ -504,13 +499,12 @@ class Controller:
             torque = np.array(dynamics.torque(sensed.q, zero, zero))
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
-            sagged = self.senses.sagged(sensed)
-            if hold:
-                spring = 0.25 * damping**2 * inertia * sagged
+            if hold and sensed.trail.size:
+                spring = 0.25 * damping**2 * inertia * row(sensed.trail, kernels.DISPLACED)
                 most = math.inf if limits is None else _SPRING * limits
                 torque -= np.clip(spring, -most, most)
-            else:
-                sagged[:] = 0.0
+            elif sensed.trail.size:
+                row(sensed.trail, kernels.DISPLACED)[:] = 0.0
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:
@@ -649,49 +643,56 @@ class Controller:
         The models are evaluated at the estimates. The references of the signals are those given.
         Without a period dt [s] the time is not checked.
         """
-        measurement, desired = self._inputs.sample(state, measurement, desired)
-        senses, kinematics, dynamics = self.senses, self.kinematics, self.dynamics
-        t_before, dynamic, kinematic, a_0, filters, adapting, _, before, torque_filter, _, _ = state
-        task, a_k, (x_d, xd_d, xdd_d) = kinematics.task, kinematic.value, desired
-        t, elapsed, since = measurement.t, 0.0, None
-        if dt is not ...:
-            guards = senses.guards
-            elapsed = guards.elapsed(t_before, t, dt, self.period, before.trail)
-            since = t - t_before if guards.clock else elapsed
-        given = before, t_before, measurement, desired, kinematics, a_k, self._position_error, since
-        sensed, still, measurement = senses.read(given)
-        q, v, x, epsilon, X_k, _, _, _, _ = sensed
-        a_d = dynamic.value
+        sensed, resting, sample, desired, elapsed = self._sensed(state, measurement, desired, dt)
+        kinematics, dynamic, (x_d, xd_d, xdd_d) = self.kinematics, state.dynamic, desired
+        s = Signals()
+        assert sensed.x is not None  # the first sample had one
+        s.t, s.q, s.v, s.x, s.w = sample.t, sensed.q, sensed.v, sensed.x, sample.w
+        s.a_k, s.a_0, s.a_d = state.kinematic.value, state.a_0, dynamic.value
         if self._projects:
-            a_d = self.adaptation_d.project(dynamic, q)
-        dynamics.load(a_d)
-        assert x is not None  # the first sample had one
-        xd_hat = kinematics.xd_hat
-        dx, xd, delta = task.errors(x, x_d, measurement.xd, xd_hat, xd_d)
-        inverse = RightInverse(kinematics.J, self.limits.singular)
-        filtered = self._filters.observe(filters, sensed, kinematics)
-        a: Any = measurement.a
+            s.a_d = self.adaptation_d.project(dynamic, s.q)
+        self.dynamics.load(s.a_d)
+        s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
+        s.inverse = RightInverse(s.J, self.limits.singular)
+        s.xd_hat, s.xd_d, s.xdd_d = kinematics.xd_hat, xd_d, xdd_d
+        s.dx, s.xd, s.delta = kinematics.task.errors(s.x, x_d, sample.xd, s.xd_hat, xd_d)
+        s.epsilon, s.X_k = sensed.epsilon, sensed.X_k
+        s.filtered = self._filters.observe(state.filters, sensed, kinematics)
+        a: Any = sample.a
         if a is None:
-            a = self._filters.acceleration(filtered)
-        filtered_torque, residual = None, None
-        if self._torque_filter is not None and (torque_filter or dt is not ...):
+            a = self._filters.acceleration(s.filtered)
+        s.a = a
+        s.filtered_torque, s.residual = None, None
+        if self._torque_filter is not None and (state.torque_filter or dt is not ...):
             tau = None  # what was commanded, unless a torque sensor is declared
             if self.sensors.torque_offset is not None and "tau" in self.sensors.noise:
-                tau = self._inputs.torque(measurement.tau)
-            filtered_torque = self._torque_filter.observe(torque_filter, q, v, tau)
-            residual = filtered_torque.W.dot(a_d) - filtered_torque.y
-        s = Signals()
-        s.t, s.q, s.v, s.a, s.x = t, q, v, a, x
-        s.xd, s.xd_d, s.xdd_d = xd, xd_d, xdd_d
-        s.dx, s.xd_hat, s.delta = dx, xd_hat, delta
-        s.a_k, s.a_d, s.a_0 = a_k, a_d, a_0
-        s.adapting = adapting and not (still and np.abs(dx).max() < senses.guards.near)
-        s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
-        s.inverse = inverse
-        s.epsilon, s.X_k = epsilon, X_k
-        s.filtered, s.filtered_torque, s.w = filtered, filtered_torque, measurement.w
-        s.residual = residual
+                tau = self._inputs.torque(sample.tau)
+            filtered = self._torque_filter.observe(state.torque_filter, s.q, s.v, tau)
+            s.filtered_torque, s.residual = filtered, filtered.W.dot(s.a_d) - filtered.y
+        still = resting and not (xd_d.any() or xdd_d.any())
+        near = self.senses.guards.near
+        s.adapting = state.adapting and not (still and np.abs(s.dx).max() < near)
         return s, sensed, elapsed
+
+    def _sensed(
+        self,
+        state: ControllerState,
+        measurement: Measurement,
+        desired: Desired,
+        dt: float | EllipsisType,
+    ) -> tuple[SensedState, bool, Measurement, Desired, float]:
+        """Return what is kept of a sample, whether the joints rest, the inputs as they are used.
+
+        That are the sample with what was bridged replaced, and the desired motion; and the elapsed
+        time [s]. Without a period dt [s] the time is not checked.
+        """
+        measurement, desired = self._inputs.sample(state, measurement, desired)
+        guards, before, elapsed, since = self.senses.guards, state.sensed, 0.0, None
+        if dt is not ...:
+            elapsed = guards.elapsed(state.t, measurement.t, dt, self.period, before.trail)
+            since = measurement.t - state.t if guards.clock else elapsed
+        given = before, state.t, measurement, self.kinematics, state.kinematic.value, since
+        return *self.senses.read(*given, self._position_error), desired, elapsed
 
     def rate(
         self, state: ControllerState, s: Signals, drives: Drives, torque: np.ndarray
@@ -729,14 +730,11 @@ class Controller:
             DivergedError: they are not finite, or the estimates are larger than any robot's.
         """
         size = kernels.size_of_estimates(a_d, a_k, torque)
-        if not size < self.limits.estimate**2:
-            raise self._divergence(size)
-
-    def _divergence(self, size: float) -> DivergedError:
-        """Return the error for estimates of this squared norm."""
+        if size < self.limits.estimate**2:
+            return
         if not size < math.inf:
-            return DivergedError("the torque or the estimates are no longer finite.")
-        return DivergedError(
+            raise DivergedError("the torque or the estimates are no longer finite.")
+        raise DivergedError(
             f"the estimates diverged: their norm is {math.sqrt(size):.3g}. Try smaller gamma_d "
             "and gamma_k, natural adaptation, or a start nearer to the truth; "
             "stop_on_divergence=False does not end the run."
@@ -776,57 +774,33 @@ def _of_a_user(part: Any) -> bool:
     return own or any(_of_a_user(each) for each in inner if each is not None)
 
 
-def _used_by_another_thread() -> InputError:
-    return InputError(
-        "another thread is using this controller, whose models are scratch.",
-        where="controller",
-        hint="Give each thread a copy: copy.deepcopy(controller). States may be shared.",
-    )
-
-
 def controller_sheet(controller: Controller) -> Sheet:
     """Return law, gains, what is adapted, sampling period and torque limits, with units."""
-    kinematics, dynamics, law = controller.kinematics, controller.dynamics, controller.law
-    velocity, position = getattr(law, "units", ("", ""))
-    gains = (("K_v", velocity), ("K_P", position), ("alpha", "1/s"))
+    kinematics, law, limits = controller.kinematics, controller.law, controller.limits
+    nominal, torque = controller.nominal, limits.torque
+    name = "" if nominal is None else f"{nominal.unloaded.name}, "
     rows = [
-        ("robot", _robot(controller)),
+        ("robot", f"{name}{kinematics.nv} joints"),
         ("task", f"{kinematics.task.name} of {kinematics.frame}"),
-        *((name, f"{_gain(law, name)} {unit}") for name, unit in gains if hasattr(law, name)),
-        ("kinematic", _adapted(kinematics.names, controller.adaptation_k.name)),
-        ("dynamic", _adapted(dynamics.names, controller.adaptation_d.name)),
-        ("torque limits", _limits(controller)),
     ]
-    if not controller.limits.actuators.ideal:
-        rows.append(("made for", controller.limits.actuators.words))
+    velocity, position = getattr(law, "units", ("", ""))
+    for gain, unit in (("K_v", velocity), ("K_P", position), ("alpha", "1/s")):
+        if hasattr(law, gain):
+            value = np.atleast_1d(np.asarray(getattr(law, gain), dtype=float))
+            numbers = [f"{x:.3g}" for x in (np.diag(value) if value.ndim == 2 else value)]
+            same = len(set(numbers)) == 1
+            rows.append((gain, f"{numbers[0] if same else ', '.join(numbers)} {unit}"))
+    for what, names, adaptation in (
+        ("kinematic", kinematics.names, controller.adaptation_k),
+        ("dynamic", controller.dynamics.names, controller.adaptation_d),
+    ):
+        few = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+        words = f"{len(names)} parameters ({few}), {adaptation.name}" if names else "known"
+        rows.append((what, words))
+    bounds = [] if torque is None else [f"{x:.4g}" if np.isfinite(x) else "-" for x in torque]
+    rows.append(("torque limits", f"{', '.join(bounds)} N m or N" if bounds else "none"))
+    if not limits.actuators.ideal:
+        rows.append(("made for", limits.actuators.words))
     if np.isfinite(controller.period):
         rows.append(("period", f"{1e3 * controller.period:g} ms"))
     return Sheet(f"controller, {getattr(law, 'name', type(law).__name__)}", [Table(rows)])
-
-
-def _robot(controller: Controller) -> str:
-    joints = f"{controller.kinematics.nv} joints"
-    nominal = controller.nominal
-    return joints if nominal is None else f"{nominal.unloaded.name}, {joints}"
-
-
-def _gain(law: object, name: str) -> str:
-    """Return a gain as a number, or one per axis where they differ."""
-    value = np.atleast_1d(np.asarray(getattr(law, name), dtype=float))
-    numbers = [f"{x:.3g}" for x in (np.diag(value) if value.ndim == 2 else value)]
-    return numbers[0] if len(set(numbers)) == 1 else ", ".join(numbers)
-
-
-def _adapted(names: tuple[str, ...], adaptation: str) -> str:
-    """Return how many parameters are adapted and how, and the names of a few."""
-    if not names:
-        return "known"
-    few = f" ({', '.join(names)})" if len(names) <= 3 else f" ({names[0]} to {names[-1]})"
-    return f"{len(names)} parameters{few}, {adaptation}"
-
-
-def _limits(controller: Controller) -> str:
-    limits = controller.limits.torque
-    if limits is None:
-        return "none"
-    return ", ".join(f"{x:.4g}" if np.isfinite(x) else "-" for x in limits) + " N m or N"

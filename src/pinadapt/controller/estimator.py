@@ -2,13 +2,12 @@
 
 Amperes, torques before a gear, a wrong sign, or torques without gravity would be learned like any
 others. They show before: the filtered torque T that is measured is compared with the one that the
-initial estimate predicts, P, joint by joint, once what friction of the joint could explain is
-removed from both,
+initial estimate predicts, P,
 
     factor = <T, P> / <P, P>,        correlation = <T, P> / (|T| |P|).
 
-``pinadapt.identification.check_torques`` does the same with a whole log, and names the cause. Here,
-what a load or wrong inertias could do is left alone: only factors far from one count.
+``pinadapt.identification.check_torques`` does the same with a whole log. Here, what a load or wrong
+inertias could do is left alone: only factors far from one count.
 """
 
 from __future__ import annotations
@@ -25,23 +24,21 @@ from ..adaptation.adaptation import Drive, Estimate
 from ..exceptions import GainError, ImplausibleError, MeasurementError
 from ..filters import FilteredRegressor, FilteredTorque
 from ..models.delay_compensation import SensedState
-from ..records import Desired, Measurement
+from ..records import Measurement
 from ..robot.robot import Robot
 from .controller import Controller
 from .inputs import InputCheck, initial_estimate, rows_of
 from .learned import learned_robot
+from .sensing import LATEST
 from .state import ControllerState
 
-_PAUSE = 10.0  # periods after which the filters start anew
 _FIRST, _LAST = 1.0, 8.0  # [s] of motion after which the torques are judged, doubling in between
-_SLIDING = 0.02  # [rad/s or m/s] from where Coulomb friction has its full size
-_FACTORS = (0.3, 4.0)  # of all joints together
+_FACTORS = (0.3, 4.0)  # of all joints together, that wrong inertias and loads do not reach
 _CLEAR = 0.9  # correlation at which a joint is reported to have the wrong sign
-_AGAINST = -0.35  # its factor
-_HEAVY = 0.2  # of the largest predicted torque, from where on a joint is judged by itself
 _RELATED = 0.3  # correlation of all joints together, below which torques are not the robot's
-_PREDICTED = 0.5  # of the measured torques, from where on predicted ones must be seen in them
-_ZERO = 1e-9
+_PREDICTED = 0.5  # of the measured torques, of a joint or of all, from where on predicted ones
+# must be seen in them
+_ZERO = 1e-9  # [(N m)^2 s]
 
 
 class Estimator:
@@ -100,17 +97,13 @@ class Estimator:
         )
         senses = controller.senses
         first = senses.guards.first
-        self._listens = (
-            self._torque_filter is not None and first is not None and (first.gravity is not None)
-        )
+        self._listens = self._torque_filter is not None and first is not None
         self._senses = replace(
             senses,
             compensator=replace(senses.compensator, longest_gap=math.inf),
-            guards=senses.guards.without_torque(),
+            guards=replace(senses.guards, first=None),
         )
         self._inputs = InputCheck(kinematics, controller.dynamics.size)
-        rest = np.zeros(kinematics.task.size)
-        self._nowhere = Desired(rest, rest, rest)
 
     def init(
         self,
@@ -130,7 +123,7 @@ class Estimator:
 
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
-            ImplausibleError: the robot cannot be there, see ``FirstSamples``.
+            ImplausibleError: the robot cannot be there, see ``Guards``.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
             InputError: another thread is using this estimator.
         """
@@ -194,16 +187,16 @@ class Estimator:
             raise ImplausibleError("t", sample.t, f"is not after the last sample's, {state.t:g} s")
         a_k = state.a_k
         sensed, still, sample = self._senses.read(
-            (state.sensed, state.t, sample, self._nowhere, self._kinematics, a_k, True, elapsed)
+            state.sensed, state.t, sample, self._kinematics, a_k, elapsed
         )
         dynamic, kinematic = state.dynamic, state.kinematic
         filtered = self._filtered(state, sensed, sample.tau, elapsed)
-        paused = elapsed > _PAUSE * parts.period
+        paused = elapsed > LATEST * parts.period
         heard = state.filters
         if state.adapting and not still and not paused:
             if heard and isinstance(filtered, FilteredTorque) and sample.tau is not None:
                 decay, error = math.exp(-filtered.bandwidth * elapsed), filtered.error(state.a_0)
-                heard = heard.after(sample.tau, sensed.v, error, decay, elapsed)
+                heard = heard.after(sample.tau, error, decay, elapsed)
                 heard = heard.judged(self._kinematics.joint_names)
             if isinstance(filtered, FilteredTorque):
                 dynamic = self._dynamic_step(dynamic, filtered, sample.q, elapsed)
@@ -251,7 +244,7 @@ class Estimator:
     ) -> FilteredTorque | tuple[()]:
         """Return filtered regressor and torque at a sample."""
         q, v = sensed.q, sensed.v
-        if self._torque_filter is None or tau is None or elapsed > _PAUSE * self.controller.period:
+        if self._torque_filter is None or tau is None or elapsed > LATEST * self.controller.period:
             return self._anew(q, v)
         memory = self._torque_filter.step(state.torque_filter, tau, elapsed)
         return self._torque_filter.observe(memory, q, v, tau)
@@ -279,8 +272,8 @@ class TorqueHistory(NamedTuple):
     Attributes:
         time: of the motion [s].
         due: when they are judged next [s].
-        filtered: (3, n) torque, velocity and its sign through the low pass of the prediction.
-        products: (n, 4, 4) sums over time of products of P, T, and both kinds of friction.
+        filtered: (n) torque T through the low pass of the prediction P [N m or N].
+        products: (3, n) sums over time of P^2, P T and T^2.
     """
 
     time: float
@@ -291,26 +284,23 @@ class TorqueHistory(NamedTuple):
     @classmethod
     def none(cls, n: int) -> TorqueHistory:
         """Return that of n joints before any sample."""
-        return cls(0.0, _FIRST, np.zeros((3, n)), np.zeros((n, 4, 4)))
+        return cls(0.0, _FIRST, np.zeros(n), np.zeros((3, n)))
 
     def after(
-        self, tau: np.ndarray, v: np.ndarray, error: np.ndarray, decay: float, elapsed: float
+        self, tau: np.ndarray, error: np.ndarray, decay: float, elapsed: float
     ) -> TorqueHistory:
         """Return the sums with one more sample.
 
         Args:
             tau: (n) measured torque [N m or N].
-            v: (n) joint velocity [rad/s or m/s].
             error: (n) P - T [N m or N].
             decay: of the low pass over the sample.
             elapsed: since the sample before [s].
         """
-        now = np.stack([tau, v, np.tanh(v / _SLIDING)])
-        filtered = decay * self.filtered + (1.0 - decay) * now
-        T = filtered[0]
-        row = np.stack([T + error, T, filtered[1], filtered[2]], axis=1)
-        products = self.products + elapsed * row[:, :, None] * row[:, None, :]
-        return TorqueHistory(self.time + elapsed, self.due, filtered, products)
+        T = decay * self.filtered + (1.0 - decay) * tau
+        P = T + error
+        products = self.products + elapsed * np.stack([P * P, P * T, T * T])
+        return TorqueHistory(self.time + elapsed, self.due, T, products)
 
     def judged(self, names: Sequence[str]) -> TorqueHistory | tuple[()]:
         """Return what is kept for the next samples; nothing once the check is complete.
@@ -323,50 +313,25 @@ class TorqueHistory(NamedTuple):
         """
         if self.time < self.due:
             return self
-        PP, PT, TT = self._without_friction()
-        heavy = np.sqrt(PP) > _HEAVY * max(math.sqrt(PP.max(initial=0.0)), _ZERO)
-        clear = -PT / np.sqrt(np.maximum(PP * TT, _ZERO)) > _CLEAR
-        against = heavy & (PT < _AGAINST * PP) & clear
-        if against.any() and not against[heavy].all():
-            j = int(np.argmax(against))
-            raise self._mismatch(PT[j] / PP[j], "the wrong sign?", f" for joint '{names[j]}'")
-        both, predicted, measured = float(PT.sum()), float(PP.sum()), float(TT.sum())
-        correlation = both / math.sqrt(max(predicted * measured, _ZERO))
-        if predicted > max(_PREDICTED**2 * measured, _ZERO):
-            factor = both / predicted
-            if not _FACTORS[0] < factor < _FACTORS[1] or correlation < _RELATED:
-                raise self._mismatch(factor, _guess(factor, correlation))
-        elif predicted > _ZERO and both > _FACTORS[1] * predicted and correlation > _CLEAR:
-            raise self._mismatch(both / predicted, "in another unit?")
+        predicted, both, measured = self.products.sum(axis=1)
+        PP, PT, TT = self.products
+        against = (_PREDICTED**2 * TT < PP) & (PT + _CLEAR * np.sqrt(PP * TT) < 0.0)
+        factor, guess = both / max(predicted, _ZERO), ""
+        correlation = both / max(math.sqrt(predicted * measured), _ZERO)
+        if against.any():
+            guess = f"the wrong sign for joint '{names[int(np.argmax(against))]}'?"
+        elif predicted > max(_PREDICTED**2 * measured, _ZERO) and (
+            correlation < _RELATED or not _FACTORS[0] < factor < _FACTORS[1]
+        ):
+            guess = "without gravity, which the arm adds? another order of the joints or sign?"
+            guess = "in amperes? before the gear?" if correlation > _CLEAR else guess
+        if guess:
+            raise ImplausibleError(
+                "tau",
+                f"{factor:.2g} times",
+                f"is not what the model predicts in the first {self.time:.2g} s of motion",
+                guess,
+                "Give the torques of the joints in N m or N, after the gears and with gravity. "
+                "limits=pa.Limits(guards={'gravity': False}) switches this check off.",
+            )
         return () if self.due >= _LAST else self._replace(due=2.0 * self.due)
-
-    def _mismatch(self, factor: float, guess: str, whose: str = "") -> ImplausibleError:
-        """Return the error of torques that are a multiple of the predicted ones."""
-        return ImplausibleError(
-            "tau",
-            f"{factor:.2g} times",
-            f"is not what the model predicts{whose} in the first {self.time:.2g} s of motion",
-            guess,
-            "Give the torques of the joints in N m or N, after the gears and with gravity. "
-            "limits=pa.Limits(guards={'gravity': False}) switches this check off.",
-        )
-
-    def _without_friction(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return <P, P>, <P, T> and <T, T> (n) without what friction could explain."""
-        outer, mixed, inner = (
-            self.products[:, :2, :2],
-            self.products[:, :2, 2:],
-            self.products[:, 2:, 2:],
-        )
-        explained = mixed @ np.linalg.pinv(inner, rcond=1e-9, hermitian=True) @ mixed.swapaxes(1, 2)
-        rest = outer - explained
-        return np.maximum(rest[:, 0, 0], 0.0), rest[:, 0, 1], np.maximum(rest[:, 1, 1], 0.0)
-
-
-def _guess(factor: float, correlation: float) -> str:
-    """Return what may cause a factor of all joints together."""
-    if factor < _AGAINST:
-        return "the wrong sign?"
-    if correlation > _CLEAR:
-        return "in amperes? before the gear?"
-    return "without gravity, which the arm adds? another mounting, or order of the joints?"

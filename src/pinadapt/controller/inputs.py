@@ -33,6 +33,9 @@ class InputCheck:
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
+        self._given = (
+            *(self._x, self._m, self._m, self._q, self._v), *(self._a_d, self._a_d, self._a_k)
+        )  # fmt: skip
 
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -46,37 +49,19 @@ class InputCheck:
         """
         try:
             t, q, v, x, x_time, xd, a, _, w = measurement
-            x_d, xd_d, xdd_d = desired
-            a_d, a_k = state.dynamic.value, state.kinematic.value
-            fits = (
-                state.__class__ is ControllerState
-                and a_d.shape == state.a_0.shape == self._a_d
-                and a_k.shape == self._a_k
-                and q.shape == self._q
-                and v.shape == self._v
-                and x_d.shape == self._x
-                and xd_d.shape == xdd_d.shape == self._m
-                and a_d.dtype is a_k.dtype is q.dtype is v.dtype is _FLOAT
-                and x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
-                and q.__class__ is v.__class__ is x_d.__class__ is _ARRAY
-                and xd_d.__class__ is xdd_d.__class__ is _ARRAY
-                and (
-                    x is None
-                    or (x.shape == self._x and x.dtype is _FLOAT and x.__class__ is _ARRAY)
-                )
-                and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
-                and (xd is None or (xd.shape == self._m and xd.dtype is _FLOAT))
-                and a is None
-                and (
-                    w is None
-                    or (w.shape == self._v and w.dtype is _FLOAT and w.__class__ is _ARRAY)
-                )
-                and t.__class__ is float
-                and t - t == 0.0
-            )
+            given = (*desired, q, v, state.dynamic.value, state.a_0, state.kinematic.value)
+            fits = state.__class__ is ControllerState and a is None and t.__class__ is float
+            fits = fits and t - t == 0.0 and (x_time is None or x_time.__class__ is float)
+            for part, shape in zip(given, self._given, strict=True):
+                fits = fits and part.__class__ is _ARRAY and part.dtype is _FLOAT
+                fits = fits and part.shape == shape
+            for optional, shape in ((x, self._x), (xd, self._m), (w, self._v)):
+                if optional is not None:
+                    fits = fits and optional.__class__ is _ARRAY and optional.dtype is _FLOAT
+                    fits = fits and optional.shape == shape
         except (AttributeError, TypeError, ValueError):
             fits = False
-        if fits:
+        if fits and (x_time is None or x_time - x_time == 0.0):
             return measurement, desired
         self.state(state)
         return self.measurement(measurement), self.desired(desired)
@@ -87,20 +72,20 @@ class InputCheck:
         Raises:
             InputError: it is that of another controller.
         """
-        if given.__class__ is not ControllerState or not (
-            isinstance(given.kinematic, Estimate)
-            and isinstance(given.dynamic, Estimate)
-            and _shape(given.kinematic) == self._a_k
-            and _shape(given.dynamic) == _shape(given.a_0) == self._a_d
-        ):
+        estimates: tuple[Any, ...] = ()
+        if given.__class__ is ControllerState:
+            estimates = tuple(
+                getattr(part, "value", part) for part in (given.kinematic, given.dynamic, given.a_0)
+            )
+        shapes = tuple(getattr(part, "shape", None) for part in estimates)
+        if shapes != (self._a_k, self._a_d, self._a_d):
             raise InputError("the state is that of another controller.", where="state")
-        for estimate in (given.kinematic.value, given.dynamic.value, given.a_0):
-            if estimate.dtype.kind != "f" or estimate.dtype.itemsize != _FLOAT.itemsize:
-                raise InputError(
-                    f"expected estimates of floats, got an array of {estimate.dtype}.",
-                    where="state",
-                    hint="An adaptation of your own must return arrays of floats.",
-                )
+        if any(part.dtype != _FLOAT for part in estimates):
+            raise InputError(
+                "expected estimates of floats.",
+                where="state",
+                hint="An adaptation of your own must return arrays of floats.",
+            )
 
     def measurement(self, given: Measurement) -> Measurement:
         """Return the measurement as arrays of floats.
@@ -180,30 +165,23 @@ class InputCheck:
             InputError: an object of another class, or an array of another shape, not of floats or
                 not finite.
         """
-        law, (p_d,), (p_k,), (n,) = "the law's", self._a_d, self._a_k, self._v
-        instance(command, Command, f"{law} command")
-        instance(command.drives, Drives, f"{law} drives")
-        _returned(command.torque, f"{law} torque", (n,))
-        if command.feedthrough is not None:
-            _returned(command.feedthrough, f"{law} feedthrough", (n, n))
-        if command.feedforward is not None:
-            _returned(command.feedforward, f"{law} feedforward", (n,))
-        for p, name in ((p_d, "dynamic"), (p_k, "kinematic")):
-            drive, place = getattr(command.drives, name), f"{law} drives.{name}"
-            instance(drive, Drive, place)
-            _returned(drive.gradient, f"{place}.gradient", (p,))
-            k = _returned(drive.Y, f"{place}.Y", (None, p))[0]
-            if drive.e is not None:
-                _returned(drive.e, f"{place}.e", (k,))
-            if drive.W is not None:
-                rows = _returned(drive.W, f"{place}.W", (None, p))[0]
-                _returned(drive.residual, f"{place}.residual", (rows,))
-                if drive.weight is not None:
-                    _returned(drive.weight, f"{place}.weight", (rows, rows))
-        for estimate, p, name in ((dynamic, p_d, "dynamic"), (kinematic, p_k, "kinematic")):
-            place = f"the {name} adaptation's estimate"
-            instance(estimate, Estimate, place)
-            _returned(estimate.value, f"{place}.value", (p,))
+        instance(command, Command, "the law's command")
+        instance(command.drives, Drives, "the law's drives")
+        parts = [("the law's torque", command.torque, self._v)]
+        for name, estimate, shape in (
+            ("dynamic", dynamic, self._a_d),
+            ("kinematic", kinematic, self._a_k),
+        ):
+            drive = instance(getattr(command.drives, name), Drive, f"the law's drives.{name}")
+            parts.append((f"the law's drives.{name}.gradient", drive.gradient, shape))
+            instance(estimate, Estimate, f"the {name} adaptation's estimate")
+            parts.append((f"the {name} adaptation's estimate.value", estimate.value, shape))
+        for place, given, shape in parts:
+            fits = isinstance(given, np.ndarray) and given.dtype == _FLOAT and given.shape == shape
+            if not (fits and np.isfinite(given).all()):
+                raise InputError(
+                    f"expected finite floats of shape {shape}, got {shown(given)}.", where=place
+                )
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.
@@ -239,26 +217,6 @@ def _array(
             raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
         raise MeasurementError(name, value, f"must be {shape[0]} numbers, and is not")
     return array.astype(float)
-
-
-def _returned(given: Any, place: str, shape: tuple[int | None, ...]) -> tuple[int, ...]:
-    """Return the shape of an array of finite floats, where None is any length, or refuse it."""
-    wanted = f"expected an array of floats of shape ({', '.join(str(k or 'any') for k in shape)})"
-    if not isinstance(given, np.ndarray):
-        raise InputError(f"{wanted}, got {shown(given)}.", where=place)
-    fits = given.ndim == len(shape) and all(
-        k in (None, length) for k, length in zip(shape, given.shape, strict=True)
-    )
-    if not fits or given.dtype != _FLOAT:
-        raise InputError(f"{wanted}, got {given.dtype} of shape {given.shape}.", where=place)
-    if not np.isfinite(given).all():
-        raise InputError(f"is not finite at the first sample: {shown(given)}.", where=place)
-    return given.shape
-
-
-def _shape(given: Any) -> tuple[int, ...] | None:
-    """Return the shape of an array or of the value of an estimate, None of anything else."""
-    return getattr(getattr(given, "value", given), "shape", None)
 
 
 def _number(value: Any, name: str) -> float:

@@ -283,33 +283,26 @@ class LearnedParameters:
         Raises:
             ParameterError: no such file, or not one of these, or numbers that are not finite.
         """
-        path = Path(path)
-        if not path.exists():
-            raise ParameterError("no such file.", where=str(path))
+        where = str(path)
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise ParameterError(f"cannot be read: {error}.", where=str(path)) from error
-        if not isinstance(content, dict) or content.get("format") != _FORMAT:
-            raise ParameterError(f"is no file of {_FORMAT}.", where=str(path))
-        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            if content["format"] != _FORMAT:
+                raise ValueError(f"its format is {content['format']!r}, not {_FORMAT!r}")
             tables = [
-                {row["name"]: (row["value"], row["unit"]) for row in content[kind]}
+                {str(row["name"]): (row["value"], str(row["unit"])) for row in content[kind]}
                 for kind in ("kinematic", "dynamic")
             ]
             robot, version = str(content["robot"]), str(content["version"])
             remark, shape = str(content.get("remark", "")), dict(content.get("friction", {}))
-        except (KeyError, TypeError, ValueError) as error:
-            raise ParameterError(f"lacks {error}.", where=str(path)) from error
-        kinematic, dynamic = (_values(table, str(path)) for table in tables)
-        units = {name: str(unit) for table in tables for name, (_, unit) in table.items()}
-        rows = numbers(content.get("information", []), str(path), error=ParameterError)
+        except (OSError, KeyError, TypeError, ValueError, RecursionError) as error:
+            words = f"is no file of {_FORMAT}: {type(error).__name__} {error}."
+            raise ParameterError(words, where=where) from error
+        kinematic, dynamic = (_values(table, where) for table in tables)
+        units = {name: unit for table in tables for name, (_, unit) in table.items()}
+        rows = numbers(content.get("information", []), where, error=ParameterError)
         if rows.size and rows.shape[1:] != (len(dynamic),):
-            raise ParameterError(
-                f"information has rows of {rows.shape[1:]} numbers, there are {len(dynamic)} "
-                "dynamic parameters.",
-                where=str(path),
-            )
+            words = f"information has rows of {rows.shape[1:]} numbers, not of {len(dynamic)}."
+            raise ParameterError(words, where=where)
         information = tuple(tuple(row) for row in rows.tolist())
         return cls(robot, kinematic, dynamic, units, version, remark, information, shape)
 

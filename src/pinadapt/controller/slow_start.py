@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from ..adaptation.adaptation import Estimate, Frozen
 from ..adaptation.projections import BoxProjection
-from ..exceptions import ImplausibleError
 from ..models.delay_compensation import SensedState
 from ..models.task_kinematics import JointKinematics
 from ..models.tracker_kinematics import TrackerKinematics
@@ -41,7 +40,6 @@ _LEAST_NOISE = 1e-5  # of the reach
 _RISE = 5.0  # [s] in which the path takes up its full rate if the velocity is just known
 _ROUNDS = 3  # of the noise that the residual shows
 _SINGULAR = 0.1  # of the largest singular value of the Jacobian: below, a direction is left out
-_SCALE, _MIRRORED = 0.7, -0.5  # logarithm of a size, and determinant, that no rotation has
 
 
 class Start(NamedTuple):
@@ -180,7 +178,6 @@ class SlowStart(Controller):
         """Return the torque (n) to hold for the next dt [s], and the next state.
 
         Raises:
-            ImplausibleError: no placement of a tracker explains the frames of the start.
             PinadaptError: as ``Controller.step``.
         """
         start, joints, path = state.start, self._joints, state.path
@@ -188,7 +185,7 @@ class SlowStart(Controller):
             return super().step(state, measurement, desired, dt)
         cycle, place = self._cycle, self._cycle.since(path.lag)
         with self.reserved():
-            sensed, elapsed, held = self._sensed(state, measurement, desired, dt)
+            sensed, _, held, _, elapsed = self._sensed(state, measurement, desired, dt)
             t, begun = held.t, None
             taken = t if sensed.frame is None else sensed.frame.t
             if taken > start.taken and sensed.epsilon.size:
@@ -213,9 +210,8 @@ class SlowStart(Controller):
         held = held._replace(q=sensed.q, v=sensed.v, x=None, x_time=None, xd=None)
         goal = Desired(joints.kinematics.task.measured(None, start.q) + e, ed, edd)
         torque, after = joints.step(inner, held, goal, elapsed or dt)
-        if sensed.first is not None:
-            own = 0.0 if self.compensation is None else self.compensation(sensed.q)
-            sensed.first[self._held] = torque + own
+        own = 0.0 if self.compensation is None else self.compensation(sensed.q)
+        self.senses.remember(sensed, torque + own)
         return torque, after._replace(
             kinematic=state.kinematic,
             filters=state.filters,
@@ -224,19 +220,6 @@ class SlowStart(Controller):
             path=path._replace(lag=path.lag + elapsed),
             start=start._replace(filters=after.filters),
         )
-
-    def _sensed(
-        self, state: ControllerState, measurement: Measurement, desired: Desired, dt: float
-    ) -> tuple[SensedState, float, Measurement]:
-        """Return what the sensors say, the elapsed time [s], and the sample as it is believed."""
-        measurement, desired = self._inputs.sample(state, measurement, desired)
-        before, guards, t = state.sensed, self.senses.guards, measurement.t
-        elapsed = guards.elapsed(state.t, t, dt, self.period, before.trail)
-        since = t - state.t if guards.clock else elapsed
-        sensed, _, measurement = self.senses.read(
-            (before, state.t, measurement, desired, self.kinematics, state.a_k, True, since)
-        )
-        return sensed, elapsed, measurement
 
     @cached_property
     def _cycle(self) -> _Cycle:
@@ -247,9 +230,7 @@ class SlowStart(Controller):
         frames = 0.0 if camera.rate is None else _FRAMES / camera.rate
         return _Cycle(camera.delay + max(_REST, frames))
 
-    def _known(
-        self, start: Start, a_k: np.ndarray, x: Any
-    ) -> tuple[np.ndarray, np.ndarray, float] | None:
+    def _known(self, start: Start, a_k: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Return the kinematic estimate (p) from the frames, its information (p, p) and error.
 
         The error is the standard deviation of a predicted velocity, relative to that of the frame.
@@ -258,10 +239,6 @@ class SlowStart(Controller):
         Args:
             start: with the frames.
             a_k: (p) the estimate whose prediction errors they are.
-            x: measured coordinates.
-
-        Raises:
-            ImplausibleError: no placement of a tracker explains them.
         """
         kinematics, H, score = self.kinematics, start.information, start.score
         prior, least = np.diag(1.0 / kinematics.sizes**2), _LEAST_NOISE * kinematics.robot.reach
@@ -270,9 +247,7 @@ class SlowStart(Controller):
             information = H / variance + prior
             found = a_k - np.linalg.solve(information, score) / variance
             variance = start.variance(found - a_k, least)
-        uncertain, moved = self._uncertain(start, found, np.linalg.inv(information))
-        axes = int(np.linalg.matrix_rank(start.ways))
-        size = float(np.linalg.norm(moved)) / math.sqrt(min(kinematics.positions, axes))
+        uncertain, size = self._uncertain(start, found, np.linalg.inv(information))
         if isinstance(kinematics, TrackerKinematics):
             rigid, of_rigid = kinematics.explaining_tracker(
                 H / variance, (H.dot(a_k) - score) / variance, kinematics.tracker(found)
@@ -280,28 +255,23 @@ class SlowStart(Controller):
             nearest = kinematics.parameters(rigid)
             of_rigid /= max(1.0, start.variance(nearest - a_k, least, len(of_rigid)) / variance)
             P = kinematics.covariance(rigid, of_rigid)
-            other = self._uncertain(start, nearest, P)[0]
+            other, _ = self._uncertain(start, nearest, P)
             if other < uncertain:
                 uncertain, found = other, nearest
                 information = kinematics.information(rigid, of_rigid)
         uncertain /= max(1.0, size)
         if uncertain > _KNOWN:
             return None
-        if isinstance(kinematics, TrackerKinematics):
-            mirrored = len(moved[0]) == axes == 3 and np.linalg.det(moved) < _MIRRORED
-            _check(x, size, mirrored)
         box = self.adaptation_k
         if isinstance(box, BoxProjection):
             found = np.clip(found, box.low, box.high)
         return found, information, uncertain
 
-    def _uncertain(
-        self, start: Start, a_k: np.ndarray, P: np.ndarray
-    ) -> tuple[float, list[np.ndarray]]:
-        """Return how well an estimate a_k (p) with covariance P (p, p) predicts velocities.
+    def _uncertain(self, start: Start, a_k: np.ndarray, P: np.ndarray) -> tuple[float, float]:
+        """Return the largest standard deviation of a coordinate of a predicted velocity, and size.
 
-        That is the largest standard deviation of a coordinate, and the predicted velocities, for
-        each of the ways.
+        For each of the ways, with an estimate a_k (p) of covariance P (p, p); the size of the
+        predicted velocities is relative to that of the arm's.
         """
         kinematics, largest, moved = self.kinematics, 0.0, []
         for way in start.ways.T:
@@ -309,7 +279,8 @@ class SlowStart(Controller):
             Y_p = kinematics.Y_p
             largest = max(largest, float(np.vdot(Y_p.dot(P), Y_p)) / len(Y_p))
             moved.append(kinematics.xd_hat[: kinematics.positions])
-        return math.sqrt(largest), moved
+        axes = min(kinematics.positions, int(np.linalg.matrix_rank(start.ways)))
+        return math.sqrt(largest), float(np.linalg.norm(moved)) / math.sqrt(axes)
 
     def _begun(
         self, state: ControllerState, start: Start, measurement: Measurement
@@ -318,7 +289,7 @@ class SlowStart(Controller):
 
         The arm is at rest: all frames together give its position, the last one its orientation.
         """
-        known = self._known(start, state.a_k, measurement.x)
+        known = self._known(start, state.a_k)
         if known is None:
             return None
         a_k, information, uncertain = known
@@ -350,34 +321,6 @@ class SlowStart(Controller):
             return after
         lag = path.lag + elapsed * (1.0 - min(1.0, 0.5 * (path.rate + rate)))
         return PathTime(lag) if rate >= 1.0 else path._replace(lag=lag, rate=rate)
-
-
-def _check(x: Any, size: float, mirrored: bool) -> None:
-    """Refuse frames x that no tracker explains.
-
-    Args:
-        x: the last of them.
-        size: of their motion, relative to that of the arm.
-        mirrored: whether a mirror explains them.
-
-    Raises:
-        ImplausibleError: they are such frames.
-    """
-    if not abs(math.log(max(size, _LEAST_NOISE))) < _SCALE:
-        unit = " (in millimetres?)" if 300.0 < size < 3000.0 else ""
-        raise ImplausibleError(
-            "x",
-            x,
-            f"moves {size:.2g} times as far as the arm{unit}",
-            hint="Give x in metres, of a point that is fixed to the last body.",
-        )
-    if mirrored:
-        raise ImplausibleError(
-            "x",
-            x,
-            "is in left-handed axes: only a mirror explains the frames",
-            hint="Change the sign of one coordinate of x.",
-        )
 
 
 class _Cycle:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
 from .governor import PathTime
+from .sensing import LASTS, row
 
 _NOTHING = SensedState(np.zeros(0), np.zeros(0))
 
@@ -102,7 +103,7 @@ class ControllerState(NamedTuple):
         trail = self.sensed.trail
         if not trail.size:
             return np.zeros(self.sensed.v.size, bool)
-        return trail[kernels.TRAIL + kernels.BELIEVED :: kernels.TRAIL_ROWS] < 0.0
+        return row(trail, kernels.UNSEEN) > LASTS
 
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest.
@@ -126,85 +127,54 @@ class ControllerState(NamedTuple):
 
     def flat(self) -> np.ndarray:
         """Return the continuous states as one array: estimates, filters, memories, path time."""
-        leaves: list[np.ndarray] = []
-        for part in (*self[1:5], self.torque_filter, self.path):
-            _collect(part, leaves)
-        return np.concatenate(leaves)
+        return np.concatenate(list(_leaves((*self[1:5], self.torque_filter, self.path))))
 
     def with_flat(self, values: np.ndarray) -> ControllerState:
-        """Return the state whose ``flat`` is ``values``.
-
-        Raises:
-            InputError: another number of values.
-        """
-        size = self.flat().size
-        if not isinstance(values, np.ndarray) or values.dtype != float or values.shape != (size,):
-            raise InputError(f"expected an array of {size} floats.", where="values")
-        return self.filler()(values)
-
-    def filler(self) -> Callable[[np.ndarray], ControllerState]:
-        """Return ``with_flat`` as a function, faster where many states of one shape are made."""
-        moving, size = _filler((*self[1:5], self.torque_filter, self.path), 0)
-        t, adapting, load, sensed = self.t, self.adapting, self.load, self.sensed
-        start = self.start
-
-        def filled(values: np.ndarray) -> ControllerState:
-            """Return this state with its moving numbers replaced, at the same time."""
-            assert size == values.size
-            dynamic, kinematic, a_0, filters, torque_filter, path = moving(values)
-            return ControllerState(
-                t, dynamic, kinematic, a_0, filters, adapting, load, sensed, torque_filter, path,
-                start,
-            )  # fmt: skip
-
-        return filled
+        """Return the state whose ``flat`` is ``values``."""
+        moving, used = _filled((*self[1:5], self.torque_filter, self.path), values, 0)
+        if used != values.size:
+            raise InputError(f"expected {used} floats, got {values.size}.", where="values")
+        dynamic, kinematic, a_0, filters, torque_filter, path = moving
+        return self._replace(
+            dynamic=dynamic,
+            kinematic=kinematic,
+            a_0=a_0,
+            filters=filters,
+            torque_filter=torque_filter,
+            path=path,
+        )
 
 
-def _collect(part: Any, leaves: list[np.ndarray]) -> None:
-    """Append the arrays in estimates and nested tuples, flat and in order, without constants."""
+def _leaves(part: Any) -> Iterator[np.ndarray]:
+    """Yield the arrays in estimates and nested tuples, flat and in order, without constants."""
     if isinstance(part, np.ndarray):
-        leaves.append(part if part.ndim == 1 else part.ravel())
+        yield part.ravel()
     elif isinstance(part, Estimate):
-        leaves.append(part.value)
-        _collect(part.memory, leaves)
+        yield from _leaves((part.value, part.memory))
     elif isinstance(part, PathTime):
-        leaves.append(np.array(part[:3]))
+        yield np.array(part[:3])
     elif isinstance(part, tuple):
         for inner in part:
-            _collect(inner, leaves)
+            yield from _leaves(inner)
 
 
-def _filler(part: Any, start: int) -> tuple[Callable[[np.ndarray], Any], int]:
-    """Return what makes a part anew with its arrays taken from flat values, and where they end.
-
-    The part is an estimate, an array, a constant, or nested tuples of them; its values begin at
-    ``start``.
-    """
+def _filled(part: Any, values: np.ndarray, start: int) -> tuple[Any, int]:
+    """Return a part with the arrays of ``_leaves`` taken from values, and where they end there."""
     if isinstance(part, np.ndarray):
-        stop, shape = start + part.size, part.shape
-        if part.ndim == 1:
-            return lambda values: values[start:stop], stop
-        return lambda values: values[start:stop].reshape(shape), stop
+        stop = start + part.size
+        return values[start:stop].reshape(part.shape), stop
     if isinstance(part, Estimate):
-        value, middle = _filler(part.value, start)
-        memory, stop = _filler(part.memory, middle)
-        if stop == middle:
-            kept = part.memory
-            return lambda values: Estimate(value(values), kept), stop
-        return lambda values: Estimate(value(values), memory(values)), stop
+        both, stop = _filled((part.value, part.memory), values, start)
+        return Estimate(*both), stop
     if isinstance(part, PathTime):
-        stop, cause = start + 3, part.cause
-        return lambda values: PathTime._make([*values[start:stop].tolist(), cause]), stop
-    if not isinstance(part, tuple) or not part:
-        return lambda values: part, start
-    pieces, stop = [], start
+        return PathTime._make([*values[start : start + 3].tolist(), part.cause]), start + 3
+    if not isinstance(part, tuple):
+        return part, start
+    pieces = []
     for piece in part:
-        filled, stop = _filler(piece, stop)
-        pieces.append(filled)
-    if hasattr(part, "_fields"):
-        make = type(part)
-        return lambda values: make(*[piece(values) for piece in pieces]), stop
-    return lambda values: tuple([piece(values) for piece in pieces]), stop
+        found, start = _filled(piece, values, start)
+        pieces.append(found)
+    return type(part)(*pieces) if hasattr(part, "_fields") else tuple(pieces), start
 
 
 class Sample(NamedTuple):

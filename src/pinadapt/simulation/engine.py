@@ -9,7 +9,7 @@ from math import isfinite
 import numpy as np
 
 from .._checks import flag, instance, keywords, positive
-from ..controller.controller import Controller
+from ..controller.controller import PERIOD, Controller
 from ..exceptions import InputError, did_you_mean
 from ..plants.elastic_plant import ElasticPlant
 from ..plants.mujoco_plant import MujocoFile, MujocoPlant
@@ -20,7 +20,6 @@ from ..robot.motors import torque_limits as limits_of
 from ..robot.robot import Robot
 
 PLANTS: dict[str, PlantMaker] = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
-_PERIOD = 1e-3  # [s] of controllers that were made for none
 
 
 @keywords()
@@ -104,7 +103,7 @@ class Engine:
         """Return the period or integration step [s] with a controller."""
         if self.dt is not None:
             return self.dt
-        return controller.period if isfinite(controller.period) else _PERIOD
+        return controller.period if isfinite(controller.period) else PERIOD
 
     def motors(self, true: Robot) -> np.ndarray | None:
         """Return the torque limits (n) of the true robot's motors [N m or N], or None."""

@@ -167,9 +167,6 @@ def run(
     if sensors is not None:
         sensors.reset()
     given, governed = None, getattr(controller, "desired", None)
-    motors, move = plant.motors, plant.step
-    if isinstance(plant, SimulatedPlant) and isinstance(controller, Controller):
-        motors, move = plant.motors, plant.step
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
@@ -190,18 +187,10 @@ def run(
             step_time = perf_counter() - started
         except PinadaptError as error:
             _bring_to_rest(plant, controller, state, measurement, dt)
-            if isinstance(error, DivergedError):
-                raise DivergedError(error.reason, truth.t) from error
-            if isinstance(error, ImplausibleError):
-                raise DivergedError(
-                    lost(error, real=isinstance(plant, SimulatedPlant)), truth.t
-                ) from error
-            if isinstance(error, InputError):
-                raise unusable(error, truth.t) from error
-            raise
-        given = motors(torque.copy())  # the sample is the caller's, the torque the plant's
+            raise ended(error, truth.t, isinstance(plant, SimulatedPlant)) from error
+        given = plant.motors(torque.copy())  # the sample is the caller's, the torque the plant's
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
-        move(torque, dt)
+        plant.step(torque, dt)
         state = after
         if events is not None:
             now = truth.t + dt
@@ -230,26 +219,29 @@ def _bring_to_rest(
         measurement = plant.measure()
 
 
-def lost(error: ImplausibleError, *, real: bool) -> str:
-    """Return why a loop ends at a measurement that its controller refuses.
+def ended(error: Exception, t: float, simulated: bool) -> Exception:
+    """Return what ends a loop at t [s] for an error of its controller.
+
+    A desired motion that cannot be used is an input to be refused at the start; later the loop has
+    run until then.
 
     Args:
-        error: the refusal.
-        real: whether the plant is simulated, so that the arm really moves as measured; else a
-            sensor may be wrong.
+        error: of the controller.
+        t: time [s].
+        simulated: whether the arm really moves as measured; else a sensor may be wrong.
     """
-    said = f"measurement '{error.field}' {error.flaw}"
-    if real and error.field in ("v", "x") and error.value is not None:
-        return f"{said}; no sensor is wrong, the simulated arm moves like this."
-    return f"{said} ({error.guess})." if error.guess else f"{said}."
-
-
-def unusable(error: InputError, t: float) -> Exception:
-    """Return what ends a loop whose desired motion cannot be used at t [s].
-
-    At the start that is an input to be refused; later the loop has run until then.
-    """
-    return DivergedError(" ".join(str(error).split()), t) if t > 0.0 else error
+    if isinstance(error, ImplausibleError):
+        said = f"measurement '{error.field}' {error.flaw}"
+        if simulated and error.field in ("v", "x") and error.value is not None:
+            words = f"{said}; no sensor is wrong, the simulated arm moves like this."
+        else:
+            words = f"{said} ({error.guess})." if error.guess else f"{said}."
+        return DivergedError(words, t)
+    if isinstance(error, DivergedError | np.linalg.LinAlgError):
+        return DivergedError(str(error), t)
+    if isinstance(error, InputError) and t > 0.0:
+        return DivergedError(" ".join(str(error).split()), t)
+    return error
 
 
 def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
@@ -324,16 +316,12 @@ def run_continuous(
             k2 = loop.slope(y + (0.5 * dt) * k1, t + 0.5 * dt)
             k3 = loop.slope(y + (0.5 * dt) * k2, t + 0.5 * dt)
             k4 = loop.slope(y + dt * k3, t + dt)
-        except ImplausibleError as error:
-            raise DivergedError(lost(error, real=True), t) from error
-        except InputError as error:
-            raise unusable(error, t) from error
-        except (DivergedError, np.linalg.LinAlgError) as error:
-            raise DivergedError(str(error), t) from error
+        except (PinadaptError, np.linalg.LinAlgError) as error:
+            raise ended(error, t, True) from error
         try:
             y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
         except DivergedError as error:
-            raise DivergedError(error.reason, t + dt) from error
+            raise ended(error, t + dt, True) from error
         if events is not None:
             y = loop.interrupted(y, events, t, (k + 1) * dt)
 
@@ -361,7 +349,7 @@ class _Loop:
         if self.state.start is not None:  # samples are what it waits for
             path = None if controller.limits.governor is None else PathTime()
             self.state = self.state._replace(start=None, path=path)
-        self._filled, self._cause = self.state.filler(), ""
+        self._cause = ""
         self.desired: Desired
         self.torque: np.ndarray
 
@@ -387,7 +375,7 @@ class _Loop:
         if not v.dot(v) < FASTEST**2:  # also true for NaN
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.")
         self._q = self._plant.integrate(self._q, y[:n])
-        state = self._filled(y[2 * n :])
+        state = self.state.with_flat(y[2 * n :])
         kept = self._controller.adaptation_d.project(state.dynamic, self._q)
         if kept is not state.a_d:
             state = state._replace(dynamic=state.dynamic.with_value(kept))
@@ -398,7 +386,6 @@ class _Loop:
         events.change(self._plant, before, now)
         state = self.state.with_flat(y[2 * self._plant.nv :])
         self.state = events.announce(self._controller, state, before, now)
-        self._filled = self.state.filler()
         return np.concatenate([y[: 2 * self._plant.nv], self.state.flat()])
 
     def slope(self, y: np.ndarray, t: float) -> np.ndarray:
@@ -409,25 +396,22 @@ class _Loop:
         """
         plant, controller, n = self._plant, self._controller, self._plant.nv
         q, v = plant.integrate(self._q, y[:n]), y[n : 2 * n]
-        self.state = state = self._filled(y[2 * n :])
+        self.state = state = self.state.with_flat(y[2 * n :])
         if state.path is not None:
             self.state = state._replace(path=state.path._replace(cause=self._cause))
         self.measurement = plant.measurement(q, v, t)
         self.desired = controller.desired(self.state, self._trajectory, t)
         if not np.isfinite(np.concatenate(self.desired)).all():
             raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
+        signals, command = controller.command(self.state, self.measurement, self.desired)
         if self._ideal:
-            signals, command = controller.command(self.state, self.measurement, self.desired)
             a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-            if controller.law.uses_acceleration:
-                tau, drives = controller.respond(self.state, signals.replaced(a=a))
-            else:
-                tau, drives = controller.sent(signals, command)
-            self.torque = plant.motors_at(q, tau)
+        if self._ideal and controller.law.uses_acceleration:
+            tau, drives = controller.respond(self.state, signals.replaced(a=a))
         else:
-            signals = controller.observe(self.state, self.measurement, self.desired)
-            tau, drives = controller.respond(self.state, signals)
-            self.torque = plant.motors_at(q, tau)
+            tau, drives = controller.sent(signals, command)
+        self.torque = plant.motors_at(q, tau)
+        if not self._ideal:
             a = plant.acceleration_at(q, v, self.torque)
         rate = controller.rate(self.state, signals, drives, self.torque)
         if rate.path is not None:

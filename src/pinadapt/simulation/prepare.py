@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, instance, mapping, positive, vector, whole, word
-from ..adaptation.projections import BoxProjection
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
@@ -24,7 +22,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
-from ..tuning.preflight import jacobian_finding, preflight, sensor_findings
+from ..tuning.preflight import preflight, sensor_findings
 
 _STARTS = {"a_k": "belief.kinematic", "a_d": "belief.dynamic"}
 _INFORMATION = ("information", "information_k")
@@ -55,8 +53,6 @@ def prepare(
     _check_same_shape(plant.robot, controller)
     usable_trajectory(controller, trajectory, duration)
     _check_not_singular(plant.robot)
-    if plant.described:
-        _warn_of_box(plant.robot, controller)
     if isinstance(start, LearnedParameters):
         start = start.start(controller)
     given = dict(mapping(start, "start"))
@@ -92,8 +88,6 @@ def findings(
         held = overloaded(true, motors)
     words = [str(finding) for finding in found if not (held and finding.part == "motors")]
     words += map(str, sensor_findings(controller, quality))
-    if wrong := jacobian_finding(controller, true):
-        words.append(str(wrong))
     return words if held is None else [*words, held]
 
 
@@ -159,24 +153,6 @@ def _check_not_singular(true: Robot) -> None:
             "move all of its task.",
             where="robot.q0",
             hint="Bend a joint, or leave q0 out to have a pose searched.",
-        )
-
-
-def _warn_of_box(true: Robot, controller: Controller) -> None:
-    """Say so when the box of the kinematic estimates does not hold the truth."""
-    box, truth = controller.adaptation_k, controller.kinematics.value(true)
-    if truth is None or not isinstance(box, BoxProjection):
-        return
-    outside = (truth < box.low) | (truth > box.high)
-    if outside.any():
-        names = [
-            name for name, out in zip(controller.kinematics.names, outside, strict=True) if out
-        ]
-        warnings.warn(
-            f"the true values of {names} are outside the box of their estimates, which cannot "
-            "reach them: no proof covers this closed loop. Take a wider limits.box, in a "
-            "scenario unknown.kinematic_box.",
-            stacklevel=6,
         )
 
 

@@ -8,12 +8,10 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy import concatenate
 from numpy.typing import ArrayLike
 
 from .._checks import instance, keywords
@@ -60,30 +58,15 @@ def check_memory(controller: Controller, samples: int, record_every: int) -> Non
     parameters = controller.kinematics.size + controller.dynamics.size
     joints = len(controller.kinematics.joint_names)
     needed = kept * (_OBJECTS + 8 * (parameters + _PER_JOINT * joints))
-    room = min(_room(), default=sys.maxsize)
+    room = sys.maxsize
+    with suppress(OSError, ValueError, AttributeError):  # not every system has these names
+        room = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed > room:
         raise InputError(
             f"{kept} samples to keep take about {needed / 1e9:.3g} GB, there are {room / 1e9:.3g}.",
             where="duration",
             hint="Take a shorter duration or a longer dt; in Python record_every keeps fewer.",
         )
-
-
-def _room() -> Iterator[int]:
-    """Return the bounds on this process's memory that the system states [B], if any."""
-    with suppress(OSError, ValueError, AttributeError):  # not every system has these names
-        yield os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    with suppress(OSError, ValueError, IndexError, StopIteration):
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        yield next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable")) * 1024
-    with suppress(OSError, ValueError):  # "max" where a container has no limit
-        yield int(Path("/sys/fs/cgroup/memory.max").read_text())
-    with suppress(ImportError):
-        import resource
-
-        soft, _ = resource.getrlimit(resource.RLIMIT_AS)
-        if soft != resource.RLIM_INFINITY:
-            yield soft
 
 
 Progress = Callable[[range], Iterable[int]]
@@ -106,7 +89,8 @@ def watched(indices: range, progress: Progress | bool | str | None, title: str) 
         return progress(indices)
     if not isinstance(progress, bool | None):
         raise InputError(f"expected True, False or a function, got {progress!r}.", where="progress")
-    if not progress and (progress is False or not _on_terminal()):
+    terminal = sys.stderr is not None and sys.stderr.isatty()  # a windowed program has none
+    if not (terminal if progress is None else progress):
         return indices
     from tqdm.auto import tqdm  # here, because the library is imported without it
 
@@ -114,32 +98,7 @@ def watched(indices: range, progress: Progress | bool | str | None, title: str) 
     return bar
 
 
-def _on_terminal() -> bool:
-    """Return whether standard error is a terminal; a windowed program has none at all."""
-    return sys.stderr is not None and sys.stderr.isatty()
-
-
-_REPLACED = {
-    "dt": "engine=pa.Engine(dt=...), by default the period of the controller",
-    "mode": "engine=pa.Engine(continuous=True)",
-    "substeps": "engine=pa.Engine(substeps=...)",
-    "acceleration": "engine=pa.Engine(ideal_acceleration=True)",
-    "torque_limits": "engine=pa.Engine(torque_limits=...)",
-    "a_k": 'start={"a_k": ...}',
-    "a_d": 'start={"a_d": ...}',
-    "noise": "sensors=pa.Sensors(noise=...), by default the sensors of the controller",
-    "encoder": "sensors=pa.Sensors(encoder=...), by default the sensors of the controller",
-    "camera": "sensors=pa.Sensors(camera=pa.Camera(rate=..., delay=...)), by default the sensors "
-    "of the controller",
-    "delay": "sensors=pa.Sensors(camera=pa.Camera(delay=...)), by default the sensors of the "
-    "controller",
-    "changes": "events=pa.Events(changes={...})",
-    "beliefs": "events=pa.Events(announcements={...})",
-    "view": 'progress="live"',
-}
-
-
-@keywords(**_REPLACED)
+@keywords()
 def simulate(
     true: Robot,
     controller: Controller,
@@ -186,8 +145,8 @@ def simulate(
             real time, as ``LiveView``; or what wraps the range of samples, as ``tqdm`` does.
 
     Raises:
-        InputError: anything that cannot be run, or a former keyword, with what has replaced it; a
-            loop that diverges is no error, see ``Rollout.diverged``.
+        InputError: anything that cannot be run; a loop that diverges is no error, see
+            ``Rollout.diverged``.
         Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
     """
     instance(true, Robot, "true")
@@ -331,8 +290,6 @@ class Record:
 
     Attributes:
         samples: one of so many.
-        rows: of each sample true q, v, the torque, true x, x_d and both estimates as one array: it
-            is made while they are in the processor's cache, where none is at the end of a run.
         steps: how many there were.
         step_time: seconds that the controller spent in all of them.
         diverged: time [s] at which the loop diverged, or None.
@@ -341,7 +298,6 @@ class Record:
     """
 
     samples: list[Sample] = field(default_factory=list)
-    rows: list[np.ndarray] = field(default_factory=list)
     steps: int = 0
     step_time: float = 0.0
     diverged: float | None = None
@@ -370,23 +326,12 @@ def record(
                 if state is not before.state:
                     samples[-1] = before._replace(state=state)
             samples.append(sample)
-            kept.rows.append(_row(sample))
             before = sample
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
     except KeyboardInterrupt:
         kept.interrupted = last
     return kept
-
-
-def _row(sample: Sample) -> np.ndarray:
-    """Return a row of ``Record.rows``."""
-    truth, state = sample.truth, sample.state
-    parts: Any = (
-        truth.q, truth.v, sample.torque, truth.x, sample.desired.x_d,
-        state.kinematic.value, state.dynamic.value,
-    )  # fmt: skip
-    return concatenate(parts)
 
 
 def rollout_of(
@@ -414,28 +359,31 @@ def rollout_of(
     """
     robot, samples = robots.robots[0], kept.samples
     n, coordinates = plant.nv, robot.task.coordinates
-    sizes = robot.model.nq, n, n, coordinates, coordinates, controller.kinematics.size
-    table = np.concatenate([np.zeros(0), *kept.rows])
-    table = table.reshape(len(samples), sum(sizes) + controller.dynamics.size)
-    columns = np.split(table, np.cumsum(sizes), axis=1)
-    q, v, tau, x, x_d, a_k, a_d = (np.ascontiguousarray(part) for part in columns)
+
+    def column(of: Callable[[Sample], np.ndarray | None], size: int) -> np.ndarray:
+        """Return a number of the samples' arrays as one (N, size)."""
+        return np.array([of(sample) for sample in samples], dtype=float).reshape(len(samples), size)
+
+    tau, x_d = column(lambda s: s.torque, n), column(lambda s: s.desired.x_d, coordinates)
     return Rollout(
         title=title,
         robot=robot.name,
         law=controller.law.name,
-        adaptation=_adaptation(controller),
+        adaptation=(
+            controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
+        ).name,
         task=robot.task,
         joint_names=tuple(robot.joint_names),
         kinematic_names=controller.kinematics.names,
         dynamic_names=controller.dynamics.names,
         t=np.array([sample.t for sample in samples]),
-        q=q,
-        v=v,
+        q=column(lambda s: s.truth.q, robot.model.nq),
+        v=column(lambda s: s.truth.v, n),
         tau=tau,
-        x=x,
+        x=column(lambda s: s.truth.x, coordinates),
         x_d=x_d,
-        a_k=a_k,
-        a_d=a_d,
+        a_k=column(lambda s: s.state.a_k, controller.kinematics.size),
+        a_d=column(lambda s: s.state.a_d, controller.dynamics.size),
         saturated=_saturated(tau, plant.torque_limits, controller.limits.torque),
         diverged=kept.diverged,
         reason=kept.reason,
@@ -450,12 +398,6 @@ def rollout_of(
         slowed=slowdowns(samples),
         ringing=ringing_of(np.array([sample.t for sample in samples]), tau, controller),
     )
-
-
-def _adaptation(controller: Controller) -> str:
-    """Return the dynamic adaptation's name, or the kinematic one's where that alone adapts."""
-    used = controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
-    return used.name
 
 
 def _marks(robots: Succession, announced: Iterable[float]) -> tuple[tuple[float, str], ...]:

@@ -36,7 +36,7 @@ from ..robot.changes import Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.task import JointTask
-from .defaults import bandwidth, elastic_mode, feedback_lag, slowest_share
+from .defaults import bandwidth, feedback_lag, slowest_share
 from .noise import (
     SIGMA,
     Given,
@@ -71,7 +71,6 @@ from .unknowns import (
 )
 
 T = TypeVar("T")
-_HARDLY = 0.1  # share of the bandwidth
 
 _REPLACED = {
     "believed": "the first argument, 'robot'",
@@ -183,7 +182,7 @@ def make_controller(
         tuned = tuned.decorrelated(settings.decorrelation, 1.0 / settings.velocity)
     if applied.governor is not None:
         tuned = tuned.within(applied.governor.velocity)
-    _warn(tuned, (kind, kind_k), motion, gains | rates, payload)
+    _warn(tuned, (kind, kind_k), motion, gains | rates)
     box, given = make_box(robot, kinematics, limits.box), rates | gains
     adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, settings, quality)
     if isinstance(law, str) and gains.get("R_k") is None:
@@ -287,24 +286,12 @@ def _adaptation(
 
 
 def _warn(
-    law: Law,
-    kinds: tuple[str, str],
-    motion: TypicalMotion,
-    gains: Mapping[str, Any],
-    payload: Payload | None,
+    law: Law, kinds: tuple[str, str], motion: TypicalMotion, gains: Mapping[str, Any]
 ) -> None:
-    """Warn of gains that nothing uses, a joint too light for the law, or a memory too fast."""
+    """Warn of gains that nothing uses, and of a joint too light for the law."""
     warn_of_unused_gains(law, kinds, motion.kinematics, motion.dynamics, gains)
     if kinds[0] != "none" and (light := lightest_joint(motion, law)):
         warnings.warn(str(light), stacklevel=5)
-    if law.holds_inertia and kinds[0] in MEMORIES and payload is None:
-        warnings.warn(
-            f"the law '{law.name}' holds the mass matrix of the initial estimate; with a memory "
-            "the moving one may leave it so far behind that motors saturate or the loop diverges. "
-            'Take adaptation = "natural", announce the load (payload=, in a scenario '
-            "belief.payload), or take the law 'separation'.",
-            stacklevel=5,
-        )
 
 
 def _senses(
@@ -412,20 +399,6 @@ def _tuned(
     share = stable_share_of_feedback(
         lambda share: slowed(share).feedback(motion), dt, motion, actuators, K_f
     )
-    if (swing := elastic_mode(motion.robot, actuators)) < motion.bandwidth:
-        warnings.warn(
-            f"the links swing on {actuators.words} at {swing / (2.0 * math.pi):.2g} Hz, slower "
-            f"than this feedback, {motion.bandwidth / (2.0 * math.pi):.2g} Hz: a controller for "
-            "rigid joints follows no motion with them. Check the unit of the stiffness.",
-            stacklevel=6,
-        )
-    if share < _HARDLY and not actuators.ideal:
-        warnings.warn(
-            f"with {actuators.words} the feedback is stable up to {share:.2g} of the bandwidth "
-            "only, with which no arm follows a motion. Encoders at the links need the motors' "
-            "velocity besides: law=pa.laws.FastFeedback(...).",
-            stacklevel=6,
-        )
     tuned = slowed(share)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
