@@ -15,7 +15,7 @@ from ..exceptions import RobotError, did_you_mean
 _WORLD = "universe"
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _SUPPORTED = ("JointModelR", "JointModelP")
-_LINK_MARK = "(link) "
+_LINK_MARK = "(link) "  # of links that share their name with a joint
 _ROUNDING = 1e-9  # [rad or m] by which a home pose may exceed a limit without a warning
 _NO_LIMIT = 1e300  # effort and velocity limits from here on mean that there is none
 _TRAVEL = 2.0  # [m], stroke of an unlimited slide where a chain has no other extent
@@ -101,44 +101,24 @@ def is_free_flyer(joint: pin.JointModel) -> bool:
 # Reducing a model to the chain
 
 
-def reduce_to_chain(model: pin.Model, keep: Sequence[int], q_reference: np.ndarray) -> pin.Model:
-    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq of the whole)."""
-    return _reduced(model, [], keep, q_reference)[0]
-
-
-def reduce_visual(
-    model: pin.Model, visual: pin.GeometryModel, keep: Sequence[int], q_reference: np.ndarray
-) -> pin.GeometryModel:
-    """Return the visual geometry of the chain, given that of the whole model."""
-    return _reduced(model, [visual], keep, q_reference)[1][0]
-
-
-def _reduced(
-    model: pin.Model,
-    visuals: list[pin.GeometryModel],
-    keep: Sequence[int],
-    q_reference: np.ndarray,
+def reduced(
+    model: pin.Model, keep: Sequence[int], q_reference: np.ndarray, *shapes: pin.GeometryModel
 ) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
+    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes.
+
+    ``pin.buildReducedModel`` refuses links that share their name with a joint: they are renamed
+    meanwhile.
+    """
     lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
     model = model.copy()
-    _rename_links(model, mark=True)
-    reduced, geometries = pin.buildReducedModel(model, visuals, lock, q_reference)
-    _rename_links(reduced, mark=False)
-    return reduced, geometries
-
-
-def _rename_links(model: pin.Model, *, mark: bool) -> None:
-    """Mark links that share their name with another frame, or remove the marks.
-
-    ``pin.buildReducedModel`` refuses duplicate frame names.
-    """
-    names = [frame.name for frame in model.frames]
-    times = Counter(names)
-    for frame, name in zip(model.frames, names, strict=True):
-        if not mark:
-            frame.name = name.removeprefix(_LINK_MARK)
-        elif frame.type == pin.FrameType.BODY and times[name] > 1:
-            frame.name = _LINK_MARK + name
+    times = Counter(frame.name for frame in model.frames)
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and times[frame.name] > 1:
+            frame.name = _LINK_MARK + frame.name
+    chain, geometries = pin.buildReducedModel(model, list(shapes), lock, q_reference)
+    for frame in chain.frames:
+        frame.name = frame.name.removeprefix(_LINK_MARK)
+    return chain, geometries
 
 
 # Configurations and joint angles

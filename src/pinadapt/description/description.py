@@ -25,8 +25,6 @@ from .xacro import XacroArguments
 Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
 Geometry: TypeAlias = Callable[[pin.GeometryType], "pin.GeometryModel | None"]
 
-_INSTALL = 'Install it: pip install "pinadapt[descriptions]".'
-
 
 @dataclass(frozen=True)
 class Description:
@@ -57,16 +55,6 @@ class Description:
     weld_root: bool = False
     from_file: bool = False
     urdf: Urdf | Path | None = None
-
-    @property
-    def visual(self) -> Callable[[], pin.GeometryModel | None]:
-        """Function that reads the visual geometry."""
-        return partial(self.geometry, pin.GeometryType.VISUAL)
-
-    @property
-    def collision(self) -> Callable[[], pin.GeometryModel | None]:
-        """Function that reads the collision geometry."""
-        return partial(self.geometry, pin.GeometryType.COLLISION)
 
 
 def describe(
@@ -107,30 +95,29 @@ def _find(source: Source, xacro: XacroArguments) -> Description:
         return _from_file(Path(source).expanduser(), xacro)
     name = str(source)
     if name not in catalogue() and is_description_name(name):
-        named = named_description(name)
-        found = _from_file(named.path, {**named.xacro, **xacro}, named.packages)
-        return replace(found, name=name)
+        path, arguments, packages = named_description(name)
+        return replace(_from_file(path, {**arguments, **xacro}, packages), name=name)
     if xacro:
         raise RobotError(f"'{name}' is not a xacro file; it takes no arguments.", where="xacro")
     return _from_catalogue(name)
 
 
 def _from_object(source: pin.Model | RobotWrapper) -> Description:
-    if isinstance(source, pin.Model):
-        return Description(str(source.name), source, _none, pin.neutral(source))
+    model = source if isinstance(source, pin.Model) else source.model
     q_reference = getattr(source, "q0", None)
-    q_reference = pin.neutral(source.model) if q_reference is None else q_reference
-    geometry = partial(_given, source.visual_model, source.collision_model)
-    return Description(str(source.model.name), source.model, geometry, q_reference)
+    return Description(
+        str(model.name),
+        model,
+        partial(
+            _given, *(getattr(source, f"{kind}_model", None) for kind in ("visual", "collision"))
+        ),
+        pin.neutral(model) if q_reference is None else q_reference,
+    )
 
 
 def _given(visual: Any, collision: Any, kind: pin.GeometryType) -> Any:
-    """Return one of two geometries that are already in memory."""
+    """Return one of two geometries that are already in memory, or None."""
     return visual if kind == pin.GeometryType.VISUAL else collision
-
-
-def _none(kind: pin.GeometryType) -> None:
-    """Return None: a bare model has no geometry."""
 
 
 def _from_file(
@@ -150,9 +137,9 @@ def _from_file(
     return Description(
         str(model.name),
         model,
-        file.geometry,
+        partial(file.geometry, model),
         q_reference,
-        file.mimics(),
+        file.mimics,
         from_file=True,
         urdf=file if isinstance(file, Urdf) else None,
     )
@@ -160,8 +147,7 @@ def _from_file(
 
 def _from_catalogue(name: str) -> Description:
     entry = catalogue_entry(name)
-    model, q_reference, mimics = entry.load()
-    q_reference = np.array(q_reference)
+    model, q_reference = entry.load()
     before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
@@ -173,7 +159,7 @@ def _from_catalogue(name: str) -> Description:
         model,
         entry.geometry,
         q_reference,
-        mimics,
+        entry.mimics,
         entry.frame,
         entry.task,
         tuple(str(model.names[joint]) for joint in before),
@@ -183,21 +169,6 @@ def _from_catalogue(name: str) -> Description:
 
 
 # The package robot_descriptions
-
-
-@dataclass(frozen=True)
-class NamedDescription:
-    """The files of a description of the package robot_descriptions.
-
-    Attributes:
-        path: URDF, xacro or MJCF file.
-        xacro: arguments of the xacro file, name -> text.
-        packages: package name -> folder.
-    """
-
-    path: Path
-    xacro: Mapping[str, str]
-    packages: Mapping[str, str]
 
 
 def is_robot_name(source: str) -> bool:
@@ -210,8 +181,11 @@ def is_description_name(source: str) -> bool:
     return source.endswith("_description")
 
 
-def named_description(name: str) -> NamedDescription:
+def named_description(name: str) -> tuple[Path, Mapping[str, str], Mapping[str, str]]:
     """Return a description of the package robot_descriptions, downloaded at its first use.
+
+    Returns:
+        URDF, xacro or MJCF file; arguments of the xacro file; package name -> folder.
 
     Raises:
         RobotError: the package is not installed, has no such description, or cannot download it.
@@ -222,7 +196,7 @@ def named_description(name: str) -> NamedDescription:
         raise RobotError(
             f"the package robot_descriptions, needed for '{name}', is not installed.",
             where="source",
-            hint=_INSTALL,
+            hint='Install it: pip install "pinadapt[descriptions]".',
         ) from error
     if name not in package.DESCRIPTIONS:
         raise RobotError(
@@ -233,18 +207,15 @@ def named_description(name: str) -> NamedDescription:
     try:
         module = import_module(f"robot_descriptions.{name}")
     except Exception as error:  # of git, the network, the disk
-        reason = (str(error).strip() or type(error).__name__).splitlines()[-1].strip()
         raise RobotError(
-            f"robot_descriptions could not fetch '{name}': {reason}.",
+            f"robot_descriptions could not fetch '{name}' ({error}).",
             where="source",
             hint="At its first use a description is cloned from GitHub with git: try again online, "
             "or set ROBOT_DESCRIPTIONS_CACHE to a folder that already contains it.",
         ) from error
-    for kind in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH"):
-        if hasattr(module, kind):
-            return NamedDescription(
-                Path(getattr(module, kind)),
-                getattr(module, "XACRO_ARGS", {}) if kind == "XACRO_PATH" else {},
-                getattr(module, "XACRO_PACKAGE_PATHS", {}),
-            )
-    raise RobotError(f"'{name}' has no URDF, xacro or MJCF file.", where="source")
+    kinds = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
+    path = next((getattr(module, kind) for kind in kinds if hasattr(module, kind)), None)
+    if path is None:
+        raise RobotError(f"'{name}' has no URDF, xacro or MJCF file.", where="source")
+    arguments = {} if hasattr(module, "URDF_PATH") else getattr(module, "XACRO_ARGS", {})
+    return Path(path), arguments, getattr(module, "XACRO_PACKAGE_PATHS", {})

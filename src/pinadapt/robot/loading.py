@@ -24,7 +24,7 @@ from ..description.chain import (
     configuration_from_angles,
     frame_id,
     is_free_flyer,
-    reduce_to_chain,
+    reduced,
 )
 from ..description.description import Description, Source, describe
 from ..description.missing_inertia import with_solid_points
@@ -161,7 +161,7 @@ class _Wanted:
 def _load_chain(found: Description, name: str, ends: Sequence[str], wanted: _Wanted) -> Robot:
     """Return the robot whose chain ends at a frame."""
     keep = _kept_joints(found, name, wanted.locked, wanted.weld_root)
-    model = reduce_to_chain(found.model, keep, found.q_reference)
+    model = reduced(found.model, keep, found.q_reference)[0]
     check_position_limits(model)
     if wanted.gravity is not None:
         model.gravity.linear = vector(wanted.gravity, 3, "gravity", error=RobotError, fills=False)
@@ -176,7 +176,7 @@ def _load_chain(found: Description, name: str, ends: Sequence[str], wanted: _Wan
         chosen,
         home,
         Friction.none(model.nv),
-        Visual(found.visual, found.model, tuple(keep), found.q_reference, found.collision),
+        Visual(found.geometry, found.model, tuple(keep), found.q_reference),
         ends=tuple(end for end in ends if end != name),
         locked=_off_chain(found.model, keep),
         welded=welded,
@@ -266,18 +266,15 @@ def _reference_poses(found: Description, model: pin.Model, keep: Sequence[int]) 
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
     model = robot.model
-    stated = {} if robot.origin is None else robot.origin.urdf.armatures()
-    armature = [
-        stated.get(name, float(rotor))
-        for name, rotor in zip(robot.joint_names, model.armature, strict=True)
-    ]
     friction = Friction(np.array(model.damping), np.array(model.friction))
-    own: dict[str, Any] = {}
-    for name in FRICTION_ATTRIBUTES:
-        found = {} if robot.origin is None else robot.origin.urdf.joint_effects(name)
-        usual = zip(robot.joint_names, getattr(friction, name), strict=True)
-        own[name] = np.array([found.get(joint, default) for joint, default in usual])
-    return robot.changed(armature=armature, friction=replace(friction, **own))
+    effects = {name: getattr(friction, name) for name in FRICTION_ATTRIBUTES}
+    effects["armature"] = np.array(model.armature)
+    for name, values in effects.items() if robot.origin else ():
+        stated = robot.origin.urdf.joint_effects(name)
+        for i, joint in enumerate(robot.joint_names):
+            values[i] = stated.get(joint, values[i])
+    armature = effects.pop("armature")
+    return robot.changed(armature=armature, friction=replace(friction, **effects))
 
 
 # The choice of a frame

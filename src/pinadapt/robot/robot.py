@@ -22,11 +22,11 @@ from ..description.chain import (
     is_slide,
     position_limits,
     reach,
-    reduce_visual,
+    reduced,
     velocity_limits,
     warn_beyond_limits,
 )
-from ..description.mjcf import WrittenShaft, mjcf_text
+from ..description.mjcf import mjcf_text
 from ..description.urdf import Origin
 from ..description.urdf_writer import WrittenChain, urdf_text
 from ..exceptions import InputError, RobotError
@@ -322,11 +322,7 @@ class Robot:
         Raises:
             RobotError: a changed body without a physical inertia, or a source file that is missing.
         """
-        chain, names = self._written(), self.joint_names
-        if shafts := ", ".join(part.name(names) for part in self.friction.shafts):
-            words = f"{self.remark} Not in a URDF: the motors that turn with {shafts}."
-            chain = replace(chain, remark=words.strip())
-        return urdf_text(chain, shapes=flag(shapes, "shapes"))
+        return urdf_text(self._written, shapes=flag(shapes, "shapes"))
 
     def mjcf(self) -> str:
         """Return this robot as MJCF, the format of MuJoCo: the chain alone, without shapes.
@@ -339,33 +335,13 @@ class Robot:
         Raises:
             RobotError: a body without a physical inertia.
         """
-        friction, names = self.friction, self.joint_names
-        shafts = [
-            WrittenShaft(
-                part.name(names),
-                (names[part.joints[0]], names[part.joints[1]]),
-                (1.0, float(part.sign)),
-                part.armature,
-                part.viscous,
-                part.coulomb,
-            )
-            for part in friction.shafts
-        ]
-        lost = ", ".join(name for name in friction.special if name != "offset")
-        return mjcf_text(self._written(), friction.offset, shafts, lost)
+        return mjcf_text(self._written)
 
+    @property
     def _written(self) -> WrittenChain:
-        """Return what a file holds of this robot."""
-        friction = self.friction
+        """What a file holds of this robot."""
         return WrittenChain(
-            self.name,
-            self.model,
-            self.frame,
-            friction.viscous,
-            friction.coulomb,
-            self.origin,
-            self.remark,
-            friction.special,
+            self.name, self.model, self.frame, self.friction, self.origin, self.remark
         )
 
     def save(self, path: Path | str, *, shapes: bool = True) -> None:
@@ -430,39 +406,39 @@ class Visual:
     """The visual geometry of a chain, and its collision geometry, read from files at first use.
 
     Attributes:
-        read: function that returns the visual geometry of the whole robot, or None.
+        read: function that returns the visual or collision geometry of the whole robot, or None.
         whole: Pinocchio model of the whole robot.
         keep: indices of the joints of the chain in that model.
         q_reference: (nq) configuration at which the other joints are locked.
-        read_solids: function that returns the collision geometry of the whole robot, or None.
     """
 
-    read: Callable[[], pin.GeometryModel | None]
+    read: Callable[[pin.GeometryType], pin.GeometryModel | None]
     whole: pin.Model
     keep: tuple[int, ...]
     q_reference: np.ndarray
-    read_solids: Callable[[], pin.GeometryModel | None] | None = None
 
     @cached_property
     def geometry(self) -> pin.GeometryModel | None:
         """The visual geometry of the chain, or None."""
-        visual = self.read()
-        if visual is None:
-            return None
-        return reduce_visual(self.whole, visual, self.keep, self.q_reference)
+        return self._reduced(self.read(pin.GeometryType.VISUAL))
 
     def solids(self) -> tuple[pin.GeometryModel, list[str]] | None:
         """Return the collision geometry of the chain and the link of each shape, or None."""
-        found = None if self.read_solids is None else self.read_solids()
+        found = self.read(pin.GeometryType.COLLISION)
         if found is None or not found.ngeoms:
             return None
         links = [str(self.whole.frames[part.parentFrame].name) for part in found.geometryObjects]
-        return reduce_visual(self.whole, found, self.keep, self.q_reference), links
+        return self._reduced(found), links
+
+    def _reduced(self, shapes: pin.GeometryModel | None) -> pin.GeometryModel | None:
+        """Return the shapes of the chain, given those of the whole robot."""
+        if shapes is None:
+            return None
+        return reduced(self.whole, self.keep, self.q_reference, shapes)[1][0]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the meshes; the copy reads them again on demand."""
-        own = self.read, self.whole, self.keep, self.q_reference, self.read_solids
-        return type(self), own
+        return type(self), (self.read, self.whole, self.keep, self.q_reference)
 
 
 def robot_sheet(robot: Robot) -> Sheet:
