@@ -16,7 +16,7 @@ from pinocchio.robot_wrapper import RobotWrapper
 from .._checks import shown
 from ..exceptions import RobotError, did_you_mean
 from .catalogue import catalogue, catalogue_entry
-from .chain import check_names, check_numbers
+from .chain import check_numbers
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
 from .urdf import Urdf, is_path, read_xml
@@ -74,7 +74,6 @@ def describe(
     if not isinstance(xacro or {}, Mapping):
         raise RobotError(f"expected a mapping from names to values, got {xacro!r}.", where="xacro")
     found = _find(source, xacro or {})
-    check_names(found.model)
     check_numbers(found.model)
     if mass is None:
         return found
