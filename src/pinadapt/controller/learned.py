@@ -294,7 +294,7 @@ class LearnedParameters:
             raise ParameterError(f"is no file of {_FORMAT}.", where=str(path))
         try:
             tables = [
-                {row["name"]: (row["value"], row["unit"]) for row in content[kind]}
+                {str(row["name"]): (row["value"], row["unit"]) for row in content[kind]}
                 for kind in ("kinematic", "dynamic")
             ]
             robot, version = str(content["robot"]), str(content["version"])

@@ -321,13 +321,9 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
         if eigenvalues[0] >= _REGULAR:
             continue
         weakest = int(np.argmax(np.abs(vectors[:, 0] / scale))) + 1
-        joints = massless_joints(model)
-        blame = ", ".join(
-            f"'{links_of(model, i)[0]}' after '{model.names[i]}'" for i in joints or [weakest]
-        )
+        links = [links_of(model, joint)[0] for joint in massless_joints(model) or [weakest]]
         raise RobotError(
-            "the mass matrix is singular or indefinite; these links have no "
-            f"{'mass' if joints else 'inertia'}: {blame}.",
+            f"the mass matrix is singular or indefinite: {links} have no mass or inertia.",
             where=model.name,
             hint="Give each of them an <inertial>, or lock the joint; or state the mass of the "
             "whole robot, and links without mass get a share by their shapes: load(..., mass=KG), "

@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import pinocchio as pin
 
 from ..exceptions import RobotError
 from .chain import effort_limits, is_physical, is_slide, links_of, position_limits
-from .urdf import flaws_of_numbers, read_xml, xml_text
+from .urdf import flaws_of_numbers, xml_text
 from .urdf_writer import WrittenChain, axis_of, digits, free_name
 
 _COMPILED = (
@@ -78,18 +77,16 @@ class Mjcf:
         model.gravity.linear = self.gravity
         return model
 
-    def geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
-        """Return the visual or collision geometry, without shapes whose mesh file is missing.
+    def geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel | None:
+        """Return the visual or collision geometry, or None if a mesh cannot be read.
 
-        Raises:
-            RobotError: Pinocchio cannot read it.
+        A warning says which.
         """
-        with TemporaryDirectory() as folder:
-            complete = Path(folder) / self.path.name
-            root = read_xml(self.path)
-            _leave_out_missing_meshes(root, self.path)
-            complete.write_text(xml_text(root), encoding="utf-8")
-            return self._built(pin.buildGeomFromMJCF, model, str(complete), kind)
+        try:
+            return self._built(pin.buildGeomFromMJCF, model, str(self.path), kind)
+        except RobotError as error:
+            warnings.warn(f"no shapes are drawn: {error}", stacklevel=3)
+            return None
 
     def _built(self, build: Callable[..., Any], *arguments: Any) -> Any:
         """Return what Pinocchio builds from the file."""
@@ -102,30 +99,6 @@ class Mjcf:
                 where=str(self.path),
                 hint=_COMPILED,
             ) from error
-
-
-def _leave_out_missing_meshes(root: ElementTree.Element, path: Path) -> None:
-    """Make all file paths in an MJCF absolute, and remove shapes whose mesh file is missing.
-
-    A warning lists the missing files.
-    """
-    compiler, missing = root.find("compiler"), dict[str, str]()
-    options = {} if compiler is None else compiler.attrib
-    for asset in root.iter("asset"):
-        for thing in asset.findall("*[@file]"):
-            folder = options.get(f"{thing.tag}dir", options.get("assetdir", ""))
-            file = path.resolve().parent / folder / thing.get("file", "")
-            thing.set("file", str(file))
-            if thing.tag == "mesh" and not file.is_file():
-                missing[thing.get("name", file.stem)] = str(file)
-                asset.remove(thing)
-    for body in root.iter():
-        for geom in body.findall("geom"):
-            if geom.get("mesh") in missing:
-                body.remove(geom)
-    if missing:
-        files = ", ".join(missing.values())
-        warnings.warn(f"{path}: not drawn, as these mesh files are missing: {files}.", stacklevel=3)
 
 
 def keyframe(model: pin.Model) -> np.ndarray:
@@ -201,11 +174,12 @@ def mjcf_text(chain: WrittenChain) -> str:
     ElementTree.SubElement(body, "site", {"name": chain.frame, **_at(chain.tip.placement)})
     for shaft in friction.shafts:
         effects = {
+            "name": shaft.name(names),
             "damping": digits([shaft.viscous]),
             "frictionloss": digits([shaft.coulomb]),
             "armature": digits([shaft.armature]),
         }
-        tendon = ElementTree.SubElement(tendons, "fixed", name=shaft.name(names), **effects)
+        tendon = ElementTree.SubElement(tendons, "fixed", effects)
         for joint, factor in zip(shaft.joints, (1.0, shaft.sign), strict=True):
             ElementTree.SubElement(tendon, "joint", joint=names[joint], coef=digits([factor]))
     for name, torque in zip(names, friction.offset, strict=True):

@@ -26,7 +26,7 @@ _TAGS = (
     *("box", "sphere", "cylinder", "capsule", "mesh"),
 )
 # attribute -> count of its numbers
-_NUMBERS: dict[str, int | None] = dict.fromkeys(("xyz", "rpy", "size", "scale"), 3) | dict.fromkeys(
+_NUMBERS = dict.fromkeys(("xyz", "rpy", "size", "scale"), 3) | dict.fromkeys(
     (
         *(*ENTRIES, "value", "lower", "upper", "effort", "velocity", "damping"),
         *("friction", "armature", "multiplier", "offset", "radius", "length"),
@@ -185,7 +185,7 @@ class Origin:
 
 
 def flaws_of_numbers(
-    element: ElementTree.Element, counts: Mapping[str, int | None]
+    element: ElementTree.Element, counts: Mapping[str, int] | Mapping[str, None]
 ) -> Iterator[str]:
     """Yield which attributes of an element are not the finite numbers that they should be.
 

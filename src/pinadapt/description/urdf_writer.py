@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -72,7 +71,7 @@ class WrittenChain:
             name: values for name, values in own.items() if values.any()
         } | self.friction.special
 
-    def comment(self, words: str) -> ElementTree.Element:
+    def comment(self, words: str) -> Any:
         """Return the first comment of a file."""
         text = f" Written by pinadapt {__version__}. {words} {self.remark} "
         return ElementTree.Comment(text.replace("--", "- -"))
@@ -85,16 +84,12 @@ def urdf_text(chain: WrittenChain, *, shapes: bool = True) -> str:
         RobotError: a changed body without a physical inertia, or a source file that is missing.
     """
     if chain.origin is None:
-        root, words = _chain_as_urdf(chain), "everything, as it was not read from a URDF"
+        root, words = _chain_as_urdf(chain), "The chain alone, without shapes."
     else:
-        edited = _Edited(chain, chain.origin)
-        root = edited.root
-        changes = edited.changes().items()
-        words = "; ".join(f"{kind} of {', '.join(names)}" for kind, names in changes) or "nothing"
+        root, words = _Edited(chain, chain.origin).written(), ""
     for link in () if shapes else root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
-    words = f"Changed: {words}."
     if own := [name for name in chain.effects if name not in ("damping", "friction")]:
         words += (
             f" URDF does not define {', '.join(own)}: these attributes of dynamics are read by "
@@ -121,16 +116,14 @@ class _Edited:
             for frame in self.described.frames
             if frame.type == pin.FrameType.BODY and (name := str(frame.name)) in links
         }
-        self.changed: dict[str, list[str]] = defaultdict(list)
 
-    def changes(self) -> Mapping[str, Sequence[str]]:
-        """Write everything that differs; return the names of each kind of change."""
+    def written(self) -> ElementTree.Element:
+        """Write everything that differs; return the root element."""
         model, names = self.chain.model, self.chain.joint_names
         for index, name in enumerate(names, 1):
             now = model.jointPlacements[index]
             if not _same(now, self.described.jointPlacements[index]):
                 self._place(self.joints[name], now)
-                self.changed["placement"].append(name)
         self._place_tool()
         for index, name in enumerate(names, 1):
             self._write_inertia(index, _end(self.joints[name], "child"))
@@ -140,12 +133,11 @@ class _Edited:
                     stated = child(self.joints[name], "dynamics").attrib
                     if float(stated.get(attribute, "nan")) != value:
                         stated[attribute] = digits([value])
-                        self.changed[attribute].append(name)
-        for name, link in self.links.items():
-            if not link.joint and link.mend():
-                self.changed["impossible inertia"].append(name)
+        for link in self.links.values():
+            if not link.joint:
+                link.mend()
         _find_files(self.root, self.packages)
-        return self.changed
+        return self.root
 
     def _place_tool(self) -> None:
         """Move the task frame: the joint of a last link that is fixed, else a new link."""
@@ -157,13 +149,11 @@ class _Edited:
             if _end(joint, "child") == name not in parents and joint.get("type") == "fixed":
                 self._place(joint, frame.placement)
                 self.links[name].placement = frame.placement.copy()
-                self.changed["placement"].append(name)
                 return
         new = f"{name}_learned" if name in self.links else name
         carrier = _end(self.joints[self.chain.joint_names[-1]], "child")
         ElementTree.SubElement(self.root, "link", name=new)
         self._place(_joint(self.root, f"{new}_fixed", "fixed", carrier, new), frame.placement)
-        self.changed["task frame, a new link"].append(new)
 
     def _place(self, joint: ElementTree.Element, placement: pin.SE3) -> None:
         """Set the placement of a joint, given in the axes of the moving joint before it."""
@@ -203,7 +193,6 @@ class _Edited:
         for link, part in zip(others, parts, strict=True):
             if share < 1.0 and part.any():
                 link.write(share * part)
-        self.changed["inertia"].append(name)
 
 
 def _same(one: pin.SE3, other: pin.SE3) -> bool:

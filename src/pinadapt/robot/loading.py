@@ -235,10 +235,11 @@ def _with_joint_effects(robot: Robot) -> Robot:
     friction = Friction(np.array(model.damping), np.array(model.friction))
     effects = {name: getattr(friction, name) for name in FRICTION_ATTRIBUTES}
     effects["armature"] = np.array(model.armature)
-    for name, values in effects.items() if robot.origin else ():
-        stated = robot.origin.urdf.joint_effects(name)
-        for i, joint in enumerate(robot.joint_names):
-            values[i] = stated.get(joint, values[i])
+    if robot.origin is not None:
+        urdf = robot.origin.urdf
+        for name, values in effects.items():
+            stated = urdf.joint_effects(name)
+            values[:] = [stated.get(j, x) for j, x in zip(robot.joint_names, values, strict=True)]
     armature = effects.pop("armature")
     return robot.changed(armature=armature, friction=replace(friction, **effects))
 
