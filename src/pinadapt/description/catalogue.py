@@ -50,9 +50,9 @@ class CatalogueEntry:
     q0: tuple[float, ...] | None
     about: str
 
-    def load(self) -> tuple[pin.Model, np.ndarray]:
-        """Return the whole model and a reference configuration (nq)."""
-        _, model, q_reference = _whole(self.urdf, self.origin)
+    def load(self) -> tuple[Urdf, pin.Model, np.ndarray]:
+        """Return the URDF, the whole model and a reference configuration (nq)."""
+        urdf, model, q_reference = _whole(self.urdf, self.origin)
         model = model.copy()
         if self.tip is not None:
             index = frame_id(model, self.link)
@@ -61,16 +61,11 @@ class CatalogueEntry:
             model.addFrame(
                 pin.Frame(self.frame, link.parentJoint, index, placement, pin.FrameType.OP_FRAME)
             )
-        return model, q_reference.copy()
+        return urdf, model, q_reference.copy()
 
     def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel:
         """Return the visual or collision geometry of the whole robot."""
         return whole_geometry(self.urdf, self.origin, kind)
-
-    @property
-    def mimics(self) -> frozenset[str]:
-        """The names of mimic joints."""
-        return _whole(self.urdf, self.origin)[0].mimics
 
     @property
     def urdf(self) -> Path:

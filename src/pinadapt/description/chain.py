@@ -14,8 +14,6 @@ from ..exceptions import RobotError, did_you_mean
 
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _LINK_MARK = "(link) "  # of links that share their name with a joint
-_ROUNDING = 1e-9  # [rad or m] by which a home pose may exceed a limit without a warning
-_TRAVEL = 2.0  # [m], stroke of an unlimited slide where a chain has no other extent
 _REGULAR = 1e-10  # smallest eigenvalue of a scaled mass matrix
 _PHYSICAL = 1e-9  # the same of a scaled pseudo-inertia
 
@@ -185,7 +183,7 @@ def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
     outside = [
         f"joint '{name}' at {angle:.6g}, limits {low:.6g} to {high:.6g}"
         for name, angle, low, high in zip(model.names[1:], angles, lower, upper, strict=True)
-        if not low - _ROUNDING <= angle <= high + _ROUNDING
+        if not np.isclose(angle, np.clip(angle, low, high), rtol=0.0)
     ]
     if outside:
         warnings.warn(
@@ -199,12 +197,13 @@ def reach(model: pin.Model, frame: int) -> float:
     Prismatic joints count with their stroke. One without limits, such as a mobile base, counts
     only if the chain has no other extent: then with 2 m.
     """
-    lower, upper = position_limits(model)
-    travel = (upper - lower)[[is_slide(joint) for joint in model.joints[1:]]]
+    slides = [is_slide(joint) for joint in model.joints[1:]]
+    lower, upper = (limit[slides] for limit in position_bounds(model))
+    limited = np.isfinite(position_limits(model)[0][slides])
     steps = [placement.translation for placement in model.jointPlacements[2:]]
     steps.append(model.frames[frame].placement.translation)
-    length = sum(map(np.linalg.norm, steps)) + travel[np.isfinite(travel)].sum()
-    return float(length) or _TRAVEL * len(travel)
+    length = sum(map(np.linalg.norm, steps)) + (upper - lower)[limited].sum()
+    return float(length or (upper - lower).sum())
 
 
 def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarray]:

@@ -41,7 +41,7 @@ class Description:
         locked: joints to lock.
         weld_root: whether a floating base is always fixed.
         from_file: whether it comes from a file; a floating base in a file is fixed by default.
-        urdf: the URDF it was read from, or the path of one; None if there is none.
+        urdf: the URDF it was read from, or None.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Description:
     locked: tuple[str, ...] = ()
     weld_root: bool = False
     from_file: bool = False
-    urdf: Urdf | Path | None = None
+    urdf: Urdf | None = None
 
 
 def describe(
@@ -124,20 +124,14 @@ def _from_file(
 ) -> Description:
     """Read a URDF, xacro or MJCF file."""
     root = read_xml(path)
-    file: Urdf | Mjcf
-    if root.tag == "mujoco" and not xacro:
-        file = Mjcf.read(path, root)
-        model = file.model()
-        q_reference = keyframe(model)
-    else:
-        file = Urdf.read(path, xacro, packages)
-        model = file.model()
-        q_reference = pin.neutral(model)
+    mjcf = root.tag == "mujoco" and not xacro
+    file = Mjcf.read(path, root) if mjcf else Urdf.read(path, xacro, packages)
+    model = file.model()
     return Description(
         str(model.name),
         model,
         partial(file.geometry, model),
-        q_reference,
+        keyframe(model),
         file.mimics,
         from_file=True,
         urdf=file if isinstance(file, Urdf) else None,
@@ -146,7 +140,7 @@ def _from_file(
 
 def _from_catalogue(name: str) -> Description:
     entry = catalogue_entry(name)
-    model, q_reference = entry.load()
+    urdf, model, q_reference = entry.load()
     before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
@@ -158,12 +152,12 @@ def _from_catalogue(name: str) -> Description:
         model,
         entry.geometry,
         q_reference,
-        entry.mimics,
+        urdf.mimics,
         entry.frame,
         entry.task,
         tuple(str(model.names[joint]) for joint in before),
         weld_root=True,
-        urdf=entry.urdf,
+        urdf=urdf,
     )
 
 

@@ -24,7 +24,6 @@ _DENSITY = 2700.0  # [kg/m^3] of aluminium
 _FLANGE = 0.01  # mass of a last body without any, as a share of that of the others
 _POINT = 1e-12  # [m^2] of inertia over mass: that of a point
 _SLENDER = 0.05  # radius of rods and balls, relative to the longest rod
-_LEAST = 0.1  # [m] length of the longest rod if all are zero
 
 
 def with_inertias(
@@ -68,23 +67,23 @@ def with_inertias(
             if placed:
                 solids[joint] = sum(placed[1:], placed[0])
                 break
-    rods = _rods(model)
-    rods = {joint: rods[joint] for joint in lacking if joint not in solids}
+    ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
+    radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))
+    rods = {joint: _rod(ends[joint], radius) for joint in lacking if joint not in solids}
     density = (mass - described) / sum(s.mass for s in [*solids.values(), *rods.values()])
-    model, words = model.copy(), f"{mass - described:.4g} kg distributed over the bodies [kg]"
-    for kind, bodies in (
-        ("solids of their shapes", solids),
-        ("rods or balls, as they have no shapes", rods),
-    ):
-        masses = []
-        for joint, body in bodies.items():
-            masses.append(f"{links_of(model, joint)[0]} {density * body.mass:.3g}")
-            if joint > 0:
-                model.inertias[joint] = pin.Inertia(
-                    density * body.mass, body.lever, density * body.inertia
-                )
-        words += f"; {kind}: {', '.join(masses)}" if masses else ""
-    warnings.warn(f"{name}: {words}.", stacklevel=3)
+    model, words = model.copy(), []
+    for joint, body in (solids | rods).items():
+        rod = ", a rod or ball as it has no shapes" if joint in rods else ""
+        words.append(f"{links_of(model, joint)[0]} {density * body.mass:.3g}{rod}")
+        if joint > 0:
+            model.inertias[joint] = pin.Inertia(
+                density * body.mass, body.lever, density * body.inertia
+            )
+    warnings.warn(
+        f"{name}: {mass - described:.4g} kg distributed over bodies by their shapes [kg]: "
+        f"{'; '.join(words)}.",
+        stacklevel=3,
+    )
     return model
 
 
@@ -136,15 +135,11 @@ def _solid(shape: coal.CollisionGeometry) -> pin.Inertia | None:
     return pin.Inertia(volume, np.asarray(shape.computeCOM()), moments)
 
 
-def _rods(model: pin.Model) -> dict[int, pin.Inertia]:
-    """Return joint -> its body as a rod or ball of 1 kg/m^3, all with the same radius."""
-    ends = {}
-    for joint in range(1, model.njoints):
-        fixed = [f.placement.translation for f in model.frames if f.parentJoint == joint]
-        carried = [model.jointPlacements[child].translation for child in model.children[joint]]
-        ends[joint] = np.array(max([np.zeros(3), *fixed, *carried], key=np.linalg.norm))
-    radius = _SLENDER * float(max(map(np.linalg.norm, ends.values()), default=0.0) or _LEAST)
-    return {joint: _rod(end, radius) for joint, end in ends.items()}
+def _furthest(model: pin.Model, joint: int) -> np.ndarray:
+    """Return the position (3) [m] of the joint or frame on a body furthest from its joint."""
+    fixed = [f.placement.translation for f in model.frames if f.parentJoint == joint]
+    carried = [model.jointPlacements[child].translation for child in model.children[joint]]
+    return np.array(max([np.zeros(3), *fixed, *carried], key=np.linalg.norm))
 
 
 def _rod(end: np.ndarray, radius: float) -> pin.Inertia:

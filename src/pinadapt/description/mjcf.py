@@ -15,7 +15,7 @@ import pinocchio as pin
 from ..exceptions import RobotError
 from .chain import effort_limits, is_physical, is_slide, links_of, position_limits
 from .urdf import flaws_of_numbers, xml_text
-from .urdf_writer import WrittenChain, axis_of, digits, free_name
+from .urdf_writer import axis_of, digits, first_comment, free_name
 
 _COMPILED = (
     "Let MuJoCo write the compiled model as one plain file: mujoco.mj_saveLastXML(path, model)."
@@ -131,8 +131,8 @@ def _has_no_inertia(geom: ElementTree.Element) -> bool:
     return not massless and (geom.get("mesh") is not None or geom.get("type") in _NO_INERTIA)
 
 
-def mjcf_text(chain: WrittenChain) -> str:
-    """Return the text of an MJCF file of a chain alone, without shapes.
+def mjcf_text(robot: Any) -> str:
+    """Return the text of an MJCF file of the chain of a ``Robot`` alone, without shapes.
 
     Joints have limits, ``damping``, ``frictionloss`` and ``armature``; each has a motor, limited to
     its effort. A constant torque is an actuator without gain, after the motors, and a shaft of two
@@ -141,14 +141,14 @@ def mjcf_text(chain: WrittenChain) -> str:
     Raises:
         RobotError: a body without a physical inertia.
     """
-    model, friction, names = chain.model, chain.friction, chain.joint_names
-    root = ElementTree.Element("mujoco", model=chain.name)
+    model, friction, names = robot.model, robot.friction, robot.joint_names
+    root = ElementTree.Element("mujoco", model=robot.name)
     lost = ", ".join(name for name in friction.special if name != "offset")
     lost = f" MJCF does not have: {lost}." if lost else ""
-    root.append(chain.comment(f"The chain alone, without shapes.{lost}"))
+    root.append(first_comment(robot, f"The chain alone, without shapes.{lost}"))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
-    body, taken = ElementTree.SubElement(root, "worldbody"), {chain.frame, "world"}
+    body, taken = ElementTree.SubElement(root, "worldbody"), {robot.frame, "world"}
     tendons, motors = ElementTree.Element("tendon"), ElementTree.Element("actuator")
     limits, efforts = np.transpose(position_limits(model)), effort_limits(model)
     for index, name in enumerate(names, 1):
@@ -161,9 +161,9 @@ def mjcf_text(chain: WrittenChain) -> str:
             "name": name,
             "type": "slide" if is_slide(joint) else "hinge",
             "axis": digits(axis_of(model, index)),
-            "damping": digits([friction.viscous[index - 1]]),
-            "frictionloss": digits([friction.coulomb[index - 1]]),
-            "armature": digits([model.armature[index - 1]]),
+            "damping": digits(friction.viscous[index - 1]),
+            "frictionloss": digits(friction.coulomb[index - 1]),
+            "armature": digits(model.armature[index - 1]),
         }
         if np.isfinite(limits[index - 1]).all():
             written["range"] = digits(limits[index - 1])
@@ -171,17 +171,19 @@ def mjcf_text(chain: WrittenChain) -> str:
         motor = ElementTree.SubElement(motors, "motor", name=f"{name}_motor", joint=name)
         if np.isfinite(effort := efforts[index - 1]):
             motor.set("ctrlrange", digits([-effort, effort]))
-    ElementTree.SubElement(body, "site", {"name": chain.frame, **_at(chain.tip.placement)})
+    ElementTree.SubElement(
+        body, "site", {"name": robot.frame, **_at(model.frames[robot.frame_id].placement)}
+    )
     for shaft in friction.shafts:
         effects = {
             "name": shaft.name(names),
-            "damping": digits([shaft.viscous]),
-            "frictionloss": digits([shaft.coulomb]),
-            "armature": digits([shaft.armature]),
+            "damping": digits(shaft.viscous),
+            "frictionloss": digits(shaft.coulomb),
+            "armature": digits(shaft.armature),
         }
         tendon = ElementTree.SubElement(tendons, "fixed", effects)
         for joint, factor in zip(shaft.joints, (1.0, shaft.sign), strict=True):
-            ElementTree.SubElement(tendon, "joint", joint=names[joint], coef=digits([factor]))
+            ElementTree.SubElement(tendon, "joint", joint=names[joint], coef=digits(factor))
     for name, torque in zip(names, friction.offset, strict=True):
         if torque:
             constant = {"name": f"{name}_offset", "joint": name, "biastype": "affine"}
@@ -215,6 +217,6 @@ def _write_inertia(body: ElementTree.Element, inertia: pin.Inertia) -> None:
         body,
         "inertial",
         pos=digits(inertia.lever),
-        mass=digits([inertia.mass]),
+        mass=digits(inertia.mass),
         fullinertia=digits(full),
     )

@@ -167,21 +167,12 @@ class Origin:
     """The URDF that a robot was read from.
 
     Attributes:
-        source: the URDF, or the path of one that is read on demand.
+        urdf: the URDF.
         model: Pinocchio model of the chain as loaded, before any change; read only.
     """
 
-    source: Urdf | Path
+    urdf: Urdf
     model: pin.Model
-
-    @property
-    def urdf(self) -> Urdf:
-        """The URDF.
-
-        Raises:
-            RobotError: the file is missing or not a URDF any more.
-        """
-        return self.source if isinstance(self.source, Urdf) else Urdf.read(self.source)
 
 
 def flaws_of_numbers(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from .._version import __version__
 from ..exceptions import RobotError
@@ -29,75 +29,36 @@ _LEAST_RADIUS = 1e-3  # [m] of gyration, of a link that never moves
 _UNLIMITED = 1e9  # [rad or m], written for a joint without position limits
 
 
-@dataclass(frozen=True, eq=False)
-class WrittenChain:
-    """The data of a robot that a file holds.
-
-    Attributes:
-        name: of the robot.
-        model: Pinocchio model of the chain.
-        frame: name of the task frame.
-        friction: ``Friction`` of the joints.
-        origin: the URDF that the robot was read from, or None.
-        remark: for the first comment.
-    """
-
-    name: str
-    model: pin.Model
-    frame: str
-    friction: Any
-    origin: Origin | None = None
-    remark: str = ""
-
-    @property
-    def joint_names(self) -> list[str]:
-        """Names of the joints, from the base."""
-        return [str(name) for name in self.model.names[1:]]
-
-    @property
-    def tip(self) -> pin.Frame:
-        """The task frame."""
-        return self.model.frames[frame_id(self.model, self.frame)]
-
-    @property
-    def effects(self) -> dict[str, np.ndarray]:
-        """Attribute of <dynamics> -> (nv) numbers; of what is not zero."""
-        own = {
-            "damping": self.friction.viscous,
-            "friction": self.friction.coulomb,
-            "armature": self.model.armature,
-        }
-        return {
-            name: values for name, values in own.items() if values.any()
-        } | self.friction.special
-
-    def comment(self, words: str) -> Any:
-        """Return the first comment of a file."""
-        text = f" Written by pinadapt {__version__}. {words} {self.remark} "
-        return ElementTree.Comment(text.replace("--", "- -"))
+def first_comment(robot: Any, words: str) -> Any:
+    """Return the first comment of a file of a ``Robot``."""
+    text = f" Written by pinadapt {__version__}. {words} {robot.remark} "
+    return ElementTree.Comment(text.replace("--", "- -"))
 
 
-def urdf_text(chain: WrittenChain, *, shapes: bool = True) -> str:
-    """Return the text of a URDF that Pinocchio and MuJoCo read; see ``Robot.urdf``.
+def _effects(robot: Any) -> dict[str, np.ndarray]:
+    """Return attribute of <dynamics> -> (nv) numbers; of what is not zero."""
+    friction = robot.friction
+    own = {"damping": friction.viscous, "friction": friction.coulomb}
+    own["armature"] = robot.model.armature
+    return {name: values for name, values in own.items() if values.any()} | friction.special
+
+
+def urdf_text(robot: Any, *, shapes: bool = True) -> str:
+    """Return the text of a URDF of a ``Robot`` that Pinocchio and MuJoCo read.
 
     Raises:
         RobotError: a changed body without a physical inertia, or a source file that is missing.
     """
-    if chain.origin is None:
-        root, words = _chain_as_urdf(chain), "The chain alone, without shapes."
+    if robot.origin is None:
+        root, words = _chain_as_urdf(robot), "The chain alone, without shapes."
     else:
-        root, words = _Edited(chain, chain.origin).written(), ""
+        root, words = _Edited(robot, robot.origin).written(), ""
     for link in () if shapes else root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
-    if own := [name for name in chain.effects if name not in ("damping", "friction")]:
-        words += (
-            f" URDF does not define {', '.join(own)}: these attributes of dynamics are read by "
-            "pinadapt only; others ignore them."
-        )
-    if shafts := ", ".join(shaft.name(chain.joint_names) for shaft in chain.friction.shafts):
+    if shafts := ", ".join(shaft.name(robot.joint_names) for shaft in robot.friction.shafts):
         words += f" Not in a URDF: the motors that turn with {shafts}."
-    root.insert(0, chain.comment(words))
+    root.insert(0, first_comment(robot, words))
     ElementTree.indent(root)
     return xml_text(root) + "\n"
 
@@ -105,10 +66,10 @@ def urdf_text(chain: WrittenChain, *, shapes: bool = True) -> str:
 class _Edited:
     """The URDF of an origin while it is changed into that of a robot with the same joints."""
 
-    def __init__(self, chain: WrittenChain, origin: Origin) -> None:
+    def __init__(self, robot: Any, origin: Origin) -> None:
         urdf = origin.urdf
         self.root, self.packages = urdf.root, urdf.packages
-        self.chain, self.described = chain, origin.model
+        self.robot, self.described = robot, origin.model
         self.joints = {joint.get("name", ""): joint for joint in self.root.findall("joint")}
         links = {link.get("name", ""): link for link in self.root.findall("link")}
         self.links = {
@@ -119,7 +80,7 @@ class _Edited:
 
     def written(self) -> ElementTree.Element:
         """Write everything that differs; return the root element."""
-        model, names = self.chain.model, self.chain.joint_names
+        model, names = self.robot.model, self.robot.joint_names
         for index, name in enumerate(names, 1):
             now = model.jointPlacements[index]
             if not _same(now, self.described.jointPlacements[index]):
@@ -127,12 +88,12 @@ class _Edited:
         self._place_tool()
         for index, name in enumerate(names, 1):
             self._write_inertia(index, _end(self.joints[name], "child"))
-        for attribute, values in self.chain.effects.items():
+        for attribute, values in _effects(self.robot).items():
             if attribute != "armature" or not np.array_equal(values, self.described.armature):
                 for name, value in zip(names, values, strict=True):
                     stated = child(self.joints[name], "dynamics").attrib
                     if float(stated.get(attribute, "nan")) != value:
-                        stated[attribute] = digits([value])
+                        stated[attribute] = digits(value)
         for link in self.links.values():
             if not link.joint:
                 link.mend()
@@ -141,7 +102,7 @@ class _Edited:
 
     def _place_tool(self) -> None:
         """Move the task frame: the joint of a last link that is fixed, else a new link."""
-        name, frame = self.chain.frame, self.chain.tip
+        name, frame = self.robot.frame, self.robot.model.frames[self.robot.frame_id]
         if _same(frame.placement, self.described.frames[frame_id(self.described, name)].placement):
             return
         parents = {_end(joint, "parent") for joint in self.joints.values()}
@@ -151,7 +112,7 @@ class _Edited:
                 self.links[name].placement = frame.placement.copy()
                 return
         new = f"{name}_learned" if name in self.links else name
-        carrier = _end(self.joints[self.chain.joint_names[-1]], "child")
+        carrier = _end(self.joints[self.robot.joint_names[-1]], "child")
         ElementTree.SubElement(self.root, "link", name=new)
         self._place(_joint(self.root, f"{new}_fixed", "fixed", carrier, new), frame.placement)
 
@@ -169,7 +130,7 @@ class _Edited:
         Raises:
             RobotError: the total is not physical.
         """
-        ten = np.array(self.chain.model.inertias[index].toDynamicParameters())
+        ten = np.array(self.robot.model.inertias[index].toDynamicParameters())
         main = self.links[name]
         others = [link for link in self.links.values() if link.joint == index and link is not main]
         before = main.read() + sum((link.read() for link in others), np.zeros(10))
@@ -247,9 +208,9 @@ class Link:
         body = self.placement.actInv(pin.Inertia.FromDynamicParameters(ten))
         inertial = child(self.element, "inertial")
         child(inertial, "origin").attrib.update(xyz=digits(body.lever), rpy="0 0 0")
-        child(inertial, "mass").set("value", digits([body.mass]))
+        child(inertial, "mass").set("value", digits(body.mass))
         for name, entry in zip(ENTRIES, body.inertia[np.triu_indices(3)], strict=True):
-            child(inertial, "inertia").set(name, digits([entry]))
+            child(inertial, "inertia").set(name, digits(entry))
 
     def mend(self) -> bool:
         """Give it a small possible inertia, if it has mass and no body has its; return if so."""
@@ -263,14 +224,14 @@ class Link:
         return True
 
 
-def _chain_as_urdf(chain: WrittenChain) -> ElementTree.Element:
+def _chain_as_urdf(robot: Any) -> ElementTree.Element:
     """Return the root element of a URDF of the chain alone, without shapes.
 
     For a joint without velocity or effort limit, 0 is written, as is usual; without position
     limits, 1e9.
     """
-    model, root = chain.model, ElementTree.Element("robot", name=chain.name)
-    taken = {chain.frame}
+    model, root = robot.model, ElementTree.Element("robot", name=robot.name)
+    taken = {robot.frame}
     parent = free_name("base", taken)
     ElementTree.SubElement(root, "link", name=parent)
     lower, upper = np.clip(position_limits(model), -_UNLIMITED, _UNLIMITED)
@@ -279,7 +240,7 @@ def _chain_as_urdf(chain: WrittenChain) -> ElementTree.Element:
         for most in (effort_limits(model), velocity_limits(model))
     )
     limits = {"effort": effort, "velocity": velocity, "lower": lower, "upper": upper}
-    for index, name in enumerate(chain.joint_names, 1):
+    for index, name in enumerate(robot.joint_names, 1):
         link = free_name(links_of(model, index)[0], taken)
         element = ElementTree.SubElement(root, "link", name=link)
         Link(element, index, pin.SE3.Identity()).write(model.inertias[index].toDynamicParameters())
@@ -288,13 +249,13 @@ def _chain_as_urdf(chain: WrittenChain) -> ElementTree.Element:
         joint = _joint(root, name, kind, parent, link)
         _write_origin(joint, model.jointPlacements[index])
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
-        for tag, numbers in ("limit", limits), ("dynamics", chain.effects):
-            texts = {word: digits([values[index - 1]]) for word, values in numbers.items()}
+        for tag, numbers in ("limit", limits), ("dynamics", _effects(robot)):
+            texts = {word: digits(values[index - 1]) for word, values in numbers.items()}
             ElementTree.SubElement(joint, tag, texts)
         parent = link
-    ElementTree.SubElement(root, "link", name=chain.frame)
-    tip = _joint(root, f"{chain.frame}_fixed", "fixed", parent, chain.frame)
-    _write_origin(tip, chain.tip.placement)
+    ElementTree.SubElement(root, "link", name=robot.frame)
+    tip = _joint(root, f"{robot.frame}_fixed", "fixed", parent, robot.frame)
+    _write_origin(tip, robot.model.frames[robot.frame_id].placement)
     return root
 
 
@@ -346,6 +307,6 @@ def _end(joint: ElementTree.Element, end: str) -> str:
     return child(joint, end).get("link", "")
 
 
-def digits(numbers: Sequence[float] | np.ndarray) -> str:
-    """Return numbers as text, with all digits."""
-    return " ".join(repr(float(number)) for number in numbers)
+def digits(numbers: ArrayLike) -> str:
+    """Return one or several numbers as text, with all digits."""
+    return " ".join(repr(float(number)) for number in np.ravel(numbers))

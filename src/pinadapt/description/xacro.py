@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import re
-import warnings
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -38,7 +36,7 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
     """Return the URDF that a xacro file and its arguments give.
 
     A xacro file is a program: its expressions are evaluated by Python, as in ROS.
-    ``$(find package)`` searches the same packages as meshes. Messages of xacro become warnings.
+    ``$(find package)`` searches the same packages as meshes.
 
     Raises:
         RobotError: the file or one that it includes cannot be expanded, or an argument is unknown.
@@ -54,12 +52,11 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         return str(folder)
 
     words = {k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in arguments.items()}
-    messages, of_ros = io.StringIO(), substitution_args._eval_find
+    of_ros = substitution_args._eval_find
     xacro.all_includes.clear()
     substitution_args._eval_find = substitution_args._eval_dict["find"] = find
     try:
-        with contextlib.redirect_stderr(messages):
-            text: str = xacro.process_file(str(path), mappings=dict(words)).toxml()
+        text: str = xacro.process_file(str(path), mappings=dict(words)).toxml()
     except Exception as error:  # an expression raises errors of any kind
         file = [str(path), *(xacro.filestack or [])][-1]
         reason = str(error).strip() or type(error).__name__
@@ -68,9 +65,6 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = of_ros
-    if messages.getvalue():
-        said = " ".join(messages.getvalue().split())
-        warnings.warn(f"{path}: message of xacro: {said}", stacklevel=2)
     _check_known(words, path, [path, *map(Path, xacro.all_includes)])
     return text
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from ..description.chain import (
 )
 from ..description.mjcf import mjcf_text
 from ..description.urdf import Origin
-from ..description.urdf_writer import WrittenChain, urdf_text
+from ..description.urdf_writer import urdf_text
 from ..exceptions import InputError, RobotError
 from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.task import Task
@@ -38,7 +39,7 @@ from .home import MountingPlane
 
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
 _UNITS = ("rad, rad/s, N m", "m, m/s, N")
-_SHOWN = 6  # names in a list that is printed
+_SHOWN = 100  # characters of a list of names
 _FLAT = 1e-3  # of the largest singular value of a picture's Jacobian
 
 
@@ -61,9 +62,9 @@ class Robot:
         welded: whether the description has a floating base, which is fixed here.
         mounting: the plane that the chain is mounted on; None for a floating base and for robots of
             the catalogue.
+        loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
         tracker: the placement of the base in the axes in which x is measured, which the model has,
             see ``seen_from``; None: x is in the axes of the base.
-        loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
         origin: the URDF that the robot was read from, or None.
         remark: about where its parameters come from, for the first comment of its URDF.
     """
@@ -317,7 +318,7 @@ class Robot:
         Raises:
             RobotError: a changed body without a physical inertia, or a source file that is missing.
         """
-        return urdf_text(self._written, shapes=flag(shapes, "shapes"))
+        return urdf_text(self, shapes=flag(shapes, "shapes"))
 
     def mjcf(self) -> str:
         """Return this robot as MJCF, the format of MuJoCo: the chain alone, without shapes.
@@ -330,14 +331,7 @@ class Robot:
         Raises:
             RobotError: a body without a physical inertia.
         """
-        return mjcf_text(self._written)
-
-    @property
-    def _written(self) -> WrittenChain:
-        """What a file holds of this robot."""
-        return WrittenChain(
-            self.name, self.model, self.frame, self.friction, self.origin, self.remark
-        )
+        return mjcf_text(self)
 
     def save(self, path: Path | str, *, shapes: bool = True) -> None:
         """Write a file, completely or not at all; its folder is created.
@@ -444,7 +438,7 @@ def robot_sheet(robot: Robot) -> Sheet:
         ("moving mass", f"{robot.mass:.4g} kg"),
         ("reach", f"{robot.reach:.4g} m"),
         *(
-            (word, _names_shown(names))
+            (word, shorten(", ".join(names), _SHOWN, placeholder=" ..."))
             for word, names in (("other ends", robot.ends), ("locked joints", robot.locked))
             if names
         ),
@@ -457,12 +451,6 @@ def robot_sheet(robot: Robot) -> Sheet:
         for (name, slide), *row, home in columns
     ]
     return Sheet(f"{robot.name}, {model.nv} joints", [Table(words), Table(rows, _HEADER)])
-
-
-def _names_shown(names: tuple[str, ...]) -> str:
-    """Return the first names as text, and how many more there are."""
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
 
 
 # A load is picked up or put down, a tool is exchanged

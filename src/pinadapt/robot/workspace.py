@@ -257,7 +257,6 @@ class _Follower:
         self._tool = self._model.addFrame(
             pin.Frame("moved tool", frame.parentJoint, 0, moved, pin.FrameType.OP_FRAME)
         )
-        self._frames = (self._tool, robot.frame_id) if shift.any() else (self._tool,)
         self._data = self._model.createData()
         lower, upper = position_limits(self._model)
         home, margin = robot.home_angles, _margin(lower, upper)
@@ -291,13 +290,13 @@ class _Follower:
                 return None
             pin.computeJointJacobians(model, data, q)
             x = task.of(pin.updateFramePlacement(model, data, self._tool))
-            passed += (Js := [self._jacobian(frame) for frame in self._frames])
+            passed.append(J := self._jacobian(self._tool))
             off = task._error(target, x)
             away, turned = np.split(off, [task.positions])
             if away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2:
                 return None
             psi = home_share * pin.difference(model, q, self._robot.q0)
-            offset, J = np.zeros(task.size), Js[0]
+            offset = np.zeros(task.size)
             offset[: task.positions] = position - at[0]
             target = task.moved(start, offset)
             to_go = self._arms[:, 0] * task._error(target, x)
