@@ -25,6 +25,7 @@ from tests.support.descriptions import arm4
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 nan"/>', "joint 'joint1', <axis>"),
         ('lower="-3"', 'lower="-3 rad"', "joint 'joint1', <limit>: lower=\"-3 rad\""),
         ('lower="-3"', 'lower="nan"', "joint 'joint1', <limit>"),
+        ("<limit ", '<dynamics fading="1 s"/><limit ', "joint 'joint1', <dynamics>: fading="),
         ('lower="-3"', 'lower="-inf"', "is not 1 finite number. Write"),
     ],
 )

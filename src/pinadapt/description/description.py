@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from pinocchio.robot_wrapper import RobotWrapper
 
-from .._checks import shown
+from .._checks import mapping, shown
 from ..exceptions import RobotError, did_you_mean
 from .catalogue import catalogue, catalogue_entry
 from .chain import check_numbers
@@ -71,9 +71,7 @@ def describe(
         RobotError: the source is not found, cannot be read or has impossible numbers, or xacro
             arguments are given for another kind of source.
     """
-    if not isinstance(xacro or {}, Mapping):
-        raise RobotError(f"expected a mapping from names to values, got {xacro!r}.", where="xacro")
-    found = _find(source, xacro or {})
+    found = _find(source, mapping(xacro, "xacro", RobotError))
     check_numbers(found.model)
     if mass is None:
         return found

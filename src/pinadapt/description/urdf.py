@@ -28,8 +28,8 @@ _TAGS = (
 # attribute -> count of its numbers
 _NUMBERS = dict.fromkeys(("xyz", "rpy", "size", "scale"), 3) | dict.fromkeys(
     (
-        *(*ENTRIES, "value", "lower", "upper", "effort", "velocity", "damping"),
-        *("friction", "armature", "multiplier", "offset", "radius", "length"),
+        *(*ENTRIES, "value", "lower", "upper", "effort", "velocity", "multiplier", "offset"),
+        *("radius", "length"),
     ),
     1,
 )
@@ -91,7 +91,8 @@ class Urdf:
             for element in part.iter() if part.tag in ("link", "joint") else ():
                 for name in _REQUIRED.get(element.tag, ()):
                     element.attrib.setdefault(name, "")
-                for flaw in flaws_of_numbers(element, _NUMBERS) if element.tag in _TAGS else ():
+                own = dict.fromkeys(element.attrib, 1) if element.tag == "dynamics" else _NUMBERS
+                for flaw in flaws_of_numbers(element, own) if element.tag in _TAGS else ():
                     owner = f"{part.tag} '{part.get('name', '')}'"
                     raise RobotError(f"{owner}, {flaw}.", where=str(path), hint=_HINT)
         _fill_gaps(root, str(path))
@@ -156,7 +157,7 @@ class Urdf:
         ``Robot.urdf`` writes those that URDF does not define, such as ``armature``.
         """
         return {
-            joint.get("name", ""): float(dynamics.get(attribute, "nan"))
+            joint.get("name", ""): float(dynamics.attrib[attribute])
             for joint in self.root.findall("joint")
             for dynamics in joint.findall(f"dynamics[@{attribute}]")
         }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from .chain import (
     position_limits,
     velocity_limits,
 )
-from .urdf import ENTRIES, Origin, child, xml_text
+from .urdf import ENTRIES, Origin, Urdf, child, xml_text
 from .xacro import Packages
 
 _SAME = 1e-9  # [m], of an entry of a rotation, or relative of inertias: a difference by rounding
@@ -49,10 +50,8 @@ def urdf_text(robot: Any, *, shapes: bool = True) -> str:
     Raises:
         RobotError: a changed body without a physical inertia, or a source file that is missing.
     """
-    if robot.origin is None:
-        root, words = _chain_as_urdf(robot), "The chain alone, without shapes."
-    else:
-        root, words = _Edited(robot, robot.origin).written(), ""
+    root = _Edited(robot, robot.origin or _skeleton(robot)).written()
+    words = "" if robot.origin else "The chain alone, without shapes."
     for link in () if shapes else root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
@@ -224,8 +223,8 @@ class Link:
         return True
 
 
-def _chain_as_urdf(robot: Any) -> ElementTree.Element:
-    """Return the root element of a URDF of the chain alone, without shapes.
+def _skeleton(robot: Any) -> Origin:
+    """Return a URDF of a chain alone, with its limits, without placements, inertias and effects.
 
     For a joint without velocity or effort limit, 0 is written, as is usual; without position
     limits, 1e9.
@@ -242,21 +241,18 @@ def _chain_as_urdf(robot: Any) -> ElementTree.Element:
     limits = {"effort": effort, "velocity": velocity, "lower": lower, "upper": upper}
     for index, name in enumerate(robot.joint_names, 1):
         link = free_name(links_of(model, index)[0], taken)
-        element = ElementTree.SubElement(root, "link", name=link)
-        Link(element, index, pin.SE3.Identity()).write(model.inertias[index].toDynamicParameters())
+        ElementTree.SubElement(root, "link", name=link)
         kind = "continuous" if model.joints[index].nq == 2 else "revolute"
         kind = "prismatic" if is_slide(model.joints[index]) else kind
         joint = _joint(root, name, kind, parent, link)
-        _write_origin(joint, model.jointPlacements[index])
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
-        for tag, numbers in ("limit", limits), ("dynamics", _effects(robot)):
-            texts = {word: digits(values[index - 1]) for word, values in numbers.items()}
-            ElementTree.SubElement(joint, tag, texts)
+        texts = {word: digits(values[index - 1]) for word, values in limits.items()}
+        ElementTree.SubElement(joint, "limit", texts)
         parent = link
     ElementTree.SubElement(root, "link", name=robot.frame)
-    tip = _joint(root, f"{robot.frame}_fixed", "fixed", parent, robot.frame)
-    _write_origin(tip, robot.model.frames[robot.frame_id].placement)
-    return root
+    _joint(root, f"{robot.frame}_fixed", "fixed", parent, robot.frame)
+    urdf = Urdf(Path(), xml_text(root), Packages(Path()))
+    return Origin(urdf, urdf.model())
 
 
 def _joint(

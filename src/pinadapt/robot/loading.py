@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
@@ -78,7 +77,7 @@ def load(
             default: that of the catalogue, else "xyz", or the best conditioned plane if the chain
             cannot move its frame in all of xyz.
         locked: joints of the chain to lock at the reference configuration of the description.
-            Joints off the chain are always locked.
+            Joints off the chain are always locked, and those whose limits are equal, at these.
         q0: home pose, one value per joint of the chain (nv) [rad or m]; default: that of the
             catalogue, else the reference configuration of the description if it is well
             conditioned, else a searched pose, see ``find_home``. For a joint task: the reference
@@ -119,12 +118,6 @@ def load(
     )
     known = frame or found.frame
     robot = make(known) if known else _first_able(make, ends, task, model)
-    chain = chain_joints(model, frame_id(model, robot.frame))
-    if names := [name for joint in chain if (name := str(model.names[joint])) in still]:
-        warnings.warn(
-            f"{robot.name}: lower and upper limit are equal for {', '.join(names)}: locked there.",
-            stacklevel=2,
-        )
     return _with_joint_effects(robot) if flag(joint_effects, "joint_effects") else robot
 
 

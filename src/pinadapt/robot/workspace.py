@@ -226,23 +226,22 @@ def find_swing(robot: Robot) -> JointSwing:
 
 def _stays(robot: Robot, swing: JointSwing) -> bool:
     """Return whether a motion of the joints stays above the plane and within the efforts."""
-    model, data, plane = robot.model, robot.model.createData(), robot.mounting
+    model, data, motion = robot.model, robot.model.createData(), swing.motion(robot.home_angles)
+    path = [motion.at(t) for t in np.linspace(0.0, _SPREAD * swing.period.max(), 120).tolist()]
+    at = [configuration_from_angles(model, desired.x_d) for desired in path]
+    torques = [
+        pin.rnea(model, data, q, desired.xd_d, desired.xdd_d)
+        for q, desired in zip(at, path, strict=True)
+    ]
     held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
     # where gravity needs more at home
-    efforts = np.maximum(_SHARE * effort_limits(robot.model), 1.05 * held)
-
-    def above(q: np.ndarray) -> bool:
-        """Return whether a configuration (nq) is on the right side of the plane."""
-        return plane is None or plane.distance(model, data, robot.frame_id, q) >= 0.0
-
-    starts_above, motion = above(robot.q0), swing.motion(robot.home_angles)
-    for t in np.linspace(0.0, _SPREAD * float(swing.period.max()), 120):
-        desired = motion.at(float(t))
-        q = configuration_from_angles(model, desired.x_d)
-        torque = pin.rnea(model, data, q, desired.xd_d, desired.xdd_d)
-        if (np.abs(torque) > efforts).any() or (starts_above and not above(q)):
-            return False
-    return True
+    efforts = np.maximum(_SHARE * effort_limits(model), 1.05 * held)
+    if (np.abs(torques) > efforts).any():
+        return False
+    if robot.mounting is None:
+        return True
+    distances = robot.mounting.distances(model, robot.frame_id, at)
+    return bool(distances[0] < 0.0 or distances.min() >= 0.0)
 
 
 class _Follower:
