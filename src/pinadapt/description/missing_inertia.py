@@ -56,17 +56,15 @@ def with_inertias(
             hint="Give the mass of the whole robot, its base included, if bodies lack theirs. "
             "Robot.changed(inertial_scale=...) scales the described masses.",
         )
-    kinds = (pin.GeometryType.COLLISION, pin.GeometryType.VISUAL)
-    shapes = [found.geometryObjects for kind in kinds if (found := geometry(kind)) is not None]
-    base = [0] if model.inertias[0].mass <= 0.0 else []
-    solids = {}
-    for joint in [*base, *lacking]:
-        for parts in ([each for each in kind if each.parentJoint == joint] for kind in shapes):
-            filled = [(part.placement, _solid(part.geometry)) for part in parts]
-            placed = [placement.act(solid) for placement, solid in filled if solid is not None]
-            if placed:
-                solids[joint] = sum(placed[1:], placed[0])
-                break
+    base, solids = model.inertias[0].mass <= 0.0, dict[int, pin.Inertia]()
+    for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):  # the later count
+        placed, shapes = dict[int, pin.Inertia](), geometry(kind)
+        for part in shapes.geometryObjects if shapes else ():
+            joint = part.parentJoint
+            wanted = joint in lacking or (base and joint == 0)
+            if wanted and (solid := _solid(part.geometry)) is not None:
+                placed[joint] = placed.get(joint, pin.Inertia.Zero()) + part.placement.act(solid)
+        solids |= placed
     ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
     radius = _SLENDER * float(max(map(np.linalg.norm, ends.values())))
     rods = {joint: _rod(ends[joint], radius) for joint in lacking if joint not in solids}

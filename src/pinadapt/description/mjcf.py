@@ -151,6 +151,11 @@ def mjcf_text(robot: Any) -> str:
     body, taken = ElementTree.SubElement(root, "worldbody"), {robot.frame, "world"}
     tendons, motors = ElementTree.Element("tendon"), ElementTree.Element("actuator")
     limits, efforts = np.transpose(position_limits(model)), effort_limits(model)
+    effects = {
+        "damping": friction.viscous,
+        "frictionloss": friction.coulomb,
+        "armature": model.armature,
+    }
     for index, name in enumerate(names, 1):
         link, joint = free_name(links_of(model, index)[0], taken), model.joints[index]
         body = ElementTree.SubElement(
@@ -161,9 +166,7 @@ def mjcf_text(robot: Any) -> str:
             "name": name,
             "type": "slide" if is_slide(joint) else "hinge",
             "axis": digits(axis_of(model, index)),
-            "damping": digits(friction.viscous[index - 1]),
-            "frictionloss": digits(friction.coulomb[index - 1]),
-            "armature": digits(model.armature[index - 1]),
+            **{word: digits(values[index - 1]) for word, values in effects.items()},
         }
         if np.isfinite(limits[index - 1]).all():
             written["range"] = digits(limits[index - 1])
@@ -175,13 +178,14 @@ def mjcf_text(robot: Any) -> str:
         body, "site", {"name": robot.frame, **_at(model.frames[robot.frame_id].placement)}
     )
     for shaft in friction.shafts:
-        effects = {
-            "name": shaft.name(names),
-            "damping": digits(shaft.viscous),
-            "frictionloss": digits(shaft.coulomb),
-            "armature": digits(shaft.armature),
-        }
-        tendon = ElementTree.SubElement(tendons, "fixed", effects)
+        tendon = ElementTree.SubElement(
+            tendons,
+            "fixed",
+            name=shaft.name(names),
+            damping=digits(shaft.viscous),
+            frictionloss=digits(shaft.coulomb),
+            armature=digits(shaft.armature),
+        )
         for joint, factor in zip(shaft.joints, (1.0, shaft.sign), strict=True):
             ElementTree.SubElement(tendon, "joint", joint=names[joint], coef=digits(factor))
     for name, torque in zip(names, friction.offset, strict=True):
