@@ -15,7 +15,6 @@ from ..description.chain import (
     angles_from_configuration,
     configuration_from_angles,
     effort_limits,
-    is_slide,
     position_limits,
     velocity_limits,
 )
@@ -104,7 +103,7 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
     distance of 5 % of their range from the limits (less if the home pose is closer) and the
     smallest singular value of the task Jacobian stays above half of its value at home. This is
     required with the tool as described and with a tool displaced by the tool error in both
-    directions along each axis of the frame; singular values are those of both Jacobians. If the
+    directions along each axis of the frame; singular values are those of its Jacobian. If the
     home pose is on the right side of the mounting plane, so is the whole motion.
 
     The period is 3 s, or 3 sqrt(L) s for a reach of L > 1 m. It is longer if joints would exceed
@@ -134,17 +133,17 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
     length = robot.reach
     planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
     shifts = tool_error * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
-    described, *others = [_Follower(robot, shift) for shift in shifts]
+    described, *others = [robot.changed(tool_translation=shift) for shift in shifts]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
         paths = []
         for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2)):
             path = WorkspaceCircle(plane, phase, rounded_down(size), 1.0, 1.0)
-            if run := described.follow(path):
+            if run := _follow(robot, described, path):
                 paths.append((run, path))
         for run, path in sorted(paths, key=lambda found: -found[0][0]):
             runs = [run]
             for other in others:
-                if run := other.follow(path):
+                if run := _follow(robot, other, path):
                     runs.append(run)
                 else:
                     break
@@ -207,7 +206,7 @@ def find_swing(robot: Robot) -> JointSwing:
     margin = _margin(lower, upper)
     first = _PERIOD * sqrt(max(robot.reach, 1.0))
     period = np.round(first * np.linspace(1.0, _SPREAD, model.nv), 1)
-    slides = np.array([is_slide(joint) for joint in model.joints[1:]])
+    slides = list(robot.slides.values())
     most = np.minimum(
         np.where(slides, _SWING / 3.0, _SWING),
         _SHARE * velocity_limits(model) * period / (2.0 * pi),
@@ -244,75 +243,67 @@ def _stays(robot: Robot, swing: JointSwing) -> bool:
     return bool(distances[0] < 0.0 or distances.min() >= 0.0)
 
 
-class _Follower:
-    """Inverse kinematics by damped least squares, for a tool displaced by a shift (3) [m]."""
+def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np.ndarray] | None:
+    """Follow a circle by damped least squares, up to a limit or a singularity.
 
-    def __init__(self, robot: Robot, shift: np.ndarray) -> None:
-        self._robot, self._task, self._model = robot, robot.frame_task, robot.model.copy()
-        m = self._task.positions
-        self._arms = np.repeat([[1.0], [robot.reach]], [m, self._task.size - m], axis=0)  # [m/rad]
-        frame = self._model.frames[robot.frame_id]
-        moved = frame.placement * pin.SE3(np.eye(3), shift)
-        self._tool = self._model.addFrame(
-            pin.Frame("moved tool", frame.parentJoint, 0, moved, pin.FrameType.OP_FRAME)
-        )
-        self._data = self._model.createData()
-        lower, upper = position_limits(self._model)
-        home, margin = robot.home_angles, _margin(lower, upper)
-        self._low = lower + np.clip((home - lower) / 2, 0.0, margin)
-        self._high = upper - np.clip((upper - home) / 2, 0.0, margin)
-        slides = [is_slide(joint) for joint in self._model.joints[1:]]
-        speeds = np.where(slides, _SPEED / 2.0, _SPEED)
-        self._speeds = np.minimum(speeds, _SHARE * velocity_limits(self._model))
-        self._starts_above = self._above(robot.q0)
-        pin.computeJointJacobians(self._model, self._data, robot.q0)
-        self._home = _least_singular([self._jacobian(robot.frame_id)])
+    Args:
+        robot: as described.
+        tool: the robot with a displaced tool, which follows.
+        path: the circle.
 
-    def follow(self, path: WorkspaceCircle) -> tuple[float, np.ndarray] | None:
-        """Follow a circle; return None if it comes too close to a limit or a singularity.
+    Returns:
+        The smallest singular value, relative to that of ``robot`` at home; the periods (nv) [s] at
+        which the joints are as fast as they may be. None if the circle comes too close to a limit
+        or a singularity.
+    """
+    model, data, task, q = tool.model, tool.model.createData(), robot.frame_task, robot.q0
+    m, plane = task.positions, robot.mounting
+    arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
+    lower, upper = position_limits(model)
+    home, margin = robot.home_angles, _margin(lower, upper)
+    low = lower + np.clip((home - lower) / 2, 0.0, margin)
+    high = upper - np.clip((upper - home) / 2, 0.0, margin)
 
-        Returns:
-            The smallest singular value, relative to that at home; the periods (nv) [s] at which
-            the joints are as fast as they may be.
-        """
-        model, data, task, q = self._model, self._data, self._task, self._robot.q0
-        circle, home_share = path.motion(task.positions), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
-        at = [circle.at(k / _STEPS).x_d for k in range(int(_TURNS * _STEPS) + 2)]
-        damping = (0.01 * self._home) ** 2 * np.eye(task.size)
-        passed, fastest = list[np.ndarray](), np.zeros(model.nv)
-        start = target = task.at(model, data, self._tool, q)
-        for position in at[1:]:
-            angles = angles_from_configuration(model, q)
-            if (angles < self._low).any() or (angles > self._high).any():
-                return None
-            if self._starts_above and not self._above(q):
-                return None
-            pin.computeJointJacobians(model, data, q)
-            x = task.of(pin.updateFramePlacement(model, data, self._tool))
-            passed.append(J := self._jacobian(self._tool))
-            off = task._error(target, x)
-            away, turned = np.split(off, [task.positions])
-            if away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2:
-                return None
-            psi = home_share * pin.difference(model, q, self._robot.q0)
-            offset = np.zeros(task.size)
-            offset[: task.positions] = position - at[0]
-            target = task.moved(start, offset)
-            to_go = self._arms[:, 0] * task._error(target, x)
-            step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
-            fastest = np.maximum(fastest, np.abs(step))
-            q = pin.integrate(model, q, step)
-        least = _least_singular(passed) / self._home
-        return None if least < _LEAST_SINGULAR else (least, fastest * _STEPS / self._speeds)
+    def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
+        """Return the task Jacobian at a configuration (nq), all rows in [m/rad]."""
+        axes = pin.LOCAL_WORLD_ALIGNED
+        J = pin.computeFrameJacobian(of.model, data, q, of.frame_id, axes)
+        return arms[:, None] * J[task.rows]
 
-    def _above(self, q: np.ndarray) -> bool:
-        """Return whether the chain is on its side of the mounting plane, if there is one."""
-        plane = self._robot.mounting
-        return plane is None or plane.distance(self._model, self._data, self._tool, q) >= 0.0
+    def above(q: np.ndarray) -> bool:
+        """Return whether a configuration (nq) is on the right side of the mounting plane."""
+        return plane is None or plane.distance(model, data, tool.frame_id, q) >= 0.0
 
-    def _jacobian(self, frame: int) -> np.ndarray:
-        J = pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)
-        return self._arms * J[self._task.rows]
+    starts_above, at_home = above(q), _least_singular([jacobian(robot, q)])
+    circle, home_share = path.motion(m), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
+    at = [circle.at(k / _STEPS).x_d for k in range(int(_TURNS * _STEPS) + 2)]
+    damping = (0.01 * at_home) ** 2 * np.eye(task.size)
+    passed, fastest = list[np.ndarray](), np.zeros(model.nv)
+    start = target = tool.position(q)
+    for position in at[1:]:
+        angles = angles_from_configuration(model, q)
+        outside = (angles < low).any() or (angles > high).any()
+        if outside or (starts_above and not above(q)):
+            return None
+        x, J = task.at(model, data, tool.frame_id, q), jacobian(tool, q)
+        passed.append(J)
+        away, turned = np.split(task._error(target, x), [m])
+        if away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2:
+            return None
+        psi = home_share * pin.difference(model, q, robot.q0)
+        offset = np.zeros(task.size)
+        offset[:m] = position - at[0]
+        target = task.moved(start, offset)
+        to_go = arms * task._error(target, x)
+        step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
+        fastest = np.maximum(fastest, np.abs(step))
+        q = pin.integrate(model, q, step)
+    least = _least_singular(passed) / at_home
+    if least < _LEAST_SINGULAR:
+        return None
+    speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
+    speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
+    return least, fastest * _STEPS / speeds
 
 
 def _least_singular(Js: Sequence[np.ndarray]) -> float:
