@@ -32,8 +32,8 @@ _UNLIMITED = 1e9  # [rad or m], written for a joint without position limits
 
 def first_comment(robot: Any, words: str) -> Any:
     """Return the first comment of a file of a ``Robot``."""
-    text = f" Written by pinadapt {__version__}. {words} {robot.remark} "
-    return ElementTree.Comment(text.replace("--", "- -"))
+    text = " ".join(f"Written by pinadapt {__version__}. {words} {robot.remark}".split())
+    return ElementTree.Comment(f" {text.replace('--', '- -')} ")
 
 
 def _effects(robot: Any) -> dict[str, np.ndarray]:
