@@ -13,8 +13,6 @@ from .exceptions import InputError, did_you_mean
 
 SOFTWARE = ("Carpentier2019", "pinadapt")  # keys of Pinocchio and of this library
 
-_HEAD = re.compile(r"^[ \t]*@\w+\s*(\{)\s*([^\s,{}]+)\s*,", re.MULTILINE)
-
 
 def citation(controller: Controller) -> str:
     """Return the BibTeX entries of what a controller uses, each once.
@@ -45,21 +43,21 @@ def references() -> dict[str, str]:
 def parse_bibtex(text: str) -> dict[str, str]:
     """Return the entries of a BibTeX text by key, each as it is written and with a newline.
 
-    An entry starts a line with ``@kind{key,`` and ends at the matching brace. As in BibTeX, all
-    text between entries is a comment.
+    An entry starts a line with ``@kind{key,`` and ends at the last brace before the next one. As in
+    BibTeX, all text between entries is a comment.
 
     Raises:
         InputError: an entry without its closing brace, or a key that is used twice.
     """
     entries: dict[str, str] = {}
-    position = 0
-    while head := _HEAD.search(text, position):
-        key, position = head[2], _closing_brace(text, head.start(1)) + 1
-        if position == 0:
-            raise InputError(f"the entry '{key}' has no closing brace.", where="BibTeX")
-        if key in entries:
-            raise InputError(f"two entries have the key '{key}'.", where="BibTeX")
-        entries[key] = f"{text[head.start() : position].strip()}\n"
+    for part in re.split(r"^(?=[ \t]*@\w+\s*\{)", text, flags=re.MULTILINE):
+        for key in re.findall(r"^\s*@\w+\s*\{\s*([^\s,{}]+)\s*,", part):
+            entry = part[: part.rfind("}") + 1].strip()
+            if entry.count("{") != entry.count("}") or not entry:
+                raise InputError(f"the entry '{key}' has no closing brace.", where="BibTeX")
+            if key in entries:
+                raise InputError(f"two entries have the key '{key}'.", where="BibTeX")
+            entries[key] = f"{entry}\n"
     return entries
 
 
@@ -75,13 +73,3 @@ def _entries_of(source: str) -> dict[str, str]:
             hint='Give the BibTeX entry itself: sources = ("@article{key, ...}",).',
         )
     return entries
-
-
-def _closing_brace(text: str, opening: int) -> int:
-    """Return the index of the brace that closes the one at ``opening``, or -1."""
-    depth = 0
-    for brace in re.compile(r"[{}]").finditer(text, opening):
-        depth += 1 if brace[0] == "{" else -1
-        if depth == 0:
-            return brace.start()
-    return -1

@@ -26,16 +26,7 @@ def did_you_mean(name: object, allowed: Iterable[str]) -> str:
 
 
 class PinadaptError(Exception):
-    """Root of all errors raised by pinadapt."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy and pickle message and attributes; ``args`` are not what ``__init__`` takes."""
-        make = copyreg.__newobj__  # type: ignore[attr-defined]
-        return make, (type(self), *self.args), self.__dict__
-
-
-class InputError(PinadaptError, ValueError):
-    """The input was refused before anything moved.
+    """Root of all errors raised by pinadapt.
 
     Attributes:
         what: what was wrong.
@@ -48,6 +39,15 @@ class InputError(PinadaptError, ValueError):
         self.what, self.where, self.hint = what, where, hint
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message} {hint}" if hint else message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle message and attributes; ``args`` are not what ``__init__`` takes."""
+        make = copyreg.__newobj__  # type: ignore[attr-defined]
+        return make, (type(self), *self.args), self.__dict__
+
+
+class InputError(PinadaptError, ValueError):
+    """The input was refused before anything moved."""
 
 
 class ArrayError(InputError):
@@ -157,10 +157,10 @@ class MeasurementError(PinadaptError):
     ) -> None:
         """Name the signal, its value, what is wrong with it, and the likely fault of a sensor."""
         self.field, self.value, self.flaw, self.guess = field, value, flaw, guess
-        self.hint, why = hint, f" ({guess})" if guess else ""
+        why = f" ({guess})" if guess else ""
         super().__init__(
-            f"measurement '{field}' {flaw}{why}: {value}. The estimates were left as they were. "
-            f"{hint}"
+            f"measurement '{field}' {flaw}{why}: {value}. The estimates were left as they were.",
+            hint=hint,
         )
 
 
@@ -186,19 +186,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class ArmError(PinadaptError):
-    """An arm that cannot be driven now: silent, stopped, in error, or refusing the control.
-
-    Attributes:
-        what: what it did.
-        where: its name or address, or None.
-        hint: what to try, or None.
-    """
-
-    def __init__(self, what: str, *, where: str | None = None, hint: str | None = None) -> None:
-        """Put what, where and hint into one message."""
-        self.what, self.where, self.hint = what, where, hint
-        message = f"{where}: {what}" if where else what
-        super().__init__(f"{message} {hint}" if hint else message)
+    """An arm that cannot be driven now: silent, stopped, in error, or refusing the control."""
 
 
 class DivergedError(PinadaptError):

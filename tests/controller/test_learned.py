@@ -147,6 +147,10 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
     assert (start["a_d"] == state.a_d).all()
     slide = "slide_joint.viscous"
     assert learned.units.get(slide, "N s/m") == "N s/m" and "" not in learned.units.values()
+    text, first = (tmp_path / "learned.json").read_text(), next(iter(learned.dynamic))
+    (tmp_path / "number.json").write_text(text.replace(f'"name": "{first}"', '"name": 5'))
+    with pytest.raises(pa.ParameterError, match="1 unknown to it"):
+        pa.LearnedParameters.load(tmp_path / "number.json").start(controller)
 
 
 # --- on the command line ---

@@ -15,7 +15,7 @@ ROWS = read_toml(robots_folder() / "catalogue.toml")
 
 def test_chains_have_the_stated_number_of_joints():
     entries = pa.catalogue().values()
-    counted = {entry.name: len(entry.limb(entry.load()[0])[1]) for entry in entries}
+    counted = {entry.name: len(entry.limb(entry.load()[1])[1]) for entry in entries}
     assert counted == {entry.name: entry.joints for entry in entries}
 
 

@@ -52,13 +52,14 @@ def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
     [
         ("<asset>", '<include file="x.xml"/><asset>', "Pinocchio does not read <include>"),
         ('<body name="tip"', "<body", "a <body> has no name"),
-        ('mass="2" diag', 'mass="1,5" diag', 'mass="1,5" is not numbers'),
-        ('size="0.03"/></body>', 'size="nan"/></body>', 'size="nan" is not a number'),
+        ('mass="2" diag', 'mass="1,5" diag', 'mass="1,5" is not some finite numbers'),
+        ('size="0.03"/></body>', 'size="nan"/></body>', 'size="nan" is not some finite numbers'),
         (
             '<inertial pos="0.2 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>',
             "",
             "body 'link2' has no <inertial>",
         ),
+        ('mass="2" diag', 'mass="-2" diag', "<inertial> has a negative mass, -2 kg"),
         ('type="box"', 'type="brick"', "Pinocchio cannot read this MJCF"),
     ],
 )

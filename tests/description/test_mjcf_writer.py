@@ -64,7 +64,6 @@ def test_links_with_an_impossible_inertia_are_corrected(parent, tmp_path):
     (tmp_path / "antenna.urdf").write_text(text.replace("</robot>", link))
     loaded = pa.load(tmp_path / "antenna.urdf", frame=robot.frame).changed(inertial_scale=1.2)
     again = loaded.urdf(shapes=False)
-    assert ("impossible inertia of antenna" in again) == (parent == "base_link")
     mujoco.MjModel.from_xml_string(again)
     (tmp_path / "again.urdf").write_text(again)
     back = pa.load(tmp_path / "again.urdf", frame=robot.frame)

@@ -116,7 +116,6 @@ def test_packages_are_found_by_folder_manifest_and_environment(tmp_path, monkeyp
         "named_inside": tmp_path / "ws" / "checkout-of-it",
         "from_ros_1": tmp_path / "ros1" / "from_ros_1",
         "from_ros_2": tmp_path / "ros2" / "share" / "from_ros_2",
-        "kr6_support": tmp_path / "ws" / "kr6",
     }
     for folder in [here, *places.values()]:
         folder.mkdir(parents=True, exist_ok=True)

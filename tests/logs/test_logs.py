@@ -122,6 +122,8 @@ def test_an_impossible_log_is_refused(robot, log):
         with pytest.raises(pa.LogError, match=re.escape(words)):
             pa.read_log(flaw, robot)
     assert pa.read_log(log, robot) is not None
+    with pytest.raises(pa.LogError, match=r"q: has numbers beyond 1e\+30"):
+        replace(log, q=1e308 + log.q)
 
 
 def test_the_log_of_another_robot_is_named_as_such(tmp_path, robot, log):

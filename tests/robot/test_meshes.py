@@ -3,18 +3,18 @@
 import pinocchio as pin
 
 import pinadapt as pa
-from pinadapt.description.catalogue import example_geometry
+from pinadapt.description.catalogue import whole_geometry
 
 
 def test_loading_reads_no_mesh_and_drawing_reads_them_once(monkeypatch):
-    read, built = [], pin.buildGeomFromUrdf
+    read, built = [], pin.buildGeomFromUrdfString
 
     def build(*arguments, **options):
         read.append(arguments)
         return built(*arguments, **options)
 
-    monkeypatch.setattr(pin, "buildGeomFromUrdf", build)
-    example_geometry.cache_clear()
+    monkeypatch.setattr(pin, "buildGeomFromUrdfString", build)
+    whole_geometry.cache_clear()
     robot = pa.load("finger_edu")
     true = robot.changed(inertial_scale=2.0)
     assert not read

@@ -138,7 +138,7 @@ MIMIC = (
 
 
 def test_a_mimic_joint_in_the_chain_is_refused(tmp_path):
-    with pytest.raises(pa.RobotError, match=r"\['joint4'\] mimic"):
+    with pytest.raises(pa.RobotError, match="'joint4' mimics"):
         pa.load(arm4(tmp_path, MIMIC), frame="tip")
 
 

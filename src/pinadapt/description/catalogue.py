@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from pinocchio.robot_wrapper import RobotWrapper
 
 from .._output import read_toml
 from ..exceptions import RobotError, did_you_mean
 from .chain import chain_joints, frame_id, is_free_flyer
 from .urdf import Urdf
+
+_OWN = "pinadapt"
 
 
 @dataclass(frozen=True)
@@ -49,20 +50,22 @@ class CatalogueEntry:
     q0: tuple[float, ...] | None
     about: str
 
-    def load(self) -> tuple[pin.Model, np.ndarray, frozenset[str]]:
-        """Return the whole model, a reference configuration (nq) and the names of mimic joints."""
-        if self.path is not None:
-            urdf = Urdf.read(self.path)
-            model = urdf.model()
-            return model, pin.neutral(model), urdf.mimics()
-        model, q_reference = example_robot(self.origin)
-        return self._with_tip(model), q_reference, example_mimics(self.origin)
+    def load(self) -> tuple[Urdf, pin.Model, np.ndarray]:
+        """Return the URDF, the whole model and a reference configuration (nq)."""
+        urdf, model, q_reference = _whole(self.urdf, self.origin)
+        model = model.copy()
+        if self.tip is not None:
+            index = frame_id(model, self.link)
+            link = model.frames[index]
+            placement = link.placement * pin.SE3(np.eye(3), np.array(self.tip))
+            model.addFrame(
+                pin.Frame(self.frame, link.parentJoint, index, placement, pin.FrameType.OP_FRAME)
+            )
+        return urdf, model, q_reference.copy()
 
-    def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel | None:
-        """Return the visual or collision geometry of the whole robot, or None if it has none."""
-        if self.path is not None:
-            return Urdf.read(self.path).geometry(kind)
-        return example_geometry(self.origin, kind)
+    def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel:
+        """Return the visual or collision geometry of the whole robot."""
+        return whole_geometry(self.urdf, self.origin, kind)
 
     @property
     def urdf(self) -> Path:
@@ -80,17 +83,6 @@ class CatalogueEntry:
         start = 0 if self.first is None else names.index(self.first)
         return chain[:start], chain[start:]
 
-    def _with_tip(self, model: pin.Model) -> pin.Model:
-        if self.tip is None:
-            return model
-        model, index = model.copy(), frame_id(model, self.link)
-        link = model.frames[index]
-        placement = link.placement * pin.SE3(np.eye(3), np.array(self.tip))
-        model.addFrame(
-            pin.Frame(self.frame, link.parentJoint, index, placement, pin.FrameType.OP_FRAME)
-        )
-        return model
-
 
 @cache
 def catalogue() -> Mapping[str, CatalogueEntry]:
@@ -103,7 +95,7 @@ def catalogue() -> Mapping[str, CatalogueEntry]:
             frame=f"{row['frame']}_tip" if "tip" in row else row["frame"],
             joints=row["joints"],
             task=row.get("task", "xyz"),
-            origin="pinadapt" if "urdf" in row else row.get("loader", name),
+            origin=_OWN if "urdf" in row else row.get("loader", name),
             path=folder / row["urdf"] if "urdf" in row else None,
             first=row.get("first"),
             tip=tuple(row["tip"]) if "tip" in row else None,
@@ -144,73 +136,44 @@ def robots_folder() -> Path:
     )
 
 
-# example-robot-data
-
-
 @cache
-def example_path(origin: str) -> Path:
-    """Return the URDF file that a loader of example-robot-data reads."""
-    return _folder(origin) / _file(origin)
-
-
-@cache
-def example_mimics(origin: str) -> frozenset[str]:
-    """Return the names of the joints of a loader's robot that mimic another joint."""
-    return Urdf.read(example_path(origin)).mimics()
-
-
-@cache
-def example_robot(origin: str) -> tuple[pin.Model, np.ndarray]:
-    """Return the model and the reference pose (nq) of a loader; callers must not change them."""
+def _whole(path: Path, origin: str) -> tuple[Urdf, pin.Model, np.ndarray]:
+    """Return URDF, model and reference pose (nq) of a whole robot; callers must not change them."""
+    urdf = Urdf.read(path)
+    if origin == _OWN:
+        model = urdf.model()
+        return urdf, model, pin.neutral(model)
     loaders, kind = _loaders(), _loaders().ROBOTS[origin]
-    if _is_special(origin):
-        whole = _whole(origin)
-        return whole.model, whole.q0
-    base = [pin.JointModelFreeFlyer()] if kind.free_flyer else []
-    model = pin.buildModelFromUrdf(str(example_path(origin)), *base)
+    model = urdf.model(*[pin.JointModelFreeFlyer()] if kind.free_flyer else ())
+    if hasattr(kind, "freeflyer_ori"):
+        model.jointPlacements[1].rotation = kind.freeflyer_ori
     if not kind.srdf_filename:
-        return model, pin.neutral(model)
-    srdf = _folder(origin) / kind.path / kind.srdf_subpath / kind.srdf_filename
-    q0 = loaders.readParamsFromSrdf(
-        model, str(srdf), False, kind.has_rotor_parameters, kind.ref_posture
-    )
-    return model, q0
+        return urdf, model, pin.neutral(model)
+    srdf = str(_folder(kind) / kind.path / kind.srdf_subpath / kind.srdf_filename)
+    rotors, pose = kind.has_rotor_parameters, kind.ref_posture
+    return urdf, model, loaders.readParamsFromSrdf(model, srdf, False, rotors, pose)
 
 
 @lru_cache(maxsize=8)  # the meshes of a robot take up to 200 MB
-def example_geometry(origin: str, kind: pin.GeometryType) -> pin.GeometryModel:
-    """Return visual or collision geometry of a loader's robot; callers must not change it."""
-    if _is_special(origin):
-        whole, visual = _whole(origin), kind == pin.GeometryType.VISUAL
-        return whole.visual_model if visual else whole.collision_model
-    model, file = example_robot(origin)[0], str(example_path(origin))
-    packages = [str(_folder(origin) / ".." / "..")]
-    return pin.buildGeomFromUrdf(model, file, kind, package_dirs=packages)
+def whole_geometry(path: Path, origin: str, kind: pin.GeometryType) -> pin.GeometryModel:
+    """Return visual or collision geometry of a whole robot; callers must not change it."""
+    urdf, model, _ = _whole(path, origin)
+    return urdf.geometry(model, kind)
+
+
+def example_path(origin: str) -> Path:
+    """Return the URDF file that a loader of example-robot-data reads."""
+    kind = _loaders().ROBOTS[origin]
+    return _folder(kind) / kind.path / kind.urdf_subpath / kind.urdf_filename
+
+
+def _folder(kind: Any) -> Path:
+    """Return the folder that holds the robot of a loader."""
+    file = Path(kind.path, kind.urdf_subpath, kind.urdf_filename)
+    return Path(kind.model_path or _loaders().getModelPath(str(file)))
 
 
 def _loaders() -> Any:
     from example_robot_data import robots_loader  # slow to import; a user's URDF does not need it
 
     return robots_loader
-
-
-def _folder(origin: str) -> Path:
-    """Return the folder that holds the robots of example-robot-data."""
-    loaders = _loaders()
-    return Path(loaders.ROBOTS[origin].model_path or loaders.getModelPath(str(_file(origin))))
-
-
-def _file(origin: str) -> Path:
-    kind = _loaders().ROBOTS[origin]
-    return Path(kind.path, kind.urdf_subpath, kind.urdf_filename)
-
-
-def _is_special(origin: str) -> bool:
-    """Return whether a loader changes the model after reading it."""
-    loaders = _loaders()
-    return loaders.ROBOTS[origin].__init__ is not loaders.RobotLoader.__init__
-
-
-@lru_cache(maxsize=8)
-def _whole(origin: str) -> RobotWrapper:
-    return _loaders().load(origin)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -12,15 +12,10 @@ import pinocchio as pin
 from .._checks import LARGEST
 from ..exceptions import RobotError, did_you_mean
 
-_WORLD = "universe"
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
-_SUPPORTED = ("JointModelR", "JointModelP")
-_LINK_MARK = "(link) "
-_ROUNDING = 1e-9  # [rad or m] by which a home pose may exceed a limit without a warning
-_NO_LIMIT = 1e300  # effort and velocity limits from here on mean that there is none
-_TRAVEL = 2.0  # [m], stroke of an unlimited slide where a chain has no other extent
-_PHYSICAL = 1e-9  # smallest eigenvalue of a scaled pseudo-inertia
+_LINK_MARK = "(link) "  # of links that share their name with a joint
 _REGULAR = 1e-10  # smallest eigenvalue of a scaled mass matrix
+_PHYSICAL = 1e-9  # the same of a scaled pseudo-inertia
 
 
 # Frames, links and joints
@@ -88,11 +83,6 @@ def is_slide(joint: pin.JointModel) -> bool:
     return bool(joint.shortname().startswith("JointModelP"))
 
 
-def joint_unit(joint: pin.JointModel) -> str:
-    """Return the unit of a joint coordinate."""
-    return "m" if is_slide(joint) else "rad"
-
-
 def is_free_flyer(joint: pin.JointModel) -> bool:
     """Return whether a joint is the free-flyer of a floating base."""
     return bool(joint.shortname() == "JointModelFreeFlyer")
@@ -101,44 +91,24 @@ def is_free_flyer(joint: pin.JointModel) -> bool:
 # Reducing a model to the chain
 
 
-def reduce_to_chain(model: pin.Model, keep: Sequence[int], q_reference: np.ndarray) -> pin.Model:
-    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq of the whole)."""
-    return _reduced(model, [], keep, q_reference)[0]
-
-
-def reduce_visual(
-    model: pin.Model, visual: pin.GeometryModel, keep: Sequence[int], q_reference: np.ndarray
-) -> pin.GeometryModel:
-    """Return the visual geometry of the chain, given that of the whole model."""
-    return _reduced(model, [visual], keep, q_reference)[1][0]
-
-
-def _reduced(
-    model: pin.Model,
-    visuals: list[pin.GeometryModel],
-    keep: Sequence[int],
-    q_reference: np.ndarray,
+def reduced(
+    model: pin.Model, keep: Sequence[int], q_reference: np.ndarray, *shapes: pin.GeometryModel
 ) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
+    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes.
+
+    ``pin.buildReducedModel`` refuses links that share their name with a joint: they are renamed
+    meanwhile.
+    """
     lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
     model = model.copy()
-    _rename_links(model, mark=True)
-    reduced, geometries = pin.buildReducedModel(model, visuals, lock, q_reference)
-    _rename_links(reduced, mark=False)
-    return reduced, geometries
-
-
-def _rename_links(model: pin.Model, *, mark: bool) -> None:
-    """Mark links that share their name with another frame, or remove the marks.
-
-    ``pin.buildReducedModel`` refuses duplicate frame names.
-    """
-    names = [frame.name for frame in model.frames]
-    times = Counter(names)
-    for frame, name in zip(model.frames, names, strict=True):
-        if not mark:
-            frame.name = name.removeprefix(_LINK_MARK)
-        elif frame.type == pin.FrameType.BODY and times[name] > 1:
-            frame.name = _LINK_MARK + name
+    times = Counter(frame.name for frame in model.frames)
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and times[frame.name] > 1:
+            frame.name = _LINK_MARK + frame.name
+    chain, geometries = pin.buildReducedModel(model, list(shapes), lock, q_reference)
+    for frame in chain.frames:
+        frame.name = frame.name.removeprefix(_LINK_MARK)
+    return chain, geometries
 
 
 # Configurations and joint angles
@@ -164,15 +134,28 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     turns therefore counts as no limit.
     """
     lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    for joint, low, high in _stated_limits(model):
+        if low < high and high - low <= 4 * np.pi:
+            lower[model.idx_vs[joint]], upper[model.idx_vs[joint]] = low, high
+    return lower, upper
+
+
+def _stated_limits(model: pin.Model) -> Iterator[tuple[int, float, float]]:
+    """Yield index and lower and upper limit of each joint of one coordinate."""
     for joint in model.joints[1:]:
         if joint.nq == 1:
-            low, high = (
-                float(model.lowerPositionLimit[joint.idx_q]),
-                float(model.upperPositionLimit[joint.idx_q]),
-            )
-            if low < high and high - low <= 4 * np.pi:
-                lower[joint.idx_v], upper[joint.idx_v] = low, high
-    return lower, upper
+            at = joint.idx_q
+            low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
+            yield joint.id, float(low), float(high)
+
+
+def joints_of_one_position(model: pin.Model) -> dict[int, float]:
+    """Return joint -> position [rad or m] of those whose limits are equal, and not zero."""
+    return {
+        joint: low
+        for joint, low, high in _stated_limits(model)
+        if low == high and 0.0 < abs(low) < LARGEST
+    }
 
 
 def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
@@ -185,26 +168,27 @@ def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
 def effort_limits(model: pin.Model) -> np.ndarray:
     """Return the effort limits (nv) [N m or N]; inf if the description has 0, 1.8e308 or inf."""
     limits = np.array(model.effortLimit, dtype=float)
-    return np.where((limits > 0.0) & (limits < _NO_LIMIT), limits, np.inf)
+    return np.where((limits > 0.0) & (limits < LARGEST), limits, np.inf)
 
 
 def velocity_limits(model: pin.Model) -> np.ndarray:
     """Return the velocity limits (nv) [rad/s or m/s]; inf if it has 0, 1.8e308 or inf."""
     limits = np.array(model.velocityLimit, dtype=float)
-    return np.where((limits > 0.0) & (limits < _NO_LIMIT), limits, np.inf)
+    return np.where((limits > 0.0) & (limits < LARGEST), limits, np.inf)
 
 
 def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
     """Warn if joint positions (nv) [rad or m] of a home pose are outside the joint limits."""
     lower, upper = position_limits(model)
     outside = [
-        f"joint '{model.names[joint.id]}' at {angles[i]:.6g} {joint_unit(joint)}, limits "
-        f"{lower[i]:.6g} to {upper[i]:.6g}"
-        for joint in model.joints[1:]
-        if not lower[(i := joint.idx_v)] - _ROUNDING <= angles[i] <= upper[i] + _ROUNDING
+        f"joint '{name}' at {angle:.6g}, limits {low:.6g} to {high:.6g}"
+        for name, angle, low, high in zip(model.names[1:], angles, lower, upper, strict=True)
+        if not np.isclose(angle, np.clip(angle, low, high), rtol=0.0)
     ]
     if outside:
-        warnings.warn(f"q0 is outside the joint limits: {'; '.join(outside)}.", stacklevel=3)
+        warnings.warn(
+            f"q0 is outside the joint limits [rad or m]: {'; '.join(outside)}.", stacklevel=3
+        )
 
 
 def reach(model: pin.Model, frame: int) -> float:
@@ -213,13 +197,13 @@ def reach(model: pin.Model, frame: int) -> float:
     Prismatic joints count with their stroke. One without limits, such as a mobile base, counts
     only if the chain has no other extent: then with 2 m.
     """
-    lower, upper = position_limits(model)
-    slides = [joint.idx_v for joint in model.joints[1:] if is_slide(joint)]
-    travel = (upper - lower)[np.array(slides, dtype=int)]
-    lengths = [np.linalg.norm(placement.translation) for placement in model.jointPlacements[2:]]
-    lengths.append(np.linalg.norm(model.frames[frame].placement.translation))
-    length = float(sum(lengths) + travel[np.isfinite(travel)].sum())
-    return length or _TRAVEL * len(travel)
+    slides = [is_slide(joint) for joint in model.joints[1:]]
+    lower, upper = (limit[slides] for limit in position_bounds(model))
+    limited = np.isfinite(position_limits(model)[0][slides])
+    steps = [placement.translation for placement in model.jointPlacements[2:]]
+    steps.append(model.frames[frame].placement.translation)
+    length = sum(map(np.linalg.norm, steps)) + (upper - lower)[limited].sum()
+    return float(length or (upper - lower).sum())
 
 
 def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarray]:
@@ -252,20 +236,6 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
 # Checks
 
 
-def check_names(model: pin.Model) -> None:
-    """Refuse a joint with the name that Pinocchio gives to the fixed world.
-
-    Raises:
-        RobotError: there is such a joint.
-    """
-    if _WORLD in list(model.names)[1:]:
-        raise RobotError(
-            f"a joint is called '{_WORLD}', which is the name of the fixed world in Pinocchio.",
-            where=model.name,
-            hint="Rename the joint in the description.",
-        )
-
-
 def check_numbers(model: pin.Model) -> None:
     """Refuse impossible numbers.
 
@@ -273,33 +243,30 @@ def check_numbers(model: pin.Model) -> None:
         RobotError: a placement, inertia or gravity that is not finite or too large, or a negative
             mass; the joint is named.
     """
-    for name, placement, body in zip(
-        model.names, model.jointPlacements, model.inertias, strict=True
-    ):
-        for part in (placement.homogeneous, body.toDynamicParameters()):
-            if not (np.abs(part) <= LARGEST).all():  # also true for NaN
-                raise RobotError(
-                    f"the placement of joint '{name}', or the inertia of the body it moves, has a "
-                    f"number that is not finite or exceeds {LARGEST:g}.",
-                    where=model.name,
-                )
-        if body.mass < 0.0:
+    rows = zip(model.names, model.jointPlacements, model.inertias, strict=True)
+    for name, placement, body in rows:
+        numbers = [*placement.homogeneous.flat, *body.toDynamicParameters(), *model.gravity.linear]
+        if not (np.abs(numbers) <= LARGEST).all() or body.mass < 0.0:  # the first also for NaN
             raise RobotError(
-                f"the body that joint '{name}' moves has a negative mass, {body.mass} kg.",
+                f"the placement of joint '{name}', the inertia of the body it moves or gravity has "
+                f"a number that is not finite or exceeds {LARGEST:g}, or a negative mass.",
                 where=model.name,
             )
-    if not (np.abs(model.gravity.linear) <= LARGEST).all():
-        raise RobotError(f"gravity is not finite: {model.gravity.linear}.", where=model.name)
 
 
-def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
+def check_joints(model: pin.Model, joints: Sequence[int], mimics: Collection[str] = ()) -> None:
     """Refuse joints that the control laws do not cover.
+
+    Args:
+        model: Pinocchio model.
+        joints: indices of the joints.
+        mimics: names of joints that depend on others.
 
     Raises:
         RobotError: a free-flyer, a mimic joint, or a joint that is neither revolute nor prismatic.
     """
     for joint in joints:
-        kind, name = model.joints[joint].shortname(), model.names[joint]
+        kind, name = model.joints[joint].shortname().removeprefix("JointModel"), model.names[joint]
         if is_free_flyer(model.joints[joint]):
             raise RobotError(
                 f"joint '{name}' makes the base floating; the control laws are for fixed-base "
@@ -308,16 +275,12 @@ def check_joints(model: pin.Model, joints: Sequence[int]) -> None:
                 hint="To use one limb as a fixed-base arm, fix the base: load(..., "
                 "weld_root=True), in a scenario robot.weld_root = true.",
             )
-        if "Mimic" in kind:
+        mimic = name in mimics or "Mimic" in kind
+        if mimic or kind[0] not in "RP" or model.joints[joint].nv != 1:
+            kind = "mimics another joint" if mimic else f"is of type {kind}"
             raise RobotError(
-                f"joint '{name}' mimics another joint; the control laws need independent joints.",
-                where=model.name,
-                hint="Lock it with `locked`, or choose a frame before it.",
-            )
-        if not kind.startswith(_SUPPORTED) or model.joints[joint].nv != 1:
-            raise RobotError(
-                f"joint '{name}' is of type {kind.removeprefix('JointModel')}; "
-                "only revolute, continuous and prismatic joints are supported.",
+                f"joint '{name}' {kind}; the control laws need independent revolute, continuous "
+                "and prismatic joints.",
                 where=model.name,
                 hint="Lock it with `locked`, or choose a frame before it.",
             )
@@ -331,17 +294,14 @@ def check_position_limits(model: pin.Model) -> None:
     Raises:
         RobotError: there is one; the message names the joint and both numbers.
     """
-    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
-        if joint.nq == 1:
-            low = float(model.lowerPositionLimit[joint.idx_q])
-            high = float(model.upperPositionLimit[joint.idx_q])
-            if low > high:
-                raise RobotError(
-                    f"the lower limit of joint '{name}', {low:g}, is above its upper limit, "
-                    f"{high:g}.",
-                    where=model.name,
-                    hint="Swap them in the description, or set both to 0 for no limit.",
-                )
+    for joint, low, high in _stated_limits(model):
+        if low > high:
+            raise RobotError(
+                f"the lower limit of joint '{model.names[joint]}', {low:g}, is above its upper "
+                f"limit, {high:g}.",
+                where=model.name,
+                hint="Swap them in the description, or set both to 0 for no limit.",
+            )
 
 
 def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) -> None:
@@ -359,21 +319,12 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
         eigenvalues, vectors = np.linalg.eigh(M / np.outer(scale, scale))
         if eigenvalues[0] >= _REGULAR:
             continue
-        massless = massless_joints(model)
-        links = ", ".join(f"'{links_of(model, i)[0]}' after '{model.names[i]}'" for i in massless)
-        free = int(np.argmax(np.abs(vectors[:, 0] / scale)))
-        blame = (
-            f"these links have no mass: {links}"
-            if massless
-            else f"joint '{model.names[free + 1]}', which moves '{links_of(model, free + 1)[0]}', "
-            "moves without inertia"
-        )
+        weakest = int(np.argmax(np.abs(vectors[:, 0] / scale))) + 1
+        links = [links_of(model, joint)[0] for joint in massless_joints(model) or [weakest]]
         raise RobotError(
-            f"the mass matrix is singular or indefinite; {blame}.",
+            f"the mass matrix is singular or indefinite: {links} have no mass or inertia.",
             where=model.name,
-            hint="State the mass of the whole robot, and these links get a share by their shapes: "
-            "load(..., mass=KG), `init --mass KG`, in a scenario robot.mass. Or give each of them "
-            "an <inertial>, or lock the joint."
-            if massless
-            else "Give every moving link a positive mass and inertia, or lock the joint.",
+            hint="Give each of them an <inertial>, or lock the joint; or state the mass of the "
+            "whole robot, and links without mass get a share by their shapes: load(..., mass=KG), "
+            "`init --mass KG`, in a scenario robot.mass.",
         )

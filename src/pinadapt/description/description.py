@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from pinocchio.robot_wrapper import RobotWrapper
 
-from .._checks import shown
+from .._checks import mapping, shown
 from ..exceptions import RobotError, did_you_mean
 from .catalogue import catalogue, catalogue_entry
-from .chain import check_names, check_numbers
+from .chain import check_numbers
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
 from .urdf import Urdf, is_path, read_xml
@@ -24,8 +24,6 @@ from .xacro import XacroArguments
 
 Source: TypeAlias = "str | Path | pin.Model | RobotWrapper"
 Geometry: TypeAlias = Callable[[pin.GeometryType], "pin.GeometryModel | None"]
-
-_INSTALL = 'Install it: pip install "pinadapt[descriptions]".'
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Description:
         locked: joints to lock.
         weld_root: whether a floating base is always fixed.
         from_file: whether it comes from a file; a floating base in a file is fixed by default.
-        urdf: the URDF it was read from, or the path of one; None if there is none.
+        urdf: the URDF it was read from, or None.
     """
 
     name: str
@@ -56,17 +54,7 @@ class Description:
     locked: tuple[str, ...] = ()
     weld_root: bool = False
     from_file: bool = False
-    urdf: Urdf | Path | None = None
-
-    @property
-    def visual(self) -> Callable[[], pin.GeometryModel | None]:
-        """Function that reads the visual geometry."""
-        return partial(self.geometry, pin.GeometryType.VISUAL)
-
-    @property
-    def collision(self) -> Callable[[], pin.GeometryModel | None]:
-        """Function that reads the collision geometry."""
-        return partial(self.geometry, pin.GeometryType.COLLISION)
+    urdf: Urdf | None = None
 
 
 def describe(
@@ -83,10 +71,7 @@ def describe(
         RobotError: the source is not found, cannot be read or has impossible numbers, or xacro
             arguments are given for another kind of source.
     """
-    if not isinstance(xacro or {}, Mapping):
-        raise RobotError(f"expected a mapping from names to values, got {xacro!r}.", where="xacro")
-    found = _find(source, xacro or {})
-    check_names(found.model)
+    found = _find(source, mapping(xacro, "xacro", RobotError))
     check_numbers(found.model)
     if mass is None:
         return found
@@ -107,30 +92,29 @@ def _find(source: Source, xacro: XacroArguments) -> Description:
         return _from_file(Path(source).expanduser(), xacro)
     name = str(source)
     if name not in catalogue() and is_description_name(name):
-        named = named_description(name)
-        found = _from_file(named.path, {**named.xacro, **xacro}, named.packages)
-        return replace(found, name=name)
+        path, arguments, packages = named_description(name)
+        return replace(_from_file(path, {**arguments, **xacro}, packages), name=name)
     if xacro:
         raise RobotError(f"'{name}' is not a xacro file; it takes no arguments.", where="xacro")
     return _from_catalogue(name)
 
 
 def _from_object(source: pin.Model | RobotWrapper) -> Description:
-    if isinstance(source, pin.Model):
-        return Description(str(source.name), source, _none, pin.neutral(source))
+    model = source if isinstance(source, pin.Model) else source.model
     q_reference = getattr(source, "q0", None)
-    q_reference = pin.neutral(source.model) if q_reference is None else q_reference
-    geometry = partial(_given, source.visual_model, source.collision_model)
-    return Description(str(source.model.name), source.model, geometry, q_reference)
+    return Description(
+        str(model.name),
+        model,
+        partial(
+            _given, *(getattr(source, f"{kind}_model", None) for kind in ("visual", "collision"))
+        ),
+        pin.neutral(model) if q_reference is None else q_reference,
+    )
 
 
 def _given(visual: Any, collision: Any, kind: pin.GeometryType) -> Any:
-    """Return one of two geometries that are already in memory."""
+    """Return one of two geometries that are already in memory, or None."""
     return visual if kind == pin.GeometryType.VISUAL else collision
-
-
-def _none(kind: pin.GeometryType) -> None:
-    """Return None: a bare model has no geometry."""
 
 
 def _from_file(
@@ -138,21 +122,15 @@ def _from_file(
 ) -> Description:
     """Read a URDF, xacro or MJCF file."""
     root = read_xml(path)
-    file: Urdf | Mjcf
-    if root.tag == "mujoco" and not xacro:
-        file = Mjcf.read(path, root)
-        model = file.model()
-        q_reference = keyframe(model)
-    else:
-        file = Urdf.read(path, xacro, packages)
-        model = file.model()
-        q_reference = pin.neutral(model)
+    mjcf = root.tag == "mujoco" and not xacro
+    file = Mjcf.read(path, root) if mjcf else Urdf.read(path, xacro, packages)
+    model = file.model()
     return Description(
         str(model.name),
         model,
-        file.geometry,
-        q_reference,
-        file.mimics(),
+        partial(file.geometry, model),
+        keyframe(model),
+        file.mimics,
         from_file=True,
         urdf=file if isinstance(file, Urdf) else None,
     )
@@ -160,8 +138,7 @@ def _from_file(
 
 def _from_catalogue(name: str) -> Description:
     entry = catalogue_entry(name)
-    model, q_reference, mimics = entry.load()
-    q_reference = np.array(q_reference)
+    urdf, model, q_reference = entry.load()
     before, limb = entry.limb(model)
     for joint, angle in zip(limb, entry.q0 or (), strict=entry.q0 is not None):
         part = model.joints[joint]
@@ -173,31 +150,16 @@ def _from_catalogue(name: str) -> Description:
         model,
         entry.geometry,
         q_reference,
-        mimics,
+        urdf.mimics,
         entry.frame,
         entry.task,
         tuple(str(model.names[joint]) for joint in before),
         weld_root=True,
-        urdf=entry.urdf,
+        urdf=urdf,
     )
 
 
 # The package robot_descriptions
-
-
-@dataclass(frozen=True)
-class NamedDescription:
-    """The files of a description of the package robot_descriptions.
-
-    Attributes:
-        path: URDF, xacro or MJCF file.
-        xacro: arguments of the xacro file, name -> text.
-        packages: package name -> folder.
-    """
-
-    path: Path
-    xacro: Mapping[str, str]
-    packages: Mapping[str, str]
 
 
 def is_robot_name(source: str) -> bool:
@@ -210,8 +172,11 @@ def is_description_name(source: str) -> bool:
     return source.endswith("_description")
 
 
-def named_description(name: str) -> NamedDescription:
+def named_description(name: str) -> tuple[Path, Mapping[str, str], Mapping[str, str]]:
     """Return a description of the package robot_descriptions, downloaded at its first use.
+
+    Returns:
+        URDF, xacro or MJCF file; arguments of the xacro file; package name -> folder.
 
     Raises:
         RobotError: the package is not installed, has no such description, or cannot download it.
@@ -222,7 +187,7 @@ def named_description(name: str) -> NamedDescription:
         raise RobotError(
             f"the package robot_descriptions, needed for '{name}', is not installed.",
             where="source",
-            hint=_INSTALL,
+            hint='Install it: pip install "pinadapt[descriptions]".',
         ) from error
     if name not in package.DESCRIPTIONS:
         raise RobotError(
@@ -233,18 +198,15 @@ def named_description(name: str) -> NamedDescription:
     try:
         module = import_module(f"robot_descriptions.{name}")
     except Exception as error:  # of git, the network, the disk
-        reason = (str(error).strip() or type(error).__name__).splitlines()[-1].strip()
         raise RobotError(
-            f"robot_descriptions could not fetch '{name}': {reason}.",
+            f"robot_descriptions could not fetch '{name}' ({error}).",
             where="source",
             hint="At its first use a description is cloned from GitHub with git: try again online, "
             "or set ROBOT_DESCRIPTIONS_CACHE to a folder that already contains it.",
         ) from error
-    for kind in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH"):
-        if hasattr(module, kind):
-            return NamedDescription(
-                Path(getattr(module, kind)),
-                getattr(module, "XACRO_ARGS", {}) if kind == "XACRO_PATH" else {},
-                getattr(module, "XACRO_PACKAGE_PATHS", {}),
-            )
-    raise RobotError(f"'{name}' has no URDF, xacro or MJCF file.", where="source")
+    kinds = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
+    path = next((getattr(module, kind) for kind in kinds if hasattr(module, kind)), None)
+    if path is None:
+        raise RobotError(f"'{name}' has no URDF, xacro or MJCF file.", where="source")
+    arguments = {} if hasattr(module, "URDF_PATH") else getattr(module, "XACRO_ARGS", {})
+    return Path(path), arguments, getattr(module, "XACRO_PACKAGE_PATHS", {})

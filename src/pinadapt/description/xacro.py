@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import re
-import warnings
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -38,7 +36,7 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
     """Return the URDF that a xacro file and its arguments give.
 
     A xacro file is a program: its expressions are evaluated by Python, as in ROS.
-    ``$(find package)`` searches the same packages as meshes. Messages of xacro become warnings.
+    ``$(find package)`` searches the same packages as meshes.
 
     Raises:
         RobotError: the file or one that it includes cannot be expanded, or an argument is unknown.
@@ -54,12 +52,11 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         return str(folder)
 
     words = {k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in arguments.items()}
-    messages, of_ros = io.StringIO(), substitution_args._eval_find
+    of_ros = substitution_args._eval_find
     xacro.all_includes.clear()
     substitution_args._eval_find = substitution_args._eval_dict["find"] = find
     try:
-        with contextlib.redirect_stderr(messages):
-            text: str = xacro.process_file(str(path), mappings=dict(words)).toxml()
+        text: str = xacro.process_file(str(path), mappings=dict(words)).toxml()
     except Exception as error:  # an expression raises errors of any kind
         file = [str(path), *(xacro.filestack or [])][-1]
         reason = str(error).strip() or type(error).__name__
@@ -68,27 +65,20 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = of_ros
-    if messages.getvalue():
-        said = " ".join(messages.getvalue().split())
-        warnings.warn(f"{path}: message of xacro: {said}", stacklevel=2)
     _check_known(words, path, [path, *map(Path, xacro.all_includes)])
     return text
 
 
 def _check_known(given: Mapping[str, str], path: Path, files: list[Path]) -> None:
     """Refuse arguments that no file declares or uses."""
-    known = {
-        first or second
-        for file in files
-        for first, second in _ARGUMENT.findall(file.read_text(encoding="utf-8", errors="replace"))
-    }
-    for name in given:
-        if name not in known:
-            raise RobotError(
-                f"the file has no xacro argument '{name}'.{did_you_mean(name, known)}",
-                where=str(path),
-                hint=f"Its arguments: {', '.join(sorted(known)) or 'none'}.",
-            )
+    text = "".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
+    known = {first or second for first, second in _ARGUMENT.findall(text)}
+    for name in given.keys() - known:
+        raise RobotError(
+            f"the file has no xacro argument '{name}'.{did_you_mean(name, known)}",
+            where=str(path),
+            hint=f"Its arguments: {', '.join(sorted(known)) or 'none'}.",
+        )
 
 
 # Packages
@@ -100,9 +90,7 @@ class Packages:
 
     They are searched in this order: packages given by name; the folders above the description and
     the folders in these; ROS_PACKAGE_PATH and the share folders of AMENT_PREFIX_PATH. A package is
-    found by the name of its folder, then by the name in its package.xml. Last, near the
-    description, folders match whose names differ by an ending such as ``_support`` or
-    ``_description`` only.
+    found by the name of its folder, else by the name in its package.xml.
 
     Attributes:
         folder: of the description.
@@ -116,15 +104,11 @@ class Packages:
         """Return the folder of a package, or None."""
         if name in self.named:
             return Path(self.named[name])
-        for place in self._above:
-            if place.name == name:
-                return place
-            if (place / name).is_dir():
-                return place / name
-        for place in _ros_folders():
-            if (place / name).is_dir():
-                return place / name
-        return self._by_manifest.get(name) or self._by_stem.get(_stem(name))
+        for place in (*self._above, *_ros_folders()):
+            for folder in (place, place / name):
+                if folder.name == name and folder.is_dir():
+                    return folder
+        return self._by_manifest.get(name)
 
     def file(self, name: str) -> Path | None:
         """Return the file of a ``package://``, ``model://`` or ``file://`` URI or path, or None.
@@ -132,13 +116,14 @@ class Packages:
         A relative path starts at the folder of the description, or at one above it.
         """
         scheme, mark, rest = name.partition("://")
+        places: list[Path | None] = [*self._above]
         if mark and scheme in ("package", "model"):
-            package, _, inner = rest.partition("/")
-            folder = self.find(package)
-            return None if folder is None else _existing(folder / inner)
-        place = Path(unquote(rest) if scheme == "file" and mark else name)
-        places = self._above if not place.is_absolute() else [Path()]
-        return next((found for start in places if (found := _existing(start / place))), None)
+            package, _, name = rest.partition("/")
+            places = [self.find(package)]
+        elif mark and scheme == "file":
+            name = unquote(rest)
+        files = (place / name for place in places if place is not None)
+        return next((file for file in files if file.is_file()), None)
 
     @cached_property
     def _above(self) -> list[Path]:
@@ -146,31 +131,16 @@ class Packages:
         return [folder, *folder.parents]
 
     @cached_property
-    def _near(self) -> list[Path]:
-        """The folders above the description, and all folders in the four nearest of them."""
-        return [*self._above, *(folder for up in self._above[:_DEPTH] for folder in _inside(up))]
-
-    @cached_property
     def _by_manifest(self) -> dict[str, Path]:
-        places = [*self._near, *(inner for outer in _ros_folders() for inner in _inside(outer))]
-        found = ((_manifest_name(place), place) for place in reversed(places))
-        return {name: place for name, place in found if name}
-
-    @cached_property
-    def _by_stem(self) -> dict[str, Path]:
-        return {_stem(place.name): place for place in reversed(self._near)}
-
-
-def _existing(path: Path) -> Path | None:
-    return path if path.is_file() else None
-
-
-def _inside(folder: Path) -> Iterator[Path]:
-    """Yield the folders in a folder; none if it cannot be read."""
-    try:
-        yield from sorted(Path(entry.path) for entry in os.scandir(folder) if entry.is_dir())
-    except OSError:
-        return
+        """Name in a package.xml -> folder, near the description and in the folders of ROS."""
+        found: dict[str, Path] = {}
+        places = [(place, "package.xml") for place in self._above]
+        places += [(place, "*/package.xml") for place in self._above[:_DEPTH] + _ros_folders()]
+        for file in (file for place, pattern in places for file in sorted(place.glob(pattern))):
+            with contextlib.suppress(OSError, ElementTree.ParseError):
+                name = ElementTree.fromstring(file.read_bytes()).findtext("name", "")
+                found.setdefault(name, file.parent)
+        return found
 
 
 def _ros_folders() -> list[Path]:
@@ -178,21 +148,3 @@ def _ros_folders() -> list[Path]:
     first = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     second = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return [Path(text) for text in first if text] + [Path(t, "share") for t in second if t]
-
-
-def _manifest_name(folder: Path) -> str | None:
-    """Return the name in a folder's package.xml, or None."""
-    file = folder / "package.xml"
-    try:
-        return (
-            ElementTree.fromstring(file.read_bytes()).findtext("name") if file.is_file() else None
-        )
-    except (OSError, ElementTree.ParseError):
-        return None
-
-
-def _stem(name: str) -> str:
-    """Return a package name without an ending such as ``_description``."""
-    for word in ("_support", "_description", "_descriptions"):
-        name = name.removesuffix(word)
-    return name

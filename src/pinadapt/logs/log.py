@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance
+from .._checks import LARGEST, instance
 from ..description.chain import configuration_from_angles, effort_limits, position_limits
 from ..exceptions import LogError, did_you_mean
 from ..robot.robot import Robot
@@ -200,6 +200,8 @@ class Log:
         if array.ndim != dimensions:
             shape = "one number per sample" if dimensions == 1 else "a row of numbers per sample"
             raise LogError(f"expected {shape}, got shape {array.shape}.", where=self._at(name))
+        if (np.abs(array[np.isfinite(array)]) > LARGEST).any():
+            raise LogError(f"has numbers beyond {LARGEST:g}.", where=self._at(name))
         return array
 
 

@@ -79,22 +79,13 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
         RobotError: unknown joint or a factor that is not positive.
     """
     if not isinstance(scale, Mapping):
-        factor = positive(scale, "inertial_scale", error=RobotError)
-        if factor == 1.0:
-            return
-        scale = {str(name): factor for name in model.names[1:]}
+        positive(scale, "inertial_scale", error=RobotError)
+        scale = dict.fromkeys(map(str, model.names[1:]), scale)
     for name, given in scale.items():
-        joint = joint_id(model, name, "inertial_scale")
+        body = model.inertias[joint_id(model, name, "inertial_scale")]
         factor = positive(given, f"inertial_scale.{name}", error=RobotError)
-        body = model.inertias[joint]
-        if factor == 1.0:
-            continue
-        if body.mass:  # FromDynamicParameters divides by the mass
-            model.inertias[joint] = pin.Inertia.FromDynamicParameters(
-                factor * body.toDynamicParameters()
-            )
-        else:
-            model.inertias[joint] = pin.Inertia(0.0, body.lever, factor * body.inertia)
+        body.mass *= factor
+        body.inertia = factor * body.inertia
 
 
 def attach_payload(model: pin.Model, frame: int, payload: Payload) -> pin.Inertia:
@@ -135,20 +126,15 @@ def placement(rotation: ArrayLike, translation: ArrayLike, where: str) -> pin.SE
     Raises:
         RobotError: wrong sizes, or a matrix that is no rotation.
     """
-    given = numbers(rotation, f"{where}.rotation", error=RobotError)
-    if given.shape == (3,):
-        R = pin.exp3(given)
-    elif given.shape != (3, 3):
+    R = numbers(rotation, f"{where}.rotation", error=RobotError)
+    R = pin.exp3(R) if R.shape == (3,) else R
+    same = R.shape == (3, 3) and np.abs(R @ R.T - np.eye(3)).max() <= _ROUNDING
+    if not same or np.linalg.det(R) < 0.0:
         raise RobotError(
-            f"expected a matrix (3, 3) or a rotation vector (3) [rad], got shape {given.shape}.",
+            "expected a rotation vector (3) [rad], or a matrix (3, 3) with R R^T = 1, det R = 1; "
+            f"got {shown(rotation)}.",
             where=f"{where}.rotation",
         )
-    else:
-        R = given
-        off = float(np.abs(R @ R.T - np.eye(3)).max())
-        if off > _ROUNDING or np.linalg.det(R) < 0.0:
-            flaw = "it mirrors" if off <= _ROUNDING else f"R R^T is off the identity by {off:.2g}"
-            raise RobotError(f"is no rotation: {flaw}.", where=f"{where}.rotation")
     return pin.SE3(R, vector(translation, 3, f"{where}.translation", error=RobotError, fills=False))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +17,11 @@ from ..description.chain import (
 )
 from ..exceptions import RobotError
 
-_SAMPLES, _REFINEMENTS = 500, (0.2, 0.1, 0.05)
-_DIGITS = 4  # decimals of a searched home pose [rad or m]
+MARGIN = 0.05  # distance kept from joint limits and the mounting plane, of the range and the reach
+_SAMPLES = 500  # random poses of the search
+_FAR_OFF = 0.2  # of a joint's range, distance from a limit up to which a pose counts less
 _NEARLY = 0.6  # least conditioning of a given pose, relative to the best one
 _DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian
-_OFF_LIMITS, _FAR_OFF = 0.05, 0.2  # distances from a joint limit, relative to the joint's range
-_ROOM = 0.05  # distance of the chain from the mounting plane, relative to the reach
-_HEIGHT_SAMPLES = 10  # random poses that show which heights vary
 _STILL = 1e-6  # [m], largest variation of a constant height
 
 
@@ -50,7 +48,7 @@ def find_home(
     from a limit, this value is reduced in proportion to the distance from the limit. A candidate is
     acceptable if it has 60 % of the singular value of the best pose and a distance of 5 % of each
     joint's range from the limits. All poses stay on their side of the mounting plane if the chain
-    can.
+    can, at a distance of 5 % of the reach, or half of what is possible.
 
     Args:
         model: of the chain.
@@ -62,21 +60,31 @@ def find_home(
     Raises:
         RobotError: the task Jacobian is singular in all poses.
     """
-    limits, rng = position_limits(model), np.random.default_rng(0)
-    samples = _samples(model, rng)
-    room = -np.inf if plane is None else plane.room(model, frame, _configurations(model, samples))
+    data, limits, rng = model.createData(), position_limits(model), np.random.default_rng(0)
+    lower, upper = position_bounds(model)
+    middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
 
-    def qualities(poses: np.ndarray) -> np.ndarray:
-        """Return the smallest singular values (N) at joint positions (N, nv), less near limits."""
-        configurations = _configurations(model, poses)
-        found = _singular_values(model, frame, rows, configurations)[:, -1]
-        if plane is not None:
-            found[plane.distances(model, frame, configurations) < room] = 0.0
-        return np.asarray(found * np.minimum(1.0, _margins(limits, poses) / _FAR_OFF))
+    def distances(configurations: list[np.ndarray]) -> np.ndarray:
+        """Return the distance [m] of each of N configurations (nq) from the plane."""
+        return np.array(np.inf if plane is None else plane.distances(model, frame, configurations))
 
-    best = _refined(model, rng, samples[np.argmax(qualities(samples))], qualities)
-    home = configuration_from_angles(model, np.round(best, _DIGITS))
-    data = model.createData()
+    def best_of(poses: np.ndarray) -> np.ndarray:
+        """Return the joint positions (N, nv) of the largest singular value, less near limits."""
+        at = [configuration_from_angles(model, angles) for angles in poses]
+        axes = pin.LOCAL_WORLD_ALIGNED
+        J = [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for q in at]
+        found = np.linalg.svd(np.array(J), compute_uv=False)[:, -1]
+        found *= (distances(at) >= room) * np.minimum(1.0, _off_limits(limits, poses) / _FAR_OFF)
+        return np.asarray(poses[np.argmax(found)])
+
+    samples = middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv))
+    most = distances([configuration_from_angles(model, angles) for angles in samples]).max()
+    room = min(MARGIN * reach(model, frame), most / 2) if most > 0.0 else -np.inf
+    best = best_of(samples)
+    for size in (0.2, 0.1, 0.05):
+        around = best + size * half * rng.standard_normal((_SAMPLES // 10, model.nv))
+        best = best_of(np.vstack([best, np.clip(around, middle - half, middle + half)]))
+    home = configuration_from_angles(model, np.round(best, 4))
     singular, ratio = conditioning(model, data, frame, rows, home)
     if ratio < _DEGENERATE:
         raise RobotError(
@@ -87,10 +95,9 @@ def find_home(
             "link to the description.",
         )
     for q in candidates:
-        off_limits = _margins(limits, angles_from_configuration(model, q)) >= _OFF_LIMITS
         if (
-            off_limits
-            and (plane is None or plane.distance(model, data, frame, q) >= room)
+            _off_limits(limits, angles_from_configuration(model, q)) >= MARGIN
+            and distances([q]) >= room
             and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular
         ):
             return np.asarray(q)
@@ -99,64 +106,19 @@ def find_home(
 
 def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np.ndarray:
     """Return the first candidate (nq) inside the joint limits, else the middle of the limits."""
-    limits = position_limits(model)
     for q in candidates:
-        if _margins(limits, angles_from_configuration(model, q)) >= 0.0:
+        if _off_limits(position_limits(model), angles_from_configuration(model, q)) >= 0.0:
             return np.asarray(q)
     return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
 
 
-def _samples(model: pin.Model, rng: np.random.Generator) -> np.ndarray:
-    """Return random joint positions (., nv) in the middle 80 % of the joint bounds."""
-    middle, half = _inner(model)
-    return np.asarray(middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv)))
+def _off_limits(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np.ndarray:
+    """Return the least distance of joint positions (..., nv) from a limit, relative to the range.
 
-
-def _configurations(model: pin.Model, poses: np.ndarray) -> list[np.ndarray]:
-    """Return the configurations (nq) of joint positions (N, nv)."""
-    if model.nq == model.nv:  # positions and configurations are the same numbers
-        return list(poses)
-    return [configuration_from_angles(model, angles) for angles in poses]
-
-
-def _singular_values(
-    model: pin.Model, frame: int, rows: slice, configurations: Iterable[np.ndarray]
-) -> np.ndarray:
-    """Return the singular values (N, .) of the task Jacobian, falling, at configurations (nq)."""
-    data, axes = model.createData(), pin.LOCAL_WORLD_ALIGNED
-    J = [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for q in configurations]
-    return np.asarray(np.linalg.svd(np.array(J), compute_uv=False))
-
-
-def _refined(
-    model: pin.Model,
-    rng: np.random.Generator,
-    best: np.ndarray,
-    qualities: Callable[[np.ndarray], np.ndarray],
-) -> np.ndarray:
-    """Return the joint positions (nv) of highest quality around the best so far."""
-    middle, half = _inner(model)
-    for size in _REFINEMENTS:
-        around = best + size * half * rng.standard_normal((_SAMPLES // 10, model.nv))
-        poses = np.vstack([best, np.clip(around, middle - half, middle + half)])
-        best = poses[np.argmax(qualities(poses))]
-    return np.asarray(best)
-
-
-def _inner(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return middle and half width (nv) of the middle 80 % of the joint bounds."""
-    lower, upper = position_bounds(model)
-    return (lower + upper) / 2, 0.8 * (upper - lower) / 2
-
-
-def _margins(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np.ndarray:
-    """Return the least distances (...) from a joint limit, relative to the joint's range.
-
-    They are infinite if no joint has limits. The joint positions are ``angles`` (..., nv).
+    It is infinite if no joint has limits.
     """
-    lower, upper = limits
-    limited = np.isfinite(lower)
-    low, high, at = lower[limited], upper[limited], angles[..., limited]
+    limited = np.isfinite(limits[0])
+    (low, high), at = (limit[limited] for limit in limits), angles[..., limited]
     nearest = np.minimum(at - low, high - at) / (high - low)
     return np.asarray(np.min(nearest, axis=-1, initial=np.inf))
 
@@ -186,14 +148,19 @@ class MountingPlane:
 
         None if the whole chain moves horizontally.
         """
-        rng, data = np.random.default_rng(0), model.createData()
-        samples = rng.uniform(-1.0, 1.0, (_HEIGHT_SAMPLES, model.nv))
-        heights = _heights(model, data, frame, _configurations(model, samples))
-        movable = np.flatnonzero(np.ptp(heights, axis=0) > _STILL)
+        samples = np.random.default_rng(0).uniform(-1.0, 1.0, (10, model.nv))
+        at = [configuration_from_angles(model, sample) for sample in samples]
+        heights = _heights(model, model.createData(), frame, [shown, *at])
+        movable = np.flatnonzero(np.ptp(heights[1:], axis=0) > _STILL)
         if not movable.size:
             return None
-        level = _level(model)
-        above = np.mean(_heights(model, data, frame, [shown])[0, movable]) > level - _STILL
+        levels = [
+            float(model.frames[joint.parentFrame].placement.translation[2])
+            for joint in model.frames
+            if joint.type == pin.FrameType.JOINT and joint.parentJoint == 1
+        ]
+        level = levels[0] if levels else 0.0
+        above = np.mean(heights[0, movable]) > level - _STILL
         return cls(level, 1.0 if above else -1.0, tuple(movable.tolist()))
 
     def distance(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> float:
@@ -208,14 +175,6 @@ class MountingPlane:
         heights = _heights(model, model.createData(), frame, configurations)
         return np.asarray(np.min(self.side * (heights[:, self.movable] - self.level), axis=1))
 
-    def room(self, model: pin.Model, frame: int, configurations: Iterable[np.ndarray]) -> float:
-        """Return the distance [m] to keep: 5 % of the reach, at most half of what is possible.
-
-        It is minus infinity if none of the configurations (nq) is on the right side.
-        """
-        most = float(np.max(self.distances(model, frame, configurations)))
-        return min(_ROOM * reach(model, frame), most / 2) if most > 0.0 else -np.inf
-
 
 def _heights(
     model: pin.Model, data: pin.Data, frame: int, configurations: Iterable[np.ndarray]
@@ -225,19 +184,9 @@ def _heights(
     At N configurations (nq). The places are read where Pinocchio writes them: copies cost more than
     the kinematics.
     """
-    places = [data.oMi[joint].translation for joint in range(2, model.njoints)]
-    places.append(data.oMf[frame].translation)
-    rows = []
+    places, rows = [each.translation for each in [*list(data.oMi)[2:], data.oMf[frame]]], []
     for q in configurations:
         pin.forwardKinematics(model, data, q)
         pin.updateFramePlacement(model, data, frame)
         rows.append([place.item(2) for place in places])
     return np.array(rows)
-
-
-def _level(model: pin.Model) -> float:
-    """Return the height [m] of the origin of the link that carries the first joint."""
-    for frame in model.frames:
-        if frame.type == pin.FrameType.JOINT and frame.parentJoint == 1:
-            return float(model.frames[frame.parentFrame].placement.translation[2])
-    return 0.0

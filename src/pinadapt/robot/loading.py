@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, partial
-from typing import Any
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, arithmetic, flag, instance, keywords, name_list, vector
+from .._checks import arithmetic, flag, instance, keywords, name_list, vector
 from ..description.chain import (
     ENDS,
     chain_joints,
@@ -24,7 +22,8 @@ from ..description.chain import (
     configuration_from_angles,
     frame_id,
     is_free_flyer,
-    reduce_to_chain,
+    joints_of_one_position,
+    reduced,
 )
 from ..description.description import Description, Source, describe
 from ..description.missing_inertia import with_solid_points
@@ -39,9 +38,7 @@ from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
 JOINT = "joint"  # the name of the task of the joints
-_MOST_TRIED = 8  # ends of chains that are tried as the task frame
-_SUGGESTED = 4  # of them, named where a frame does not exist
-_LARGEST, PLANES = "xyz", ("xy", "xz", "yz")
+PLANES = ("xy", "xz", "yz")
 # Words in names of frames: tools and feet, fingers, sensors.
 _TOOLS = (
     *("tcp", "tool", "tip", "ee", "end", "flange", "foot", "sole", "toe"),
@@ -80,7 +77,7 @@ def load(
             default: that of the catalogue, else "xyz", or the best conditioned plane if the chain
             cannot move its frame in all of xyz.
         locked: joints of the chain to lock at the reference configuration of the description.
-            Joints off the chain are always locked.
+            Joints off the chain are always locked, and those whose limits are equal, at these.
         q0: home pose, one value per joint of the chain (nv) [rad or m]; default: that of the
             catalogue, else the reference configuration of the description if it is well
             conditioned, else a searched pose, see ``find_home``. For a joint task: the reference
@@ -102,199 +99,48 @@ def load(
     """
     for given, where in ((frame, "frame"), (task, "task")):
         instance(given, str | None, where, RobotError)
-    locked = name_list(locked, "locked", RobotError)
     found = describe(source, xacro=xacro, mass=mass)
-    still = _with_one_position(found.model)
-    found = _locked_at(found, still)
+    model, q_reference = found.model, found.q_reference.copy()
+    still = {str(model.names[joint]): at for joint, at in joints_of_one_position(model).items()}
+    for name, position in still.items():
+        q_reference[model.joints[model.getJointId(name)].idx_q] = position
     weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
-    wanted = _Wanted(
-        task or found.task, [*found.locked, *locked], q0, gravity, weld or found.weld_root
+    ends = end_links(model, found.mimics)
+    make = partial(
+        _load_chain,
+        replace(found, q_reference=q_reference),
+        ends=ends,
+        task=task or found.task,
+        locked=[*found.locked, *name_list(locked, "locked", RobotError), *still],
+        q0=q0,
+        gravity=gravity,
+        weld=weld or found.weld_root,
     )
-    ends, known = end_links(found.model, found.mimics), frame or found.frame
-    if known:
-        _check_frame(found.model, known, ends)
-    frames = [known] if known else choose_frames(found.model, ends, task)
-    robot = _first_able(frames, lambda name: _load_chain(found, name, ends, wanted))
-    chain = chain_joints(found.model, frame_id(found.model, robot.frame))
-    if names := [str(found.model.names[index]) for index in chain if index in still]:
-        warnings.warn(
-            f"{robot.name}: lower and upper limit are equal for {', '.join(names)}: locked there.",
-            stacklevel=2,
-        )
-    if not flag(joint_effects, "joint_effects"):
-        return robot
-    return _with_joint_effects(robot)
+    known = frame or found.frame
+    robot = make(known) if known else _first_able(make, ends, task, model)
+    return _with_joint_effects(robot) if flag(joint_effects, "joint_effects") else robot
 
 
-def _with_one_position(model: pin.Model) -> dict[int, float]:
-    """Return joint -> position [rad or m] of those whose limits are equal, and not zero."""
-    found = {}
-    for index, joint in enumerate(model.joints):
-        if index and joint.nq == 1:  # the first is the universe
-            low = float(model.lowerPositionLimit[joint.idx_q])
-            high = float(model.upperPositionLimit[joint.idx_q])
-            if low == high and low != 0.0 and abs(low) < LARGEST:
-                found[index] = low
-    return found
-
-
-def _locked_at(found: Description, positions: Mapping[int, float]) -> Description:
-    """Return a description with more joints locked, at positions [rad or m]."""
-    q = found.q_reference.copy()
-    for index, position in positions.items():
-        q[found.model.joints[index].idx_q] = position
-    names = [str(found.model.names[index]) for index in positions]
-    return replace(found, q_reference=q, locked=(*found.locked, *names))
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """The arguments of ``load`` that apply to any frame."""
-
-    task: str | None
-    locked: Sequence[str]
-    q0: ArrayLike | None
-    gravity: ArrayLike | None
-    weld_root: bool
-
-
-def _load_chain(found: Description, name: str, ends: Sequence[str], wanted: _Wanted) -> Robot:
-    """Return the robot whose chain ends at a frame."""
-    keep = _kept_joints(found, name, wanted.locked, wanted.weld_root)
-    model = reduce_to_chain(found.model, keep, found.q_reference)
-    check_position_limits(model)
-    if wanted.gravity is not None:
-        model.gravity.linear = vector(wanted.gravity, 3, "gravity", error=RobotError, fills=False)
-    poses, welded = _reference_poses(found, model, keep), _floats(found.model, name)
-    tip, mounted = frame_id(model, name), not (welded or found.weld_root)
-    plane = MountingPlane.of(model, tip, poses[0]) if mounted else None
-    chosen, home = choose_task(model, tip, wanted.task, poses, plane)
-    robot = Robot(
-        found.name,
-        model,
-        name,
-        chosen,
-        home,
-        Friction.none(model.nv),
-        Visual(found.visual, found.model, tuple(keep), found.q_reference, found.collision),
-        ends=tuple(end for end in ends if end != name),
-        locked=_off_chain(found.model, keep),
-        welded=welded,
-        mounting=plane,
-        origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
-    )
-    if wanted.q0 is not None:
-        robot = robot.at(wanted.q0)
-    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
-    at = [robot.q0, *(configuration_from_angles(model, sample) for sample in samples)]
-    try:
-        check_mass_matrix(model, at)
-    except RobotError:
-        solid = with_solid_points(model, found.name)
-        if solid is None:
-            raise
-        check_mass_matrix(solid, at)
-        origin = None if found.urdf is None else Origin(found.urdf, solid.copy())
-        robot = replace(robot, model=solid, origin=origin)
-    return robot
-
-
-def _check_frame(model: pin.Model, name: str, ends: Sequence[str]) -> None:
-    """Check that a frame exists.
-
-    Raises:
-        RobotError: it does not; the message suggests the closest name and the likely ends.
-    """
-    try:
-        frame_id(model, name)
-    except RobotError as error:
-        likely = f"Likely ends of the chain: {', '.join(ends[:_SUGGESTED])}." if ends else None
-        raise RobotError(error.what, where=error.where, hint=likely) from None
-
-
-def _kept_joints(
-    found: Description, frame: str, locked: Sequence[str], weld_root: bool
-) -> list[int]:
-    """Return the joints from base to frame that are not locked; unsupported ones are refused."""
-    chain = chain_joints(found.model, frame_id(found.model, frame))
-    if weld_root:
-        chain = [j for j in chain if not is_free_flyer(found.model.joints[j])]
-    for name in locked:
-        changes.joint_id(found.model, name, "locked")
-    keep = [joint for joint in chain if str(found.model.names[joint]) not in set(locked)]
-    check_joints(found.model, keep)
-    mimics = [str(found.model.names[j]) for j in keep if str(found.model.names[j]) in found.mimics]
-    if mimics:
-        raise RobotError(
-            f"joints {mimics} mimic other joints; the control laws need independent joints.",
-            where=found.name,
-            hint="Lock them with `locked`, or choose a frame before them.",
-        )
-    if not keep:
-        raise RobotError(
-            f"no joint moves frame '{frame}' relative to the base.",
-            where=found.name,
-            hint="Choose a frame further from the base, or lock fewer joints.",
-        )
-    return keep
-
-
-def _floats(model: pin.Model, frame: str) -> bool:
-    """Return whether a free-flyer lies between the base and a frame."""
-    joints = chain_joints(model, frame_id(model, frame))
-    return any(is_free_flyer(model.joints[joint]) for joint in joints)
-
-
-def _off_chain(model: pin.Model, keep: Sequence[int]) -> tuple[str, ...]:
-    """Return the names of the joints that are not kept, without free-flyers."""
-    kept = set(keep)
-    return tuple(
-        str(model.names[joint])
-        for joint in range(1, model.njoints)
-        if joint not in kept and not is_free_flyer(model.joints[joint])
-    )
-
-
-def _reference_poses(found: Description, model: pin.Model, keep: Sequence[int]) -> list[Any]:
-    """Return the reference and the neutral pose (nq) of the chain."""
-    parts = [
-        found.q_reference[j.idx_q : j.idx_q + j.nq] for j in (found.model.joints[k] for k in keep)
-    ]
-    return [np.concatenate(parts), pin.neutral(model)]
-
-
-def _with_joint_effects(robot: Robot) -> Robot:
-    """Return a robot with the rotor inertias and the friction of its description."""
-    model = robot.model
-    stated = {} if robot.origin is None else robot.origin.urdf.armatures()
-    armature = [
-        stated.get(name, float(rotor))
-        for name, rotor in zip(robot.joint_names, model.armature, strict=True)
-    ]
-    friction = Friction(np.array(model.damping), np.array(model.friction))
-    own: dict[str, Any] = {}
-    for name in FRICTION_ATTRIBUTES:
-        found = {} if robot.origin is None else robot.origin.urdf.joint_effects(name)
-        usual = zip(robot.joint_names, getattr(friction, name), strict=True)
-        own[name] = np.array([found.get(joint, default) for joint, default in usual])
-    return robot.changed(armature=armature, friction=replace(friction, **own))
-
-
-# The choice of a frame
-
-
-def choose_frames(model: pin.Model, ends: Sequence[str], task: str | None) -> list[str]:
-    """Return the task frames to try, best candidate first: the ends of chains, see ``end_links``.
+def _first_able(
+    make: Callable[[str], Robot], ends: Sequence[str], task: str | None, model: pin.Model
+) -> Robot:
+    """Return the robot of the first end whose chain is able to do the task.
 
     For a joint task this is the last frame of the model if no chain has two joints.
 
     Raises:
-        RobotError: a task of the frame, and no chain has two joints.
+        RobotError: no chain is able, then the error of the first; no end; or any other error.
     """
-    if ends:
-        return list(ends[:_MOST_TRIED])
-    if task == JOINT:
-        return [str(model.frames[-1].name)]
+    refused = []
+    for frame in ends or [str(model.frames[-1].name)] * (task == JOINT):
+        try:
+            return make(frame)
+        except RobotError as error:
+            refused.append(error)
+            if error.where != "task":
+                raise
+    if refused:
+        raise refused[0]
     raise RobotError(
         "no link is moved by two independent joints or more.",
         where=str(model.name),
@@ -302,21 +148,96 @@ def choose_frames(model: pin.Model, ends: Sequence[str], task: str | None) -> li
     )
 
 
-def _first_able(frames: Sequence[str], make: Callable[[str], Robot]) -> Robot:
-    """Return the robot of the first frame whose chain is able to do the task.
+def _load_chain(
+    found: Description,
+    frame: str,
+    ends: Sequence[str],
+    task: str | None,
+    locked: Sequence[str],
+    q0: ArrayLike | None,
+    gravity: ArrayLike | None,
+    weld: bool,
+) -> Robot:
+    """Return the robot whose chain ends at a frame; see ``load``."""
+    whole = found.model
+    chain, locks = chain_joints(whole, frame_id(whole, frame)), set()
+    floating = [joint for joint in range(1, whole.njoints) if is_free_flyer(whole.joints[joint])]
+    for name in locked:
+        locks.add(changes.joint_id(whole, name, "locked"))
+    keep = [joint for joint in chain if joint not in locks and not (weld and joint in floating)]
+    check_joints(whole, keep, found.mimics)
+    if not keep:
+        raise RobotError(
+            f"no joint moves frame '{frame}' relative to the base.",
+            where=found.name,
+            hint="Choose a frame further from the base, or lock fewer joints.",
+        )
+    model = reduced(whole, keep, found.q_reference)[0]
+    check_position_limits(model)
+    if gravity is not None:
+        model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError, fills=False)
+    parts = [whole.joints[joint] for joint in keep]
+    shown = np.concatenate([found.q_reference[j.idx_q : j.idx_q + j.nq] for j in parts])
+    tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
+    plane = None if welded or found.weld_root else MountingPlane.of(model, tip, shown)
+    chosen, home = choose_task(model, tip, task, [shown, pin.neutral(model)], plane)
+    model = _regular(model, home, found.name)
+    robot = Robot(
+        found.name,
+        model,
+        frame,
+        chosen,
+        home,
+        Friction.none(model.nv),
+        Visual(found.geometry, whole, tuple(keep), found.q_reference),
+        ends=tuple(end for end in ends if end != frame),
+        locked=tuple(
+            str(whole.names[joint])
+            for joint in range(1, whole.njoints)
+            if joint not in keep and joint not in floating
+        ),
+        welded=welded,
+        mounting=plane,
+        origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
+    )
+    return robot if q0 is None else robot.at(q0)
+
+
+def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:
+    """Return a model, or one with balls for its point masses if its mass matrix is singular.
 
     Raises:
-        RobotError: no chain is able, then the error of the first frame; or any other error.
+        RobotError: it is singular for other reasons.
     """
-    refused: list[RobotError] = []
-    for frame in frames:
-        try:
-            return make(frame)
-        except RobotError as error:
-            if error.where != "task":
-                raise
-            refused.append(error)
-    raise refused[0]
+    samples = np.random.default_rng(0).uniform(-1.0, 1.0, (3, model.nv))
+    at = [home, *(configuration_from_angles(model, sample) for sample in samples)]
+    try:
+        check_mass_matrix(model, at)
+    except RobotError:
+        solid = with_solid_points(model, name)
+        if solid is None:
+            raise
+        check_mass_matrix(solid, at)
+        return solid
+    return model
+
+
+def _with_joint_effects(robot: Robot) -> Robot:
+    """Return a robot with the rotor inertias and the friction of its description."""
+    model = robot.model
+    friction = Friction(np.array(model.damping), np.array(model.friction))
+    effects = {name: getattr(friction, name) for name in FRICTION_ATTRIBUTES}
+    effects["armature"] = np.array(model.armature)
+    if robot.origin is not None:
+        urdf = robot.origin.urdf
+        for name, values in effects.items():
+            stated = urdf.joint_effects(name)
+            values[:] = [stated.get(j, x) for j, x in zip(robot.joint_names, values, strict=True)]
+    armature = effects.pop("armature")
+    return robot.changed(armature=armature, friction=replace(friction, **effects))
+
+
+# The choice of a frame
 
 
 def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
@@ -330,22 +251,20 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     """
     parents = {frame.parentFrame for frame in model.frames}
     carried = Counter(f.parentFrame for f in model.frames if f.type == pin.FrameType.JOINT)
-    before = cache(partial(_independent_joints, model, frozenset(mimics)))
-    depth = cache(partial(_joints_behind, model))
     found = []
     for index, frame in enumerate(model.frames):
-        if frame.type not in ENDS:
-            continue
-        joint = int(frame.parentJoint)
-        palm = carried[index] >= 2 and depth(joint) < len(model.supports[joint]) - 1
-        if (palm or index not in parents) and before(joint) >= 2:
-            found.append((*_rank(str(frame.name), palm, before(joint)), index))
-    return [str(model.frames[index].name) for *_, index in sorted(found)]
+        if frame.type in ENDS and (index not in parents or carried[index] >= 2):
+            joint, name = frame.parentJoint, str(frame.name)
+            joints, depth = _independent_joints(model, mimics, joint), len(model.supports[joint])
+            behind = max(len(model.supports[other]) for other in model.subtrees[joint]) - depth
+            palm = carried[index] >= 2 and behind < depth - 1
+            if joints >= 2 and (palm or index not in parents):
+                found.append((*_rank(name.lower(), palm, joints), index, name))
+    return [name for *_, name in sorted(found)]
 
 
 def _rank(name: str, palm: bool, joints: int) -> tuple[int, bool, int]:
     """Return the sort key of an end with this number of joints before it; the best is least."""
-    name = name.lower()
     tool = any(word.startswith(_TOOLS) for word in re.split(r"[^a-z0-9]+", name))
     if _SENSOR.search(name):
         return 3, not tool, -joints
@@ -354,20 +273,14 @@ def _rank(name: str, palm: bool, joints: int) -> tuple[int, bool, int]:
     return 0 if tool else 1, not palm, -joints
 
 
-def _joints_behind(model: pin.Model, joint: int) -> int:
-    """Return the length of the longest chain of joints behind a joint."""
-    before = len(model.supports[joint])
-    return max((len(model.supports[j]) for j in model.subtrees[joint]), default=before) - before
-
-
 def _independent_joints(model: pin.Model, mimics: Collection[str], joint: int) -> int:
     """Return how many joints move the body of a joint, 0 if one of them is not supported."""
     joints = [j for j in model.supports[joint] if j > 0 and not is_free_flyer(model.joints[j])]
     try:
-        check_joints(model, joints)
+        check_joints(model, joints, mimics)
     except RobotError:
         return 0
-    return 0 if any(str(model.names[joint]) in mimics for joint in joints) else len(joints)
+    return len(joints)
 
 
 # The choice of a task
@@ -395,19 +308,18 @@ def choose_task(
         RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
     """
     if task is not None:
-        return _with_home(model, frame, task, poses, plane)
-    found, refused = [], None
-    for name in (_LARGEST, *PLANES):
-        try:
-            found.append(_with_home(model, frame, name, poses, plane))
-        except RobotError as error:
-            refused = error
-        if name == _LARGEST and found:
-            return found[0]
-    if not found:
-        assert refused is not None  # as nothing was found
-        raise refused
-    return max(found, key=lambda both: _conditioning(model, frame, *both))
+        return _with_home(model, frame, task, poses, plane)[1:]
+    refused = []
+    for names in (("xyz",), PLANES):
+        found = []
+        for name in names:
+            try:
+                found.append(_with_home(model, frame, name, poses, plane))
+            except RobotError as error:
+                refused.append(error)
+        if found:
+            return max(found, key=lambda each: each[0])[1:]
+    raise refused[-1]
 
 
 def _with_home(
@@ -416,7 +328,8 @@ def _with_home(
     name: str,
     poses: Sequence[np.ndarray],
     plane: MountingPlane | None,
-) -> tuple[Task, np.ndarray]:
+) -> tuple[float, Task, np.ndarray]:
+    """Return conditioning, task and home pose (nq) for the name of a task."""
     task = task_named(name, model)
     if model.nv < task.size:
         raise RobotError(
@@ -425,14 +338,10 @@ def _with_home(
             where="task",
             hint="Choose a frame further from the base, or a task with fewer coordinates.",
         )
-    if isinstance(task, FrameTask):
-        return task, find_home(model, frame, task.rows, poses, plane)
-    return task, home_inside_limits(model, poses)
-
-
-def _conditioning(model: pin.Model, frame: int, task: Task, home: np.ndarray) -> float:
-    assert isinstance(task, FrameTask)  # a plane
-    return conditioning(model, model.createData(), frame, task.rows, home)[1]
+    if not isinstance(task, FrameTask):
+        return 0.0, task, home_inside_limits(model, poses)
+    home = find_home(model, frame, task.rows, poses, plane)
+    return conditioning(model, model.createData(), frame, task.rows, home)[1], task, home
 
 
 def task_named(name: str, model: pin.Model) -> Task:

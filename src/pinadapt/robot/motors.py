@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import LARGEST, instance, numbers, word
-from ..description.chain import effort_limits, is_slide
+from ..description.chain import effort_limits
 from ..exceptions import REFUSED, ArrayError, GainError, InputError, did_you_mean
 from .robot import Robot
 
@@ -293,11 +293,9 @@ def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") 
     """
     weight = np.abs(pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0))
     short = [
-        f"{name} ({weight[i]:.3g} of {limits[i]:.3g} {'N' if is_slide(joint) else 'N m'})"
-        for i, (name, joint) in enumerate(
-            zip(robot.joint_names, robot.model.joints[1:], strict=True)
-        )
-        if weight[i] > limits[i]
+        f"{name} ({tau:.3g} of {limit:.3g} {'N' if slide else 'N m'})"
+        for (name, slide), tau, limit in zip(robot.slides.items(), weight, limits, strict=True)
+        if tau > limit
     ]
     if not short:
         return None
@@ -340,18 +338,14 @@ def compensation_of(robot: Robot, given: Compensation | str | None) -> Compensat
     """
     if given is None:
         return None
-    if isinstance(given, str):
-        if given != NOMINAL:
-            raise InputError(
-                f"expected '{NOMINAL}' or a function, got {given!r}."
-                f"{did_you_mean(given, [NOMINAL])}",
-                where="compensated",
-            )
+    if given == NOMINAL:
         return Gravity(robot)
     if not callable(given):
-        raise InputError(f"expected '{NOMINAL}' or a function, got {given!r}.", where="compensated")
-    home = np.asarray(given(robot.q0.copy()))
-    n = robot.model.nv
+        raise InputError(
+            f"expected '{NOMINAL}' or a function, got {given!r}.{did_you_mean(given, [NOMINAL])}",
+            where="compensated",
+        )
+    n, home = robot.model.nv, np.asarray(given(robot.q0.copy()))
     if home.shape != (n,) or home.dtype.kind not in "fiu" or not np.isfinite(home).all():
         raise InputError(
             f"expected a function that returns {n} torques, got {home!r} at the home pose.",

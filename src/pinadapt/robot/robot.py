@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, flag, instance, mapping, numbers, positive, shown, vector, whole
+from .._checks import flag, instance, mapping, numbers, positive, vector, whole
 from .._output import Sheet, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
@@ -22,13 +23,13 @@ from ..description.chain import (
     is_slide,
     position_limits,
     reach,
-    reduce_visual,
+    reduced,
     velocity_limits,
     warn_beyond_limits,
 )
-from ..description.mjcf import WrittenShaft, mjcf_text
+from ..description.mjcf import mjcf_text
 from ..description.urdf import Origin
-from ..description.urdf_writer import WrittenChain, urdf_text
+from ..description.urdf_writer import urdf_text
 from ..exceptions import InputError, RobotError
 from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.task import Task
@@ -38,7 +39,7 @@ from .home import MountingPlane
 
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
 _UNITS = ("rad, rad/s, N m", "m, m/s, N")
-_SHOWN = 6  # names in a list that is printed
+_SHOWN = 100  # characters of a list of names
 _FLAT = 1e-3  # of the largest singular value of a picture's Jacobian
 
 
@@ -61,9 +62,9 @@ class Robot:
         welded: whether the description has a floating base, which is fixed here.
         mounting: the plane that the chain is mounted on; None for a floating base and for robots of
             the catalogue.
+        loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
         tracker: the placement of the base in the axes in which x is measured, which the model has,
             see ``seen_from``; None: x is in the axes of the base.
-        loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
         origin: the URDF that the robot was read from, or None.
         remark: about where its parameters come from, for the first comment of its URDF.
     """
@@ -153,10 +154,8 @@ class Robot:
         Raises:
             RobotError: not nq finite numbers.
         """
-        q, data = (
-            vector(q, self.model.nq, "q", error=RobotError, fills=False),
-            self.model.createData(),
-        )
+        q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
+        data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, q)
         return data.oMf[self.frame_id].copy()
 
@@ -259,14 +258,14 @@ class Robot:
         task = self.frame_task
         scale = None if pixel is None else positive(pixel, "pixel", error=RobotError)
         given = [numbers(H, "cameras", error=RobotError) for H in cameras]
-        plane = np.array([*np.arange(3)[task.place], *range(3)])[:2]
         if not given:
+            plane = [*np.arange(3)[task.place], *range(3)][:2]
             unknown = np.eye(4)[[*plane, 3]], np.eye(4)[[2, 1, 3]]
-            given = list(unknown[: whole(count, "count", 1)])
-        if count > 2 or len(given) > 2 or any(H.shape != (3, 4) for H in given):
+            given = list(unknown[: whole(count, "count", 1, most=2)])
+        if len(given) > 2 or any(H.shape != (3, 4) for H in given):
             raise RobotError("expected one or two matrices (3, 4).", where="cameras")
         if cameras and scale is not None:
-            given = [H * np.array([[scale], [scale], [1.0]]) for H in given]
+            given = [np.diag([scale, scale, 1.0]) @ H for H in given]
         filmed = replace(self, task=ImageTask.seen_by(task, given, scale))
         at = self.placement(self.q0)
         for number, H in enumerate(given, 1):
@@ -279,14 +278,11 @@ class Robot:
         sizes = np.linalg.svd(filmed.frame_task.jacobian(at, np.eye(6)[:, :3]), compute_uv=False)
         if not sizes[-1] > _FLAT * sizes[0]:
             raise RobotError(
-                "two cameras that stand in one place do not fix the frame in space."
-                if len(given) == 2
-                else "the picture shows a single direction of motion.",
+                "the pictures do not fix the frame: they show too few directions of its motion.",
                 where="cameras",
-                hint="Move one of them, or turn the second by a right angle about its line of "
-                "sight: of its picture only the first coordinate counts."
-                if len(given) == 2
-                else "Are rows 1 and 2 of H alike?",
+                hint="Are rows 1 and 2 of H alike? If two cameras stand in one place, move one, or "
+                "turn the second by a right angle about its line of sight: of its picture only "
+                "the first coordinate counts.",
             )
         return filmed
 
@@ -303,13 +299,13 @@ class Robot:
 
         If the robot was read from a URDF (a file, a xacro file or the catalogue), this is its text
         without comments and with the changed numbers: inertias of links, placements of joints and
-        of the task frame, joint damping and friction. A first comment lists the changes. Paths of
-        meshes are made absolute. For any other source only the chain is written, without shapes.
+        of the task frame, joint damping and friction. Paths of meshes are made absolute. For any
+        other source only the chain is written, without shapes.
 
         A changed inertia is written to the first link of the body. The other links that are fixed
         or locked to it keep their inertia as long as that of the first link remains physical, else
         a part of it. A moved task frame is written as its own fixed joint if it is a last link,
-        else as a new link, named in the comment.
+        else as a new link, ``<frame>_learned``.
 
         A URDF does not contain gravity or the placement of the base. Rotor inertias and effects of
         the joints beside viscous and Coulomb friction are written as attributes of ``dynamics``
@@ -322,11 +318,7 @@ class Robot:
         Raises:
             RobotError: a changed body without a physical inertia, or a source file that is missing.
         """
-        chain, names = self._written(), self.joint_names
-        if shafts := ", ".join(part.name(names) for part in self.friction.shafts):
-            words = f"{self.remark} Not in a URDF: the motors that turn with {shafts}."
-            chain = replace(chain, remark=words.strip())
-        return urdf_text(chain, shapes=flag(shapes, "shapes"))
+        return urdf_text(self, shapes=flag(shapes, "shapes"))
 
     def mjcf(self) -> str:
         """Return this robot as MJCF, the format of MuJoCo: the chain alone, without shapes.
@@ -339,34 +331,7 @@ class Robot:
         Raises:
             RobotError: a body without a physical inertia.
         """
-        friction, names = self.friction, self.joint_names
-        shafts = [
-            WrittenShaft(
-                part.name(names),
-                (names[part.joints[0]], names[part.joints[1]]),
-                (1.0, float(part.sign)),
-                part.armature,
-                part.viscous,
-                part.coulomb,
-            )
-            for part in friction.shafts
-        ]
-        lost = ", ".join(name for name in friction.special if name != "offset")
-        return mjcf_text(self._written(), friction.offset, shafts, lost)
-
-    def _written(self) -> WrittenChain:
-        """Return what a file holds of this robot."""
-        friction = self.friction
-        return WrittenChain(
-            self.name,
-            self.model,
-            self.frame,
-            friction.viscous,
-            friction.coulomb,
-            self.origin,
-            self.remark,
-            friction.special,
-        )
+        return mjcf_text(self)
 
     def save(self, path: Path | str, *, shapes: bool = True) -> None:
         """Write a file, completely or not at all; its folder is created.
@@ -430,39 +395,39 @@ class Visual:
     """The visual geometry of a chain, and its collision geometry, read from files at first use.
 
     Attributes:
-        read: function that returns the visual geometry of the whole robot, or None.
+        read: function that returns the visual or collision geometry of the whole robot, or None.
         whole: Pinocchio model of the whole robot.
         keep: indices of the joints of the chain in that model.
         q_reference: (nq) configuration at which the other joints are locked.
-        read_solids: function that returns the collision geometry of the whole robot, or None.
     """
 
-    read: Callable[[], pin.GeometryModel | None]
+    read: Callable[[pin.GeometryType], pin.GeometryModel | None]
     whole: pin.Model
     keep: tuple[int, ...]
     q_reference: np.ndarray
-    read_solids: Callable[[], pin.GeometryModel | None] | None = None
 
     @cached_property
     def geometry(self) -> pin.GeometryModel | None:
         """The visual geometry of the chain, or None."""
-        visual = self.read()
-        if visual is None:
-            return None
-        return reduce_visual(self.whole, visual, self.keep, self.q_reference)
+        return self._reduced(self.read(pin.GeometryType.VISUAL))
 
     def solids(self) -> tuple[pin.GeometryModel, list[str]] | None:
         """Return the collision geometry of the chain and the link of each shape, or None."""
-        found = None if self.read_solids is None else self.read_solids()
+        found = self.read(pin.GeometryType.COLLISION)
         if found is None or not found.ngeoms:
             return None
         links = [str(self.whole.frames[part.parentFrame].name) for part in found.geometryObjects]
-        return reduce_visual(self.whole, found, self.keep, self.q_reference), links
+        return self._reduced(found), links
+
+    def _reduced(self, shapes: pin.GeometryModel | None) -> pin.GeometryModel | None:
+        """Return the shapes of the chain, given those of the whole robot."""
+        if shapes is None:
+            return None
+        return reduced(self.whole, self.keep, self.q_reference, shapes)[1][0]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the meshes; the copy reads them again on demand."""
-        own = self.read, self.whole, self.keep, self.q_reference, self.read_solids
-        return type(self), own
+        return type(self), (self.read, self.whole, self.keep, self.q_reference)
 
 
 def robot_sheet(robot: Robot) -> Sheet:
@@ -472,34 +437,20 @@ def robot_sheet(robot: Robot) -> Sheet:
         ("task", robot.task.name),
         ("moving mass", f"{robot.mass:.4g} kg"),
         ("reach", f"{robot.reach:.4g} m"),
+        *(
+            (word, shorten(", ".join(names), _SHOWN, placeholder=" ..."))
+            for word, names in (("other ends", robot.ends), ("locked joints", robot.locked))
+            if names
+        ),
     ]
-    if robot.ends:
-        words.append(("other ends", names_shown(robot.ends)))
-    if robot.locked:
-        words.append(("locked joints", names_shown(robot.locked)))
-    joints = Table(_joint_rows(robot), _HEADER)
-    return Sheet(f"{robot.name}, {robot.model.nv} joints", [Table(words), joints])
-
-
-def names_shown(names: tuple[str, ...], shown: int = _SHOWN) -> str:
-    """Return the first names as text, and how many more there are."""
-    more = f" and {len(names) - shown} more" if len(names) > shown else ""
-    return ", ".join(names[:shown]) + more
-
-
-def _joint_rows(robot: Robot) -> list[tuple[str, ...]]:
     model = robot.model
-    lower, upper = position_limits(model)
-    columns = (robot.home_angles, lower, upper, velocity_limits(model), effort_limits(robot.model))
-    numbers = np.column_stack(columns)
-    return [
-        (name, *map(_shown, row), _UNITS[is_slide(joint)])
-        for name, row, joint in zip(robot.joint_names, numbers, model.joints[1:], strict=True)
+    limits = *position_limits(model), velocity_limits(model), effort_limits(model)
+    columns = zip(robot.slides.items(), *limits, robot.home_angles, strict=True)
+    rows = [
+        (name, *(f"{x:.4g}" if np.isfinite(x) else "-" for x in (home, *row)), _UNITS[slide])
+        for (name, slide), *row, home in columns
     ]
-
-
-def _shown(value: float) -> str:
-    return f"{value:.4g}" if np.isfinite(value) else "-"
+    return Sheet(f"{robot.name}, {model.nv} joints", [Table(words), Table(rows, _HEADER)])
 
 
 # A load is picked up or put down, a tool is exchanged
@@ -564,13 +515,8 @@ def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]
         InputError: not a mapping, or a time that is not positive and finite.
     """
     given = mapping(changes, where)
-    for time in given:
-        number = isinstance(time, int | float | np.number) and not isinstance(time, bool)
-        if not (number and EARLY < time <= LARGEST):
-            raise InputError(
-                f"times must be positive and finite numbers, got {shown(time)}.", where=where
-            )
-    return {float(time): given[time] for time in sorted(given)}
+    timed = {positive(time, where, error=InputError): event for time, event in given.items()}
+    return dict(sorted(timed.items(), key=lambda each: each[0]))
 
 
 def check_successor(before: Robot, after: Robot, where: str) -> None:
@@ -581,25 +527,17 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
     """
     if not isinstance(after, Robot):
         raise RobotError(f"expected a Robot, got {after!r}.", where=where)
-    ours, theirs = _structure(before), _structure(after)
-    for part in ours:
-        if ours[part] != theirs[part]:
-            raise RobotError(
-                f"{part} cannot change during a motion; before: {ours[part]}, after: "
-                f"{theirs[part]}.",
-                where=where,
-                hint="Derive both robots from the same load() with .changed().",
-            )
-
-
-def _structure(robot: Robot) -> dict[str, Any]:
-    """Return what a robot keeps during a motion."""
-    return {
-        "the joints": robot.joint_names,
-        "the joint types": [joint.shortname() for joint in robot.model.joints[1:]],
-        "the task frame": robot.frame,
-        "the task": robot.task.name,
-    }
+    ours, theirs = (
+        (robot.joint_names, list(robot.slides.values()), robot.frame, robot.task.name)
+        for robot in (before, after)
+    )
+    if ours != theirs:
+        raise RobotError(
+            "joints, whether they slide, task frame and task cannot change during a motion; "
+            f"before: {ours}, after: {theirs}.",
+            where=where,
+            hint="Derive both robots from the same load() with .changed().",
+        )
 
 
 def difference(before: Robot, after: Robot) -> str:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
-from math import ceil, cos, exp, floor, log10, pi, sin, sqrt
+from math import ceil, exp, floor, log10, pi, sqrt
 
 import numpy as np
 import pinocchio as pin
 
 from .._checks import arithmetic, instance, positive
 from ..description.chain import (
+    angles_from_configuration,
     configuration_from_angles,
     effort_limits,
-    is_slide,
     position_limits,
     velocity_limits,
 )
@@ -23,25 +23,19 @@ from ..tasks.frame import ImageTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
 from ..trajectories.trajectory import Trajectory
-from .home import MountingPlane
+from .home import MARGIN
 from .robot import Robot
 
 _RATIO, _SIZES = 0.8, 18  # radii tried: a geometric sequence down to 2 % of the largest
-_PHASES = (0.0, pi / 2, pi, -pi / 2)
-_STEPS, _TURNS = 40, 1.5
-_STEPS_PER_CHECK = 10  # singular values of several steps at once cost little more than of one
+_STEPS, _TURNS = 40, 1.5  # of the inverse kinematics a turn, and how far it goes
 _LEAST_SINGULAR = 0.5  # relative to the smallest singular value at home
-_LIMIT_MARGIN = 0.05  # distance from joint limits, relative to the joint's range
-_PERIOD = 3.0  # [s]
-_LONGEST = 3600.0  # [s], longest period
-_JOINT_SPEED, _SLIDE_SPEED = 1.5, 0.75  # [rad/s], [m/s]
-_SPEED_SHARE = 0.8  # of the velocity limits in the description
-_RETURN = 4.0  # [rad/s], bandwidth of the return to the home pose in the null space, as in the laws
-_SWING, _SLIDE_SWING = 0.3, 0.1  # [rad], [m], largest amplitudes of a joint
-_SPREAD = 1.5  # longest period of a joint, relative to the shortest
-_SWING_SAMPLES, _HALVINGS = 120, 6
-_EFFORT_SHARE = 0.8  # of the effort limits in the description
 _TRACKED = 0.05  # [radii] and [rad], largest errors of the inverse kinematics
+_RETURN = 4.0  # [rad/s], bandwidth of the return to the home pose in the null space, as in the laws
+_PERIOD = 3.0  # [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing
+_SPEED = 1.5  # [rad/s], largest on a circle; of a slide half of it in m/s
+_SHARE = 0.8  # of the velocity and effort limits in the description
+_SWING = 0.3  # [rad], largest amplitude of a joint; of a slide a third of it in m
+_SPREAD = 1.5  # longest period of a joint, relative to the shortest
 
 
 @dataclass(frozen=True)
@@ -109,7 +103,7 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
     distance of 5 % of their range from the limits (less if the home pose is closer) and the
     smallest singular value of the task Jacobian stays above half of its value at home. This is
     required with the tool as described and with a tool displaced by the tool error in both
-    directions along each axis of the frame; singular values are those of both Jacobians. If the
+    directions along each axis of the frame; singular values are those of its Jacobian. If the
     home pose is on the right side of the mounting plane, so is the whole motion.
 
     The period is 3 s, or 3 sqrt(L) s for a reach of L > 1 m. It is longer if joints would exceed
@@ -128,8 +122,8 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
             task is the joint task or a picture.
     """
     instance(robot, Robot, "robot")
-    for given, where in ((largest, "largest"), (tool_error, "tool_error")):
-        positive(given, where, zero=where == "tool_error", error=InputError)
+    positive(largest, "largest", error=InputError)
+    positive(tool_error, "tool_error", zero=True, error=InputError)
     if isinstance(robot.task, ImageTask):
         raise RobotError(
             "a picture has no circle in space.",
@@ -138,18 +132,26 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
         )
     length = robot.reach
     planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
-    followers = [_Follower(robot, shift) for shift in _shifts(tool_error * length)]
+    shifts = tool_error * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    described, *others = [robot.changed(tool_translation=shift) for shift in shifts]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
-        paths = [
-            _Path(plane, phase, rounded_down(size)) for plane, phase in product(planes, _PHASES)
-        ]
-        first = [(followers[0].follow(path), path) for path in paths]
-        for run, path in sorted(
-            ((r, p) for r, p in first if r), key=lambda found: -found[0].least_singular
-        ):
-            runs = [run, *_while_found(follower.follow(path) for follower in followers[1:])]
-            if len(runs) == len(followers):
-                return _circle(robot, path, runs, length)
+        paths = []
+        for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2)):
+            path = WorkspaceCircle(plane, phase, rounded_down(size), 1.0, 1.0)
+            if run := _follow(robot, described, path):
+                paths.append((run, path))
+        for run, path in sorted(paths, key=lambda found: -found[0][0]):
+            runs = [run]
+            for other in others:
+                if run := _follow(robot, other, path):
+                    runs.append(run)
+                else:
+                    break
+            else:
+                speeds = np.max([speeds for _, speeds in runs], axis=0)
+                period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(speeds)))
+                least = min(least for least, _ in runs)
+                return replace(path, period=ceil(10 * period) / 10, least_singular=least)
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
         "the joint limits and away from singularities.",
@@ -201,18 +203,17 @@ def find_swing(robot: Robot) -> JointSwing:
             where=robot.name,
             hint="Give another home pose q0.",
         )
-    margin = np.where(np.isfinite(upper - lower), _LIMIT_MARGIN * (upper - lower), 0.0)
+    margin = _margin(lower, upper)
     first = _PERIOD * sqrt(max(robot.reach, 1.0))
     period = np.round(first * np.linspace(1.0, _SPREAD, model.nv), 1)
-    slides = np.array([is_slide(joint) for joint in model.joints[1:]])
+    slides = list(robot.slides.values())
     most = np.minimum(
-        np.where(slides, _SLIDE_SWING, _SWING),
-        _SPEED_SHARE * velocity_limits(model) * period / (2.0 * pi),
+        np.where(slides, _SWING / 3.0, _SWING),
+        _SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
-    margin = np.where(np.isfinite(upper - lower), _LIMIT_MARGIN * (upper - lower), 0.0)
     room = np.array([upper - home, home - lower]) - margin
     up = room[0] >= room[1]
-    for share in 0.5 ** np.arange(_HALVINGS):
+    for share in 0.5 ** np.arange(6):
         for side in (up, ~up):  # what sinks towards the plane on one side rises on the other
             way = np.minimum(share * most, np.maximum(np.where(side, *room), 0.0) / 2.0)
             amplitude = np.array([rounded_down(a) if a else 0.0 for a in way])
@@ -224,127 +225,85 @@ def find_swing(robot: Robot) -> JointSwing:
 
 def _stays(robot: Robot, swing: JointSwing) -> bool:
     """Return whether a motion of the joints stays above the plane and within the efforts."""
-    model, data, efforts = robot.model, robot.model.createData(), effort_limits(robot.model)
+    model, data, motion = robot.model, robot.model.createData(), swing.motion(robot.home_angles)
+    path = [motion.at(t) for t in np.linspace(0.0, _SPREAD * swing.period.max(), 120).tolist()]
+    at = [configuration_from_angles(model, desired.x_d) for desired in path]
+    torques = [
+        pin.rnea(model, data, q, desired.xd_d, desired.xdd_d)
+        for q, desired in zip(at, path, strict=True)
+    ]
     held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
-    efforts = np.maximum(_EFFORT_SHARE * efforts, 1.05 * held)  # where gravity needs more at home
-    plane = robot.mounting
-    if plane is not None and plane.distance(model, data, robot.frame_id, robot.q0) < 0.0:
-        plane = None
-    motion = swing.motion(robot.home_angles)
-    for t in np.linspace(0.0, _SPREAD * float(swing.period.max()), _SWING_SAMPLES):
-        desired = motion.at(float(t))
-        q = configuration_from_angles(model, desired.x_d)
-        torque = pin.rnea(model, data, q, desired.xd_d, desired.xdd_d)
-        if (np.abs(torque) > efforts).any():
-            return False
-        if plane is not None and plane.distance(model, data, robot.frame_id, q) < 0.0:
-            return False
-    return True
+    # where gravity needs more at home
+    efforts = np.maximum(_SHARE * effort_limits(model), 1.05 * held)
+    if (np.abs(torques) > efforts).any():
+        return False
+    if robot.mounting is None:
+        return True
+    distances = robot.mounting.distances(model, robot.frame_id, at)
+    return bool(distances[0] < 0.0 or distances.min() >= 0.0)
 
 
-@dataclass(frozen=True)
-class _Path:
-    """A circle that starts at the home position."""
+def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np.ndarray] | None:
+    """Follow a circle by damped least squares, up to a limit or a singularity.
 
-    plane: str
-    phase: float
-    radius: float
+    Args:
+        robot: as described.
+        tool: the robot with a displaced tool, which follows.
+        path: the circle.
 
-    def offset(self, angle: float) -> dict[str, float]:
-        """Return axis -> displacement [m] from the home position after an angle [rad]."""
-        along = cos(angle + self.phase) - cos(self.phase), sin(angle + self.phase) - sin(self.phase)
-        return {axis: self.radius * part for axis, part in zip(self.plane, along, strict=True)}
-
-
-@dataclass(frozen=True)
-class _Run:
-    """The result of following a circle.
-
-    Attributes:
-        speeds: (nv) largest joint velocities [rad or m per rad of the circle].
-        least_singular: as in ``WorkspaceCircle``.
+    Returns:
+        The smallest singular value, relative to that of ``robot`` at home; the periods (nv) [s] at
+        which the joints are as fast as they may be. None if the circle comes too close to a limit
+        or a singularity.
     """
+    model, data, task, q = tool.model, tool.model.createData(), robot.frame_task, robot.q0
+    m, plane = task.positions, robot.mounting
+    arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
+    lower, upper = position_limits(model)
+    home, margin = robot.home_angles, _margin(lower, upper)
+    low = lower + np.clip((home - lower) / 2, 0.0, margin)
+    high = upper - np.clip((upper - home) / 2, 0.0, margin)
 
-    speeds: np.ndarray
-    least_singular: float
+    def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
+        """Return the task Jacobian at a configuration (nq), all rows in [m/rad]."""
+        axes = pin.LOCAL_WORLD_ALIGNED
+        J = pin.computeFrameJacobian(of.model, data, q, of.frame_id, axes)
+        return arms[:, None] * J[task.rows]
 
+    def above(q: np.ndarray) -> bool:
+        """Return whether a configuration (nq) is on the right side of the mounting plane."""
+        return plane is None or plane.distance(model, data, tool.frame_id, q) >= 0.0
 
-class _Follower:
-    """Inverse kinematics by damped least squares, for a tool displaced by a shift (3) [m]."""
-
-    def __init__(self, robot: Robot, shift: np.ndarray) -> None:
-        self._task, self._q0 = robot.frame_task, robot.q0
-        m = robot.frame_task.positions
-        self._arms = np.repeat([1.0, robot.reach], [m, robot.frame_task.size - m])  # [m/rad]
-        self._model = robot.model.copy()
-        self._described = robot.frame_id
-        frame = self._model.frames[self._described]
-        moved = frame.placement * pin.SE3(np.eye(3), shift)
-        self._tool = self._model.addFrame(
-            pin.Frame("moved tool", frame.parentJoint, 0, moved, pin.FrameType.OP_FRAME)
-        )
-        self._data = self._model.createData()
-        self._low, self._high = _allowed(robot)
-        self._plane = robot.mounting if self._clear(robot.mounting, self._q0) else None
-        pin.computeJointJacobians(self._model, self._data, self._q0)
-        self._home = _least_singular([self._jacobian(self._described)])
-        self._frames = (self._tool, self._described) if shift.any() else (self._tool,)
-        joints = [placement.translation for placement in list(self._data.oMi)[2:]]
-        self._points = [*joints, self._data.oMf[self._tool].translation]  # views
-
-    def follow(self, path: _Path) -> _Run | None:
-        """Follow a circle; return None if it comes too close to a limit or a singularity."""
-        model, data, task, q = self._model, self._data, self._task, self._q0
-        home_share = 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
-        damping = (0.01 * self._home) ** 2 * np.eye(task.size)
-        offsets, passed = self._offsets(path), list[np.ndarray]()
-        speeds, least = np.zeros(model.nv), np.inf
-        for k in range(len(offsets) - 1):
-            pin.computeJointJacobians(model, data, q)
-            x = task.of(pin.updateFramePlacement(model, data, self._tool))
-            if (q < self._low).any() or (q > self._high).any() or not self._above():
-                return None
-            J, *_ = Js = [self._jacobian(frame) for frame in self._frames]
-            passed += Js
-            if k % _STEPS_PER_CHECK == 0:
-                least, passed = min(least, _least_singular(passed)), []
-                if least < _LEAST_SINGULAR * self._home:
-                    return None
-            if k == 0:
-                start, target = x, task.moved(x, offsets[0])
-            off = task._error(target, x)
-            away, turned = off[: task.positions], off[task.positions :]
-            if away.dot(away) > (_TRACKED * path.radius) ** 2 or turned.dot(turned) > _TRACKED**2:
-                return None
-            psi = home_share * pin.difference(model, q, self._q0)
-            target = task.moved(start, offsets[k + 1])
-            to_go = self._arms * task._error(target, x)
-            step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
-            speeds = np.maximum(speeds, np.abs(step))
-            q = pin.integrate(model, q, step)
-        return _Run(speeds * _STEPS / (2 * pi), least / self._home)
-
-    def _clear(self, plane: MountingPlane | None, q: np.ndarray) -> bool:
-        """Return whether the chain is on its side of the mounting plane, if there is one."""
-        return plane is None or plane.distance(self._model, self._data, self._tool, q) >= 0.0
-
-    def _above(self) -> bool:
-        """As ``_clear``, for the configuration to which the placements in ``_data`` belong."""
-        plane = self._plane
-        if plane is None:
-            return True
-        heights = [self._points[i][2] - plane.level for i in plane.movable]
-        return bool(min(heights) >= 0.0 if plane.side > 0.0 else max(heights) <= 0.0)
-
-    def _offsets(self, path: _Path) -> np.ndarray:
-        """Return the displacement (steps + 1, m) from home at each step, and after the last."""
-        labels, steps = self._task.labels, int(_TURNS * _STEPS) + 2
-        offsets = [path.offset(2 * pi * k / _STEPS) for k in range(steps)]
-        return np.array([[offset.get(label, 0.0) for label in labels] for offset in offsets])
-
-    def _jacobian(self, frame: int) -> np.ndarray:
-        J = pin.getFrameJacobian(self._model, self._data, frame, pin.LOCAL_WORLD_ALIGNED)
-        return self._arms[:, None] * J[self._task.rows]
+    starts_above, at_home = above(q), _least_singular([jacobian(robot, q)])
+    circle, home_share = path.motion(m), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
+    at = [circle.at(k / _STEPS).x_d for k in range(int(_TURNS * _STEPS) + 2)]
+    damping = (0.01 * at_home) ** 2 * np.eye(task.size)
+    passed, fastest = list[np.ndarray](), np.zeros(model.nv)
+    start = target = tool.position(q)
+    for position in at[1:]:
+        angles = angles_from_configuration(model, q)
+        outside = (angles < low).any() or (angles > high).any()
+        if outside or (starts_above and not above(q)):
+            return None
+        x, J = task.at(model, data, tool.frame_id, q), jacobian(tool, q)
+        passed.append(J)
+        away, turned = np.split(task._error(target, x), [m])
+        if away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2:
+            return None
+        psi = home_share * pin.difference(model, q, robot.q0)
+        offset = np.zeros(task.size)
+        offset[:m] = position - at[0]
+        target = task.moved(start, offset)
+        to_go = arms * task._error(target, x)
+        step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
+        fastest = np.maximum(fastest, np.abs(step))
+        q = pin.integrate(model, q, step)
+    least = _least_singular(passed) / at_home
+    if least < _LEAST_SINGULAR:
+        return None
+    speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
+    speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
+    return least, fastest * _STEPS / speeds
 
 
 def _least_singular(Js: Sequence[np.ndarray]) -> float:
@@ -353,46 +312,6 @@ def _least_singular(Js: Sequence[np.ndarray]) -> float:
     return sqrt(max(np.linalg.eigvalsh(J @ J.swapaxes(1, 2))[:, 0].min(), 0.0))
 
 
-def _shifts(size: float) -> list[np.ndarray]:
-    """Return shifts (3) of the tool: zero, then both directions along each axis."""
-    return [np.zeros(3), *(size * side * axis for side in (1.0, -1.0) for axis in np.eye(3))]
-
-
-def _while_found(runs: Iterable[_Run | None]) -> Iterator[_Run]:
-    for run in runs:
-        if run is None:
-            return
-        yield run
-
-
-def _allowed(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper bounds (nq) of the configurations that are allowed."""
-    model, q0 = robot.model, robot.q0
-    lower, upper = position_limits(model)
-    low, high = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
-    for joint in model.joints[1:]:
-        i, k = joint.idx_v, joint.idx_q
-        if joint.nq == 1 and np.isfinite(lower[i]):
-            margin = _LIMIT_MARGIN * (upper[i] - lower[i])
-            low[k] = lower[i] + min(margin, max((q0[k] - lower[i]) / 2, 0.0))
-            high[k] = upper[i] - min(margin, max((upper[i] - q0[k]) / 2, 0.0))
-    return low, high
-
-
-def _circle(robot: Robot, path: _Path, runs: list[_Run], length: float) -> WorkspaceCircle:
-    """Return the circle with a period at which no run exceeds the velocity limits."""
-    speeds = np.max([run.speeds for run in runs], axis=0)
-    allowed = np.array(
-        [_SLIDE_SPEED if is_slide(joint) else _JOINT_SPEED for joint in robot.model.joints[1:]]
-    )
-    allowed = np.minimum(allowed, _SPEED_SHARE * velocity_limits(robot.model))
-    period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(2 * pi * speeds / allowed)))
-    if period > _LONGEST:
-        raise RobotError(
-            f"the velocity limits {velocity_limits(robot.model).tolist()} rad/s or m/s are too "
-            f"low: one circle takes {period:.3g} s.",
-            where=robot.name,
-            hint="Correct the limits in the description; 0 means no limit.",
-        )
-    least = min(run.least_singular for run in runs)
-    return WorkspaceCircle(path.plane, path.phase, path.radius, ceil(10 * period) / 10, least)
+def _margin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Return the distances (nv) [rad or m] to keep from joint limits, zero where there are none."""
+    return np.where(np.isfinite(lower), MARGIN * (upper - lower), 0.0)
