@@ -135,11 +135,11 @@ def test_divergence_leaves_the_outputs_up_to_that_time(diverged):
         ("controller.law=adaptive-invers-dynamics", "Did you mean 'adaptive-inverse-dynamics'?"),
         ("robot.source=planr_2r", "Did you mean 'planar_2r'?"),
         ("controller.alpha=100.0", "alpha"),
-        ("belief.kinematic=[1.0]", "belief.kinematic"),
+        ("start.a_k=[1.0]", "start.a_k"),
         ("simulation.seed=-1", "seed"),
         ("truth.payload={ mass = 1.0, inertia = [-1.0, 0.0, 1.0, 0.0, 0.0, 1.0] }", "inertia"),
         (
-            "reference={ kind = 'waypoints', relative = false, points = [[1, 1, 1], [1, 1, 2]] }",
+            "trajectory={ kind = 'waypoints', points = [[1, 1, 1], [1, 1, 2]] }",
             "points",
         ),
         ("nonsense", "key=value"),

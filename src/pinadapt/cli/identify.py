@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from .._output import check_writable, one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
@@ -20,6 +19,7 @@ from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
+from ..scenario.tables import parts
 from ..simulation.simulate import watched
 from ..tuning.unknowns import Unknown
 from .command_line import DONE, INCOMPLETE, REFUSED, add_description, add_out, assignment, names
@@ -40,8 +40,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         ("--dynamic", "unknown bodies: all, payload, none or joint names (default: all)"),
         (
             "--joint",
-            "unknown joint coefficients: all, none, armature, viscous, coulomb, load, asymmetry, "
-            "offset (default: viscous, coulomb, and what cross-validation chooses)",
+            "unknown joint coefficients: all, none, armature, viscous, coulomb, gear_friction, "
+            "asymmetry, offset (default: viscous, coulomb, and what cross-validation chooses)",
         ),
     ):
         parser.add_argument(option, type=names, metavar="A,B", help=what)
@@ -350,9 +350,8 @@ def identify(options: argparse.Namespace) -> int:
     _check_place(folder, FILES)
     robot, unknown = _robot_and_unknown(options)
     options.compared = _compared(options, robot)
-    for name in ("kinematic", "dynamic", "joint"):
-        given = getattr(options, name)
-        unknown |= {} if given is None else {name: _words(given)}
+    named = {name: _words(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
+    unknown = unknown.with_names(**named)
     try:
         found = identify_log(
             [options.log, *more],
@@ -361,7 +360,7 @@ def identify(options: argparse.Namespace) -> int:
             empty=options.empty,
             adaptation=options.adaptation,
             intake=intake,
-            unknown=Unknown.of_tables(**unknown),
+            unknown=unknown,
         )
     except TorqueMismatchError as error:
         print(error.check.sheet())
@@ -440,23 +439,21 @@ def _check_place(folder: Path, files: Sequence[str]) -> None:
         )
 
 
-def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, dict[str, Any]]:
+def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, Unknown]:
     """Return the robot and what is unknown; a scenario gives its estimated model and [unknown]."""
     chosen = {name: getattr(options, name) for name in ("frame", "task", "mass")}
     chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}
     if Path(options.robot).suffix != _SCENARIO:
-        return load(options.robot, **chosen), {}
+        return load(options.robot, **chosen), Unknown()
     if any(chosen.values()):
         raise InputError("the scenario says which frame, task and joints.", where="robot")
     scenario = Scenario.read(Path(options.robot))
-    unknown = scenario.tables.unknown
-    words = {"kinematic": unknown.kinematic, "dynamic": unknown.dynamic, "joint": unknown.joint}
-    return scenario.estimated, {name: part for name, part in words.items() if part is not None}
+    return scenario.estimated, parts(scenario.tables)["unknown"]
 
 
-def _words(given: str | list[str]) -> str | list[str]:
+def _words(given: list[str] | None) -> str | list[str] | None:
     """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
-    return given[0] if isinstance(given, list) and len(given) == 1 else given
+    return given[0] if given is not None and len(given) == 1 else given
 
 
 def _compared(options: argparse.Namespace, robot: Robot) -> dict[str, Robot]:

@@ -135,10 +135,9 @@ def _attached(scenario: Scenario, port: int) -> int:
     from ..realtime.recorder import watched as samples_of
     from ..view.live import LiveView
 
-    seconds = scenario.tables.simulation.duration
     robot, controller = scenario.true, scenario.controller
     samples = samples_of(port, controller, robot)
-    with LiveView(robot, controller, scenario.trajectory, duration=seconds) as live:
+    with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
         for _ in live.watch(samples):
             pass
     return DONE

@@ -10,7 +10,7 @@ from typing import Any
 from ..exceptions import InputError
 from ..rollout.summary import sheet
 from ..sweep.cases import COPY, METHODS, Plan
-from ..sweep.execution import Progress, ScenarioWork, claimed, engine, run_plan, work_of
+from ..sweep.execution import ScenarioWork, claimed, run_plan, work_of
 from ..sweep.table import CaseTable, read
 from .command_line import (
     DONE,
@@ -28,7 +28,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     parser.epilog = (
-        "The file is a scenario, a sweep file, or the folder of a sweep. Values: [1.0, 2.0], "
+        "The file is a scenario, a sweep file, or the folder of a sweep. Values: 1.0,2.0 or a,b, "
         "lin(0.5, 2, 16), log(1, 100, 9), uniform(0.5, 2), loguniform(1, 100), normal(1, 0.1), "
         "choice([...]); after an asterisk they are factors on the scenario's value; KEY.* has one "
         "number for each joint."
@@ -55,9 +55,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         type=not_negative,
         metavar="N",
         help="number of processes, 0 for none besides this one (default: one per core)",
-    )
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, or 'local'"
     )
     parser.add_argument(
         "--success",
@@ -91,12 +88,10 @@ def sweep(options: argparse.Namespace) -> int:
         return _alone(plan, options.case, folder)
     if given.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    work = work_of(plan)
     resume = options.resume or options.retry
+    claimed(folder, plan, resume=resume, anew=options.force)
     try:
-        with engine(options.processes, options.scheduler, plan.timeout) as workers:
-            claimed(folder, plan, resume=resume, anew=options.force)
-            table = run_plan(plan, work, workers, folder, Progress(plan), retry=options.retry)
+        table = run_plan(plan, options.processes, folder, retry=options.retry)
     except KeyboardInterrupt:
         print(
             f"pinadapt: interrupted; {len(read(folder))} of {len(plan.cases)} cases are kept. "

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import Doors, flag, keywords, of_computing, one_line, positive, shown
+from .._checks import Doors, flag, of_computing, one_line, positive, shown
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
@@ -58,7 +58,6 @@ _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
 _DAMPED = 0.3  # of its speed that a joint loses in a period, at most
 
 
-@keywords(belief="nominal=pa.controller.NominalRobot(...)")
 class Controller(Doors):
     """A control law, a model of the robot, and the adaptation of its parameters; immutable.
 
@@ -261,9 +260,9 @@ class Controller(Doors):
             if a_k is None
             else kinematics.initial
         )
-        a_k = initial_estimate(a_k, initial, "belief.kinematic", kinematics.names)
+        a_k = initial_estimate(a_k, initial, "start.a_k", kinematics.names)
         dynamic = self.adaptation_d.init(
-            initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
+            initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
         )
         if information is not None:
             rows = rows_of(information, dynamics.size)

@@ -300,7 +300,7 @@ class FirstSamples:
             f"{100.0 * share:.0f} %",
             f"shows that the arm adds its own gravity torque: {seen} as if this share of it were "
             "added to the command",
-            hint='If so, declare it: compensated="nominal", in a scenario simulation.compensated. '
+            hint='If so, declare it: compensated="nominal", in a scenario controller.compensated. '
             f"{_SWITCH.format('gravity')}",
         )
 

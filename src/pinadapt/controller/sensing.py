@@ -17,10 +17,9 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import shown
 from .._kernels import samples as kernels
 from ..description.chain import effort_limits, is_slide, velocity_limits
-from ..exceptions import ImplausibleError, InputError, MeasurementError, did_you_mean
+from ..exceptions import ImplausibleError, InputError, MeasurementError
 from ..filters import LowPass
 from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
@@ -709,20 +708,9 @@ def make_guards(
         compensation: torque that the arm is declared to add to the command, or None.
         dt: sampling period [s].
 
-    Raises:
-        InputError: an unknown guard.
     """
-    if not isinstance(guards, bool | Mapping):
-        raise InputError(f"expected True, False or a mapping, got {shown(guards)}.", where="guards")
     on = dict.fromkeys(GUARDS, guards is not False)
-    for name, wanted in (guards if isinstance(guards, Mapping) else {}).items():
-        if name not in GUARDS or not isinstance(wanted, bool):
-            raise InputError(
-                f"expected some of {list(GUARDS)} with true or false, got {name!r} = {wanted!r}."
-                f"{did_you_mean(str(name), GUARDS)}",
-                where="guards",
-            )
-        on[name] = wanted
+    on |= guards if isinstance(guards, Mapping) else {}
     model, n, size = robot.model, robot.model.nv, robot.reach
     parts = kinematics.translations
     based = not kinematics.calibrated or any(part.joint == FIRST for part in parts)

@@ -455,7 +455,7 @@ class ExcitingMotion:
     information_gain: float
 
     def reference(self) -> dict[str, Any]:
-        """Return the motion as the table ``[reference]`` of a scenario with ``task = "joint"``."""
+        """Return the motion as the table ``[trajectory]`` of a scenario with ``task = "joint"``."""
         series = self.trajectory
         return {
             "kind": "fourier",

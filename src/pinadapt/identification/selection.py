@@ -219,7 +219,7 @@ def _candidates(
     sign = np.tanh(v / friction.threshold) * (1.0 + (friction.breakaway - 1.0) * near)
     speed, rotor = averages.mean(v)[whole], averages.rate(v)[whole]
     signals = {
-        "load": averages.mean(sign * gravity)[whole],
+        "gear_friction": averages.mean(sign * gravity)[whole],
         "asymmetry": averages.mean(np.abs(sign))[whole],
         "offset": np.ones(speed.shape),
         "armature": rotor,

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import Doors, keywords
+from .._checks import Doors
 from .._kernels import models as kernels
 from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
@@ -180,7 +180,6 @@ class Dynamics(Doors, ABC):
         return None if old is None or new is None else a_d + (new - old)
 
 
-@keywords(joint="joints=...")
 class StackedDynamics(Dynamics):
     """Inertial parameters (of bodies, a basis, lumped) followed by the joints' coefficients.
 

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, arithmetic, flag, instance, keywords, name_list, vector
+from .._checks import LARGEST, arithmetic, flag, instance, name_list, vector
 from ..description.chain import (
     ENDS,
     chain_joints,
@@ -51,7 +51,6 @@ _FINGER = re.compile(r"finger|thumb|(^|[^a-z])jaw")
 _SENSOR = re.compile(r"camera|optical|lidar|laser|sensor|acceler|(^|[^a-z])(imu|lens|range|gyro)")
 
 
-@keywords()
 @arithmetic("robot", RobotError)
 def load(
     source: Source,
@@ -65,6 +64,7 @@ def load(
     xacro: XacroArguments | None = None,
     mass: float | None = None,
     joint_effects: bool = False,
+    pixel: float | None = None,
 ) -> Robot:
     """Load a robot as the open chain from its base to one frame.
 
@@ -94,6 +94,8 @@ def load(
             move without inertia, point masses become balls of aluminium, with a warning.
         joint_effects: take damping, friction and rotor inertia of the joints from the description.
             By default friction is zero, as most descriptions contain placeholder values.
+        pixel: of the task "image", the picture of the frame in a camera: about the length [m] that
+            a pixel covers at the arm; a factor of five does not matter. See ``Robot.filmed_by``.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
@@ -102,6 +104,14 @@ def load(
     """
     for given, where in ((frame, "frame"), (task, "task")):
         instance(given, str | None, where, RobotError)
+    if (task == IMAGE) != (pixel is not None):
+        raise RobotError(
+            'the task "image", and no other one, needs the length [m] that a pixel covers.',
+            where="pixel",
+            hint="Give pixel=0.002 for 2 mm, or say which cameras there are: Robot.filmed_by.",
+        )
+    if pixel is not None:
+        task = None
     locked = name_list(locked, "locked", RobotError)
     found = describe(source, xacro=xacro, mass=mass)
     still = _with_one_position(found.model)
@@ -121,9 +131,9 @@ def load(
             f"{robot.name}: lower and upper limit are equal for {', '.join(names)}: locked there.",
             stacklevel=2,
         )
-    if not flag(joint_effects, "joint_effects"):
-        return robot
-    return _with_joint_effects(robot)
+    if flag(joint_effects, "joint_effects"):
+        robot = _with_joint_effects(robot)
+    return robot if pixel is None else robot.filmed_by(pixel=pixel)
 
 
 def _with_one_position(model: pin.Model) -> dict[int, float]:

@@ -511,12 +511,12 @@ def _advice(rollout: Recording) -> str:
     if saturated > _OFTEN:
         return (
             f"the motors were at their limit {saturated:.0%} of the time: try a longer "
-            "reference.period, a smaller path, or a smaller load"
+            "trajectory.period, a smaller path, or a smaller load"
         )
     if rollout.diverged is not None:
         return (
-            "try a fifth of controller.gamma_k or gamma_d, a longer reference.period, or a "
-            "shorter simulation.dt"
+            "try a fifth of controller.gamma_k or gamma_d, a longer trajectory.period, or a "
+            "shorter controller.dt"
         )
     if (rollout.damping > 0.0).mean() > _OFTEN:
         return "the path comes close to a singularity: try another robot.q0 or a smaller path"

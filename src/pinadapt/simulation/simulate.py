@@ -16,7 +16,7 @@ import numpy as np
 from numpy import concatenate
 from numpy.typing import ArrayLike
 
-from .._checks import instance, keywords
+from .._checks import instance
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
@@ -119,27 +119,6 @@ def _on_terminal() -> bool:
     return sys.stderr is not None and sys.stderr.isatty()
 
 
-_REPLACED = {
-    "dt": "engine=pa.Engine(dt=...), by default the period of the controller",
-    "mode": "engine=pa.Engine(continuous=True)",
-    "substeps": "engine=pa.Engine(substeps=...)",
-    "acceleration": "engine=pa.Engine(ideal_acceleration=True)",
-    "torque_limits": "engine=pa.Engine(torque_limits=...)",
-    "a_k": 'start={"a_k": ...}',
-    "a_d": 'start={"a_d": ...}',
-    "noise": "sensors=pa.Sensors(noise=...), by default the sensors of the controller",
-    "encoder": "sensors=pa.Sensors(encoder=...), by default the sensors of the controller",
-    "camera": "sensors=pa.Sensors(camera=pa.Camera(rate=..., delay=...)), by default the sensors "
-    "of the controller",
-    "delay": "sensors=pa.Sensors(camera=pa.Camera(delay=...)), by default the sensors of the "
-    "controller",
-    "changes": "events=pa.Events(changes={...})",
-    "beliefs": "events=pa.Events(announcements={...})",
-    "view": 'progress="live"',
-}
-
-
-@keywords(**_REPLACED)
 def simulate(
     true: Robot,
     controller: Controller,
@@ -186,8 +165,8 @@ def simulate(
             real time, as ``LiveView``; or what wraps the range of samples, as ``tqdm`` does.
 
     Raises:
-        InputError: anything that cannot be run, or a former keyword, with what has replaced it; a
-            loop that diverges is no error, see ``Rollout.diverged``.
+        InputError: anything that cannot be run; a loop that diverges is no error, see
+            ``Rollout.diverged``.
         Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
     """
     instance(true, Robot, "true")
@@ -212,7 +191,7 @@ def simulate(
             "the robot of a model file does not change while it moves.", where="changes"
         )
     indices = sample_indices(duration, dt, ends=engine.continuous)
-    trajectory = as_trajectory(trajectory, true.task)
+    trajectory = as_trajectory(trajectory, true.task, true.position(true.q0))
     if not controller.kinematics.calibrated and not isinstance(start, LearnedParameters):
         given = {"a_k": None} if start is None else dict(start)
         if given.get("a_k", ()) is None:

@@ -75,7 +75,7 @@ class LightJoint:
             f"{rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can spin it "
             "before it is learned. With such a load take the law 'separation', whose gains are "
             "torques, or give a guess of the load and its inertia (payload=, in a scenario "
-            "belief.payload)."
+            "controller.payload)."
         )
 
 
@@ -167,7 +167,7 @@ class Finding:
             return (
                 f"the {self.part} is too fast for {self.actuators} at dt = {self.dt:.3g} s: "
                 f"{advice}. Default gains for actuators follow from "
-                "pa.Limits(actuators=...), in a scenario controller.actuators"
+                "pa.Limits(actuators=...), in a scenario limits.actuators"
                 f"{_BEHIND if 'at the links' in self.actuators else ''}."
             )
         other = (

@@ -24,7 +24,7 @@ from ..laws.acceleration_law import AccelerationLaw
 from ..laws.law import Law
 from ..laws.separation import Separation
 from ..models.joint_effects import typical_coefficients
-from ..robot.changes import Payload
+from ..robot.changes import Friction, Payload
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..robot.workspace import WorkspaceCircle, find_circle
@@ -34,7 +34,7 @@ from ..rollout.summary import ACCURATE, BETTER
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..sweep.cases import Cases
-from ..sweep.execution import FunctionWork, engine, rows
+from ..sweep.execution import FunctionWork, rows
 from ..sweep.table import DONE
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
@@ -126,8 +126,7 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
     true = robot.changed(
         tool_translation=tool,
         payload=Payload(mass=min(LOAD * sum(bodies), bodies[-1]), com=tool),
-        viscous=viscous,
-        coulomb=coulomb,
+        friction=Friction(viscous, coulomb),
     )
     factors = 1.0 + INERTIA_ERROR * rng.choice([-1.0, 1.0], robot.model.nv)
     estimated = robot.changed(
@@ -304,11 +303,10 @@ def run_zoo(
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     fixed = {"law": law, "task": task, "case_seed": seed}
     cases = Cases.of([{"robot": name, **fixed} for name in longest_first])
-    with engine(processes) as workers:
-        for row in rows(FunctionWork(zoo_numbers), cases, workers):
-            if row["status"] != DONE:
-                row["verdict"] = f"{row['status']}: {row['reason']}"
-            yield ZooRow(**{key: row[key] for key in _COLUMNS if key in row})
+    for row in rows(FunctionWork(zoo_numbers), cases, processes):
+        if row["status"] != DONE:
+            row["verdict"] = f"{row['status']}: {row['reason']}"
+        yield ZooRow(**{key: row[key] for key in _COLUMNS if key in row})
 
 
 def _controller(case: ZooCase, law: str, adaptation: str | None = None) -> Controller:
