@@ -30,8 +30,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "The file is a scenario, a sweep file, or the folder of a sweep. Values: 1.0,2.0 or a,b, "
         "lin(0.5, 2, 16), log(1, 100, 9), uniform(0.5, 2), loguniform(1, 100), normal(1, 0.1), "
-        "choice([...]); after an asterisk they are factors on the scenario's value; KEY.* has one "
-        "number for each joint."
+        "choice([...]); KEY.* has one number for each joint."
     )
     parser.add_argument(
         "--vary",
@@ -64,7 +63,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--column", default="", metavar="NAME", help="the result in ranking and figures"
     )
-    parser.add_argument("--csv", action="store_true", default=None, help="write CSV, not Parquet")
     parser.add_argument("--resume", action="store_true", help="run the cases that are missing")
     parser.add_argument(
         "--retry",
@@ -111,7 +109,7 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
     path: Path = options.scenario
     own = {
         name: getattr(options, name)
-        for name in ("samples", "method", "repeat", "seed", "timeout", "success", "csv")
+        for name in ("samples", "method", "repeat", "seed", "timeout", "success")
     }
     if not path.is_dir():
         plan = Plan.read(path, options.vary, options.set, **own)

@@ -256,14 +256,20 @@ def with_values(tables: Tables, values: Mapping[str, Any]) -> Tables:
     Raises:
         ScenarioError: a key has an empty part, or a part of it is not a table.
     """
-    before = _maker(["trajectory"], tables)
+    before = _of_kind(tables)
     for key, value in values.items():
         put(tables, key, value)
-    after, table = _maker(["trajectory"], tables), tables.get("trajectory")
-    for key in set(arguments(before)) - set(arguments(after)):
+    table = tables.get("trajectory")
+    for key in before - _of_kind(tables):
         if isinstance(table, dict) and f"trajectory.{key}" not in values:
             table.pop(key, None)
     return tables
+
+
+def _of_kind(tables: Tables) -> set[str]:
+    """Return the keys that motions of the kind in tables have; none if there is no such kind."""
+    kind = _kind(tables.get("trajectory", {}), "trajectory")
+    return set(arguments(MOTIONS[kind])) if isinstance(kind, str) and kind in MOTIONS else set()
 
 
 def setting(text: str, where: str = "--set") -> tuple[str, Any]:
@@ -334,36 +340,11 @@ def moved(tables: Tables, move: Callable[[str], str]) -> Tables:
     return found
 
 
-def value_at(tables: Tables, key: str) -> Any:
-    """Return the value at a dotted key: as it stands, else the default of its argument, or None."""
-    *way, last = key.split(".")
-    table, make = _at(tables, way), _maker(way, tables)
-    if isinstance(table, Mapping) and last in table:
-        return table[last]
-    default = signature(make).parameters[last].default if last in arguments(make) else None
-    return None if default is Parameter.empty else default
-
-
-def _at(tables: Any, way: Sequence[str]) -> Any:
-    """Return what stands at a path of keys and numbers, None if there is nothing."""
-    for part in way:
+def value_at(tables: Any, key: str) -> Any:
+    """Return what stands at a dotted key, None if there is nothing."""
+    for part in key.split("."):
         if isinstance(tables, list):
             tables = tables[int(part)] if part.isdigit() and int(part) < len(tables) else None
         else:
             tables = tables.get(part) if isinstance(tables, Mapping) else None
     return tables
-
-
-def _nothing() -> None:
-    """Take no arguments."""
-
-
-def _maker(way: Sequence[str], tables: Tables) -> Callable[..., Any]:
-    """Return the class or function whose arguments the table at a path holds."""
-    if way[:1] == ["trajectory"]:
-        kind = _kind(_at(tables, way), way[-1])
-        return MOTIONS.get(kind, Circle) if isinstance(kind, str) else Circle
-    make = KEYS[way[0]][0] if way and way[0] in KEYS else _nothing
-    for part in way[1:]:
-        make = next(iter(_classes(_hints(make).get(part))), _nothing)
-    return _nothing if make is dict else make

@@ -7,8 +7,7 @@ entries are tried in turn, or a text:
 * ``lin(0.5, 2.0, 16)`` and ``log(1.0, 100.0, 9)``: so many numbers, both ends among them, evenly
   spaced in the numbers or in their logarithms;
 * ``uniform(low, high)``, ``loguniform(low, high)``, ``normal(mean, deviation)``, ``choice([...])``:
-  drawn anew for each sample; bounds may be lists, one number for each joint;
-* one of these after ``*``: factors on the value that the scenario has.
+  drawn anew for each sample; bounds may be lists, one number for each joint.
 
 Lists and ranges are axes of a grid. What is drawn is one point of a design: random numbers, a Latin
 hypercube, or Sobol's sequence (``scipy.stats.qmc``). The cases are the product of the listed cases,
@@ -31,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, mapping, numbers, positive, shown, whole, word
+from .._checks import instance, mapping, positive, shown, whole, word
 from .._output import read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
@@ -83,16 +82,12 @@ class Values:
         kind: "list", "uniform", "loguniform", "normal" or "choice".
         arguments: the values of the axis; low and high, or mean and deviation, each a number or a
             list of n; or the choices.
-        relative: whether these are factors on the scenario's value.
-        base: the value that factors multiply: a number or n of them.
         names: of the joints that have one number each in a table; empty: no table.
     """
 
     key: str
     kind: str
     arguments: tuple[Any, ...]
-    relative: bool = False
-    base: Any = None
     names: tuple[str, ...] = ()
 
     @classmethod
@@ -102,21 +97,19 @@ class Values:
         Raises:
             InputError: the text is none of the known ones, or a range or a bound is impossible.
         """
-        relative, kind = False, "list"
+        kind = "list"
         if isinstance(given, str):
-            text = given.strip()
-            relative, text = text.startswith("*"), text.removeprefix("*").strip()
             try:
-                kind, given = _parsed(text)
+                kind, given = _parsed(given.strip())
             except (ArithmeticError, AttributeError, SyntaxError, TypeError, ValueError) as error:
                 raise InputError(
-                    f"cannot be read: {shown(text)}.", where=key, hint=_HINT
+                    f"cannot be read: {shown(given)}.", where=key, hint=_HINT
                 ) from error
         listed = np.ndarray | range | tuple | list
         arguments = tuple(plain(given)) if isinstance(given, listed) else (given,)
         if not arguments or not _finite(arguments):
             raise InputError("expected finite numbers, at least one.", where=key, hint=_HINT)
-        return cls(key, kind, arguments, relative)
+        return cls(key, kind, arguments)
 
     @property
     def drawn(self) -> bool:
@@ -153,8 +146,6 @@ class Values:
 
     def used(self, value: Any) -> Any:
         """Return what the scenario gets for a value of the axis or of the distribution."""
-        if self.relative:
-            value = (np.asarray(self.base, float) * np.asarray(value, float)).tolist()
         if self.names:
             value = np.broadcast_to(value, len(self.names)).tolist()
             return dict(zip(self.names, value, strict=True))
@@ -358,7 +349,7 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 # --- the sweep file ---
 
-_MAY_DIFFER = ("title", "timeout", "success", "csv")  # between a sweep and its resumption
+_MAY_DIFFER = ("title", "timeout", "success")  # between a sweep and its resumption
 COPY = "sweep.toml"
 SUCCESS = "follows"
 _SPREAD = re.compile(r"\s*(\[|(lin|log)\s*\()")  # a text that is a list or a range
@@ -381,7 +372,6 @@ class Plan:
         samples, method, repeat, seed: see ``Cases``.
         timeout: [s] of a case.
         success: a column of truth values, or a condition such as "error_share < 0.01".
-        csv: whether tables are written as CSV even where pyarrow is installed.
 
     Raises:
         InputError: they cannot be used.
@@ -401,7 +391,6 @@ class Plan:
     seed: int = 0
     timeout: float | None = None
     success: str = ""
-    csv: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what makes no sweep."""
@@ -616,16 +605,6 @@ def _bound(cases: Cases, raw: dict[str, Any], folder: str) -> Cases:
             each = replace(each.each(len(names)), key=key, names=names if by_name else ())
         elif isinstance(here, list) and here and all(isinstance(x, int | float) for x in here):
             each = each.each(len(here))
-        if each.relative:
-            if isinstance(here, Mapping):
-                here = [here.get(name, 1.0) for name in names]
-            if here is None or isinstance(here, str) or here == []:
-                raise InputError(
-                    "the scenario has no number here that could be multiplied.",
-                    where=key,
-                    hint="Set one, or give values without the asterisk.",
-                )
-            each = replace(each, base=numbers(here, key).tolist())
         values.append(each)
     found = replace(cases, values=tuple(values))
     ordinary = found[0].values

@@ -597,7 +597,7 @@ def run_plan(
     if folder is None:
         found = rows(work, plan.cases, executor, plan.timeout)
         return CaseTable.of(list(_watched(found, plan, 0, shown)))
-    with Store(folder, as_csv=plan.csv) as store:
+    with Store(folder) as store:
         if retry:
             store.join(without=AGAIN)
         done = store.done()
