@@ -17,7 +17,7 @@ import pinadapt as pa
         (pa.Limits, {"damping": 2.0}, "limits.damping"),
         (pa.Limits, {"guards": {"positon": False}}, "limits.guards"),
         (pa.Unknown, {"bodies": 3}, "unknown.bodies"),
-        (pa.Unknown, {"translations": "tool"}, "unknown.translations"),
+        (pa.Unknown, {"translations": 3}, "unknown.translations"),
         (pa.Engine, {"plant": "mujco"}, "engine.plant"),
         (pa.Engine, {"substeps": 0}, "engine.substeps"),
         (pa.Camera, {"rate": -1.0}, "camera.rate"),

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from .._output import check_writable, one_run, write_text
 from ..exceptions import InputError, ParameterError, TorqueMismatchError
@@ -19,7 +20,7 @@ from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
-from ..scenario.tables import parts
+from ..scenario.tables import parts, toml_value
 from ..simulation.simulate import watched
 from ..tuning.unknowns import Unknown
 from .command_line import DONE, INCOMPLETE, REFUSED, add_description, add_out, assignment, names
@@ -199,7 +200,7 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     ):
         group.add_argument(
             option,
-            type=_per_joint,
+            type=_listed,
             metavar=f"{metavar}|JOINT={metavar},...",
             help=f"{what}; one number, one for each joint, or by joint",
         )
@@ -214,7 +215,7 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     )
     group.add_argument(
         "--topic",
-        type=_topics,
+        type=_listed,
         metavar="NAME|SIGNAL=NAME,...",
         help="topic of a bag's joint states; q=NAME,tau=NAME if the torques have another one, "
         "tau=NAME:FIELD if its messages are no joint states",
@@ -230,7 +231,7 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         help="the arm compensates gravity itself; the log's torques do not contain it",
     )
     group.add_argument(
-        "--gravity", type=_vector, metavar="X,Y,Z", help="m/s^2, in the axes of the robot's base"
+        "--gravity", type=_listed, metavar="X,Y,Z", help="m/s^2, in the axes of the robot's base"
     )
     group.add_argument("--mount", choices=MOUNTS, help="where the base is mounted")
     group.add_argument(
@@ -253,15 +254,6 @@ def _signal(text: str) -> tuple[str, list[str]]:
     return name, names(columns)
 
 
-def _topics(text: str) -> str | dict[str, str]:
-    """Return a topic, or signals with their topics.
-
-    Raises:
-        ArgumentTypeError: an equals sign is missing.
-    """
-    return dict(map(assignment, names(text))) if "=" in text else text
-
-
 def _joint_names(text: str) -> list[str] | dict[str, list[str]]:
     """Return names of joints, or a signal with them.
 
@@ -272,35 +264,19 @@ def _joint_names(text: str) -> list[str] | dict[str, list[str]]:
     return {signal: names(listed)} if colon else names(text)
 
 
-def _per_joint(text: str) -> float | list[float] | dict[str, float]:
-    """Return a number, one for each joint, or numbers by joint.
+def _listed(text: str) -> Any:
+    """Return a value, several ones, or values by name; what can be a number is one.
 
     Raises:
-        ArgumentTypeError: no numbers, or an equals sign is missing.
+        ArgumentTypeError: there is none, or an equals sign is missing.
     """
-    parts = [part for part in text.split(",") if part.strip()]
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not parts:
+        raise argparse.ArgumentTypeError("at least one value is expected")
     if "=" in text:
-        return {name: _float(value) for name, value in map(assignment, parts)}
-    values = [_float(part) for part in parts]
-    if not values:
-        raise argparse.ArgumentTypeError("at least one number is expected")
+        return {name: toml_value(value) for name, value in map(assignment, parts)}
+    values = [toml_value(part) for part in parts]
     return values[0] if len(values) == 1 else values
-
-
-def _vector(text: str) -> list[float]:
-    """Return numbers separated by commas.
-
-    Raises:
-        ArgumentTypeError: they are no numbers.
-    """
-    return [_float(part) for part in text.split(",")]
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"a number is expected, got {text}") from None
 
 
 _ELSEWHERE = ("columns", "files")  # fields of an intake that are lists of assignments here

@@ -293,6 +293,10 @@ def load(folder: Path, kind: type[Run]) -> Run:
     Raises:
         InputError: the files are missing, broken, or of another version of pinadapt.
     """
+    if folder.is_file():
+        raise InputError(
+            "is a file of a run.", where=str(folder), hint=f"Give the folder: {folder.parent}."
+        )
     try:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         with np.load(folder / "rollout.npz") as file:

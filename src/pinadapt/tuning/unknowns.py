@@ -121,8 +121,9 @@ class Unknown:
                 flag(value, f"unknown.{name}")
         if not isinstance(self.lengths, bool):
             name_list(self.lengths, "unknown.lengths")
-        if isinstance(self.translations, str | bytes | Mapping):
-            name_list(self.translations, "unknown.translations", ParameterError)
+        given = self.translations
+        if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
+            name_list(given, "unknown.translations", ParameterError)
         if not isinstance(self.friction, bool | None):
             word(self.friction, _FRICTION, "unknown.friction")
         chosen_kinds(self.effects)
