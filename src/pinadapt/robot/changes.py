@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -186,7 +187,7 @@ class Shaft:
         threshold: speed [rad/s or m/s] at which the smoothed sign reaches tanh(1).
     """
 
-    joints: tuple[int, int] | tuple[str, str]
+    joints: tuple[Any, Any]
     sign: int = 1
     armature: float = 0.0
     viscous: float = 0.0

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import ArrayLike
-
 from .._checks import flag, located, name_list, shown, word
 from ..adaptation.natural import MatrixInequality
 from ..exceptions import InputError, ParameterError, UnusedGainWarning, did_you_mean
@@ -109,8 +107,8 @@ class Unknown:
     friction: bool | str | None = None
     armature: bool | None = None
     effects: str | Sequence[str] = ()
-    basis: ArrayLike | Path | None = None
-    lmi: ArrayLike | MatrixInequality | Path | None = None
+    basis: Any = None
+    lmi: Any = None
     regressor: str = "exact"
 
     def __post_init__(self) -> None:
