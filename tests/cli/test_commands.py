@@ -140,7 +140,7 @@ def test_divergence_leaves_the_outputs_up_to_that_time(diverged):
         ("truth.payload={ mass = 1.0, inertia = [-1.0, 0.0, 1.0, 0.0, 0.0, 1.0] }", "inertia"),
         (
             "trajectory={ kind = 'waypoints', points = [[1, 1, 1], [1, 1, 2]] }",
-            "points",
+            "trajectory: ",
         ),
         ("nonsense", "key=value"),
     ],

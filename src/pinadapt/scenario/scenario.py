@@ -14,7 +14,7 @@ import numpy as np
 from .._checks import located
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
-from ..exceptions import InputError, ScenarioError
+from ..exceptions import InputError, MeasurementError, ScenarioError
 from ..plants.mujoco_plant import MujocoFile
 from ..records import Sensors
 from ..robot.loading import load
@@ -26,7 +26,7 @@ from ..simulation.loop import Events
 from ..simulation.prepare import check_options, findings, prepare
 from ..simulation.simulate import Progress, simulate
 from ..tasks.frame import ImageTask, pinhole_camera
-from ..trajectories.given import as_trajectory
+from ..trajectories.pose import placed_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from .tables import KEYS, TABLES, Tables, at_folder, motion, parts, read, read_tables
@@ -196,11 +196,14 @@ class Scenario:
         with located("simulation", KEYS["simulation"][1], TABLES):
             dt = self.engine.period(self.controller)
             check_options(self.duration, dt, self.record_every, self.seed, self.title)
-        with located("engine", (), TABLES):
+        with located("engine", KEYS["engine"][1], TABLES):
             plant = self.engine.make(self.true, self.controller)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
-            state = prepare(plant, self.controller, self.trajectory, self.start)
+            try:
+                state = prepare(plant, self.controller, self.trajectory, self.start)
+            except MeasurementError as error:
+                raise ScenarioError(f"{error}", where="robot.q0") from error
         with located("events.announcements", (), TABLES):
             self.events.check(self.controller, state)
 
@@ -219,20 +222,21 @@ class Scenario:
         Raises:
             Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
         """
-        return simulate(
-            self.true,
-            self.controller,
-            self.trajectory,
-            duration=self.duration,
-            sensors=self.sensors,
-            events=self.events,
-            engine=self.engine,
-            start=self.start,
-            seed=self.seed,
-            record_every=self.record_every,
-            title=self.title,
-            progress="live" if view else progress,
-        )
+        with located("simulation", KEYS["simulation"][1], TABLES):
+            return simulate(
+                self.true,
+                self.controller,
+                self.trajectory,
+                duration=self.duration,
+                sensors=self.sensors,
+                events=self.events,
+                engine=self.engine,
+                start=self.start,
+                seed=self.seed,
+                record_every=self.record_every,
+                title=self.title,
+                progress="live" if view else progress,
+            )
 
 
 def _once(kept: Kept | None, kind: str, of: str, make: Callable[[], Any]) -> Any:
@@ -334,4 +338,4 @@ def trajectory_of(table: Any, robot: Robot) -> Trajectory:
         lengths = {key: table[key] for key in _OF_PICTURES if key in table}
         scaled = {key: (pixel * np.array(each)).tolist() for key, each in lengths.items()}
         table = {**table, **scaled}
-    return as_trajectory(motion(table), robot.task, robot.position(robot.q0))
+    return placed_trajectory(motion(table), robot.task, robot.position(robot.q0))

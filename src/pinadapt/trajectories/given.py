@@ -318,9 +318,7 @@ TrajectoryLike: TypeAlias = (
 """Whatever ``as_trajectory`` takes."""
 
 
-def as_trajectory(
-    given: TrajectoryLike, task: Task | None = None, start: np.ndarray | None = None
-) -> Trajectory:
+def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory:
     """Return a user's motion as a ``Trajectory``; its value at time 0 is checked.
 
     Args:
@@ -330,8 +328,6 @@ def as_trajectory(
         task: the task of these coordinates. Angles of continuous joints may jump by whole turns;
             coordinates of a pose are position and quaternion xyzw (7), and a function may return
             ``pin.SE3`` instead. None: plain vectors.
-        start: coordinates at which a motion begins that has no place of its own, such as a
-            ``Circle`` without a centre. None: where it is.
 
     Raises:
         InputError: another kind of object, a wrong number of coordinates, numbers that are not
@@ -343,12 +339,6 @@ def as_trajectory(
         motion = converted(given)
     else:
         motion = converted(given, _difference(task), task.coordinates > task.size, _turns(task))
-    if start is not None:
-        if task is not None and task.coordinates > task.size and motion.at(0.0).x_d.size == 3:
-            from .pose import PoseTrajectory  # which is made of motions itself
-
-            motion = PoseTrajectory(motion, None)
-        motion = motion.placed(start, task)
     _check_start(motion, task)
     return motion
 

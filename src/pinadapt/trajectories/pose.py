@@ -196,6 +196,27 @@ class PoseTrajectory(Trajectory):
         return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
 
 
+def placed_trajectory(given: TrajectoryLike, task: Task, start: np.ndarray) -> Trajectory:
+    """Return a user's motion as ``as_trajectory``, placed where it has no place of its own.
+
+    A ``Circle`` without a centre begins where the robot is; a motion of three coordinates holds
+    the initial orientation in a pose task.
+
+    Args:
+        given: as in ``as_trajectory``.
+        task: of the coordinates.
+        start: coordinates of the robot at the start.
+
+    Raises:
+        InputError: as ``as_trajectory``.
+    """
+    if isinstance(given, Trajectory):
+        if task.coordinates > task.size and given.at(0.0).x_d.size == 3:
+            given = PoseTrajectory(given, None)
+        given = given.placed(start, task)
+    return as_trajectory(given, task)
+
+
 class PoseCircle(PoseTrajectory):
     """A pose trajectory whose position is a circle, with the numbers of that circle."""
 
