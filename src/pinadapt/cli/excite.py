@@ -21,10 +21,15 @@ from ..robot.loading import load
 from ..scenario.scenario import Scenario
 from ..scenario.tables import Tables, moved
 from ..tuning.unknowns import Unknown
-from .command_line import add_out_file, add_seed, names
+from .command_line import add_arguments_of, add_out_file, names, not_negative
 from .init import warn_of_findings
 
 _SCENARIO = ".toml"
+_SEARCH = {
+    **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
+    "srdf": Path,
+    "seed": not_negative,
+}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,20 +57,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LINK",
         help="end of the chain (default: the likeliest link at the robot's end)",
     )
-    for option, default, unit, text in (
-        ("duration", 10.0, "S", "duration of the motion (default: %(default)s)"),
-        ("excursion", None, "RAD", "largest distance of a joint from home (default: pi/2)"),
-        ("load", None, "KG", "heaviest load to allow for (default: a tenth of the robot's mass)"),
-        ("floor", None, "M", "height of the floor, in the axes of the base (default: none)"),
-    ):
-        parser.add_argument(f"--{option}", type=float, default=default, metavar=unit, help=text)
-    parser.add_argument(
-        "--srdf",
-        type=Path,
-        metavar="FILE",
-        help="SRDF file; the pairs in its disable_collisions may touch",
-    )
-    add_seed(parser, "the search")
+    add_arguments_of(parser, find, _SEARCH)
     add_out_file(parser, "the robot's name and _excited.toml")
 
 
@@ -137,15 +129,9 @@ def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
 
 
 def _found(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the search."""
-    return {
-        "duration": options.duration,
-        "excursion": options.excursion,
-        "load": options.load,
-        "floor": options.floor,
-        "srdf": options.srdf,
-        "seed": options.seed,
-    }
+    """Return the options of the search that are given."""
+    given = {name: getattr(options, name) for name in _SEARCH}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _words(names: Sequence[str]) -> str | list[str]:

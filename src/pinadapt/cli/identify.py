@@ -23,7 +23,16 @@ from ..scenario.scenario import Scenario
 from ..scenario.tables import parts, toml_value
 from ..simulation.simulate import watched
 from ..tuning.unknowns import Unknown
-from .command_line import DONE, INCOMPLETE, REFUSED, add_description, add_out, assignment, names
+from .command_line import (
+    DONE,
+    INCOMPLETE,
+    REFUSED,
+    add_arguments_of,
+    add_description,
+    add_out,
+    assignment,
+    names,
+)
 from .run import RUN_FILES
 
 _SCENARIO = ".toml"
@@ -179,61 +188,18 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         metavar="SIGNAL=FILE",
         help="other files with q, v or tau, relative to the log's folder",
     )
-    group.add_argument(
-        "--joints",
-        type=_joint_names,
-        metavar="A,B",
-        help="the log's joints in the robot's order; if its columns have no names, the robot's "
-        "joints in the order of the columns; tau:A,B for the torques alone",
-    )
-    group.add_argument(
-        "--rate", type=float, metavar="HZ", help="samples a second, of logs without usable times"
-    )
-    group.add_argument(
-        "--repeated", choices=REPEATED, help="what to do with repeated samples (default: refuse)"
-    )
-    group.add_argument("--degrees", action="store_true", default=None, help="angles are in degrees")
-    for option, metavar, what in (
-        ("--gear", "N", "turns of the motor for one of the joint; the log is that of the motors"),
-        ("--torque-gain", "K", "torque for a unit of the log, such as N m/A"),
-        ("--offset", "RAD", "offset added to the positions, rad or m"),
-    ):
-        group.add_argument(
-            option,
-            type=_listed,
-            metavar=f"{metavar}|JOINT={metavar},...",
-            help=f"{what}; one number, one for each joint, or by joint",
-        )
-    group.add_argument(
-        "--motor-side", type=names, metavar="q,v,tau", help="signals before the gears (default all)"
-    )
-    group.add_argument(
-        "--flip",
-        type=names,
-        metavar="A,B",
-        help="joints whose torque has the other sign; q:A for position and velocity",
-    )
-    group.add_argument(
-        "--topic",
-        type=_listed,
-        metavar="NAME|SIGNAL=NAME,...",
-        help="topic of a bag's joint states; q=NAME,tau=NAME if the torques have another one, "
-        "tau=NAME:FIELD if its messages are no joint states",
-    )
-    group.add_argument(
-        "--pose-topic",
-        metavar="NAME",
-        help="topic of a bag's PointStamped, PoseStamped or TransformStamped messages",
-    )
-    group.add_argument(
-        "--compensated",
-        choices=("nominal",),
-        help="the arm compensates gravity itself; the log's torques do not contain it",
-    )
-    group.add_argument(
-        "--gravity", type=_listed, metavar="X,Y,Z", help="m/s^2, in the axes of the robot's base"
-    )
-    group.add_argument("--mount", choices=MOUNTS, help="where the base is mounted")
+    types = {
+        "joints": _joint_names,
+        "rate": float,
+        "repeated": REPEATED,
+        "degrees": bool,
+        **dict.fromkeys(("gear", "torque_gain", "offset", "topic", "gravity"), _listed),
+        **dict.fromkeys(("motor_side", "flip"), names),
+        "pose_topic": str,
+        "compensated": ("nominal",),
+        "mount": MOUNTS,
+    }
+    add_arguments_of(group, Intake, types)
     group.add_argument(
         "--accept-doubts",
         dest="doubtful",

@@ -15,6 +15,7 @@ from ..sweep.table import CaseTable, read
 from .command_line import (
     DONE,
     INTERRUPTED,
+    add_arguments_of,
     add_out,
     add_scenario,
     not_negative,
@@ -40,25 +41,19 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUES",
         help="a dotted key of the scenario and its values; several keys are combined",
     )
-    parser.add_argument(
-        "--samples", type=positive, metavar="N", help="number of samples of the distributions"
-    )
-    parser.add_argument("--method", choices=METHODS, help="sampling method (default: random)")
-    parser.add_argument("--repeat", type=positive, metavar="N", help="number of runs of each case")
-    parser.add_argument("--seed", type=not_negative, metavar="N", help="random seed (default: 0)")
-    parser.add_argument(
-        "--timeout", type=float, metavar="S", help="seconds after which a case is given up"
-    )
+    types = {
+        **dict.fromkeys(("samples", "repeat"), positive),
+        "method": METHODS,
+        "seed": not_negative,
+        "timeout": float,
+        "success": str,
+    }
+    add_arguments_of(parser, Plan, types)
     parser.add_argument(
         "--processes",
         type=not_negative,
         metavar="N",
         help="number of processes, 0 for none besides this one (default: one per core)",
-    )
-    parser.add_argument(
-        "--success",
-        metavar="CONDITION",
-        help="when a case succeeds, such as 'error_share < 0.01' (default: its verdict is follows)",
     )
     parser.add_argument(
         "--column", default="", metavar="NAME", help="the result in ranking and figures"

@@ -9,7 +9,15 @@ from pathlib import Path
 from .._output import check_writable, write_text
 from ..sweep.cases import Plan
 from ..sweep.tune import tune as search
-from .command_line import DONE, add_out, add_scenario, assignment, not_negative, positive
+from .command_line import (
+    DONE,
+    add_arguments_of,
+    add_out,
+    add_scenario,
+    assignment,
+    not_negative,
+    positive,
+)
 
 FILE = "tune.json"
 
@@ -31,18 +39,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="what is searched: controller.alpha=loguniform(5, 100), uniform(a, b), choice([...])",
     )
     parser.add_argument("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUES")
-    parser.add_argument(
-        "--samples", type=positive, metavar="N", help="number of samples of the distributions"
-    )
-    parser.add_argument(
-        "--trials", type=positive, default=40, metavar="N", help="default: %(default)s"
-    )
-    parser.add_argument(
-        "--objective",
-        default="error_share",
-        metavar="COLUMN",
-        help="the result whose percentile is minimised (default: %(default)s)",
-    )
+    counts = dict.fromkeys(("samples", "trials", "validation"), positive)
+    add_arguments_of(parser, search, {**counts, "objective": str})
     parser.add_argument(
         "--percentile",
         type=float,
@@ -52,12 +50,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
             "percentile of the objective over the cases; failed cases count as the worst "
             "(default: %(default)s)"
         ),
-    )
-    parser.add_argument(
-        "--validation",
-        type=positive,
-        metavar="N",
-        help="samples with other seeds, on which gains are compared (default: as in the search)",
     )
     parser.add_argument(
         "--processes",
@@ -76,14 +68,14 @@ def tune(options: argparse.Namespace) -> int:
     plan = Plan.read(options.scenario, options.vary, options.set, samples=options.samples)
     folder = options.out or Path("out") / f"{options.scenario.stem}-tune"
     check_writable(folder, [FILE])
+    given = {"trials": options.trials, "objective": options.objective}
     found = search(
         plan,
         dict(options.gain),
-        trials=options.trials,
-        objective=options.objective,
         share=options.percentile,
         validation=options.validation,
         executor=options.processes,
+        **{name: value for name, value in given.items() if value is not None},
     )
     write_text(folder / FILE, json.dumps(found.summary(), indent=2) + "\n")
     if found.better:

@@ -238,10 +238,12 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
     Raises:
         ScenarioError: the file is missing or not TOML, or a setting cannot be written into it.
     """
-    named = not path.exists() and is_robot_name(str(path))
-    if named or path.suffix.lower() in _DESCRIPTIONS:
+    bare = not path.exists() and path.name == str(path) and not path.suffix
+    if bare or path.suffix.lower() in _DESCRIPTIONS:
         raise ScenarioError(
-            "this is a robot, not a scenario.",
+            "no such file; a robot's name is not a scenario."
+            if bare and not is_robot_name(str(path))
+            else "this is a robot, not a scenario.",
             where=str(path),
             hint=f"Write a scenario for it first: `pinadapt init {path}`.",
         )

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-import re
 import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
-from inspect import getdoc
 from math import ceil, cos, sin
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 import tomlkit
 
+from .._output import meanings
 from ..controller.controller import Controller
 from ..description.chain import links_of, massless_joints
 from ..description.description import describe
@@ -334,7 +333,7 @@ class Template:
                     continue  # a full matrix is too long for a comment
                 numbers = np.diag(numbers)
             values = _numbers(numbers.flat, 3)
-            if values:
+            if values and np.isfinite(values).all():
                 yield key, values[0] if len(set(values)) == 1 else values
 
 
@@ -387,25 +386,15 @@ def scenario_text(template: Template, folder: Path) -> str:
     lines, remarks = [f"title = {_written(template.name)}"], template.remarks()
     for name, table in template.tables(folder).items():
         make = MOTIONS[table["kind"]] if name == "trajectory" else KEYS[name][0]
-        meanings = _meanings(make)
+        about = meanings(make)
         lines += ["", *_comment(_ABOUT[name]), f"[{name}]"]
         for key, value in table.items():
-            meaning = f"{meanings.get(key, '')} {remarks.get(f'{name}.{key}', '')}"
+            meaning = f"{about.get(key, '')} {remarks.get(f'{name}.{key}', '')}"
             lines += [*_comment(meaning.strip()), f"{key} = {_written(value)}"]
         if name == "controller":
             lines += _comment("Gains in use; remove the # to set your own.")
             lines += [f"# {key} = {value}" for key, value in template.gains()]
     return "\n".join(lines) + "\n"
-
-
-def _meanings(make: Callable[..., Any]) -> dict[str, str]:
-    """Return the first sentence about each argument in a docstring."""
-    text = f"{getdoc(make)}\n{getdoc(getattr(make, '__init__', None)) or ''}"
-    found = re.findall(r"^    (\w+): (.+(?:\n {5,}.+)*)", text, re.M)
-    sentences = {
-        name: re.split(r"(?<=\w)[.;] ", " ".join(words.split()))[0] for name, words in found
-    }
-    return {name: words.rstrip(".").replace("``", "") + "." for name, words in sentences.items()}
 
 
 def _comment(text: str) -> list[str]:

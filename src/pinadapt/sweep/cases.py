@@ -369,7 +369,10 @@ class Plan:
         reduce: "module:name", or a function, that returns the numbers of a rollout.
         vary: values by key.
         case: explicit cases, with which the others are combined.
-        samples, method, repeat, seed: see ``Cases``.
+        samples: number of samples of the distributions.
+        method: of the samples: "random", "lhs" (Latin hypercube) or "sobol".
+        repeat: runs of each case, each with another seed.
+        seed: of the sweep.
         timeout: [s] of a case.
         success: a column of truth values, or a condition such as "error_share < 0.01".
 

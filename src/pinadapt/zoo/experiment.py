@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import warnings
 import zlib
-from collections.abc import Generator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -167,90 +167,10 @@ _RECORD_EVERY = 10
 _UNKNOWN = Unknown(friction=True, armature=True)  # the true robot has friction, the model has none
 
 
-@dataclass(frozen=True)
-class ZooRow:
-    """The result for one robot; None where there is none.
-
-    Attributes:
-        robot: name in the catalogue.
-        joints: number of joints.
-        law: name of the law.
-        task: "position" or "pose".
-        radius: radius of the circle [m].
-        unadapted: largest error in the last 10 % of the duration with frozen estimates [m].
-        adapted: largest error in the last 10 % of the duration with adaptation [m].
-        unadapted_angle: as ``unadapted``, for the orientation of a pose [rad].
-        adapted_angle: as ``adapted``, for the orientation of a pose [rad].
-        min_eig_M_hat: smallest eigenvalue of the estimated mass matrix over the adapted run.
-        min_singular_J_hat: smallest singular value of the estimated Jacobian over the adapted run.
-        verdict: "converged", or how the run ended.
-    """
-
-    robot: str
-    joints: int | None = None
-    law: str | None = None
-    radius: float | None = None
-    unadapted: float | None = None
-    adapted: float | None = None
-    min_eig_M_hat: float | None = None
-    min_singular_J_hat: float | None = None
-    verdict: str = ""
-    task: str = POSITION
-    unadapted_angle: float | None = None
-    adapted_angle: float | None = None
-
-
-_COLUMNS = [each.name for each in fields(ZooRow)]
-
-
 def zoo_names(task: str = POSITION) -> list[str]:
     """Return the names of the robots of the catalogue for a task, "position" or "pose"."""
     least = _LEAST_JOINTS if task == POSE else 0
     return [name for name, entry in catalogue().items() if entry.joints >= least]
-
-
-def zoo_row(
-    name: str,
-    law: str,
-    seed: int = 0,
-    task: str = POSITION,
-    adaptation: str | None = None,
-) -> ZooRow:
-    """Run one robot of the catalogue; the verdict says whether and why it failed.
-
-    Args:
-        name: name in the catalogue.
-        law: name of a law.
-        seed: seed of the case.
-        task: "position" or "pose".
-        adaptation: name of an adaptation; None: the default.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
-        try:
-            return _row(name, law, seed, task, adaptation)
-        except (PinadaptError, ArithmeticError, ValueError) as error:
-            return ZooRow(name, law=law, verdict=f"refused: {error}", task=task)
-
-
-def _row(name: str, law: str, seed: int, task: str, adaptation: str | None) -> ZooRow:
-    case = zoo_case(name, seed, POSE if task == POSE else None)
-    adapted = _run(case, _controller(case, law, adaptation), case.duration)
-    unadapted = _run(case, _controller(case, law, "none"), case.repeating)
-    row = ZooRow(
-        robot=name,
-        joints=case.true.model.nv,
-        law=law,
-        radius=case.radius,
-        unadapted=_last(case, unadapted, unadapted.distance),
-        adapted=_last(case, adapted, adapted.distance),
-        min_eig_M_hat=extreme(np.min, adapted.min_eig_M_hat),
-        min_singular_J_hat=extreme(np.min, adapted.min_singular_J_hat),
-        task=task,
-        unadapted_angle=_last(case, unadapted, unadapted.angle),
-        adapted_angle=_last(case, adapted, adapted.angle),
-    )
-    return replace(row, verdict=_verdict(case, row, adapted))
 
 
 def zoo_numbers(
@@ -260,7 +180,13 @@ def zoo_numbers(
     adaptation: str = "",
     case_seed: int = 0,
 ) -> dict[str, Any]:
-    """Return a row as a case of a sweep, and whether it converged.
+    """Run one robot of the catalogue, with and without adaptation, as a case of a sweep.
+
+    ``unadapted`` and ``adapted`` are the largest errors in the last 10 % of the duration [m],
+    ``unadapted_angle`` and ``adapted_angle`` those of the orientation of a pose [rad];
+    ``min_eig_M_hat`` and ``min_singular_J_hat`` are the smallest eigenvalue of the estimated mass
+    matrix and singular value of the estimated Jacobian over the adapted run. None where there is
+    none.
 
     Args:
         robot: name in the catalogue.
@@ -269,8 +195,33 @@ def zoo_numbers(
         adaptation: name of an adaptation; "" is the default.
         case_seed: seed of tool, friction and model errors.
     """
-    row = zoo_row(robot, law, case_seed, task, adaptation or None)
-    return asdict(row) | {"converged": row.verdict == CONVERGED}
+    names = ("joints", "radius", "unadapted", "adapted", "min_eig_M_hat", "min_singular_J_hat")
+    row: dict[str, Any] = {"robot": robot, "law": law, "task": task, **dict.fromkeys(names)}
+    row |= {"unadapted_angle": None, "adapted_angle": None}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
+        try:
+            row |= _numbers(robot, law, case_seed, task, adaptation or None)
+        except (PinadaptError, ArithmeticError, ValueError) as error:
+            row["verdict"] = f"refused: {error}"
+    return {**row, "converged": row["verdict"] == CONVERGED}
+
+
+def _numbers(name: str, law: str, seed: int, task: str, adaptation: str | None) -> dict[str, Any]:
+    case = zoo_case(name, seed, POSE if task == POSE else None)
+    adapted = _run(case, _controller(case, law, adaptation), case.duration)
+    unadapted = _run(case, _controller(case, law, "none"), case.repeating)
+    found = {
+        "joints": case.true.model.nv,
+        "radius": case.radius,
+        "unadapted": _last(case, unadapted, unadapted.distance),
+        "adapted": _last(case, adapted, adapted.distance),
+        "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
+        "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
+        "unadapted_angle": _last(case, unadapted, unadapted.angle),
+        "adapted_angle": _last(case, adapted, adapted.angle),
+    }
+    return {**found, "verdict": _verdict(case, found, adapted)}
 
 
 def run_zoo(
@@ -280,8 +231,8 @@ def run_zoo(
     seed: int = 0,
     processes: int | None = None,
     task: str = POSITION,
-) -> Generator[ZooRow, None, None]:
-    """Run robots as a sweep and yield their rows as they finish.
+) -> Iterator[dict[str, Any]]:
+    """Run robots as a sweep and yield their numbers as they finish, see ``zoo_numbers``.
 
     Robots with most joints start first, so that the processes finish at about the same time.
 
@@ -301,7 +252,8 @@ def run_zoo(
     for row in rows(FunctionWork(zoo_numbers), cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
-        yield ZooRow(**{key: row[key] for key in _COLUMNS if key in row})
+        dropped = ("case", "seed", "case_seed", "status", "reason", "seconds", "converged")
+        yield {key: value for key, value in row.items() if key not in dropped}
 
 
 def _controller(case: ZooCase, law: str, adaptation: str | None = None) -> Controller:
@@ -341,15 +293,15 @@ def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray | None) -> float |
     return None if errors is None else extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
 
 
-def _verdict(case: ZooCase, row: ZooRow, adapted: Rollout) -> str:
+def _verdict(case: ZooCase, found: Mapping[str, Any], adapted: Rollout) -> str:
     """Return "converged", or how the run ended."""
-    error, without = row.adapted, row.unadapted
+    error, without, angle = found["adapted"], found["unadapted"], found["adapted_angle"]
     if adapted.diverged is not None:
         return f"diverged at {adapted.diverged:.2f} s: {str(adapted.reason).rstrip('.')}"
     accurate = error is not None and error <= ACCURATE * case.radius
-    if row.adapted_angle is not None:
-        accurate = accurate and row.adapted_angle <= ACCURATE * SWING
-    if error and without is not None and accurate:
+    if angle is not None:
+        accurate = accurate and angle <= ACCURATE * SWING
+    if accurate and without is not None:
         if error <= BETTER * without:
             return CONVERGED
         return f"accurate, but only {without / error:.1f} times better than without"
