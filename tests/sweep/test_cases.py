@@ -102,11 +102,6 @@ def test_an_asterisk_gives_each_joint_a_number_as_list_or_table(scenario):
     assert list(table["model.inertial_scale"]) == ["joint1", "joint2"]
 
 
-def test_a_list_of_the_scenario_gets_a_number_for_each_of_its_entries(scenario):
-    found = plan(scenario, "truth.friction.viscous=uniform(0, 1)", samples=3).cases[0].values
-    assert len(set(found["truth.friction.viscous"])) == 2
-
-
 @pytest.mark.parametrize(
     ("vary", "words"),
     [

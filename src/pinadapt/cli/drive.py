@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ..exceptions import InputError, ScenarioError
 from ..plants.plant import SimulatedPlant
 from ..realtime.arm import Arm, ProcessArm
 from ..realtime.realtime_loop import Ending, RealtimeLoop, Scheduling, Stage
-from ..realtime.recorder import COMMANDS, CycleLog, Recorder, load_of
+from ..realtime.recorder import COMMANDS, CycleLog, Recorder
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety
 from ..records import Measurement
@@ -223,18 +223,17 @@ def _franka(scenario: Scenario, address: str, **given: Any) -> Arm:
 
 
 def _load(text: str) -> Payload:
-    """Return the load that a JSON text states.
+    """Return the payload that a JSON text states.
 
     Raises:
-        InputError: it is not valid JSON or not a load.
+        InputError: it is not valid JSON, or no payload.
     """
     try:
-        load = load_of(json.loads(text))
+        table = json.loads(text)
     except ValueError as error:
         raise InputError(f"is not valid JSON: {error}.", where="--load") from error
-    if load is None:
-        raise InputError('expected a table such as {"mass": 0.7}.', where="--load")
-    return cast(Payload, load)
+    found: Payload = made(Payload, table, "--load")
+    return found
 
 
 def _carrying(tables: Tables, folder: Path, load: Payload) -> Tables:

@@ -340,13 +340,3 @@ def moved(tables: Tables, move: Callable[[str], str]) -> Tables:
         if isinstance(name, str) and (path != "robot.source" or is_path(name)):
             table[last] = move(name)
     return found
-
-
-def value_at(tables: Any, key: str) -> Any:
-    """Return what stands at a dotted key, None if there is nothing."""
-    for part in key.split("."):
-        if isinstance(tables, list):
-            tables = tables[int(part)] if part.isdigit() and int(part) < len(tables) else None
-        else:
-            tables = tables.get(part) if isinstance(tables, Mapping) else None
-    return tables

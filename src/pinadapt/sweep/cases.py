@@ -42,7 +42,6 @@ from ..scenario.tables import (
     put,
     setting,
     toml_value,
-    value_at,
     with_values,
 )
 from .table import plain
@@ -600,14 +599,10 @@ def _bound(cases: Cases, raw: dict[str, Any], folder: str) -> Cases:
         names = tuple(described_robot(tables).joint_names)
     values = []
     for each in cases.values:
-        key = each.key.removesuffix(".*")
-        here = value_at(tables, key)
-        if key != each.key:
+        if (key := each.key.removesuffix(".*")) != each.key:
             # these keys hold a table of joints, where others hold a list
             by_name = key.endswith(("inertial_scale", "link_translation"))
             each = replace(each.each(len(names)), key=key, names=names if by_name else ())
-        elif isinstance(here, list) and here and all(isinstance(x, int | float) for x in here):
-            each = each.each(len(here))
         values.append(each)
     found = replace(cases, values=tuple(values))
     ordinary = found[0].values
