@@ -115,7 +115,7 @@ class Scenario:
         """
         tables = at_folder(tables, folder)
         given = parts(tables)
-        written, cameras = json.dumps(tables.get("robot")), len(given["truth"]["camera"])
+        written, cameras = _text_of(tables, "robot"), len(given["truth"]["camera"])
         described: Robot = _once(
             kept, "robot", f"{written} {cameras}", lambda: described_robot(tables)
         )
@@ -147,8 +147,7 @@ class Scenario:
                 unloaded, unknown=unknown, sensors=sensors, limits=given["limits"], **options
             )
 
-        used = ("robot", "model", "unknown", "controller", "sensors", "limits")
-        made_from = json.dumps([tables.get(name) for name in used])
+        made_from = _text_of(tables, "robot", "model", "unknown", "controller", "sensors", "limits")
         with located("controller", KEYS["controller"][1], TABLES):
             controller = _once(kept, "controller", f"{made_from} {cameras}", controller_of)
         if learned is not None:
@@ -241,6 +240,16 @@ class Scenario:
 
 def _once(kept: Kept | None, kind: str, of: str, make: Callable[[], Any]) -> Any:
     return make() if kept is None else kept.once(kind, of, make)
+
+
+def _text_of(tables: Tables, *names: str) -> str:
+    """Return tables as a text that differs where they do."""
+
+    def plain(value: Any) -> Any:
+        """Return what JSON has not in words or lists."""
+        return value.tolist() if hasattr(value, "tolist") else str(value)
+
+    return json.dumps([tables.get(name) for name in names], default=plain)
 
 
 def described_robot(tables: Tables) -> Robot:
