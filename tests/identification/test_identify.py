@@ -181,7 +181,7 @@ def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
         "[simulation]\nduration = 0.5\n[controller]\ndt = 2e-3\n"
     )
     cold = Scenario.read(scenario)
-    warm = Scenario.read(scenario, ["model.learned=learned.json"])
+    warm = Scenario.read(scenario, [f"model.learned={tmp_path / 'learned.json'}"])
     names = warm.controller.dynamics.names
     assert sorted(names) == sorted(learned.dynamic) != sorted(cold.controller.dynamics.names)
     friction = warm.controller.kinematics.robot.friction
@@ -189,7 +189,7 @@ def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
         assert np.allclose(getattr(friction, part), getattr(found.robot.friction, part))
     assert warm.start["information"].shape[1] == len(names)
     said = [
-        "model.learned=learned.json",
+        f"model.learned={tmp_path / 'learned.json'}",
         "unknown.friction=true",
         "unknown.armature=true",
     ]  # as `pinadapt init` writes
