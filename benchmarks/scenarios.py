@@ -17,9 +17,8 @@ from pinadapt.scenario import Scenario
 from .timing import HERE, markdown, two_digits
 
 ROBOTS = HERE.parent / "robots"
-ANNOUNCED = (
-    "belief.change=[{at=6.0,payload={mass=0.0}},{at=12.0,payload={mass=3.0,com=[0.0,0.0,0.05]}}]"
-)
+_LIFTED = "{mass=3.0,com=[0.0,0.0,0.05]}"
+ANNOUNCED = f"events.announcements=[{{at=6.0,payload={{mass=0.0}}}},{{at=12.0,payload={_LIFTED}}}]"
 Row = Mapping[str, Any]
 
 
@@ -46,7 +45,7 @@ def measure(
         kinematic: adaptation of the kinematics.
     """
     named = {
-        "simulation.engine": engine,
+        "engine.plant": engine,
         "controller.adaptation": adaptation,
         "controller.kinematic_adaptation": kinematic,
     }
@@ -110,7 +109,7 @@ def law_words(row: Row) -> str:
     """Return law and adaptation that settings name."""
     words = dict(each.split("=", 1) for each in (row["settings"] or "").split())
     law = f"`{words.get('controller.law', 'separation')}`"
-    if "simulation.camera" in words:
+    if "sensors.camera" in words:
         return f"{law}, camera of 30 Hz, 60 ms late"
     adaptation = words.get("controller.adaptation")
     return f'{law}, `adaptation = "{adaptation}"`' if adaptation else law

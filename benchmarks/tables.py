@@ -23,8 +23,9 @@ from statistics import median
 from typing import Any
 
 from pinadapt.exceptions import InputError, did_you_mean
-from pinadapt.sweep.cases import COPY, Plan, parsed_setting
-from pinadapt.sweep.execution import Progress, engine, run_plan, work_of
+from pinadapt.scenario.tables import setting
+from pinadapt.sweep.cases import COPY, Plan
+from pinadapt.sweep.execution import run_plan
 from pinadapt.sweep.table import AGAIN, FIRST, LAST, CaseTable, flat_row, read
 
 from . import (
@@ -180,8 +181,7 @@ def measure(name: str, again: Sequence[str] | None, processes: int | None) -> No
         rows = [] if not table.is_file() else table_rows(name)
         CaseTable.of(kept(plan, rows, again)).save(folder / "table.csv")
         plan.save(folder)
-    with engine(processes, timeout=plan.timeout) as workers:
-        found = run_plan(plan, work_of(plan), workers, folder, Progress(plan), retry=True)
+    found = run_plan(plan, processes, folder, retry=True)
     bad = [row for row in found.rows() if row["status"] in AGAIN]
     if bad:
         words = "\n".join(f"case {row['case']}: {row['reason']}" for row in bad)
@@ -195,7 +195,7 @@ def kept(
     plan: Plan, rows: Iterable[Mapping[str, Any]], again: Sequence[str] | None
 ) -> list[dict[str, Any]]:
     """Return the rows of cases that do not run, with their numbers and seeds in this sweep."""
-    wanted = {} if again is None else dict(parsed_setting(text, "--again") for text in again)
+    wanted = {} if again is None else dict(setting(text, "--again") for text in again)
     for key in wanted:
         if key not in plan.cases.keys:
             guess = did_you_mean(key, plan.cases.keys)

@@ -14,19 +14,6 @@ import lazy_loader
 
 _first_use, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-_RENAMED = {
-    "Belief": "NominalRobot",
-    "Believed": "EstimatedModel",
-    "Carrier": "DelayCompensator",
-    "JointElasticity": "Actuators",
-    "Mjcf": "MujocoFile",
-    "Sensed": "SensedState",
-}
-_GONE = {
-    "Orientation": "a motion of a quaternion, see pinadapt.trajectories.PoseTrajectory",
-    "Reference": "a BibTeX entry as text, see pinadapt.citation",
-}
-
 
 def __getattr__(name: str) -> object:
     """Return a public name at its first use.
@@ -36,18 +23,16 @@ def __getattr__(name: str) -> object:
     """
     if name in __all__:
         return _first_use(name)
-    place = "" if name.startswith("_") else _GONE.get(name) or _place(_RENAMED.get(name, name))
+    place = "" if name.startswith("_") else _place(name)
     raise AttributeError(
-        f"module {__name__!r} has no attribute {name!r}{place and f': it is now {place}'}",
+        f"module {__name__!r} has no attribute {name!r}{place and f': it is {place}'}",
         name=name,
         obj=modules[__name__],
     )
 
 
 def _place(name: str) -> str:
-    """Return the full name of what has a name in this package or further down, or an empty text."""
-    if name in __all__:
-        return f"{__name__}.{name}"
+    """Return the full name of what has a name further down in this package, or an empty text."""
     below = [module for module in iter_modules(__path__) if not module.name.startswith("_")]
     # packages first: a single file has as attributes what it imports from them
     for room in sorted(below, key=lambda each: (not each.ispkg, each.name not in __all__)):

@@ -51,11 +51,14 @@ from .robot import Robot as Robot
 from .robot import load as load
 from .robot import reachable_circle as reachable_circle
 from .rollout import Rollout as Rollout
+from .scenario import Scenario as Scenario
+from .scenario import compare as compare
 from .simulation import Engine as Engine
 from .simulation import Events as Events
 from .simulation import run as run
 from .simulation import simulate as simulate
 from .sweep import sweep as sweep
+from .sweep import tune as tune
 from .tuning import Unknown as Unknown
 from .tuning import make_controller as make_controller
 from .tuning import make_estimator as make_estimator

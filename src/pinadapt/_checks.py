@@ -9,12 +9,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import wraps
-from inspect import Parameter, signature
 from numbers import Integral, Real
 from reprlib import Repr
 from types import UnionType
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -103,45 +101,6 @@ def name_list(value: Any, name: str, error: type[InputError] = InputError) -> li
     if not all(isinstance(each, str) for each in found):
         raise error(f"expected a name or a list of names, got {shown(found)}.", where=name)
     return found
-
-
-def keywords(*others: str, **replaced: str) -> Callable[[C], C]:
-    """Decorate a function or a class so that a wrong keyword is an error that names the right one.
-
-    Classes are those that users make objects of, and not records that a control step makes.
-
-    Args:
-        others: what its ``**options`` may be.
-        replaced: former keyword -> what has replaced it, as a user writes it.
-    """
-
-    def decorate(named: C) -> C:
-        """Return the function or the class with its keywords checked."""
-        function: Any = vars(named)["__init__"] if isinstance(named, type) else named
-        where, parameters = named.__name__, signature(named).parameters.values()
-        own = [each.name for each in parameters if each.kind is not Parameter.VAR_KEYWORD]
-        names = [*own, *others]
-
-        @wraps(function)
-        def checked(*args: Any, **given: Any) -> Any:
-            """Call it if all keywords are its own."""
-            for name in given:
-                if name in replaced:
-                    raise InputError(f"'{name}' is now {replaced[name]}.", where=where)
-                if name not in names:
-                    raise InputError(
-                        f"there is no argument '{name}'.{did_you_mean(name, names)} "
-                        f"There are {names}.",
-                        where=where,
-                    )
-            return function(*args, **given)
-
-        if isinstance(named, type):
-            named.__init__ = checked  # type: ignore[misc]
-            return named
-        return cast(C, checked)
-
-    return decorate
 
 
 def mapping(value: Any, name: str, error: type[InputError] = InputError) -> Mapping[Any, Any]:
@@ -343,3 +302,27 @@ def positive(
     if 0.0 < number < SMALLEST:
         raise error(f"is too small to compute with, under {SMALLEST:g}: {number:g}.", where=name)
     return number
+
+
+@contextmanager
+def located(path: str, names: Iterable[str] = (), others: Iterable[str] = ()) -> Iterator[None]:
+    """Let errors raised inside name their place by a dotted path.
+
+    Args:
+        path: of the table or argument that is read inside.
+        names: of what it holds.
+        others: first words of places that stand for themselves, beside the path's own.
+
+    Raises:
+        InputError: the error raised inside, with its own type.
+    """
+    try:
+        yield
+    except InputError as error:
+        place = error.where or ""
+        head, _, rest = place.partition(".")
+        if head == path.rpartition(".")[2]:
+            place = f"{path}.{rest}" if rest else path
+        elif place and head not in others:
+            place = f"{path}{'.' if head in names else ': '}{place}"
+        raise type(error)(error.what, where=place or path, hint=error.hint) from error

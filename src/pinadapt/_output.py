@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from html import escape
+from inspect import getdoc
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -278,3 +280,13 @@ def percent(share: float, digits: int = 2) -> str:
     if 0.0 < value < 1e-3:
         return "< 0.001 %"
     return f"{value:.0f} %" if value >= 10.0**digits else f"{float(f'{value:.{digits}g}'):g} %"
+
+
+def meanings(make: Callable[..., Any]) -> dict[str, str]:
+    """Return the first sentence about each argument in a docstring."""
+    text = f"{getdoc(make)}\n{getdoc(getattr(make, '__init__', None)) or ''}"
+    found = re.findall(r"^    (\w+): (.+(?:\n {5,}.+)*)", text, re.M)
+    sentences = {
+        name: re.split(r"(?<=\w)[.;] ", " ".join(words.split()))[0] for name, words in found
+    }
+    return {name: words.rstrip(".").replace("``", "") + "." for name, words in sentences.items()}

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._checks import flag, keywords, mapping, numbers, positive, vector
+from ._checks import flag, instance, mapping, numbers, positive, vector
 from .exceptions import InputError, did_you_mean
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
@@ -70,7 +70,6 @@ class Desired(NamedTuple):
 _OLDEST = 100.0  # [s] delay of a frame
 
 
-@keywords()
 @dataclass(frozen=True)
 class Camera:
     """A camera or tracker that sees the task frame.
@@ -110,37 +109,10 @@ class Camera:
                 where="camera.dropout",
             )
 
-    @classmethod
-    def of(cls, given: Camera | Mapping[str, float | None]) -> Camera:
-        """Return a camera given as one, or by the names of its attributes.
-
-        Raises:
-            InputError: unknown names, or as the class.
-        """
-        if isinstance(given, Camera):
-            return given
-        if not isinstance(given, Mapping):
-            raise InputError(f"expected a Camera or a mapping, got {given!r}.", where="camera")
-        names = [part.name for part in fields(cls)]
-        for name in given:
-            if name not in names:
-                raise InputError(
-                    f"a camera has no '{name}'; it has {names}.{did_you_mean(str(name), names)}",
-                    where="camera",
-                )
-        return cls(**given)  # type: ignore[arg-type]
-
 
 Deviation: TypeAlias = float | tuple[float, ...]
 
 
-@keywords(
-    delay="camera=pa.Camera(delay=...)",
-    **dict.fromkeys(
-        ("robot", "dt", "seed"),
-        "an argument of pa.plants.SimulatedSensors(robot, dt, pa.Sensors(...), seed=...)",
-    ),
-)
 @dataclass(frozen=True)
 class Sensors:
     """The sensors of a robot; perfect by default.
@@ -149,8 +121,7 @@ class Sensors:
     ``simulate``, which simulates them.
 
     Attributes:
-        camera: that gives x, as a ``Camera`` or a mapping of its attributes; None: x is measured at
-            every sample, at once.
+        camera: that gives x; None: x is measured at every sample, at once.
         encoder: resolution of the joint encoders [rad or m a count], one number or one per joint
             (n); q is rounded to it and v is the difference of q over a period. Zero: q and v are
             measured directly.
@@ -178,7 +149,7 @@ class Sensors:
 
     def __init__(
         self,
-        camera: Camera | Mapping[str, float | None] | None = None,
+        camera: Camera | None = None,
         encoder: ArrayLike = 0.0,
         noise: Mapping[str, ArrayLike] | None = None,
         compensate_delay: bool = True,
@@ -186,22 +157,22 @@ class Sensors:
     ) -> None:
         """Check and keep the sensors."""
         given: dict[str, Any] = {
-            "camera": None if camera is None else Camera.of(camera),
-            "encoder": _deviation(encoder, "encoder"),
+            "camera": instance(camera, Camera | None, "sensors.camera"),
+            "encoder": _deviation(encoder, "sensors.encoder"),
             "noise": {},
-            "compensate_delay": flag(compensate_delay, "compensate_delay"),
+            "compensate_delay": flag(compensate_delay, "sensors.compensate_delay"),
             "torque_offset": None
             if torque_offset is None
-            else _deviation(torque_offset, "torque_offset"),
+            else _deviation(torque_offset, "sensors.torque_offset"),
         }
-        for name, deviation in mapping(noise, "noise").items():
+        for name, deviation in mapping(noise, "sensors.noise").items():
             if name not in CHANNELS:
                 raise InputError(
                     f"no channel is called '{name}'; there are {list(CHANNELS)}."
                     f"{did_you_mean(str(name), CHANNELS)}",
-                    where="noise",
+                    where="sensors.noise",
                 )
-            where = f"noise.{name}"
+            where = f"sensors.noise.{name}"
             given["noise"][name] = (
                 _deviation(deviation, where)
                 if name == "tau"
@@ -210,7 +181,7 @@ class Sensors:
         if given["torque_offset"] is not None and "tau" not in given["noise"]:
             raise InputError(
                 "a torque sensor has noise too.",
-                where="noise.tau",
+                where="sensors.noise.tau",
                 hint="Give its standard deviation beside the offset.",
             )
         for name, value in given.items():
@@ -274,7 +245,7 @@ class Sensors:
         Raises:
             InputError: an encoder resolution for another number of joints.
         """
-        counts = vector(self.encoder, nv, "encoder")
+        counts = vector(self.encoder, nv, "sensors.encoder")
         differenced = float(counts.max(initial=0.0)) / (dt * math.sqrt(6.0))
         camera = self.camera
         rate = 1.0 / dt if camera is None or camera.rate is None else min(camera.rate, 1.0 / dt)
@@ -282,8 +253,10 @@ class Sensors:
         v = math.hypot(self.deviation("v"), differenced)
         tau = 0.0
         if self.torque_offset is not None:
-            offset = vector(self.torque_offset, nv, "torque_offset")
-            tau = float(np.hypot(offset, vector(self.noise.get("tau", 0.0), nv, "noise.tau")).max())
+            offset = vector(self.torque_offset, nv, "sensors.torque_offset")
+            tau = float(
+                np.hypot(offset, vector(self.noise.get("tau", 0.0), nv, "sensors.noise.tau")).max()
+            )
         return SensorQuality(v, self.deviation("x"), rate, age, tau)
 
     def deviation(self, channel: str) -> float:

@@ -111,7 +111,7 @@ def joint_motion(
         inertia[k] = pin.rnea(model, data, pose, rest, v[k])
         curve[k] = pin.rnea(model, data, pose, v[k], a[k])
     friction = robot.friction
-    dry = friction.coulomb + friction.load * np.abs(g) + friction.asymmetry * np.sign(v)
+    dry = friction.coulomb + friction.gear_friction * np.abs(g) + friction.asymmetry * np.sign(v)
     still = g + friction.offset + dry * np.maximum(friction.breakaway, 1.0) * np.sign(v)
     drag = robot.friction.viscous * v
     beyond = _beyond(model, poses)

@@ -82,9 +82,7 @@ def known_after(seconds, name="panda", *, base=False, sensors=None, **options):
     return float(wrong[-1]), rollout
 
 
-@pytest.mark.parametrize(
-    ("name", "camera"), [("panda", {"rate": 30.0, "delay": 0.06}), ("ur5", None)]
-)
+@pytest.mark.parametrize(("name", "camera"), [("panda", pa.Camera(30.0, 0.06)), ("ur5", None)])
 def test_tool_is_identified_within_a_second(name, camera):
     wrong, rollout = known_after(1.0, name, sensors=pa.Sensors(camera=camera), **FIT)
     assert wrong < 1e-4

@@ -19,12 +19,11 @@ gravity = [0.0, -9.81, 0.0]
 payload = { mass = 0.3 }
 [controller]
 adaptation = "natural"
-[reference]
+dt = 0.01  # ten of them are a long stall, even on a busy machine
+[trajectory]
 kind = "circle"
 radius = 0.1
 period = 3.0
-[simulation]
-dt = 0.01  # ten of them are a long stall, even on a busy machine
 """
 OWN = """
 from functools import partial

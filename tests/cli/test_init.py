@@ -23,7 +23,7 @@ def written(folder, source, *options):
 
 
 # where the period is not the point
-TWO_MS, FOUR_MS = "simulation.dt=2e-3", "simulation.dt=4e-3"
+TWO_MS, FOUR_MS = "controller.dt=2e-3", "controller.dt=4e-3"
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_the_written_file_runs_and_the_controller_learns(tmp_path, source, frame
     assert rollout.diverged is None
     late = rollout.t > 1.3
     last = rollout.distance[late].max()
-    assert last < 0.06 * tables["reference"]["radius"]
+    assert last < 0.06 * tables["trajectory"]["radius"]
     assert last < 0.4 * fixed.distance[late].max()
 
 
@@ -90,7 +90,7 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
 def test_a_set_point_law_gets_a_reachable_set_point(tmp_path, law):
     file = written(tmp_path, "scara", "--law", law)
     tables = read_toml(file)
-    assert tables["controller"]["law"] == law and tables["reference"]["kind"] == "waypoints"
+    assert tables["controller"]["law"] == law and tables["trajectory"]["kind"] == "waypoints"
     scenario = Scenario.read(file, ["simulation.duration=3.5", FOUR_MS])
     assert scenario.findings() == [] and scenario.controller.law.name == law
     rollout = scenario.run()
@@ -109,7 +109,7 @@ def test_a_joint_task_gets_sines_of_its_joints(tmp_path, arguments, law):
     file = written(tmp_path, ARM4, *arguments)
     tables = read_toml(file)
     assert (tables["robot"]["task"], tables["controller"]["law"]) == ("joint", law)
-    assert tables["reference"]["kind"] == "sinusoid" and "tool_translation" not in tables["truth"]
+    assert tables["trajectory"]["kind"] == "sinusoid" and "tool_translation" not in tables["truth"]
     short = ["simulation.duration=1.6", TWO_MS]
     rollout = Scenario.read(file, short).run()
     fixed = Scenario.read(file, [*short, "controller.adaptation='none'"]).run()

@@ -17,7 +17,7 @@ from tests.support.snapshots import snapshot, unchanged
 pytestmark = pytest.mark.slow
 
 DT = 1e-3  # [s]
-CAMERA = {"rate": 30.0, "delay": 0.06}
+CAMERA = pa.Camera(30.0, 0.06)
 
 
 class Stream:

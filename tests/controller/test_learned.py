@@ -160,7 +160,7 @@ def test_a_run_saves_its_estimates_and_another_starts_from_them(tmp_path):
     scenario = tmp_path / "one.toml"
     scenario.write_text(
         '[robot]\nsource = "scara"\n[truth]\npayload = {mass = 0.5}\n'
-        '[reference]\nkind = "circle"\nradius = 0.05\nperiod = 2.0\n'
+        '[trajectory]\nkind = "circle"\nradius = 0.05\nperiod = 2.0\n'
         "[simulation]\nduration = 0.2\n"
     )
     assert main(["run", str(scenario), "--out", str(tmp_path / "one"), "--no-html"]) == 0
@@ -168,7 +168,7 @@ def test_a_run_saves_its_estimates_and_another_starts_from_them(tmp_path):
     again = pa.load(tmp_path / "one" / "learned.urdf", frame="tool", task="xyz")
     assert again.joint_names == catalogue_robot("scara").joint_names
     (tmp_path / "two.toml").write_text(
-        scenario.read_text() + '[belief]\nlearned = "one/learned.json"\n'
+        scenario.read_text() + '[model]\nlearned = "one/learned.json"\n'
     )
     assert (
         main(["run", str(tmp_path / "two.toml"), "--out", str(tmp_path / "two"), "--no-html"]) == 0
@@ -177,5 +177,5 @@ def test_a_run_saves_its_estimates_and_another_starts_from_them(tmp_path):
     assert "Not excited by the motion" in written["remark"]
     first = np.load(tmp_path / "two" / "rollout.npz")["a_d"][0]
     assert first.tolist() == [row["value"] for row in written["dynamic"]]
-    wrong = [*("run", str(tmp_path / "two.toml")), "--set", "unknown.dynamic='payload'"]
+    wrong = [*("run", str(tmp_path / "two.toml")), "--set", "unknown.bodies='payload'"]
     assert main([*wrong, "--out", str(tmp_path / "three")]) == 2

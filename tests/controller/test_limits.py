@@ -330,7 +330,7 @@ def published(law="adaptive-inverse-dynamics", dt=4e-4, more=()):
         "controller.gamma_d=[4.5, 1.5, 1.5]",
         "simulation.duration=0.1",
     ]
-    settings += [f"controller.law={law}", "simulation.mode=continuous", f"simulation.dt={dt}"]
+    settings += [f"controller.law={law}", "engine.continuous=true", f"engine.dt={dt}"]
     return Scenario.read(ROBOTS / "planar_2r" / "wang_xie_2009.toml", [*settings, *more]).run()
 
 

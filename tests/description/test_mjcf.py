@@ -42,7 +42,7 @@ def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
 def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
     file = tmp_path / "arm.toml"
     assert main(["init", str(mjcf(tmp_path, text)), "--frame", "tip", "--out", str(file)]) == 0
-    settings = ["simulation.duration=3.0", "simulation.dt=4e-3", 'reference.start="moving"']
+    settings = ["simulation.duration=3.0", "controller.dt=4e-3", "trajectory.as_given=true"]
     rollout = Scenario.read(file, settings).run()
     assert rollout.distance[-100:].max() < 0.1 * rollout.distance[:100].max()
 

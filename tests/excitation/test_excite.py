@@ -160,7 +160,7 @@ def test_the_command_writes_the_printed_motion_as_a_scenario(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "of velocity" in printed and f"pinadapt run {file}" in printed
     scenario = Scenario.read(file)
-    assert scenario.tables.simulation.duration == 4.0
+    assert scenario.duration == 4.0
     motion = pa.excite(
         catalogue_robot("planar_2r"), unknown=pa.Unknown(bodies="payload"), duration=4.0
     )

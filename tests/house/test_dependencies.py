@@ -16,8 +16,6 @@ OPTIONAL = (
     "mujoco",
     "bags",
     "descriptions",
-    "sweep",
-    "dask",
     "franka",
     "moteus",
     "tune",

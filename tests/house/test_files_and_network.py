@@ -18,7 +18,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.controller import LearnedParameters
-from pinadapt.sweep.table import CaseTable, has_parquet
+from pinadapt.sweep.table import CaseTable
 from tests.logs.test_logs import columns_of, write_bag, write_csv
 from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
@@ -57,8 +57,7 @@ def whole(tmp_path_factory, robot, planar):
     state = controller.init(pa.plants.PinocchioPlant(planar).measure())
     LearnedParameters.of(controller, state).save(folder / "a.json")
     table = CaseTable.of([{"case": 0, "seed": 1, "x": 1.5}, {"case": 1, "seed": 2, "x": 2.5}])
-    for name in ("table.csv", *(["table.parquet"] if has_parquet() else [])):
-        table.save(folder / name)
+    table.save(folder / "table.csv")
     arm = (ROOT / "tests" / "data" / "arm4.urdf").read_text()
     (folder / "a.urdf").write_text(arm)
     (folder / "a.xml").write_text(planar.mjcf())
@@ -71,7 +70,6 @@ def whole(tmp_path_factory, robot, planar):
         "mcap": lambda path: pa.read_log(path, robot),
         "a.json": lambda path: LearnedParameters.load(path).start(controller),
         "table.csv": CaseTable.load,
-        "table.parquet": CaseTable.load,
         "a.urdf": pa.load,
         "a.xml": pa.load,
     }
@@ -127,7 +125,6 @@ KINDS = {  # how many damaged files of each are read
     "mcap": 15,
     "a.json": 25,
     "table.csv": 25,
-    "table.parquet": 15,
     "a.urdf": 12,
     "a.xml": 15,
 }
@@ -138,8 +135,6 @@ def test_a_damaged_file_is_read_or_refused(kind, whole, tmp_path):
     folder, readers = whole
     rng, refused = random.Random(kind), 0
     source, copy = folder / kind, tmp_path / kind
-    if not source.exists():
-        pytest.skip("pyarrow is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         readers[kind](source)

@@ -1,4 +1,4 @@
-"""The public API: arguments that do not exist."""
+"""The public API: constructors refuse junk when they are called, and name the field."""
 
 import pytest
 
@@ -6,22 +6,44 @@ import pinadapt as pa
 
 
 @pytest.mark.parametrize(
-    ("function", "wrong", "right"),
+    ("make", "junk", "field"),
     [
-        (pa.simulate, "durations", "duration"),
-        (pa.identify, "adaption", "adaptation"),
-        (pa.excite, "excursions", "excursion"),
-        (pa.load, "frames", "frame"),
-        (pa.make_controller, "unknwn", "unknown"),
-        (pa.make_controller, "kv", "Kv"),
-        (pa.make_estimator, "sensor", "sensors"),
-        (pa.Limits, "torqe", "torque"),
-        (pa.Unknown, "tol", "tool"),
-        (pa.Engine, "substep", "substeps"),
-        (pa.Camera, "rat", "rate"),
-        (pa.Controller, "low", "law"),
+        (pa.Payload, {"mass": -1.0}, "payload.mass"),
+        (pa.Payload, {"mass": 1.0, "com": [0.0]}, "payload.com"),
+        (pa.Friction, {"viscous": -1.0}, "friction.viscous"),
+        (pa.Friction, {"threshold": 0.0}, "friction.threshold"),
+        (pa.Limits, {"box": -1.0}, "limits.box"),
+        (pa.Limits, {"torque": -1.0}, "limits.torque"),
+        (pa.Limits, {"damping": 2.0}, "limits.damping"),
+        (pa.Limits, {"guards": {"positon": False}}, "limits.guards"),
+        (pa.Unknown, {"bodies": 3}, "unknown.bodies"),
+        (pa.Unknown, {"translations": 3}, "unknown.translations"),
+        (pa.Engine, {"plant": "mujco"}, "engine.plant"),
+        (pa.Engine, {"substeps": 0}, "engine.substeps"),
+        (pa.Camera, {"rate": -1.0}, "camera.rate"),
+        (pa.Sensors, {"camera": {"rate": 30.0}}, "sensors.camera"),
+        (pa.Sensors, {"noise": {"q": -1.0}}, "sensors.noise.q"),
+        (pa.Events, {"changes": {-1.0: None}}, "events.changes"),
+        (pa.trajectories.Circle, {"radius": -1.0}, "trajectory.radius"),
+        (pa.trajectories.Sinusoid, {"period": 0.0}, "trajectory.period"),
+        (pa.robot.Actuators, {"delay": -1.0}, "actuators.delay"),
+        (pa.robot.Shaft, {"joints": (0, 0)}, "shafts.joints"),
     ],
 )
-def test_a_wrong_keyword_is_refused_with_the_nearest(function, wrong, right):
-    with pytest.raises(pa.InputError, match=f"no argument '{wrong}'.*Did you mean '{right}'"):
-        function(**{wrong: None})
+def test_junk_is_refused_where_it_is_made(make, junk, field):
+    with pytest.raises(pa.InputError) as error:
+        make(**junk)
+    assert error.value.where.startswith(field)
+
+
+def test_scalars_are_for_all_joints():
+    robot = pa.load("planar_2r").changed(friction=pa.Friction(viscous=1.0, coulomb={"joint2": 0.5}))
+    assert robot.friction.viscous.tolist() == [1.0, 1.0]
+    assert robot.friction.coulomb.tolist() == [0.0, 0.5]
+
+
+def test_a_load_is_the_payload():
+    assert pa.Unknown.of("payload").bodies == "payload"
+    for word in ("load", "loads"):
+        with pytest.raises(pa.InputError, match="Did you mean 'payload'"):
+            pa.Unknown.of(word)

@@ -186,18 +186,22 @@ def test_a_scenario_starts_from_what_a_log_identified(tmp_path):
     scenario.write_text(
         f'[robot]\nsource = "ur5"\n[truth]\npayload = {{{load}}}\n'
         "tool_translation = [0.03, -0.02, 0.12]\nfriction = {viscous = 0.5, coulomb = 0.8}\n"
-        '[reference]\nkind = "circle"\nradius = 0.08\nperiod = 3.0\n'
-        "[simulation]\nduration = 0.5\ndt = 2e-3\n"
+        '[trajectory]\nkind = "circle"\nradius = 0.08\nperiod = 3.0\n'
+        "[simulation]\nduration = 0.5\n[controller]\ndt = 2e-3\n"
     )
     cold = Scenario.read(scenario)
-    warm = Scenario.read(scenario, ["belief.learned=learned.json"])
+    warm = Scenario.read(scenario, [f"model.learned={tmp_path / 'learned.json'}"])
     names = warm.controller.dynamics.names
     assert sorted(names) == sorted(learned.dynamic) != sorted(cold.controller.dynamics.names)
     friction = warm.controller.kinematics.robot.friction
     for part in ("threshold", "breakaway", "fading"):
         assert np.allclose(getattr(friction, part), getattr(found.robot.friction, part))
     assert warm.start["information"].shape[1] == len(names)
-    said = ["belief.learned=learned.json", "unknown.joint=all"]  # as `pinadapt init` writes
+    said = [
+        f"model.learned={tmp_path / 'learned.json'}",
+        "unknown.friction=true",
+        "unknown.armature=true",
+    ]  # as `pinadapt init` writes
     assert Scenario.read(scenario, said).controller.dynamics.names == names
     errors = [scenario.run().distance.max() for scenario in (cold, warm)]
     assert errors[1] < 0.2 * errors[0]  # friction in a scenario is sharper than in this log

@@ -23,7 +23,7 @@ OFF = 0.03  # of the arm's inertias
 def run(name, *settings, dt=6e-3):
     """Return ten seconds of the motion in a scenario, at a controller's period [s]."""
     natural = "controller.adaptation=natural"
-    return Scenario.read(FILES[name], [f"simulation.dt={dt}", natural, *settings]).run()
+    return Scenario.read(FILES[name], [f"controller.dt={dt}", natural, *settings]).run()
 
 
 def off_arm():

@@ -49,13 +49,13 @@ EFFECTS = {
     "offset": (1, 3.0),
     "threshold": (0, 0.09),
     "breakaway": (2, -0.9),
-    "load": (1, 0.2),
+    "gear_friction": (1, 0.2),
     "shafts": (pa.robot.Shaft((4, 5), 1, 0.05, 2.0, 2.0),),
 }
 WORDS = {
     "shoulder_lift_joint.offset",
     "elbow_joint: other friction near rest, up to 0.1 rad/s",
-    "shoulder_lift_joint.load",
+    "shoulder_lift_joint.gear_friction",
     "a motor that turns with wrist_2_joint+wrist_3_joint",
 }
 

@@ -23,7 +23,7 @@ def run(name, duration=2.0, still=False, camera=False, **options):
     true = described.changed(
         payload=pa.Payload(MASS, COM, INERTIA), tool_translation=(0.01, 0.02, 0.03)
     )
-    frames = {"rate": 30.0, "delay": 0.06, "dropout": 0.0} if camera else None
+    frames = pa.Camera(30.0, 0.06) if camera else None
     controller = pa.make_controller(
         described, sensors=pa.Sensors(camera=frames), dt=4e-3, **options
     )

@@ -13,15 +13,15 @@ pytest.importorskip("mujoco")  # pip install -e '.[dev]' brings it
 
 ROBOTS = ROOT / "robots"
 ENGINES = ("pinocchio", "mujoco")
-SOONER = "truth.change=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0}}]"
-SHORTER, MOVING = "simulation.duration=2.5", 'reference.start="moving"'
-TWO_MS = "simulation.dt=0.002"
+SOONER = "events.changes=[{at=0.4, payload={mass=0.0}}, {at=0.7, payload={mass=3.0}}]"
+SHORTER, MOVING = "simulation.duration=2.5", "trajectory.as_given=true"
+TWO_MS = "controller.dt=0.002"
 KINDS = {
     "panda/tool_and_load.toml": [TWO_MS, "controller.adaptation=natural"],
     "ur5/unknown_lengths.toml": [TWO_MS],
 }
 HALF = "truth.friction={viscous=1.0, coulomb=0.25}"
-LINE = 'reference={kind="lissajous", amplitude=[0.0, 0.15, 0.0], cycles=[1, 1, 1], period=4.0}'
+LINE = 'trajectory={kind="lissajous", amplitude=[0.0, 0.15, 0.0], cycles=[1, 1, 1], period=4.0}'
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]
 
@@ -29,7 +29,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning"
 @cache
 def run(name, engine, *settings):
     """Return a scenario and its rollout, which several tests look at."""
-    scenario = Scenario.read(ROBOTS / name, [f'simulation.engine="{engine}"', *settings])
+    scenario = Scenario.read(ROBOTS / name, [f'engine.plant="{engine}"', *settings])
     rollout = scenario.run()
     assert rollout.diverged is None
     return scenario, rollout
@@ -73,7 +73,7 @@ def test_unknown_rotors_and_damping_are_tolerated(name):
 
 
 def test_a_line_with_friction_stays_off_the_stops():
-    settings = ("simulation.duration=4.4", "simulation.dt=0.004", LINE)
+    settings = ("simulation.duration=4.4", "controller.dt=0.004", LINE)
     scenario, rollout = run("panda/tool_and_load.toml", "mujoco", *settings)
     lower, upper = position_limits(scenario.true.model)
     assert np.ptp(rollout.x[:, 1]) > 0.29

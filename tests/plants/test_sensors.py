@@ -86,7 +86,7 @@ def test_delay_affects_only_the_measured_position():
 
 
 def test_frames_are_taken_at_multiples_of_the_interval_and_arrive_late():
-    truths, samples = seen(load("panda"), 200, camera={"rate": 30.0, "delay": 0.06})
+    truths, samples = seen(load("panda"), 200, camera=pa.Camera(30.0, 0.06))
     at, of = arrivals(samples)
     taken = [0, 33, 67, 100, 133]  # 1 / 30 s, 2 / 30 s and so on, in whole periods
     # the frame of the first instant, one of the time before that was under way, and the others
@@ -141,7 +141,7 @@ def test_the_angle_of_continuous_joints_is_counted():
 
 @pytest.mark.parametrize(
     "faults",
-    [{"camera": {"rate": 30.0}}, {"encoder": 1e-3}],
+    [{"camera": pa.Camera(30.0)}, {"encoder": 1e-3}],
 )
 def test_continuous_mode_has_perfect_sensors(faults):
     robot = load("planar_2r")

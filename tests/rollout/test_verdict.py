@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.cli.compare import comparison_table
 from pinadapt.rollout.summary import FOLLOWS, LOST, ROUGHLY
+from pinadapt.scenario.comparison import comparison_table
 from tests.support.loops import run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]

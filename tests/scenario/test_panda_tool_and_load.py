@@ -26,7 +26,7 @@ def test_panda_tracks_within_a_millimetre(adapted):
 def test_panda_unadapted_is_ten_times_worse(adapted):
     unadapted = Scenario.read(
         ROBOTS / "panda" / "tool_and_load.toml",
-        ["controller.adaptation=none", "simulation.duration=2.0", "simulation.dt=0.004"],
+        ["controller.adaptation=none", "simulation.duration=2.0", "controller.dt=0.004"],
     ).run()
     assert unadapted.diverged is None
     assert adapted.summary()["max_error_last"] <= 0.1 * unadapted.summary()["max_error_last"]
@@ -41,9 +41,10 @@ def test_panda_learns_its_tool_and_v_decreases(adapted):
 
 
 UNLIMITED = [
-    "controller.watch=false",
-    "controller.guards=false",
-    "simulation.torque_limits=false",
+    "limits.stop_on_divergence=false",
+    "limits.guards=false",
+    "engine.torque_limits=false",
+    "limits.torque=false",
 ]
 
 
@@ -65,9 +66,9 @@ def test_panda_with_plain_gradient_loses_its_mass_matrix():
 
 def test_panda_survives_a_start_far_from_its_path():
     """The path begins 23 cm from the tool; the estimates must not blow up between two samples."""
-    place = ["reference.center=[0.5, 0.0, 0.5]", 'reference.start="moving"']
-    far = [*place, "simulation.duration=2.0", "simulation.dt=0.002"]
-    for setting in ("simulation.torque_limits=false", "simulation.camera={}"):
+    place = ["trajectory.center=[0.5, 0.0, 0.5]", "trajectory.as_given=true"]
+    far = [*place, "simulation.duration=2.0", "controller.dt=0.002"]
+    for setting in ("engine.torque_limits=false", "sensors.camera={}"):
         rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*far, setting]).run()
         assert rollout.diverged is None
         assert rollout.distance[0] > 0.2

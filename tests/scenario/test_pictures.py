@@ -6,23 +6,23 @@ import pytest
 import pinadapt as pa
 from pinadapt.robot.robot import difference
 from pinadapt.scenario.scenario import Scenario
-from pinadapt.scenario.schema import check_tables
 from pinadapt.tasks import pinhole_camera
 
 PIXEL, EYE = 0.004, [1.0, 0.3, 4.0]
 RAW = {
     "robot": {"source": "planar_2r", "task": "image", "pixel": PIXEL},
     "truth": {"tool_translation": [0.05, 0.02, 0.0], "camera": [{"position": EYE}]},
-    "controller": {"adaptation": "natural"},
-    "reference": {"radius": 30.0},
-    "simulation": {"duration": 0.6, "dt": 0.004, "noise": {"x": 0.5}, "camera": {"rate": 30.0}},
+    "controller": {"adaptation": "natural", "dt": 0.004},
+    "trajectory": {"radius": 30.0},
+    "simulation": {"duration": 0.6},
+    "sensors": {"noise": {"x": 0.5}, "camera": {"rate": 30.0}},
 }
 
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory):
     """Return the scenario of these tables."""
-    return Scenario.build(check_tables(RAW, "test"), tmp_path_factory.mktemp("scenario"))
+    return Scenario.build(RAW, tmp_path_factory.mktemp("scenario"))
 
 
 @pytest.fixture(scope="module")

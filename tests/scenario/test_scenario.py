@@ -29,13 +29,15 @@ inertial_scale = 1.0
 link_translation = { panda_joint4 = [0.0, 0.0, 0.01] }
 friction = { viscous = 0.1, coulomb = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2] }
 
-[belief]
+[model]
 inertial_scale = 0.7
-kinematic = [0.01, 0.02, 0.2]
+
+[start]
+a_k = [0.01, 0.02, 0.2]
 
 [unknown]
-kinematic = ["tool"]
-dynamic   = "all"
+tool = true
+bodies   = "all"
 
 [controller]
 law = "adaptive-inverse-dynamics"
@@ -47,11 +49,11 @@ gamma_d = 10.0
 gamma_k = 0.05
 R_k = 50.0
 Q = 1.0
-lambda = 10.0
+lambda_ = 10.0
 lambda_a = 0.016666
-acceleration = "filtered"
+dt = 1e-3
 
-[reference]
+[trajectory]
 kind = "circle"
 center = [0.5, 0.0, 0.5]
 radius = 0.1
@@ -61,14 +63,20 @@ phase  = 0.0
 
 [simulation]
 duration = 10.0
-dt = 1e-3
-mode = "sampled"
-substeps = 4
-engine = "pinocchio"
-noise  = { q = 0.0, v = 0.0, x = 0.0 }
-delay  = 0.0
-torque_limits = false
 seed = 0
+record_every = 1
+
+[engine]
+plant = "pinocchio"
+substeps = 4
+torque_limits = false
+
+[sensors]
+noise  = { q = 0.0, v = 0.0, x = 0.0 }
+camera = { delay = 0.0 }
+
+[limits]
+torque = false
 """
 
 
@@ -115,7 +123,7 @@ def test_every_key_of_the_interface_is_accepted(tmp_path):
 
 def test_a_circle_without_centre_starts_at_the_true_initial_position(tmp_path):
     scenario = scara(
-        tmp_path, "[truth]\ntool_translation = [0.1, 0.0, 0.05]\n[reference]\nphase = 0.8"
+        tmp_path, "[truth]\ntool_translation = [0.1, 0.0, 0.05]\n[trajectory]\nphase = 0.8"
     )
     start = scenario.true.position(scenario.true.q0)
     assert np.allclose(scenario.trajectory.at(0.0).x_d, start, atol=1e-12)
@@ -127,15 +135,15 @@ def test_a_circle_without_centre_starts_at_the_true_initial_position(tmp_path):
 
 def test_relative_waypoints_are_offsets_from_the_start(tmp_path):
     points = "points = [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]]"
-    text = f'[reference]\nkind = "waypoints"\n{points}\nsegment = 0.5\n'
-    scenario = scara(tmp_path, text)
+    text = f'[trajectory]\nkind = "waypoints"\n{points}\nsegment = 0.5\n'
+    scenario = scara(tmp_path, text + "relative = true")
     start = scenario.true.position(scenario.true.q0)
     assert np.allclose(
         scenario.trajectory.positions([0.0, 0.5, 1.0]) - start,
         [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0]],
         atol=1e-12,
     )
-    absolute = scara(tmp_path, text + "relative = false")
+    absolute = scara(tmp_path, text)
     assert np.allclose(
         absolute.trajectory.positions([0.0, 0.5]), [[0.1, 0.0, 0.0], [0.1, 0.1, 0.0]], atol=1e-12
     )
@@ -156,12 +164,12 @@ def test_paths_are_relative_to_the_scenario_file(tmp_path, monkeypatch):
 def test_settings_take_dotted_keys_and_toml_values():
     scenario = planar(
         "controller.Kv=[41.0, 42.0]",
-        "simulation.torque_limits=true",
-        "simulation.noise={ x = 1e-3 }",
+        "engine.torque_limits=true",
+        "sensors.noise={ x = 1e-3 }",
     )
     assert np.allclose(np.diag(scenario.controller.law.K_v), [41.0, 42.0])
-    assert scenario.tables.simulation.torque_limits is True
-    assert scenario.tables.simulation.noise.x == 1e-3
+    assert scenario.engine.torque_limits is True
+    assert scenario.sensors.noise["x"] == 1e-3
 
 
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.xml", "arm.urdf.xacro", "panda"])
@@ -184,14 +192,14 @@ def test_a_robot_in_place_of_a_scenario_is_sent_to_init(name, tmp_path, monkeypa
         ("truth.paylod=1", "truth.paylod", "payload"),
         ("truth.payload={ mass = 1.0, con = [0, 0, 0] }", "truth.payload.con", "com"),
         ("truth.friction={ viscos = 1.0 }", "truth.friction.viscos", "viscous"),
-        ("belief.friction.lod=0.1", "belief.friction.lod", "load"),
+        ("model.friction.gear_frict=0.1", "model.friction.gear_frict", "gear_friction"),
         ("truth.friction.shafts=[{ joint = [] }]", "truth.friction.shafts.0.joint", "joints"),
-        ("belief.dynamc=[1.0]", "belief.dynamc", "dynamic"),
-        ("unknown.kinematc=[]", "unknown.kinematc", "kinematic"),
+        ("start.ad=[1.0]", "start.ad", "a_d"),
+        ("unknown.translation=[]", "unknown.translation", "translations"),
         ("controller.kv=3.0", "controller.kv", "Kv"),
-        ("controller.lamda=3.0", "controller.lamda", "lambda"),
-        ("reference.radus=1.0", "reference.radus", "radius"),
-        ("simulation.substep=1", "simulation.substep", "substeps"),
+        ("controller.lamda=3.0", "controller.lamda", "lambda_"),
+        ("trajectory.radus=1.0", "trajectory.radus", "radius"),
+        ("engine.substep=1", "engine.substep", "substeps"),
     ],
 )
 def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion):
@@ -206,7 +214,6 @@ def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion
     [
         ("title=3", "title"),
         ("robot.source=3", "robot.source"),
-        ("robot.q0=1.0", "robot.q0"),
         ("robot.q0=[nan, 1.0]", "robot.q0"),
         ("robot.gravity=[0.0, 0.0]", "robot.gravity"),
         ("truth.tool_translation=[0.0, 0.0]", "truth.tool_translation"),
@@ -217,24 +224,24 @@ def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion
         ("truth.inertial_scale={ joint1 = -1.0 }", "truth.inertial_scale.joint1"),
         ("truth.link_translation={ joint1 = [0.0, 0.0] }", "truth.link_translation.joint1"),
         ("truth.friction.viscous=-1.0", "truth.friction.viscous"),
-        ("belief.inertial_scale=0.0", "belief.inertial_scale"),
-        ("belief.dynamic=3.0", "belief.dynamic"),
+        ("model.inertial_scale=0.0", "model.inertial_scale"),
+        ("start.a_d='a'", "start.a_d"),
         ("controller.Kv='a'", "controller.Kv"),
         ("controller.alpha=[1.0]", "controller.alpha"),
-        ("reference.radius=-1.0", "reference.radius"),
-        ("reference.period=0.0", "reference.period"),
-        ("reference.phase=inf", "reference.phase"),
-        ("reference.plane='yz'", "reference.plane"),
-        ("reference.center=[1.0]", "reference.center"),
+        ("trajectory.radius=-1.0", "trajectory.radius"),
+        ("trajectory.period=0.0", "trajectory.period"),
+        ("trajectory.phase=inf", "trajectory.phase"),
+        ("trajectory.plane='yz'", "trajectory.plane"),
+        ("trajectory.center=[1.0]", "trajectory.center"),
         ("simulation.duration=-1.0", "simulation.duration"),
         ("simulation.duration=inf", "simulation.duration"),
-        ("simulation.dt=0.0", "simulation.dt"),
-        ("simulation.dt=nan", "simulation.dt"),
-        ("simulation.substeps=0", "simulation.substeps"),
-        ("simulation.substeps=1.5", "simulation.substeps"),
-        ("simulation.noise.x=-1.0", "simulation.noise.x"),
-        ("simulation.delay=-1.0", "simulation.delay"),
-        ("simulation.torque_limits='maybe'", "simulation.torque_limits"),
+        ("controller.dt=0.0", "controller.dt"),
+        ("controller.dt=nan", "controller.dt"),
+        ("engine.substeps=0", "engine.substeps"),
+        ("engine.substeps=1.5", "engine.substeps"),
+        ("sensors.noise.x=-1.0", "sensors.noise.x"),
+        ("sensors.camera.delay=-1.0", "sensors.camera.delay"),
+        ("engine.torque_limits='maybe'", "engine.torque_limits"),
         ("simulation.seed=-1", "simulation.seed"),
         # found when robot, controller and motion are built
         ("robot.source=planr_2r", "robot.source"),
@@ -248,10 +255,10 @@ def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion
             "truth.payload={ mass = 1.0, inertia = [-1.0, 0.0, 1.0, 0.0, 0.0, 1.0] }",
             "truth.payload.inertia",
         ),
-        ("belief.inertial_scale={ joint3 = 1.0 }", "belief.inertial_scale"),
-        ("unknown.kinematic=['tol']", "unknown.kinematic"),
-        ("unknown.kinematic=['joint1']", "unknown.kinematic"),
-        ("unknown.dynamic=al", "unknown.dynamic"),
+        ("model.inertial_scale={ joint3 = 1.0 }", "model.inertial_scale"),
+        ("unknown.translations=['tol']", "unknown.translations"),
+        ("unknown.translations=['joint1']", "unknown.translations"),
+        ("unknown.bodies=al", "unknown.bodies"),
         ("unknown.basis=bsis.csv", "unknown.basis"),
         ("unknown.lmi=lm.csv", "unknown.lmi"),
         ("controller.Kv=-1.0", "controller.Kv"),
@@ -259,21 +266,24 @@ def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion
         ("controller.alpha=100.0", "controller.alpha"),
         ("controller.gamma_d=[1.0, 2.0, 3.0]", "controller.gamma_d"),
         ("controller.gamma_k=[1.0]", "controller.gamma_k"),
-        ("controller.lambda=-1.0", "controller.lambda"),
+        ("controller.lambda_=-1.0", "controller.lambda_"),
         ("controller.lambda_a=0.0", "controller.lambda_a"),
         (
-            "reference={ kind = 'lissajous', amplitude = [0.1], cycles = [1.0, 2.0] }",
-            "reference.amplitude",
+            "trajectory={ kind = 'lissajous', amplitude = [0.1], cycles = [1.0, 2.0] }",
+            "trajectory.amplitude",
         ),
-        ("reference={ kind = 'waypoints', points = [[0.1, 0.1, 0.1]] }", "reference.points"),
         (
-            "reference={ kind = 'waypoints', relative = false, points = [[1, 1, 1], [1, 1, 2]] }",
-            "reference.points",
+            "trajectory={ kind = 'waypoints', relative = true, points = [[0.1, 0.1, 0.1]] }",
+            "trajectory.points",
+        ),
+        (
+            "trajectory={ kind = 'waypoints', points = [[1, 1, 1], [1, 1, 2]] }",
+            "trajectory: ",
         ),
         # found when the run begins
-        ("belief.kinematic=[1.0]", "belief.kinematic"),
-        ("belief.dynamic=[1.0]", "belief.dynamic"),
-        ("belief.dynamic=[1.0, 5.0, 1.0]", "belief.dynamic"),
+        ("start.a_k=[1.0]", "start.a_k"),
+        ("start.a_d=[1.0]", "start.a_d"),
+        ("start.a_d=[1.0, 5.0, 1.0]", "start.a_d"),
     ],
 )
 def test_a_wrong_value_names_its_dotted_key(setting, key):

@@ -14,7 +14,7 @@ def with_everything(robot, rng):
         rng.uniform(0.1, 2.0, n),
         rng.uniform(0.1, 2.0, n),
         threshold=rng.uniform(0.01, 0.1, n),
-        load=rng.uniform(0.01, 0.3, n),
+        gear_friction=rng.uniform(0.01, 0.3, n),
         asymmetry=rng.uniform(-0.1, 0.1, n),
         offset=rng.uniform(-1.0, 1.0, n),
         breakaway=rng.uniform(0.5, 1.5, n),
@@ -31,7 +31,7 @@ def torque_of_everything(robot, q, v, a):
     for j, speed in enumerate(v):
         sign = np.tanh(speed / f.threshold[j])
         sign *= 1.0 + (f.breakaway[j] - 1.0) * np.exp(-abs(speed) / f.fading[j])
-        dry = f.coulomb[j] + f.load[j] * abs(g[j]) + f.asymmetry[j] * np.sign(speed)
+        dry = f.coulomb[j] + f.gear_friction[j] * abs(g[j]) + f.asymmetry[j] * np.sign(speed)
         tau[j] += f.viscous[j] * speed + dry * sign + f.offset[j]
     for shaft in f.shafts:
         (i, j), s = shaft.joints, shaft.sign

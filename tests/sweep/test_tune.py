@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pinadapt.cli.command_line import main
-from pinadapt.cli.tune import Judged, verdict
 from pinadapt.sweep.sweep_report import percentile, rate
+from pinadapt.sweep.tune import Judged, verdict
 
 CASES = """
 function = "tests.support.swept:valley"

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinadapt.scenario.parts import trajectory_of
-from pinadapt.scenario.schema import check_tables
+from pinadapt.scenario.scenario import trajectory_of
 from pinadapt.tasks.task import JointTask
 from tests.support.chains import catalogue_robot
 
@@ -14,8 +13,7 @@ def motion(**reference):
     """Return the motion of a reference for the joints of the scara, and the robot."""
     robot = catalogue_robot("scara")
     robot = replace(robot, task=JointTask.of_chain(robot.model))
-    raw = {"robot": {"source": "scara", "task": "joint"}, "reference": reference}
-    return trajectory_of(check_tables(raw, "test").reference, robot), robot
+    return trajectory_of(reference, robot), robot
 
 
 def test_a_sinusoid_starts_at_home_and_at_rest():

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow
 
 MASSES = (6.0, 5.0, 4.0, 2.0, 0.35, 0.08)  # [kg] a flange of 80 g, and 0.9 kg to carry
 LENGTHS = (0.18, 0.6, 0.12, 0.6, 0.02, 0.02)  # [m]
-CAMERA = {"rate": 30.0, "delay": 0.06}  # [1/s], [s]
+CAMERA = pa.Camera(30.0, 0.06)  # [1/s], [s]
 JOINTS = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
 
 

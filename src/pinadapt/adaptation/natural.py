@@ -177,7 +177,7 @@ class MatrixInequality:
             raise ParameterError(
                 f"the initial estimate {np.round(a, 6).tolist()} is outside the matrix inequality "
                 "of natural adaptation.",
-                where="belief.dynamic",
+                where="start.a_d",
                 hint="Start from an estimate inside, or use gradient adaptation.",
             )
         return a
@@ -401,7 +401,7 @@ class ExponentiatedGradient(Adaptation):
         if not self.contains(value):
             raise ParameterError(
                 f"the initial joint coefficients must be positive, got {value.tolist()}.",
-                where="belief.dynamic",
+                where="start.a_d",
             )
         return value
 

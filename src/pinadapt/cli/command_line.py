@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -282,6 +282,28 @@ def add_description(parser: argparse.ArgumentParser) -> None:
         metavar="KG",
         help="total mass of a robot that has links without inertia in its description",
     )
+
+
+def add_arguments_of(
+    parser: argparse._ActionsContainer, make: Callable[..., Any], types: Mapping[str, Any]
+) -> None:
+    """Add an option for some arguments of a class or function, explained as in its docstring.
+
+    Args:
+        parser: of the command.
+        make: the class or function.
+        types: of its arguments, by name: what makes a value of a text, ``bool``, or the choices.
+            An option that is not given is None.
+    """
+    from .._output import meanings  # here, because commands without such options need it not
+
+    about = meanings(make)
+    for name, kind in types.items():
+        option: dict[str, Any] = {"choices": kind} if isinstance(kind, tuple) else {"type": kind}
+        if kind is bool:
+            option = {"action": "store_true", "default": None}
+        words = about[name].replace("%", "%%")
+        parser.add_argument(f"--{name.replace('_', '-')}", help=words, **option)
 
 
 def add_seed(parser: argparse.ArgumentParser, what: str) -> None:

@@ -7,12 +7,14 @@ import importlib.util
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
+from .._checks import located
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
@@ -20,16 +22,15 @@ from ..exceptions import InputError, ScenarioError
 from ..plants.plant import SimulatedPlant
 from ..realtime.arm import Arm, ProcessArm
 from ..realtime.realtime_loop import RealtimeLoop, RunResult, Scheduling, Stage
-from ..realtime.recorder import COMMANDS, CycleLog, Recorder, load_of
+from ..realtime.recorder import COMMANDS, CycleLog, Recorder
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety
 from ..records import Measurement
 from ..reference import starting_from
 from ..robot.changes import Payload
 from ..robot.robot import Robot
-from ..scenario.parts import trajectory_of
-from ..scenario.scenario import Scenario, described_robot
-from ..scenario.schema import ScenarioTables, check_tables, parsed, read_tables, tables_with
+from ..scenario.scenario import Scenario, described_robot, trajectory_of
+from ..scenario.tables import Tables, at_folder, made, put, read_tables, setting, with_values
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
 from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, positive
@@ -48,8 +49,8 @@ _COLLISION = {
 _FRANKA = {
     "title": "Franka, load unknown",
     "robot": {"source": "panda", "task": "joint"},
-    "reference": {"kind": "sinusoid", "amplitude": 0.1, "period": 6.0},
-    "simulation": {"compensated": "nominal"},
+    "trajectory": {"kind": "sinusoid", "amplitude": 0.1, "period": 6.0},
+    "controller": {"compensated": "nominal"},
 }
 
 
@@ -124,11 +125,11 @@ def drive(options: argparse.Namespace) -> int:
         tables = _carrying(tables, folder, _load(options.load))
     scenario = Scenario.build(tables, folder)
     controller = scenario.controller
-    for finding in preflight(controller, tables.simulation.dt):
+    for finding in preflight(controller, controller.period):
         print(f"pre-run check: {finding}")
     path = options.log or Path("out") / time.strftime("drive-%Y%m%d-%H%M%S.mcap")
     about = {
-        "scenario": tables.model_dump_json(by_alias=True, exclude_unset=True),
+        "scenario": json.dumps(tables),
         "folder": str(folder.resolve()),
         "arm": options.kind,
         "stage": options.stage.value,
@@ -156,7 +157,7 @@ def drive(options: argparse.Namespace) -> int:
     return DIVERGED if ending.failed else DONE
 
 
-def _tables(options: argparse.Namespace) -> tuple[ScenarioTables, Path]:
+def _tables(options: argparse.Namespace) -> tuple[Tables, Path]:
     """Return the tables of the scenario, and the folder that its paths are relative to."""
     if options.file is not None:
         return read_tables(options.file, options.set), options.file.parent
@@ -168,22 +169,13 @@ def _tables(options: argparse.Namespace) -> tuple[ScenarioTables, Path]:
         )
     if options.set:
         raise ScenarioError("needs --scenario, whose keys it sets.", where="--set")
-    return check_tables(_FRANKA, "the scenario of a Franka"), Path()
+    return deepcopy(_FRANKA), Path()
 
 
 def _safety(settings: Sequence[str]) -> Safety:
     """Return the checklist with the numbers of key=value."""
-    given: dict[str, Any] = {}
-    for text in settings:
-        key, equals, value = text.partition("=")
-        if not equals or key not in Safety.__dataclass_fields__:
-            names = ", ".join(Safety.__dataclass_fields__)
-            raise InputError(f"expected one of {names} as key=value, got '{text}'.", where="safety")
-        try:
-            given[key] = json.loads(value)
-        except ValueError as error:
-            raise InputError(f"'{value}' is not a number.", where=f"safety.{key}") from error
-    return Safety(**given)
+    found: Safety = made(Safety, dict(setting(text, "--safety") for text in settings), "safety")
+    return found
 
 
 def _maker(options: argparse.Namespace) -> Callable[[Scenario], Arm]:
@@ -231,21 +223,20 @@ def _franka(scenario: Scenario, address: str, **given: Any) -> Arm:
 
 
 def _load(text: str) -> Payload:
-    """Return the load that a JSON text states.
+    """Return the payload that a JSON text states.
 
     Raises:
-        InputError: it is not valid JSON or not a load.
+        InputError: it is not valid JSON, or no payload.
     """
     try:
-        load = load_of(json.loads(text))
+        table = json.loads(text)
     except ValueError as error:
         raise InputError(f"is not valid JSON: {error}.", where="--load") from error
-    if load is None:
-        raise InputError('expected a table such as {"mass": 0.7}.', where="--load")
-    return cast(Payload, load)
+    found: Payload = made(Payload, table, "--load")
+    return found
 
 
-def _carrying(tables: ScenarioTables, folder: Path, load: Payload) -> ScenarioTables:
+def _carrying(tables: Tables, folder: Path, load: Payload) -> Tables:
     """Return the tables for a robot that carries a load and compensates its gravity itself.
 
     Raises:
@@ -253,16 +244,16 @@ def _carrying(tables: ScenarioTables, folder: Path, load: Payload) -> ScenarioTa
     """
     from ..realtime.franka import at_task_frame
 
-    if tables.belief.payload is not None:
+    if "payload" in tables.get("controller", {}):
         raise ScenarioError(
-            "is also given by --load; give only one of them.", where="belief.payload"
+            "is also given by --load; give only one of them.", where="controller.payload"
         )
-    seen = at_task_frame(load, described_robot(tables, folder))
-    raw = tables.model_dump(by_alias=True, exclude_unset=True)
+    seen = at_task_frame(load, described_robot(at_folder(tables, folder)))
     com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
     known = {"mass": seen.mass, "com": com, "inertia": inertia}
-    values = {"belief.payload": known, "simulation.compensated": "loaded"}
-    return tables_with(raw, values, "--load")
+    put(tables, "controller.payload", known)
+    put(tables, "controller.compensated", {"payload": known})
+    return tables
 
 
 def _own_arm(made_by: Any, kind: str, address: str | None, scenario: Scenario) -> Arm:
@@ -280,19 +271,17 @@ def _motors(scenario: Scenario, channel: str | None) -> Arm:
     """
     from ..realtime.moteus_arm import MoteusArm, Motor
 
-    table = scenario.tables.motors
-    if table is None:
+    table = dict(scenario.tables.get("moteus", {}))
+    motors = table.pop("motors", None)
+    if not isinstance(motors, list):
         raise ScenarioError(
-            "is needed: one [[motors.joint]] with joint and id for each joint.", where="motors"
+            "is needed: one [[moteus.motors]] with joint and id for each joint.", where="moteus"
         )
-    return MoteusArm(
-        scenario.estimated,
-        [Motor(**each.model_dump()) for each in table.joint],
-        interface=table.interface,
-        channel=channel or table.channel,
-        period=scenario.tables.simulation.dt,
-        timeout=table.timeout,
-    )
+    if channel is not None:
+        table["channel"] = channel
+    listed = [made(Motor, each, f"moteus.motors.{k}") for k, each in enumerate(motors)]
+    with located("moteus", table, ("robot",)):
+        return MoteusArm(scenario.estimated, listed, period=scenario.controller.period, **table)
 
 
 def _plant(engine: Any, true: Robot, controller: Controller) -> SimulatedPlant:
@@ -318,14 +307,11 @@ def _own(file: Path, name: str) -> Any:
 
 
 def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajectory:
-    """Return the motion of a [reference] table, beginning where the arm is."""
-    tables = check_tables(
-        {"robot": {"source": ""}, "reference": dict(table or {})}, "the new reference"
-    )
+    """Return the motion of a [trajectory] table, beginning where the arm is."""
     here = measurement
     if here.x is None:
         here = here._replace(x=robot.position(here.q))
-    return starting_from(trajectory_of(tables.reference, robot), robot, here)
+    return starting_from(trajectory_of(dict(table or {}), robot), robot, here)
 
 
 def _keep_learned(controller: Controller, ending: RunResult, stage: Stage, path: Path) -> None:
@@ -362,7 +348,7 @@ def replay(options: argparse.Namespace) -> int:
         )
     raw = json.loads(log.about["scenario"])
     folder = Path(log.about["folder"])
-    tables = tables_with(raw, dict(map(parsed, options.set)), str(options.log))
+    tables = with_values(raw, dict(map(setting, options.set)))
     scenario = Scenario.build(tables, folder)
     found = log.replay(scenario.controller)
     at = found.asked

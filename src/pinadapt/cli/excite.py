@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,18 @@ from ..excitation.exciting_motion import ExcitingMotion
 from ..excitation.exciting_motion import excite as find
 from ..models.translations import BASE, TOOL
 from ..robot.loading import load
-from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
-from ..scenario.schema import check_tables
+from ..scenario.tables import Tables, moved
 from ..tuning.unknowns import Unknown
-from .command_line import add_out_file, add_seed, names
+from .command_line import add_arguments_of, add_out_file, names, not_negative
 from .init import warn_of_findings
 
 _SCENARIO = ".toml"
+_SEARCH = {
+    **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
+    "srdf": Path,
+    "seed": not_negative,
+}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,20 +57,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LINK",
         help="end of the chain (default: the likeliest link at the robot's end)",
     )
-    for option, default, unit, text in (
-        ("duration", 10.0, "S", "duration of the motion (default: %(default)s)"),
-        ("excursion", None, "RAD", "largest distance of a joint from home (default: pi/2)"),
-        ("load", None, "KG", "heaviest load to allow for (default: a tenth of the robot's mass)"),
-        ("floor", None, "M", "height of the floor, in the axes of the base (default: none)"),
-    ):
-        parser.add_argument(f"--{option}", type=float, default=default, metavar=unit, help=text)
-    parser.add_argument(
-        "--srdf",
-        type=Path,
-        metavar="FILE",
-        help="SRDF file; the pairs in its disable_collisions may touch",
-    )
-    add_seed(parser, "the search")
+    add_arguments_of(parser, find, _SEARCH)
     add_out_file(parser, "the robot's name and _excited.toml")
 
 
@@ -89,14 +80,14 @@ def excite(options: argparse.Namespace) -> int:
     print(motion)
     folder = Path(source).parent if _is_scenario(source) else Path()
     tables = exciting_tables(tables, motion, folder, out.parent)
-    scenario = Scenario.build(check_tables(tables, str(out)), out.parent)
+    scenario = Scenario.build(tables, out.parent)
     write_text(out, exciting_text(tables))
     warn_of_findings(scenario)
     print(f"\npinadapt run {out}")
     return 0
 
 
-def _of_scenario(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingMotion]:
+def _of_scenario(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     """Return the tables of a scenario and a motion for its unknown parameters."""
     if options.unknown or options.joint:
         raise InputError(
@@ -112,27 +103,35 @@ def _of_scenario(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingM
     return read_toml(path), find(controller, **_found(options))
 
 
-def _of_robot(options: argparse.Namespace) -> tuple[dict[str, Any], ExcitingMotion]:
+def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     """Return tables of a scenario for a robot and a motion for the given unknown parameters."""
-    robot: Robot = load(options.source, frame=options.frame)
-    unknown, joint = options.unknown or ["all"], options.joint or ["all"]
-    kinematic = [name for name in unknown if name in (TOOL, BASE)]
-    dynamic = [name for name in unknown if name not in kinematic] or ["none"]
-    words = Unknown.of_tables(kinematic, _words(dynamic), _words(joint))
-    motion = find(robot, unknown=words, **_found(options))
-    return scenario_of_robot(options.source, robot, dynamic, joint), motion
+    robot = load(options.source, frame=options.frame)
+    names, joint = options.unknown or ["all"], options.joint or ["all"]
+    placed = {word: True for word in (TOOL, BASE) if word in names}
+    bodies = [name for name in names if name not in placed] or ["none"]
+    unknown = Unknown(**{"tool": False, **placed, "bodies": _words(bodies)})  # type: ignore[arg-type]
+    unknown = unknown.with_effects(_words(joint))
+    tables = {
+        "title": f"{robot.name}, an exciting motion",
+        "robot": {
+            "source": options.source,
+            "frame": robot.frame,
+            "q0": [float(f"{angle:.12g}") + 0.0 for angle in robot.home_angles],
+        },
+        "unknown": {
+            "bodies": unknown.bodies,
+            "friction": unknown.friction,
+            "armature": unknown.armature,
+            "effects": list(unknown.effects),
+        },
+    }
+    return tables, find(robot, unknown=unknown, **_found(options))
 
 
 def _found(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the search."""
-    return {
-        "duration": options.duration,
-        "excursion": options.excursion,
-        "load": options.load,
-        "floor": options.floor,
-        "srdf": options.srdf,
-        "seed": options.seed,
-    }
+    """Return the options of the search that are given."""
+    given = {name: getattr(options, name) for name in _SEARCH}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _words(names: Sequence[str]) -> str | list[str]:
@@ -149,52 +148,23 @@ def _name(source: str) -> str:
     return Path(source.removesuffix(".xacro")).stem if is_path(source) else source
 
 
-_FILES = (
-    ("robot", "source"),
-    ("unknown", "basis"),
-    ("unknown", "lmi"),
-    ("belief", "learned"),
-    ("simulation", "engine", "mjcf"),
-)
 _OF_TRANSLATIONS = (
-    ("unknown", "kinematic"),
-    ("unknown", "kinematic_box"),
-    ("belief", "kinematic"),
-    ("belief", "learned"),
-    ("controller", "gamma_k"),
+    ("unknown", ("tool", "base", "tracker", "geometry", "translations", "lengths")),
+    ("limits", ("box",)),
+    ("start", ("a_k",)),
+    ("model", ("learned",)),
+    ("controller", ("gamma_k",)),
 )
 _HEADER = "A motion that excites the unknown parameters, found by `pinadapt excite`."
 
 
-def scenario_of_robot(
-    source: str, robot: Robot, dynamic: Sequence[str], joint: Sequence[str]
-) -> dict[str, Any]:
-    """Return the tables of a scenario for a robot, without a motion.
-
-    Args:
-        source: a path, relative to the working directory, or a name.
-        robot: the robot loaded from it.
-        dynamic: unknown bodies, as in [unknown].
-        joint: unknown joint coefficients, as in [unknown].
-    """
-    return {
-        "title": f"{robot.name}, an exciting motion",
-        "robot": {
-            "source": source,
-            "frame": robot.frame,
-            "q0": [float(f"{angle:.12g}") + 0.0 for angle in robot.home_angles],
-        },
-        "unknown": {"dynamic": _words(dynamic), "joint": _words(joint)},
-    }
-
-
 def exciting_tables(
-    tables: Mapping[str, Any], motion: ExcitingMotion, source_folder: Path, folder: Path
-) -> dict[str, Any]:
+    tables: Tables, motion: ExcitingMotion, source_folder: Path, folder: Path
+) -> Tables:
     """Return the tables of a scenario with joints that follow a motion.
 
-    Task, reference and duration are replaced. Keys of unknown translations are removed, as these
-    do not influence the joints. Everything else stays.
+    Task, motion and duration are replaced. Keys of unknown translations are removed, as these do
+    not influence the joints. Everything else stays.
 
     Args:
         tables: the scenario.
@@ -202,20 +172,24 @@ def exciting_tables(
         source_folder: folder to which paths in ``tables`` are relative.
         folder: folder to which paths in the result are relative.
     """
-    whole: dict[str, Any] = {
-        key: dict(table) if isinstance(table, Mapping) else table for key, table in tables.items()
-    }
-    for path in _FILES:
-        _move(whole, path, source_folder, folder)
-    for section, key in _OF_TRANSLATIONS:
-        whole.get(section, {}).pop(key, None)
+
+    def move(name: str) -> str:
+        """Return a path relative to the other folder; an absolute one stays."""
+        if Path(name).is_absolute():
+            return name
+        return os.path.relpath((source_folder / name).absolute(), folder.absolute())
+
+    whole = moved(tables, move)
+    for section, keys in _OF_TRANSLATIONS:
+        for key in keys:
+            whole.get(section, {}).pop(key, None)
     whole["robot"]["task"] = "joint"
-    whole["reference"] = motion.reference()
+    whole["trajectory"] = motion.reference()
     whole["simulation"] = {**whole.get("simulation", {}), "duration": motion.duration}
     return whole
 
 
-def exciting_text(tables: Mapping[str, Any]) -> str:
+def exciting_text(tables: Tables) -> str:
     """Return tables as TOML text."""
     document = tomlkit.document()
     document.add(tomlkit.comment(_HEADER))
@@ -223,20 +197,6 @@ def exciting_text(tables: Mapping[str, Any]) -> str:
         document[key] = value
     for name in ("cosine", "sine"):
         rows = tomlkit.array().multiline(True)  # a line for each joint
-        rows.extend(tables["reference"][name])
-        document["reference"][name] = rows
+        rows.extend(tables["trajectory"][name])
+        document["trajectory"][name] = rows
     return tomlkit.dumps(document)
-
-
-def _move(
-    tables: MutableMapping[str, Any], path: Sequence[str], source_folder: Path, folder: Path
-) -> None:
-    """Make the path at a key relative to another folder; absolute paths stay."""
-    table: Any = tables
-    for key in path[:-1]:
-        table = table.get(key) if isinstance(table, Mapping) else None
-    name = table.get(path[-1]) if isinstance(table, Mapping) else None
-    if not isinstance(name, str) or Path(name).is_absolute():
-        return
-    if path != ("robot", "source") or is_path(name):
-        table[path[-1]] = os.path.relpath((source_folder / name).absolute(), folder.absolute())

@@ -20,9 +20,19 @@ from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
+from ..scenario.tables import parts, toml_value
 from ..simulation.simulate import watched
 from ..tuning.unknowns import Unknown
-from .command_line import DONE, INCOMPLETE, REFUSED, add_description, add_out, assignment, names
+from .command_line import (
+    DONE,
+    INCOMPLETE,
+    REFUSED,
+    add_arguments_of,
+    add_description,
+    add_out,
+    assignment,
+    names,
+)
 from .run import RUN_FILES
 
 _SCENARIO = ".toml"
@@ -40,8 +50,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         ("--dynamic", "unknown bodies: all, payload, none or joint names (default: all)"),
         (
             "--joint",
-            "unknown joint coefficients: all, none, armature, viscous, coulomb, load, asymmetry, "
-            "offset (default: viscous, coulomb, and what cross-validation chooses)",
+            "unknown joint coefficients: all, none, armature, viscous, coulomb, gear_friction, "
+            "asymmetry, offset (default: viscous, coulomb, and what cross-validation chooses)",
         ),
     ):
         parser.add_argument(option, type=names, metavar="A,B", help=what)
@@ -178,61 +188,18 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         metavar="SIGNAL=FILE",
         help="other files with q, v or tau, relative to the log's folder",
     )
-    group.add_argument(
-        "--joints",
-        type=_joint_names,
-        metavar="A,B",
-        help="the log's joints in the robot's order; if its columns have no names, the robot's "
-        "joints in the order of the columns; tau:A,B for the torques alone",
-    )
-    group.add_argument(
-        "--rate", type=float, metavar="HZ", help="samples a second, of logs without usable times"
-    )
-    group.add_argument(
-        "--repeated", choices=REPEATED, help="what to do with repeated samples (default: refuse)"
-    )
-    group.add_argument("--degrees", action="store_true", default=None, help="angles are in degrees")
-    for option, metavar, what in (
-        ("--gear", "N", "turns of the motor for one of the joint; the log is that of the motors"),
-        ("--torque-gain", "K", "torque for a unit of the log, such as N m/A"),
-        ("--offset", "RAD", "offset added to the positions, rad or m"),
-    ):
-        group.add_argument(
-            option,
-            type=_per_joint,
-            metavar=f"{metavar}|JOINT={metavar},...",
-            help=f"{what}; one number, one for each joint, or by joint",
-        )
-    group.add_argument(
-        "--motor-side", type=names, metavar="q,v,tau", help="signals before the gears (default all)"
-    )
-    group.add_argument(
-        "--flip",
-        type=names,
-        metavar="A,B",
-        help="joints whose torque has the other sign; q:A for position and velocity",
-    )
-    group.add_argument(
-        "--topic",
-        type=_topics,
-        metavar="NAME|SIGNAL=NAME,...",
-        help="topic of a bag's joint states; q=NAME,tau=NAME if the torques have another one, "
-        "tau=NAME:FIELD if its messages are no joint states",
-    )
-    group.add_argument(
-        "--pose-topic",
-        metavar="NAME",
-        help="topic of a bag's PointStamped, PoseStamped or TransformStamped messages",
-    )
-    group.add_argument(
-        "--compensated",
-        choices=("nominal",),
-        help="the arm compensates gravity itself; the log's torques do not contain it",
-    )
-    group.add_argument(
-        "--gravity", type=_vector, metavar="X,Y,Z", help="m/s^2, in the axes of the robot's base"
-    )
-    group.add_argument("--mount", choices=MOUNTS, help="where the base is mounted")
+    types = {
+        "joints": _joint_names,
+        "rate": float,
+        "repeated": REPEATED,
+        "degrees": bool,
+        **dict.fromkeys(("gear", "torque_gain", "offset", "topic", "gravity"), _listed),
+        **dict.fromkeys(("motor_side", "flip"), names),
+        "pose_topic": str,
+        "compensated": ("nominal",),
+        "mount": MOUNTS,
+    }
+    add_arguments_of(group, Intake, types)
     group.add_argument(
         "--accept-doubts",
         dest="doubtful",
@@ -253,15 +220,6 @@ def _signal(text: str) -> tuple[str, list[str]]:
     return name, names(columns)
 
 
-def _topics(text: str) -> str | dict[str, str]:
-    """Return a topic, or signals with their topics.
-
-    Raises:
-        ArgumentTypeError: an equals sign is missing.
-    """
-    return dict(map(assignment, names(text))) if "=" in text else text
-
-
 def _joint_names(text: str) -> list[str] | dict[str, list[str]]:
     """Return names of joints, or a signal with them.
 
@@ -272,35 +230,19 @@ def _joint_names(text: str) -> list[str] | dict[str, list[str]]:
     return {signal: names(listed)} if colon else names(text)
 
 
-def _per_joint(text: str) -> float | list[float] | dict[str, float]:
-    """Return a number, one for each joint, or numbers by joint.
+def _listed(text: str) -> Any:
+    """Return a value, several ones, or values by name; what can be a number is one.
 
     Raises:
-        ArgumentTypeError: no numbers, or an equals sign is missing.
+        ArgumentTypeError: there is none, or an equals sign is missing.
     """
-    parts = [part for part in text.split(",") if part.strip()]
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not parts:
+        raise argparse.ArgumentTypeError("at least one value is expected")
     if "=" in text:
-        return {name: _float(value) for name, value in map(assignment, parts)}
-    values = [_float(part) for part in parts]
-    if not values:
-        raise argparse.ArgumentTypeError("at least one number is expected")
+        return {name: toml_value(value) for name, value in map(assignment, parts)}
+    values = [toml_value(part) for part in parts]
     return values[0] if len(values) == 1 else values
-
-
-def _vector(text: str) -> list[float]:
-    """Return numbers separated by commas.
-
-    Raises:
-        ArgumentTypeError: they are no numbers.
-    """
-    return [_float(part) for part in text.split(",")]
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"a number is expected, got {text}") from None
 
 
 _ELSEWHERE = ("columns", "files")  # fields of an intake that are lists of assignments here
@@ -350,9 +292,8 @@ def identify(options: argparse.Namespace) -> int:
     _check_place(folder, FILES)
     robot, unknown = _robot_and_unknown(options)
     options.compared = _compared(options, robot)
-    for name in ("kinematic", "dynamic", "joint"):
-        given = getattr(options, name)
-        unknown |= {} if given is None else {name: _words(given)}
+    named = {name: _words(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
+    unknown = unknown.with_names(**named)
     try:
         found = identify_log(
             [options.log, *more],
@@ -361,7 +302,7 @@ def identify(options: argparse.Namespace) -> int:
             empty=options.empty,
             adaptation=options.adaptation,
             intake=intake,
-            unknown=Unknown.of_tables(**unknown),
+            unknown=unknown,
         )
     except TorqueMismatchError as error:
         print(error.check.sheet())
@@ -440,23 +381,21 @@ def _check_place(folder: Path, files: Sequence[str]) -> None:
         )
 
 
-def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, dict[str, Any]]:
+def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, Unknown]:
     """Return the robot and what is unknown; a scenario gives its estimated model and [unknown]."""
     chosen = {name: getattr(options, name) for name in ("frame", "task", "mass")}
     chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}
     if Path(options.robot).suffix != _SCENARIO:
-        return load(options.robot, **chosen), {}
+        return load(options.robot, **chosen), Unknown()
     if any(chosen.values()):
         raise InputError("the scenario says which frame, task and joints.", where="robot")
     scenario = Scenario.read(Path(options.robot))
-    unknown = scenario.tables.unknown
-    words = {"kinematic": unknown.kinematic, "dynamic": unknown.dynamic, "joint": unknown.joint}
-    return scenario.estimated, {name: part for name, part in words.items() if part is not None}
+    return scenario.estimated, parts(scenario.tables)["unknown"]
 
 
-def _words(given: str | list[str]) -> str | list[str]:
+def _words(given: list[str] | None) -> str | list[str] | None:
     """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
-    return given[0] if isinstance(given, list) and len(given) == 1 else given
+    return given[0] if given is not None and len(given) == 1 else given
 
 
 def _compared(options: argparse.Namespace, robot: Robot) -> dict[str, Robot]:

@@ -89,5 +89,5 @@ def warn_of_findings(scenario: Scenario) -> None:
     for finding in found:
         warnings.warn(finding, stacklevel=2)
     if not found:
-        law, dt = scenario.controller.law.name, scenario.tables.simulation.dt
+        law, dt = scenario.controller.law.name, scenario.engine.period(scenario.controller)
         print(f"Pre-run check passed: '{law}' is stable at {1e3 * dt:g} ms.")

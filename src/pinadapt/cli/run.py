@@ -6,18 +6,15 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from .._output import check_writable, one_run
 from ..citation import citation
-from ..exceptions import InputError, Interrupted
-from ..rollout.recording import extreme
+from ..exceptions import InputError
 from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
+from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
 from ..scenario.scenario import Scenario
 from ..simulation.simulate import watched
 from .command_line import (
@@ -59,7 +56,9 @@ def run(options: argparse.Namespace) -> int:
     Return 3 if the loop diverged, 130 if it was interrupted, else 0.
     """
     scenario = Scenario.read(options.scenario, options.set)
-    without = unadapted(options) if options.unadapted else None
+    without = None
+    if options.unadapted:
+        without = Scenario.read(options.scenario, [*options.set, NOT_ADAPTED])
     folder = check_place(options.out or Path("out") / options.scenario.stem)
     rollout = run_beside(scenario, without, live=options.live)
     try:
@@ -84,28 +83,6 @@ def load_words(rollout: Rollout) -> str:
     )
     mass = f"{load.mass:.4g} +- {load.mass_known_to:.2g} kg"
     return f"\nload found: {mass}, centre ({com}) m from the task frame\n"
-
-
-def unadapted(options: argparse.Namespace, *settings: str) -> Scenario:
-    """Return the scenario of the options with further settings and without adaptation."""
-    return Scenario.read(
-        options.scenario, [*options.set, *settings, 'controller.adaptation="none"']
-    )
-
-
-def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = False) -> Rollout:
-    """Return the rollout of a scenario, with the error of the unadapted scenario if one is given.
-
-    The unadapted one runs first; if it is interrupted, its rollout is returned.
-    """
-    if without is None:
-        return run_scenario(scenario, live=live)
-    first = run_scenario(without)
-    if first.interrupted is not None:
-        return first
-    return replace(
-        run_scenario(scenario, live=live), unadapted=extreme(np.max, first.window(False))
-    )
 
 
 def view_arguments(parser: argparse.ArgumentParser) -> None:
@@ -151,10 +128,9 @@ def _attached(scenario: Scenario, port: int) -> int:
     from ..realtime.recorder import watched as samples_of
     from ..view.live import LiveView
 
-    seconds = scenario.tables.simulation.duration
     robot, controller = scenario.true, scenario.controller
     samples = samples_of(port, controller, robot)
-    with LiveView(robot, controller, scenario.trajectory, duration=seconds) as live:
+    with LiveView(robot, controller, scenario.trajectory, duration=scenario.duration) as live:
         for _ in live.watch(samples):
             pass
     return DONE
@@ -198,15 +174,6 @@ def check_place(folder: Path) -> Path:
     """
     check_writable(folder, RUN_FILES)
     return folder
-
-
-def run_scenario(scenario: Scenario, *, live: bool = False) -> Rollout:
-    """Return the rollout of a scenario; if it is interrupted, the part that was simulated."""
-    try:
-        return scenario.run(view=live)
-    except Interrupted as stop:
-        print(f"pinadapt: {stop}; the outputs end there.", file=sys.stderr)
-        return stop.rollout
 
 
 def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:

@@ -10,11 +10,12 @@ from typing import Any
 from ..exceptions import InputError
 from ..rollout.summary import sheet
 from ..sweep.cases import COPY, METHODS, Plan
-from ..sweep.execution import Progress, ScenarioWork, claimed, engine, run_plan, work_of
+from ..sweep.execution import ScenarioWork, claimed, run_plan, work_of
 from ..sweep.table import CaseTable, read
 from .command_line import (
     DONE,
     INTERRUPTED,
+    add_arguments_of,
     add_out,
     add_scenario,
     not_negative,
@@ -28,10 +29,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     parser.epilog = (
-        "The file is a scenario, a sweep file, or the folder of a sweep. Values: [1.0, 2.0], "
+        "The file is a scenario, a sweep file, or the folder of a sweep. Values: 1.0,2.0 or a,b, "
         "lin(0.5, 2, 16), log(1, 100, 9), uniform(0.5, 2), loguniform(1, 100), normal(1, 0.1), "
-        "choice([...]); after an asterisk they are factors on the scenario's value; KEY.* has one "
-        "number for each joint."
+        "choice([...]); KEY.* has one number for each joint."
     )
     parser.add_argument(
         "--vary",
@@ -41,15 +41,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUES",
         help="a dotted key of the scenario and its values; several keys are combined",
     )
-    parser.add_argument(
-        "--samples", type=positive, metavar="N", help="number of samples of the distributions"
-    )
-    parser.add_argument("--method", choices=METHODS, help="sampling method (default: random)")
-    parser.add_argument("--repeat", type=positive, metavar="N", help="number of runs of each case")
-    parser.add_argument("--seed", type=not_negative, metavar="N", help="random seed (default: 0)")
-    parser.add_argument(
-        "--timeout", type=float, metavar="S", help="seconds after which a case is given up"
-    )
+    types = {
+        **dict.fromkeys(("samples", "repeat"), positive),
+        "method": METHODS,
+        "seed": not_negative,
+        "timeout": float,
+        "success": str,
+    }
+    add_arguments_of(parser, Plan, types)
     parser.add_argument(
         "--processes",
         type=not_negative,
@@ -57,17 +56,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="number of processes, 0 for none besides this one (default: one per core)",
     )
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, or 'local'"
-    )
-    parser.add_argument(
-        "--success",
-        metavar="CONDITION",
-        help="when a case succeeds, such as 'error_share < 0.01' (default: its verdict is follows)",
-    )
-    parser.add_argument(
         "--column", default="", metavar="NAME", help="the result in ranking and figures"
     )
-    parser.add_argument("--csv", action="store_true", default=None, help="write CSV, not Parquet")
     parser.add_argument("--resume", action="store_true", help="run the cases that are missing")
     parser.add_argument(
         "--retry",
@@ -91,12 +81,10 @@ def sweep(options: argparse.Namespace) -> int:
         return _alone(plan, options.case, folder)
     if given.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    work = work_of(plan)
     resume = options.resume or options.retry
+    claimed(folder, plan, resume=resume, anew=options.force)
     try:
-        with engine(options.processes, options.scheduler, plan.timeout) as workers:
-            claimed(folder, plan, resume=resume, anew=options.force)
-            table = run_plan(plan, work, workers, folder, Progress(plan), retry=options.retry)
+        table = run_plan(plan, options.processes, folder, retry=options.retry)
     except KeyboardInterrupt:
         print(
             f"pinadapt: interrupted; {len(read(folder))} of {len(plan.cases)} cases are kept. "
@@ -116,7 +104,7 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
     path: Path = options.scenario
     own = {
         name: getattr(options, name)
-        for name in ("samples", "method", "repeat", "seed", "timeout", "success", "csv")
+        for name in ("samples", "method", "repeat", "seed", "timeout", "success")
     }
     if not path.is_dir():
         plan = Plan.read(path, options.vary, options.set, **own)

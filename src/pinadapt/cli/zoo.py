@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from .._output import check_writable, columns, number, write_text
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
-from ..zoo.experiment import CONVERGED, POSE, ZooRow, run_zoo, zoo_names
+from ..zoo.experiment import CONVERGED, POSE, run_zoo, zoo_names
 from .command_line import DONE, INTERRUPTED, add_out, add_seed, names, not_negative
 
 TABLE = "zoo.json"
@@ -68,20 +68,19 @@ def zoo(options: argparse.Namespace) -> int:
     coming = run_zoo(
         names, options.law, seed=options.seed, processes=options.processes, task=options.task
     )
-    found: dict[str, ZooRow] = {}
-    rows: list[ZooRow] = []
+    found: dict[str, Mapping[str, Any]] = {}
+    rows: list[Mapping[str, Any]] = []
     status = DONE
     try:
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
-            found[row.robot] = row
+            found[row["robot"]] = row
             rows = [found[name] for name in names if name in found]
-            text = json.dumps([asdict(row) for row in rows], indent=2) + "\n"
-            write_text(folder / TABLE, text)
+            write_text(folder / TABLE, json.dumps(rows, indent=2) + "\n")
     except KeyboardInterrupt:
         status = INTERRUPTED
     finally:
         print(zoo_table(rows))
-    converged = sum(row.verdict == CONVERGED for row in rows)
+    converged = sum(row["verdict"] == CONVERGED for row in rows)
     written = f"; written to {folder / TABLE}" if rows else ""
     if len(rows) < len(names):
         written += f"; interrupted, {len(names) - len(rows)} have not run"
@@ -89,34 +88,32 @@ def zoo(options: argparse.Namespace) -> int:
     return status
 
 
-def zoo_table(rows: Sequence[ZooRow]) -> str:
+_COLUMNS = {  # key -> title, factor, digits
+    "radius": ("radius [m]", 1.0, 3),
+    "unadapted": ("unadapted [mm]", 1e3, 2),
+    "adapted": ("adapted [mm]", 1e3, 3),
+    "unadapted_angle": ("unadapted [deg]", _DEGREES, 3),
+    "adapted_angle": ("adapted [deg]", _DEGREES, 3),
+    "min_eig_M_hat": ("min eig M_hat", 1.0, 4),
+    "min_singular_J_hat": ("min sing J_hat", 1.0, 4),
+}
+
+
+def zoo_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a row for each robot; errors are the largest of the last 10 % of the duration."""
-    pose = any(row.task == POSE for row in rows)
-    header = (
-        "robot",
-        "joints",
-        "radius [mm]",
-        "not adapted [mm]",
-        "adapted [mm]",
-        "[% of radius]",
-        *(["not adapted [deg]", "adapted [deg]"] if pose else []),
-        "min eig M_hat [kg m^2]",
-        "verdict",
-    )
-    return columns(header, [_cells(row, pose) for row in rows])
-
-
-def _cells(row: ZooRow, pose: bool) -> list[str]:
-    angles = [number(a, scale=_DEGREES, digits=3) for a in (row.unadapted_angle, row.adapted_angle)]
-    share = None if row.adapted is None or row.radius is None else 100.0 * row.adapted / row.radius
-    return [
-        row.robot,
-        "-" if row.joints is None else str(row.joints),
-        number(row.radius, scale=1e3, digits=0),
-        number(row.unadapted, scale=1e3, digits=2),
-        number(row.adapted, scale=1e3, digits=3),
-        number(share, digits=2),
-        *(angles if pose else []),
-        "-" if row.min_eig_M_hat is None else f"{row.min_eig_M_hat:.2g}",
-        row.verdict,
+    shown = {
+        key: column
+        for key, column in _COLUMNS.items()
+        if "angle" not in key or any(row.get("task") == POSE for row in rows)
+    }
+    cells = [
+        [
+            row["robot"],
+            str(row.get("joints") or "-"),
+            *(number(row.get(key), scale=k, digits=n) for key, (_, k, n) in shown.items()),
+            row.get("verdict", ""),
+        ]
+        for row in rows
     ]
+    titles = [title for title, _, _ in shown.values()]
+    return columns(["robot", "joints", *titles, "verdict"], cells)

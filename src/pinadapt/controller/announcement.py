@@ -107,7 +107,7 @@ def _loaded(
         f"the {controller.dynamics.size} dynamic parameters cannot express a load on the last "
         "body, or this one.",
         where="payload",
-        hint='Adapt the last body: dynamic = "all" or "payload".',
+        hint='Adapt the last body: bodies = "all" or "payload".',
     )
 
 

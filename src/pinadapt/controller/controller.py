@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, keywords, positive, shown
+from .._checks import flag, positive, shown
 from .._kernels import samples as kernels
 from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
@@ -47,7 +47,6 @@ _SPRING = 0.5  # of the torque limits, that a spring of an arm at rest may take
 _DAMPED = 0.3  # of its speed that a joint loses in a period, at most
 
 
-@keywords(belief="nominal=pa.controller.NominalRobot(...)")
 class Controller:
     """A control law, a model of the robot, and the adaptation of its parameters; immutable.
 
@@ -240,9 +239,9 @@ class Controller:
         kinematics, dynamics = self.kinematics, self.dynamics
         if a_k is None:
             a_k = kinematics.initial_at(measurement.q, measurement.x)
-        a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
+        a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
         dynamic = self.adaptation_d.init(
-            initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
+            initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
         )
         if information is not None:
             rows = rows_of(information, dynamics.size)

@@ -140,8 +140,8 @@ class Estimator:
         """Return the state to start from, as ``init``, for a measurement that was checked."""
         parts = self.controller
         kinematics, dynamics = parts.kinematics, parts.dynamics
-        a_k = initial_estimate(a_k, kinematics.initial, "belief.kinematic", kinematics.names)
-        a_d = initial_estimate(a_d, dynamics.initial, "belief.dynamic", dynamics.names)
+        a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
+        a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
         dynamic, kinematic = parts.adaptation_d.init(a_d), parts.adaptation_k.init(a_k)
         if information is not None:
             rows = rows_of(information, dynamics.size)

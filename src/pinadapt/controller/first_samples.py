@@ -158,7 +158,7 @@ class FirstSamples:
         hint = (
             "Omit `compensated` if the arm expects full torques, or switch its compensation on."
             if self.declared
-            else 'If so, declare it: compensated="nominal", in a scenario simulation.compensated.'
+            else 'If so, declare it: compensated="nominal", in a scenario controller.compensated.'
         )
         other = "are the torques in another unit, or before the gears?" if field == "tau" else ""
         return ImplausibleError(

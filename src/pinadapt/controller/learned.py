@@ -154,7 +154,7 @@ class LearnedParameters:
 
     A controller starts from them by ``controller.init(measurement, **learned.start(controller))``,
     a simulation by ``simulate(..., **learned.start(controller))``, a scenario by the key
-    ``learned`` of ``[belief]``.
+    ``learned`` of ``[model]``.
 
     Attributes:
         robot: name of the robot.

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, keywords, numbers, positive, vector
-from ..exceptions import GainError, ParameterError
+from .._checks import flag, instance, mapping, numbers, positive, vector, word
+from ..exceptions import GainError, InputError, ParameterError
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
 from ..models.right_inverse import RightInverse
@@ -18,16 +18,12 @@ from ..records import Sensors
 from ..robot.motors import Actuators, torque_limits
 from ..robot.robot import Robot
 from .governor import Governor, PathGovernor
+from .sensing import GUARDS
 
 _ABSURD = 1e4
 _IDEAL = Actuators()
 
 
-@keywords(
-    watch="stop_on_divergence=True",
-    singular="damping=0.2, or as a number pa.controller.ControllerLimits(singular=...)",
-    estimate="pa.controller.ControllerLimits(estimate=...)",
-)
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Bounds of torques, estimates and measurements of a controller made by ``make_controller``.
@@ -69,17 +65,35 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Refuse what does not depend on the robot."""
-        if positive(self.damping, "damping", zero=True) >= 1.0:
+        if positive(self.damping, "limits.damping", zero=True) >= 1.0:
             raise GainError(
-                f"must be a fraction of home's, below 1, got {self.damping:g}.", where="damping"
+                f"must be a fraction of home's, below 1, got {self.damping:g}.",
+                where="limits.damping",
             )
-        flag(self.stop_on_divergence, "stop_on_divergence")
+        flag(self.stop_on_divergence, "limits.stop_on_divergence")
         if not isinstance(self.governor, Governor):
-            flag(self.governor, "governor")
-        instance(self.actuators, Actuators | None, "actuators")
+            flag(self.governor, "limits.governor")
+        instance(self.actuators, Actuators | None, "limits.actuators")
+        if not isinstance(self.guards, bool):
+            for name, wanted in mapping(self.guards, "limits.guards").items():
+                flag(wanted, f"limits.guards.{word(name, GUARDS, 'limits.guards')}")
+        margins = _given(self.box, "limits.box", ParameterError)
+        if margins is not None and margins.ndim < 2 and not (margins > 0.0).all():
+            raise ParameterError(
+                f"a margin must be positive, got {margins.tolist()}.", where="limits.box"
+            )
+        torque = _given(self.torque, "limits.torque", GainError)
+        if torque is not None and not (torque > 0.0).all():
+            raise GainError(f"must be positive, got {torque.tolist()}.", where="limits.torque")
 
 
-@keywords(watch="stop_on_divergence=True")
+def _given(value: ArrayLike | bool | None, name: str, error: type[InputError]) -> np.ndarray | None:
+    """Return the numbers of a limit, None where it is a default or switched off."""
+    if value is None or isinstance(value, bool):
+        return None
+    return numbers(value, name, error=error, infinite=True)
+
+
 @dataclass(frozen=True, eq=False)
 class ControllerLimits:
     """Limits of a controller in numbers; the defaults limit nothing.
@@ -170,20 +184,15 @@ def make_box(
     names, centre = kinematics.names, kinematics.initial
     if given is None or given is True:
         return kinematics.bounds
-    given = numbers(given, "unknown.kinematic_box", error=ParameterError)
+    given = numbers(given, "limits.box", error=ParameterError)
     rows = [given] if given.ndim < 2 else list(given)
     if len(rows) > 2:
         raise ParameterError(
-            f"expected lower and upper bounds, got {len(rows)} rows.", where="unknown.kinematic_box"
+            f"expected lower and upper bounds, got {len(rows)} rows.", where="limits.box"
         )
     bounds = [
-        vector(row, centre.size, "unknown.kinematic_box", names=names, error=ParameterError)
-        for row in rows
+        vector(row, centre.size, "limits.box", names=names, error=ParameterError) for row in rows
     ]
     if len(bounds) == 2:
         return np.stack(bounds)
-    if not (bounds[0] > 0.0).all():
-        raise ParameterError(
-            f"a margin must be positive, got {bounds[0].tolist()}.", where="unknown.kinematic_box"
-        )
     return np.stack([centre - bounds[0], centre + bounds[0]])

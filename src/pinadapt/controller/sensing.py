@@ -18,10 +18,9 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import shown
 from .._kernels import samples as kernels
 from ..description.chain import effort_limits, is_slide, position_limits, velocity_limits
-from ..exceptions import ImplausibleError, InputError, MeasurementError, did_you_mean
+from ..exceptions import ImplausibleError, InputError, MeasurementError
 from ..filters import LowPass
 from ..models.delay_compensation import DelayCompensator, SensedState
 from ..models.task_kinematics import TaskKinematics
@@ -638,20 +637,9 @@ def make_guards(
         compensation: torque that the arm is declared to add to the command, or None.
         dt: sampling period [s].
 
-    Raises:
-        InputError: an unknown guard.
     """
-    if not isinstance(guards, bool | Mapping):
-        raise InputError(f"expected True, False or a mapping, got {shown(guards)}.", where="guards")
     on = dict.fromkeys(GUARDS, guards is not False)
-    for name, wanted in (guards if isinstance(guards, Mapping) else {}).items():
-        if name not in GUARDS or not isinstance(wanted, bool):
-            raise InputError(
-                f"expected some of {list(GUARDS)} with true or false, got {name!r} = {wanted!r}."
-                f"{did_you_mean(str(name), GUARDS)}",
-                where="guards",
-            )
-        on[name] = wanted
+    on |= guards if isinstance(guards, Mapping) else {}
     model, n, size = robot.model, robot.model.nv, robot.reach
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     lengths = np.where(slides, min(1.0, size), 1.0)

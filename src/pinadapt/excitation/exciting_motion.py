@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import MOST_SAMPLES, instance, keywords, numbers, positive, whole
+from .._checks import MOST_SAMPLES, instance, numbers, positive, whole
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -228,7 +228,6 @@ _STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
 _BISECTIONS = 20  # in the last check
 
 
-@keywords()
 def excite(
     robot: Robot | Controller,
     *,
@@ -442,7 +441,7 @@ class ExcitingMotion:
     information_gain: float
 
     def reference(self) -> dict[str, Any]:
-        """Return the motion as the table ``[reference]`` of a scenario with ``task = "joint"``."""
+        """Return the motion as the table ``[trajectory]`` of a scenario with ``task = "joint"``."""
         series = self.trajectory
         return {
             "kind": "fourier",

@@ -34,7 +34,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from .._checks import flag, keywords, name_list, positive, vector
+from .._checks import flag, name_list, positive, vector
 from .._output import Sheet, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError, did_you_mean
@@ -225,7 +225,6 @@ class Calibration:
         write_text(Path(folder) / FILES[1], json.dumps(self.summary(), indent=2) + "\n")
 
 
-@keywords()
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def calibrate(
     log: Path | str | Log | Rollout | Sequence[Any],

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import keywords, positive
+from .._checks import positive
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
@@ -49,7 +49,6 @@ _FEWEST = 4  # windows, both in the fitted and in the held-out part
 _PAUSE = 5.0  # [s] between logs, longer than any window
 
 
-@keywords()
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def identify(
     log: Path | str | Log | Rollout | Sequence[Any],

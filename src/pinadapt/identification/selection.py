@@ -199,7 +199,7 @@ def _candidates(
 
     rotor = columns(averages.derivative(v))
     kinds = {
-        "load": columns(averages.mean(sign * gravity)),
+        "gear_friction": columns(averages.mean(sign * gravity)),
         "asymmetry": columns(averages.mean(np.abs(sign))),
         "offset": columns(np.ones(whole.shape + v.shape[1:])),
         "armature": rotor,

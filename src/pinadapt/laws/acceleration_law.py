@@ -89,7 +89,7 @@ class AccelerationLaw(Law):
     def filters(self) -> MotionFilters:
         """Task velocity and joint acceleration, filtered."""
         return MotionFilters(
-            LowPass(self.lambda_, "lambda"), LowPass(1.0 / self.lambda_a, "lambda_a")
+            LowPass(self.lambda_, "lambda_"), LowPass(1.0 / self.lambda_a, "lambda_a")
         )
 
     @classmethod

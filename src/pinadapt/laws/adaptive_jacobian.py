@@ -110,7 +110,7 @@ class AdaptiveJacobian(Law):
     @cached_property
     def filters(self) -> MotionFilters:
         """The task velocity, filtered."""
-        velocity = LowPass(self.lambda_, "lambda")
+        velocity = LowPass(self.lambda_, "lambda_")
         return MotionFilters(velocity, velocity)
 
     @classmethod

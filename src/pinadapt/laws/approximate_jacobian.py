@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix, keywords, numbers, positive
+from .._checks import definite_matrix, numbers, positive
 from ..adaptation.adaptation import Adaptation, Drive, Drives
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
@@ -352,7 +352,6 @@ _TIGHTER = 1.0 / 3.0  # how much of a smaller spring is a smaller width, as a po
 _CONFIGURATIONS = 500
 
 
-@keywords(pace="bandwidth_share=...")
 @dataclass(frozen=True, eq=False)
 class BoundedTorque(ApproximateJacobian):
     """Set point with an approximate Jacobian and a guaranteed torque bound.

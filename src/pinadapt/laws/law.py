@@ -434,7 +434,7 @@ def check_in_place(law: Any, *names: str) -> None:
     """
     task: Task = law.task
     for name in names:
-        value, shown = getattr(law, name), name.rstrip("_")
+        value, shown = getattr(law, name), name
         if name in _TASK_GAINS:
             value = task_gain(value, task, _TASK_GAINS[name])
         elif name == "R_k":

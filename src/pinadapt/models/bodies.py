@@ -229,9 +229,9 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     known = {ALL: list(range(n)), PAYLOAD: [n - 1], NONE: []}
     if isinstance(unknown, str) and unknown in known:
         return known[unknown]
-    names = name_list(unknown, "unknown.dynamic")
+    names = name_list(unknown, "unknown.bodies")
     return sorted(
-        {joint_id(robot.model, name, "unknown.dynamic", (ALL, PAYLOAD, NONE)) - 1 for name in names}
+        {joint_id(robot.model, name, "unknown.bodies", (ALL, PAYLOAD, NONE)) - 1 for name in names}
     )
 
 

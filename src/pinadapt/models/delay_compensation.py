@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._checks import keywords
 from ..exceptions import ImplausibleError, MeasurementError
 from .task_kinematics import TaskKinematics
 
@@ -81,7 +80,6 @@ class SensedState(NamedTuple):
     trail: np.ndarray = _EMPTY
 
 
-@keywords(carry="enabled=True", blind="longest_gap=...")
 @dataclass(frozen=True)
 class DelayCompensator:
     """Predicts the present position from the last frame of a camera.

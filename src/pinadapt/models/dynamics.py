@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 from numpy import empty
 
-from .._checks import keywords
 from .._kernels import models as kernels
 from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
@@ -164,7 +163,6 @@ class Dynamics(ABC):
         return None if old is None or new is None else a_d + (new - old)
 
 
-@keywords(joint="joints=...")
 class StackedDynamics(Dynamics):
     """Inertial parameters (of bodies, a basis, lumped) followed by the joints' coefficients.
 

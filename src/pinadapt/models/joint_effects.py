@@ -27,7 +27,7 @@ _UNITS = {
     "armature": ("kg m^2", "kg"),
     "viscous": ("N m s/rad", "N s/m"),
     "coulomb": ("N m", "N"),
-    "load": ("", ""),
+    "gear_friction": ("", ""),
     "asymmetry": ("N m", "N"),
     "offset": ("N m", "N"),
 }
@@ -55,7 +55,7 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
     Raises:
         ParameterError: another word; the message suggests the nearest one.
     """
-    chosen = name_list(unknown, "unknown.joint", ParameterError)
+    chosen = name_list(unknown, "unknown.effects", ParameterError)
     if len(chosen) == 1:
         chosen = list({ALL: USUAL, NONE: ()}.get(chosen[0], chosen))
     for word in chosen:
@@ -63,7 +63,7 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
             raise ParameterError(
                 f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'."
                 f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
-                where="unknown.joint",
+                where="unknown.effects",
             )
     return tuple(sorted(dict.fromkeys(chosen), key=lambda word: KINDS.index(_kind(word))))
 
@@ -76,7 +76,8 @@ def _kind(word: str) -> str:
 class JointEffects:
     """The torque of all shafts, D^T f(D v, D a), with D the identity above ``directions``.
 
-        f = armature a + viscous v + (coulomb + load |g|) sigma(v) + asymmetry |sigma(v)| + offset.
+        f = armature a + viscous v + (coulomb + gear_friction |g|) sigma(v)
+            + asymmetry |sigma(v)| + offset.
 
     The coefficients of the unknown kinds are parameters, one per joint. Those of the other kinds
     have their nominal values. sigma is known, and g(q), the gravity torque of the model:
@@ -132,7 +133,7 @@ class JointEffects:
         self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self._model, self.zero = friction.bodies or robot.model, np.zeros(self._n)
-        self.loaded = friction.loaded or KINDS.index("load") in self._kinds
+        self.loaded = friction.loaded or KINDS.index("gear_friction") in self._kinds
         self._data = self._model.createData() if self.loaded else None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -182,7 +183,7 @@ class JointEffects:
         """Return the nominal robot with the coefficients a_j (p)."""
         values, n = coefficients(nominal), self._n
         values[self._kinds, self._shafts] = a_j
-        armature, viscous, coulomb, load, asymmetry, offset = values
+        armature, viscous, coulomb, geared, asymmetry, offset = values
         shafts = tuple(
             replace(
                 part,
@@ -196,7 +197,7 @@ class JointEffects:
             nominal.friction,
             viscous=viscous[:n],
             coulomb=coulomb[:n],
-            load=load[:n],
+            gear_friction=geared[:n],
             asymmetry=asymmetry[:n],
             offset=offset[:n],
             shafts=shafts,
@@ -238,7 +239,7 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
             raise ParameterError(
                 f"there is no joint '{owner}' with such a coefficient."
                 f"{did_you_mean(owner, names[:shafts])}",
-                where="unknown.joint",
+                where="unknown.effects",
             )
         chosen = [names.index(owner)] if owner else list(range(shafts))
         found += [(number, shaft) for shaft in chosen if (number, shaft) not in found]
@@ -264,7 +265,7 @@ def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
 def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
     friction, zero = robot.friction, [0.0] * (len(KINDS) - _OF_SHAFTS)
-    joints = (friction.viscous, friction.coulomb, friction.load, friction.asymmetry)
+    joints = (friction.viscous, friction.coulomb, friction.gear_friction, friction.asymmetry)
     own = np.array([robot.model.armature, *joints, friction.offset], dtype=float)
     shafts = [[part.armature, part.viscous, part.coulomb, *zero] for part in friction.shafts]
     return np.column_stack([own, *shafts])

@@ -98,7 +98,7 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
         if np.abs(part.at(a) - nominal).max() > _SAME:
             raise ParameterError(
                 "the directions and offsets do not contain the placements of the nominal robot.",
-                where="unknown.kinematic",
+                where="unknown.translations",
                 hint="Use an offset on the line or plane of the nominal translation.",
             )
         margin = (_WIDE_BASE if part.joint == FIRST else _WIDE) * robot.reach

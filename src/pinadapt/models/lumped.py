@@ -301,7 +301,7 @@ class LumpedDynamics(InertialDynamics):
         if not self.translations:
             raise ParameterError(
                 "no joint translation is unknown, so nothing has to be lumped.",
-                where="unknown.kinematic",
+                where="unknown.translations",
                 hint="Use BodyDynamics.",
             )
         self._found = lumped_basis(robot.model, self.translations)
@@ -316,7 +316,7 @@ class LumpedDynamics(InertialDynamics):
         if whole is None:
             raise ParameterError(
                 "the directions and offsets do not contain the placements of the nominal robot.",
-                where="unknown.kinematic",
+                where="unknown.translations",
                 hint="Use an offset on the line or plane of the nominal translation.",
             )
         self._B, self._rest, rows = None, np.zeros(len(whole)), np.arange(len(whole))

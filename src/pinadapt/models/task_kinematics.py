@@ -160,7 +160,7 @@ class JointKinematics(TaskKinematics):
         if len(unknown):
             raise ParameterError(
                 f"translations have no effect on a joint task, so {unknown!r} cannot be adapted.",
-                where="unknown.kinematic",
+                where="unknown.translations",
                 hint='Leave it out, or use a task of the frame, such as "xyz".',
             )
         n = robot.model.nv

@@ -121,18 +121,20 @@ def unknown_translations(
     """
     words: list[str | Translation] = []
     if isinstance(unknown, str | bytes | Mapping) or not isinstance(unknown, Iterable):
-        unknown = name_list(unknown, "unknown.kinematic", ParameterError)
+        unknown = name_list(unknown, "unknown.translations", ParameterError)
     for word in unknown:
         words += _all_lengths(robot) if word == LENGTHS else [word]
     parts = [
         _translation(robot, word)
         if isinstance(word, str)
-        else instance(word, Translation, "unknown.kinematic", ParameterError)
+        else instance(word, Translation, "unknown.translations", ParameterError)
         for word in words
     ]
     names = [part.name for part in parts]
     if len(set(names)) != len(names):
-        raise ParameterError(f"a translation occurs twice in {names}.", where="unknown.kinematic")
+        raise ParameterError(
+            f"a translation occurs twice in {names}.", where="unknown.translations"
+        )
     return parts
 
 
@@ -159,17 +161,18 @@ def _translation(robot: Robot, word: str) -> Translation:
     name, _, kind = word.partition(":")
     if kind not in ("", "length"):
         raise ParameterError(
-            f"expected a name, or a name with ':length', got '{word}'.", where="unknown.kinematic"
+            f"expected a name, or a name with ':length', got '{word}'.",
+            where="unknown.translations",
         )
     joint = (
         None
         if name == TOOL
-        else joint_id(robot.model, name, "unknown.kinematic", (TOOL, LENGTHS, BASE))
+        else joint_id(robot.model, name, "unknown.translations", (TOOL, LENGTHS, BASE))
     )
     if joint == FIRST:
         raise ParameterError(
             f"the placement of the first joint, '{name}', has no effect on the frame's velocity.",
-            where="unknown.kinematic",
+            where="unknown.translations",
             hint=f"Use '{BASE}' to adapt it from the measured position, with the law 'separation'.",
         )
     nominal = placement_of(robot.model, robot.frame_id, joint).translation.copy()
@@ -181,7 +184,7 @@ def _translation(robot: Robot, word: str) -> Translation:
     if length < 1e-9:
         raise ParameterError(
             f"the translation of '{name}' is zero, so its length has no direction.",
-            where="unknown.kinematic",
+            where="unknown.translations",
             hint=f"Use '{name}' for the whole translation.",
         )
     return Translation(name, joint, (nominal / length)[:, None], np.zeros(3), (f"{name}_length",))

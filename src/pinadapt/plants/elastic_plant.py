@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .._checks import keywords
 from ..exceptions import InputError, RobotError
 from ..records import Measurement
 from ..robot.changes import Friction
@@ -14,7 +13,6 @@ from ..robot.robot import Robot, check_successor
 from .plant import SimulatedPlant, refuse_special_friction
 
 
-@keywords(elasticity="actuators=pa.robot.Actuators(stiffness=..., damping=...)")
 class ElasticPlant(SimulatedPlant):
     """M a + C v + g = K d + D (w - v), B dw/dt = tau - K d - D (w - v) - f(w), dd/dt = w - v.
 

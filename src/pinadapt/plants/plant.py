@@ -75,7 +75,7 @@ class Plant(ABC):
             f"{type(self).__name__} does not provide the acceleration that a torque would cause.",
             where="acceleration",
             hint="Simulate with Engine(ideal_acceleration=False), in a scenario "
-            'controller.acceleration = "filtered".',
+            "engine.ideal_acceleration = false.",
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, keywords, positive, vector, whole
+from .._checks import instance, positive, vector, whole
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
@@ -137,12 +137,6 @@ class Encoder:
         return np.where(self._there, np.rint(w / step) * step, w)
 
 
-@keywords(
-    camera="sensors=pa.Sensors(camera=pa.Camera(...))",
-    delay="sensors=pa.Sensors(camera=pa.Camera(delay=...))",
-    encoder="sensors=pa.Sensors(encoder=...)",
-    noise="sensors=pa.Sensors(noise=...)",
-)
 class SimulatedSensors:
     """Encoders, velocity and torque sensors at the joints, and a camera of the task frame.
 

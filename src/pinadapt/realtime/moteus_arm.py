@@ -62,12 +62,12 @@ class Motor:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no motor has."""
-        if whole(self.id, "motors.id", 1) > _HIGHEST_ID:
-            raise InputError(f"must be at most {_HIGHEST_ID}, got {self.id}.", where="motors.id")
+        if whole(self.id, "motor.id", 1) > _HIGHEST_ID:
+            raise InputError(f"must be at most {_HIGHEST_ID}, got {self.id}.", where="motor.id")
         if self.sign not in (1, -1):
-            raise InputError(f"must be 1 or -1, got {self.sign!r}.", where="motors.sign")
+            raise InputError(f"must be 1 or -1, got {self.sign!r}.", where="motor.sign")
         for name in ("ratio", "torque"):
-            positive(getattr(self, name), f"motors.{name}")
+            positive(getattr(self, name), f"motor.{name}")
 
 
 class MoteusArm(Arm):

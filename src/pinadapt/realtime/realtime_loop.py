@@ -776,7 +776,7 @@ def _check_fit(arm: Arm, controller: Controller) -> None:
             f"has a period of {facts.period:g} s; the controller is made for "
             f"{controller.period:g} s.",
             where=facts.name,
-            hint="make_controller(..., dt=...), in a scenario simulation.dt.",
+            hint="make_controller(..., dt=...), in a scenario controller.dt.",
         )
     if (facts.compensation is None) is not (controller.compensation is None):
         adds = "adds" if facts.compensation is not None else "does not add"
@@ -784,5 +784,5 @@ def _check_fit(arm: Arm, controller: Controller) -> None:
             f"the arm {adds} its gravity torque by itself, and the controller does not know.",
             where=facts.name,
             hint='make_controller(..., compensated="nominal") for an arm that adds it, in a '
-            "scenario simulation.compensated; without it for one that does not.",
+            "scenario controller.compensated; without it for one that does not.",
         )

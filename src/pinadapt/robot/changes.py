@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -17,25 +18,33 @@ from ..exceptions import RobotError, did_you_mean
 
 @dataclass(frozen=True)
 class Payload:
-    """A load fixed to the last body.
+    """A load fixed to the last body; none if mass and inertia are zero.
 
     Attributes:
         mass: kg.
         com: (3) centre of mass relative to the task frame as described, in its axes [m].
         inertia: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass, in the frame's axes [kg m^2].
+
+    Raises:
+        RobotError: a negative mass, an unphysical inertia, or wrong sizes.
     """
 
     mass: float
     com: ArrayLike = (0.0, 0.0, 0.0)
     inertia: ArrayLike = (0.0,) * 6
 
-    def spatial_inertia(self) -> pin.Inertia:
-        """Return the load as a Pinocchio inertia in the task frame.
+    def __post_init__(self) -> None:
+        """Refuse what is no load."""
+        self.spatial_inertia()
 
-        Raises:
-            RobotError: a mass that is not positive, an unphysical inertia, or wrong sizes.
-        """
-        mass = positive(self.mass, "payload.mass", error=RobotError)
+    @property
+    def present(self) -> bool:
+        """Whether there is a load at all."""
+        return bool(self.mass or np.any(self.inertia))
+
+    def spatial_inertia(self) -> pin.Inertia:
+        """Return the load as a Pinocchio inertia in the task frame."""
+        mass = positive(self.mass, "payload.mass", zero=True, error=RobotError)
         com = vector(self.com, 3, "payload.com", error=RobotError, fills=False)
         xx, xy, yy, xz, yz, zz = vector(
             self.inertia, 6, "payload.inertia", error=RobotError, fills=False
@@ -90,7 +99,6 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
 
 def attach_payload(model: pin.Model, frame: int, payload: Payload) -> pin.Inertia:
     """Add a load to the body that carries a frame; return it in the axes of the body's joint."""
-    instance(payload, Payload, "payload", RobotError)
     carrier = model.frames[frame]
     load = carrier.placement.act(payload.spatial_inertia())
     model.inertias[carrier.parentJoint] += load
@@ -157,7 +165,7 @@ class Shaft:
     second sign f.
 
     Attributes:
-        joints: indices of the two joints, from 0.
+        joints: names of the two joints, or their indices, from 0.
         sign: 1 or -1.
         armature: rotor inertia, as seen by the joints [kg m^2 or kg].
         viscous: [N m s/rad or N s/m].
@@ -165,7 +173,7 @@ class Shaft:
         threshold: speed [rad/s or m/s] at which the smoothed sign reaches tanh(1).
     """
 
-    joints: tuple[int, int]
+    joints: tuple[Any, Any]
     sign: int = 1
     armature: float = 0.0
     viscous: float = 0.0
@@ -180,11 +188,28 @@ class Shaft:
         """
         for name in ("armature", "viscous", "coulomb", "threshold"):
             zero = name != "threshold"
-            positive(getattr(self, name), f"friction.shafts.{name}", zero=zero, error=RobotError)
-        if not isinstance(self.sign, Real) or self.sign not in (1, -1):
+            positive(getattr(self, name), f"shafts.{name}", zero=zero, error=RobotError)
+        if len(self.joints) != 2 or self.joints[0] == self.joints[1]:
             raise RobotError(
-                f"must be 1 or -1, got {shown(self.sign)}.", where="friction.shafts.sign"
+                f"expected two joints, got {shown(self.joints)}.", where="shafts.joints"
             )
+        if not isinstance(self.sign, Real) or self.sign not in (1, -1):
+            raise RobotError(f"must be 1 or -1, got {shown(self.sign)}.", where="shafts.sign")
+
+    def of(self, model: pin.Model) -> Shaft:
+        """Return the shaft with the indices of its joints.
+
+        Raises:
+            RobotError: the model has no such joints.
+        """
+        where = "friction.shafts.joints"
+        first, second = (
+            joint_id(model, each, where) - 1 if isinstance(each, str) else each
+            for each in self.joints
+        )
+        if not 0 <= max(first, second) < model.nv:
+            raise RobotError(f"there are {model.nv} joints, got {self.joints}.", where=where)
+        return replace(self, joints=(first, second))
 
     def name(self, joints: Sequence[str]) -> str:
         """Return the name, given those of all joints: "joint_5+joint_6"."""
@@ -199,27 +224,29 @@ class Shaft:
 
 
 _SIGNED = ("asymmetry", "offset")
-FRICTION_ATTRIBUTES = ("threshold", "load", *_SIGNED, "breakaway", "fading")  # (nv) each
+FRICTION_ATTRIBUTES = ("threshold", "gear_friction", *_SIGNED, "breakaway", "fading")  # (nv) each
+COEFFICIENTS = ("viscous", "coulomb", *FRICTION_ATTRIBUTES)
 
 
 @dataclass(frozen=True, eq=False)
 class Friction:
     """Friction of joints and whatever else their motors add, at velocity v and gravity g(q).
 
-        tau_f = viscous v + (coulomb + load |g| + asymmetry sign(v)) sigma(v) + offset,
+        tau_f = viscous v + (coulomb + gear_friction |g| + asymmetry sign(v)) sigma(v) + offset,
         sigma(v) = tanh(v / threshold) (1 + (breakaway - 1) exp(-|v| / fading)).
 
     sigma is a smoothed sign: it rises within ``threshold``, and near rest it may be larger
     (Stribeck) or smaller than at speed. The torques of ``shafts`` are added.
 
-    All but viscous and coulomb may be one number for all joints.
+    Each is one number for all joints, one per joint (nv), or joint name -> number, the others as by
+    default; ``Robot.changed`` turns them into (nv).
 
     Attributes:
         viscous: (nv) N m s/rad or N s/m.
         coulomb: (nv) N m or N.
         threshold: (nv) speed [rad/s or m/s] at which the smoothed sign reaches tanh(1).
-        load: (nv) Coulomb friction that the load of the gears adds, as a share of the gravity
-            torque that they carry.
+        gear_friction: (nv) Coulomb friction that the gears add, as a share of the gravity torque
+            that they carry.
         asymmetry: (nv) half the difference of the Coulomb friction forwards and backwards [N m, N].
         offset: (nv) constant torque, as of a sensor that is off or a spring [N m or N].
         breakaway: (nv) dry friction near rest as a share of that at speed.
@@ -228,10 +255,10 @@ class Friction:
         bodies: the model whose gravity torques load the gears. None: the robot's own.
     """
 
-    viscous: np.ndarray
-    coulomb: np.ndarray
+    viscous: np.ndarray = 0.0  # type: ignore[assignment]
+    coulomb: np.ndarray = 0.0  # type: ignore[assignment]
     threshold: np.ndarray = 0.01  # type: ignore[assignment]
-    load: np.ndarray = 0.0  # type: ignore[assignment]
+    gear_friction: np.ndarray = 0.0  # type: ignore[assignment]
     asymmetry: np.ndarray = 0.0  # type: ignore[assignment]
     offset: np.ndarray = 0.0  # type: ignore[assignment]
     breakaway: np.ndarray = 1.0  # type: ignore[assignment]
@@ -245,40 +272,55 @@ class Friction:
         Raises:
             RobotError: negative coefficients, different sizes, or a speed that is not positive.
         """
-        for name in ("viscous", "coulomb"):
-            given = numbers(getattr(self, name), f"friction.{name}", error=RobotError)
-            if given.ndim != 1 or (given < 0.0).any():
-                raise RobotError(
-                    f"expected one non-negative number per joint, got {given.tolist()}.",
-                    where=f"friction.{name}",
-                )
-            object.__setattr__(self, name, given)
-        if self.viscous.size != self.coulomb.size:
-            raise RobotError("viscous and coulomb have different sizes.", where="friction")
-        for name in FRICTION_ATTRIBUTES:
-            given = numbers(getattr(self, name), f"friction.{name}", error=RobotError)
-            given = np.full(self.viscous.size, given) if given.ndim == 0 else given
-            if given.shape != self.viscous.shape:
-                raise RobotError(
-                    f"expected one number, or one for each of {self.viscous.size} joints, got "
-                    f"{given.tolist()}.",
-                    where=f"friction.{name}",
-                )
+        given = {name: getattr(self, name) for name in COEFFICIENTS}
+        for name, value in given.items():
+            listed = list(value.values()) if isinstance(value, Mapping) else value
+            array = numbers(listed, f"friction.{name}", error=RobotError)
             speeds = name in ("threshold", "fading")
-            low = bool((given <= 0.0).any()) if speeds else bool((given < 0.0).any())
-            if low and name not in _SIGNED:
+            low = array <= 0.0 if speeds else array < 0.0
+            if array.ndim > 1 or (low.any() and name not in _SIGNED):
                 raise RobotError(
-                    f"must {'be positive' if speeds else 'not be negative'}, got {given.tolist()}.",
+                    f"must {'be positive' if speeds else 'not be negative'}, one number or one per "
+                    f"joint, got {array.tolist()}.",
                     where=f"friction.{name}",
                 )
-            object.__setattr__(self, name, given)
+            if not isinstance(value, Mapping):
+                given[name] = array
+        sizes = {array.size for array in given.values() if np.ndim(array)}
+        if len(sizes) > 1:
+            raise RobotError(f"there are lists of {sorted(sizes)} joints.", where="friction")
+        for name, value in given.items():
+            filled = sizes and not isinstance(value, Mapping)
+            kept = np.full(max(sizes), value) if filled else value
+            object.__setattr__(self, name, kept)
         for shaft in self.shafts:
             instance(shaft, Shaft, "friction.shafts", RobotError)
+
+    def of(self, model: pin.Model) -> Friction:
+        """Return the friction of the joints of a model, with one number for each.
+
+        Raises:
+            RobotError: another number of joints, or unknown names.
+        """
+        names, given = [str(name) for name in model.names[1:]], {}
+        for name in COEFFICIENTS:
+            value = getattr(self, name)
+            usual = type(self).__dataclass_fields__[name].default
+            if isinstance(value, Mapping):
+                array = np.full(model.nv, usual, dtype=float)
+                for joint, number in value.items():
+                    array[joint_id(model, joint, f"friction.{name}") - 1] = number
+                given[name] = array
+            else:
+                where = f"friction.{name}"
+                given[name] = vector(value, model.nv, where, names=names, error=RobotError)
+        shafts = tuple(each.of(model) for each in self.shafts)
+        return replace(self, **given, shafts=shafts)
 
     @cached_property
     def present(self) -> bool:
         """Whether any joint has friction or an offset."""
-        parts = (self.viscous, self.coulomb, self.load, self.asymmetry, self.offset)
+        parts = (self.viscous, self.coulomb, self.gear_friction, self.asymmetry, self.offset)
         return bool(self.shafts) or any(part.any() for part in parts)
 
     @property
@@ -296,12 +338,12 @@ class Friction:
     @cached_property
     def loaded(self) -> bool:
         """Whether friction depends on the gravity torque."""
-        return bool(self.load.any())
+        return bool(self.gear_friction.any())
 
     @cached_property
     def plain(self) -> bool:
         """Whether it is viscous and Coulomb friction alone, which simulators know."""
-        parts = (self.load, self.asymmetry, self.offset, self.breakaway - 1.0)
+        parts = (self.gear_friction, self.asymmetry, self.offset, self.breakaway - 1.0)
         return not self.shafts and not any(part.any() for part in parts)
 
     @cached_property
@@ -325,8 +367,8 @@ class Friction:
         """Return the friction under a gravity torque (nv), which is then part of ``coulomb``."""
         if not self.loaded:
             return self
-        coulomb = self.coulomb + self.load * np.abs(gravity)
-        return replace(self, coulomb=coulomb, load=np.zeros(coulomb.size))
+        coulomb = self.coulomb + self.gear_friction * np.abs(gravity)
+        return replace(self, coulomb=coulomb, gear_friction=np.zeros(coulomb.size))
 
     def smoothed_sign(self, v: np.ndarray) -> np.ndarray:
         """Return sigma (nv) at joint velocity v (nv)."""
@@ -342,7 +384,7 @@ class Friction:
         if self.loaded:
             raise RobotError(
                 "this friction depends on the gravity torque.",
-                where="friction.load",
+                where="friction.gear_friction",
                 hint="friction.under(g).torque(v) takes the gravity torque g.",
             )
         sigma = self.smoothed_sign(v)

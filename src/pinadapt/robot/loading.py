@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, flag, instance, keywords, name_list, vector
+from .._checks import arithmetic, flag, instance, name_list, vector
 from ..description.chain import (
     ENDS,
     chain_joints,
@@ -48,7 +48,6 @@ _FINGER = re.compile(r"finger|thumb|(^|[^a-z])jaw")
 _SENSOR = re.compile(r"camera|optical|lidar|laser|sensor|acceler|(^|[^a-z])(imu|lens|range|gyro)")
 
 
-@keywords()
 @arithmetic("robot", RobotError)
 def load(
     source: Source,
@@ -62,6 +61,7 @@ def load(
     xacro: XacroArguments | None = None,
     mass: float | None = None,
     joint_effects: bool = False,
+    pixel: float | None = None,
 ) -> Robot:
     """Load a robot as the open chain from its base to one frame.
 
@@ -91,6 +91,8 @@ def load(
             move without inertia, point masses become balls of aluminium, with a warning.
         joint_effects: take damping, friction and rotor inertia of the joints from the description.
             By default friction is zero, as most descriptions contain placeholder values.
+        pixel: of the task "image", the picture of the frame in a camera: about the length [m] that
+            a pixel covers at the arm; a factor of five does not matter. See ``Robot.filmed_by``.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
@@ -99,6 +101,14 @@ def load(
     """
     for given, where in ((frame, "frame"), (task, "task")):
         instance(given, str | None, where, RobotError)
+    if (task == IMAGE) != (pixel is not None):
+        raise RobotError(
+            'the task "image", and no other one, needs the length [m] that a pixel covers.',
+            where="pixel",
+            hint="Give pixel=0.002 for 2 mm, or say which cameras there are: Robot.filmed_by.",
+        )
+    if pixel is not None:
+        task = None
     found = describe(source, xacro=xacro, mass=mass)
     model, q_reference = found.model, found.q_reference.copy()
     still = {str(model.names[joint]): at for joint, at in joints_of_one_position(model).items()}
@@ -118,7 +128,9 @@ def load(
     )
     known = frame or found.frame
     robot = make(known) if known else _first_able(make, ends, task, model)
-    return _with_joint_effects(robot) if flag(joint_effects, "joint_effects") else robot
+    if flag(joint_effects, "joint_effects"):
+        robot = _with_joint_effects(robot)
+    return robot if pixel is None else robot.filmed_by(pixel=pixel)
 
 
 def _first_able(

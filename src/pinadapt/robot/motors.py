@@ -270,16 +270,16 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     bounds = (
         effort_limits(robot.model)
         if limits is True
-        else numbers(limits, "torque_limits", error=GainError, infinite=True)
+        else numbers(limits, "limits.torque", error=GainError, infinite=True)
     )
     if bounds.shape not in ((), (n,)):
         raise GainError(
             f"expected True, a number or {n} numbers, got shape {bounds.shape}.",
-            where="torque_limits",
+            where="limits.torque",
         )
     bounds = np.broadcast_to(bounds, n).copy()
     if not (bounds > 0.0).all():  # also true for NaN
-        raise GainError(f"must be positive, got {bounds.tolist()}.", where="torque_limits")
+        raise GainError(f"must be positive, got {bounds.tolist()}.", where="limits.torque")
     return bounds if np.isfinite(bounds).any() else None
 
 

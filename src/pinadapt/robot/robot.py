@@ -202,7 +202,8 @@ class Robot:
         model = self.model.copy()
         changes.scale_inertias(model, inertial_scale)
         loads = self.loads
-        if payload is not None:
+        instance(payload, changes.Payload | None, "payload", RobotError)
+        if payload is not None and payload.present:
             loads = *loads, changes.attach_payload(model, self.frame_id, payload)
         changes.shift_joints(model, link_translation)
         if tool_translation is not None:
@@ -359,14 +360,8 @@ class Robot:
         """Return a friction for the joints of this robot, its own where none is given."""
         if given is None:
             return self.friction
-        nv = instance(given, Friction, "friction", RobotError).viscous.size
-        farthest = max((max(part.joints) for part in given.shafts), default=0)
-        if nv != self.model.nv or farthest >= nv:
-            raise RobotError(
-                f"is of {max(nv, farthest + 1)} joints, and there are {self.model.nv}.",
-                where="friction",
-            )
-        return given
+        own: Friction = instance(given, Friction, "friction", RobotError)
+        return own.of(self.model)
 
     def friction_at(self, q: np.ndarray) -> Friction:
         """Return the friction at configuration q (nq), under the gravity torque there.
@@ -557,7 +552,13 @@ def _parts(robot: Robot) -> dict[str, np.ndarray]:
         "tool": model.frames[robot.frame_id].placement.homogeneous,
         "links": np.array([placement.homogeneous for placement in model.jointPlacements]),
         "friction": np.array(
-            [friction.viscous, friction.coulomb, friction.load, friction.asymmetry, friction.offset]
+            [
+                friction.viscous,
+                friction.coulomb,
+                friction.gear_friction,
+                friction.asymmetry,
+                friction.offset,
+            ]
         ),
         "rotors": np.array(model.armature),
         "camera": np.array(robot.task.cameras if isinstance(robot.task, ImageTask) else 0.0),

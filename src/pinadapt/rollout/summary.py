@@ -202,6 +202,10 @@ def load(folder: Path, kind: type[Run]) -> Run:
     Raises:
         InputError: the files are missing, broken, or of another version of pinadapt.
     """
+    if folder.is_file():
+        raise InputError(
+            "is a file of a run.", where=str(folder), hint=f"Give the folder: {folder.parent}."
+        )
     for name in ("summary.json", "rollout.npz"):
         if not (folder / name).is_file():
             raise InputError(
@@ -356,12 +360,12 @@ def _advice(run: Recording, numbers: dict[str, Any]) -> str:
     if (numbers["saturated"] or 0.0) > _OFTEN:
         return (
             f"the motors were at their limit {numbers['saturated']:.0%} of the time: try a longer "
-            "reference.period, a smaller path, or a smaller load"
+            "trajectory.period, a smaller path, or a smaller load"
         )
     if run.diverged is not None:
         return (
-            "try a fifth of controller.gamma_k or gamma_d, a longer reference.period, or a "
-            "shorter simulation.dt"
+            "try a fifth of controller.gamma_k or gamma_d, a longer trajectory.period, or a "
+            "shorter controller.dt"
         )
     if numbers["recorded"]["damped"] > _OFTEN:
         return "the path comes close to a singularity: try another robot.q0 or a smaller path"

@@ -2,83 +2,37 @@
 
 from __future__ import annotations
 
+import json
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from ..adaptation.natural import MatrixInequality
+import numpy as np
+
+from .._checks import located
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
-from ..controller.limits import Limits
-from ..description.urdf import is_path
-from ..exceptions import InputError, ScenarioError
-from ..models.basis import read_matrix
+from ..exceptions import InputError, MeasurementError, ScenarioError
 from ..plants.mujoco_plant import MujocoFile
-from ..records import Camera, Sensors
-from ..robot.changes import Payload
+from ..records import Sensors
 from ..robot.loading import load
-from ..robot.motors import Actuators, Compensation, Gravity, torque_limits
+from ..robot.motors import Gravity, torque_limits
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.engine import Engine
 from ..simulation.loop import Events
-from ..simulation.prepare import findings, prepare
+from ..simulation.prepare import check_options, findings, prepare
 from ..simulation.simulate import Progress, simulate
-from ..tasks.frame import IMAGE
+from ..tasks.frame import ImageTask, pinhole_camera
+from ..trajectories.pose import placed_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
-from ..tuning.unknowns import Unknown
-from .parts import (
-    announcements_of,
-    check_in_picture,
-    initial_model,
-    payload_of,
-    trajectory_of,
-    true_changes,
-    true_robot,
-)
-from .schema import (
-    ActuatorsSection,
-    BeliefSection,
-    ScenarioTables,
-    SimulationSection,
-    TruthSection,
-    UnknownSection,
-    prefix_errors,
-    read_tables,
-)
-
-_NOT_GAINS = {"law", "adaptation", "acceleration", "damping", "guards", "watch", "actuators"}
-
+from .tables import KEYS, TABLES, Tables, at_folder, motion, parts, read, read_tables
 
 _CHAIN = tuple(f"robot.{key}" for key in ("source", "frame", "task", "locked"))
-
-
-@contextmanager
-def _hint_of_another_chain(changed: Sequence[str], tables: ScenarioTables) -> Iterator[None]:
-    """Add to errors raised inside what else to set where a setting has changed the chain.
-
-    Raises:
-        InputError: the error raised inside, with its own type.
-    """
-    try:
-        yield
-    except InputError as error:
-        if not changed or error.where in changed:
-            raise
-        robot = tables.robot
-        frame, task = (f" --{name} {getattr(robot, name)}" for name in ("frame", "task"))
-        hint = (
-            f"--set has changed {', '.join(changed)}, and the file has numbers of another chain: "
-            "set its home pose robot.q0, and what else has one number per joint or coordinate; or "
-            f"write a new file: `pinadapt init {robot.source}{frame if robot.frame else ''}"
-            f"{task if robot.task else ''}`."
-        )
-        before = f"{error.hint} " if error.hint else ""
-        raise type(error)(error.what, where=error.where, hint=before + hint) from error
+_OF_PICTURES = ("center", "radius", "amplitude", "points", "point", "cosine", "sine")
 
 
 class Kept(Protocol):
@@ -88,24 +42,12 @@ class Kept(Protocol):
         """Return what was made before from the same, or make it."""
 
 
-def _anew(kind: str, of: str, make: Callable[[], Any]) -> Any:
-    return make()
-
-
-def _made_from(tables: ScenarioTables, folder: Path) -> tuple[str, str]:
-    """Return what the described robot and the controller are made from, as texts."""
-    robot = f"{folder} {len(tables.truth.camera)} {tables.robot.model_dump_json()}"
-    parts = [each.model_dump_json() for each in (tables.belief, tables.unknown, tables.controller)]
-    simulation = tables.simulation.model_dump_json(exclude={"duration", "seed", "substeps"})
-    return robot, " ".join([robot, *parts, str(tables.reference.governor), simulation])
-
-
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """Everything that a run needs, built and checked before anything moves.
 
     Attributes:
-        tables: the checked tables of the file.
+        tables: of the file, its paths as seen from the working directory.
         true: the true robot.
         estimated: the estimated model at the start.
         controller: the controller, made for the estimated model.
@@ -114,9 +56,13 @@ class Scenario:
         events: changes of the true robot, and announcements to the controller.
         engine: the simulator of the true robot.
         start: initial estimates ``a_k`` and ``a_d``; None: those of ``estimated``.
+        duration: of the run [s].
+        seed: of the noise and of lost frames.
+        record_every: one sample of so many is kept.
+        title: the file's title, or the robot's name.
     """
 
-    tables: ScenarioTables
+    tables: Tables
     true: Robot
     estimated: Robot
     controller: Controller
@@ -124,12 +70,11 @@ class Scenario:
     sensors: Sensors
     events: Events
     engine: Engine
-    start: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def title(self) -> str:
-        """The file's title, or the robot's name."""
-        return self.tables.title or self.true.name
+    start: Mapping[str, Any] | None = None
+    duration: float = 10.0
+    seed: int = 0
+    record_every: int = 1
+    title: str = ""
 
     @classmethod
     def read(cls, path: Path | str, settings: Sequence[str] = ()) -> Scenario:
@@ -141,15 +86,26 @@ class Scenario:
         path = Path(path)
         tables = read_tables(path, settings)
         changed = [text.partition("=")[0].strip() for text in settings]
-        with _hint_of_another_chain([key for key in changed if key in _CHAIN], tables):
+        changed = [key for key in changed if key in _CHAIN]
+        try:
             return cls.build(tables, path.parent)
+        except InputError as error:
+            if not changed or error.where in changed:
+                raise
+            hint = (
+                f"--set has changed {', '.join(changed)}, and the file has numbers of another "
+                "chain: set robot.q0, and what else has one number per joint or coordinate; or "
+                f"write a new file: `pinadapt init {tables['robot'].get('source')}`."
+            )
+            before = f"{error.hint} " if error.hint else ""
+            raise type(error)(error.what, where=error.where, hint=before + hint) from error
 
     @classmethod
-    def build(cls, tables: ScenarioTables, folder: Path, kept: Kept | None = None) -> Scenario:
-        """Build a scenario from checked tables; relative paths are relative to ``folder``.
+    def build(cls, tables: Tables, folder: Path, kept: Kept | None = None) -> Scenario:
+        """Build a scenario from tables; relative paths are relative to ``folder``.
 
         Args:
-            tables: the checked tables.
+            tables: as a file has them.
             folder: to which paths are relative.
             kept: robots and controllers of other scenarios, taken where they are the same; one
                 controller must not step in two threads at a time.
@@ -157,45 +113,65 @@ class Scenario:
         Raises:
             InputError: the tables cannot be used.
         """
-        robot_of, controller_of = _made_from(tables, folder)
-        made = _anew if kept is None else kept.once
-        with prefix_errors("robot"):
-            described = made("robot", robot_of, lambda: described_robot(tables, folder))
-        with prefix_errors("truth"):
-            true = true_robot(described, tables.truth)
-        with prefix_errors("belief"):
-            learned = _learned(tables.belief, folder)
-            unloaded = initial_model(described, tables.belief)
-            if learned is not None:
-                unloaded = learned.shaped(unloaded)
-            load = payload_of(tables.belief.payload)
-            estimated = unloaded.changed(payload=load)
-        with prefix_errors("controller"):
-            sensors = _sensors(tables.simulation, tables.robot.pixel or 1.0)
-            unknown = _unknown(tables.unknown, learned, folder)
-            controller = made(
-                "controller",
-                controller_of,
-                lambda: _controller(tables, described, unloaded, load, sensors, unknown),
+        tables = at_folder(tables, folder)
+        given = parts(tables)
+        written, cameras = _text_of(tables, "robot"), len(given["truth"]["camera"])
+        described: Robot = _once(
+            kept, "robot", f"{written} {cameras}", lambda: described_robot(tables)
+        )
+        pixel = getattr(described.task, "pixel", None) or 1.0
+        sensors = _scaled(given["sensors"], pixel)
+        truth, model = given["truth"], given["model"]
+        with located("truth", KEYS["truth"][1], TABLES):
+            true = true_robot(described, truth)
+        learned = model.pop("learned", None)
+        with located("model", KEYS["model"][1], TABLES):
+            learned = None if learned is None else LearnedParameters.load(learned)
+            unloaded = described.changed(**model)
+            unloaded = unloaded if learned is None else learned.shaped(unloaded)
+        unknown, start = given["unknown"], given["start"] or None
+        if learned is not None:
+            if start:
+                raise ScenarioError("is given by model.learned already.", where="start")
+            if unknown.friction in (None, True) and unknown.armature in (None, True):
+                unknown = unknown.with_effects(learned.joint_coefficients or "none")
+        options = given["controller"]
+        if isinstance(changes := options.get("compensated"), Mapping):
+            with located("controller.compensated"):
+                compensation = read(changes, "controller.compensated", Robot.changed)
+                options["compensated"] = Gravity(described.changed(**compensation))
+
+        def controller_of() -> Controller:
+            """Return the controller."""
+            return make_controller(
+                unloaded, unknown=unknown, sensors=sensors, limits=given["limits"], **options
             )
-        with prefix_errors("belief"):
-            start = _start(tables.belief, learned, controller)
-        with prefix_errors("reference"):
-            trajectory = trajectory_of(tables.reference, true)
-            check_in_picture(trajectory, true, tables.truth, tables.simulation.duration)
-        changes, announced = true_changes(described, tables.truth), announcements_of(tables.belief)
-        with prefix_errors("simulation"):
-            engine = _engine(tables, folder)
+
+        made_from = _text_of(tables, "robot", "model", "unknown", "controller", "sensors", "limits")
+        with located("controller", KEYS["controller"][1], TABLES):
+            controller = _once(kept, "controller", f"{made_from} {cameras}", controller_of)
+        if learned is not None:
+            with located("model.learned"):
+                start = learned.start(controller)
+        with located("trajectory", (), TABLES):
+            trajectory = trajectory_of(tables.get("trajectory", {}), true)
+        events = Events(
+            _changes(described, truth, given["events"]["changes"]),
+            _in_time(given["events"]["announcements"], "announcements"),
+        )
+        title = given["title"] or true.name
         scenario = cls(
             tables,
             true,
-            estimated,
+            unloaded.changed(payload=options.get("payload")),
             controller,
             trajectory,
             sensors,
-            Events(changes, announced),
-            engine,
+            events,
+            given["engine"],
             start,
+            **given["simulation"],
+            title=title,
         )
         scenario.check()
         return scenario
@@ -208,19 +184,26 @@ class Scenario:
                 outside the physical cone, or the engine is not installed or its model does not
                 match the robot.
         """
-        changes = self.tables.truth.model_copy(update={"camera": []})
-        if isinstance(self.engine.plant, MujocoFile) and changes != TruthSection():
+        if isinstance(self.engine.plant, MujocoFile) and set(self.tables.get("truth", {})) - {
+            "camera"
+        }:
             raise ScenarioError(
-                "the model file of simulation.engine defines the true robot.",
+                "the model file of engine.plant defines the true robot.",
                 where="truth",
                 hint="Change the model file, or remove this table.",
             )
-        with prefix_errors("simulation.engine"):
-            plant = self.engine.maker()(self.true)
-        with prefix_errors("belief"), warnings.catch_warnings():
+        with located("simulation", KEYS["simulation"][1], TABLES):
+            dt = self.engine.period(self.controller)
+            check_options(self.duration, dt, self.record_every, self.seed, self.title)
+        with located("engine", KEYS["engine"][1], TABLES):
+            plant = self.engine.make(self.true, self.controller)
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are shown when the run starts
-            state = prepare(plant, self.controller, self.trajectory, self.start)
-        with prefix_errors("belief.change"):
+            try:
+                state = prepare(plant, self.controller, self.trajectory, self.start)
+            except MeasurementError as error:
+                raise ScenarioError(f"{error}", where="robot.q0") from error
+        with located("events.announcements", (), TABLES):
             self.events.check(self.controller, state)
 
     def findings(self) -> list[str]:
@@ -238,214 +221,130 @@ class Scenario:
         Raises:
             Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
         """
-        simulation = self.tables.simulation
-        with prefix_errors("simulation"):
+        with located("simulation", KEYS["simulation"][1], TABLES):
             return simulate(
                 self.true,
                 self.controller,
                 self.trajectory,
-                duration=simulation.duration,
+                duration=self.duration,
                 sensors=self.sensors,
                 events=self.events,
                 engine=self.engine,
                 start=self.start,
-                seed=simulation.seed,
+                seed=self.seed,
+                record_every=self.record_every,
                 title=self.title,
                 progress="live" if view else progress,
             )
 
 
-def described_robot(tables: ScenarioTables, folder: Path) -> Robot:
-    """Return the robot of [robot], as described; paths are relative to ``folder``.
+def _once(kept: Kept | None, kind: str, of: str, make: Callable[[], Any]) -> Any:
+    return make() if kept is None else kept.once(kind, of, make)
+
+
+def _text_of(tables: Tables, *names: str) -> str:
+    """Return tables as a text that differs where they do."""
+
+    def plain(value: Any) -> Any:
+        """Return what JSON has not in words or lists."""
+        return value.tolist() if hasattr(value, "tolist") else str(value)
+
+    return json.dumps([tables.get(name) for name in names], default=plain)
+
+
+def described_robot(tables: Tables) -> Robot:
+    """Return the robot of [robot], as described.
 
     Raises:
-        InputError: it cannot be loaded, or ``pixel`` is missing for the task "image", or given for
-        another.
+        InputError: it cannot be loaded.
     """
-    robot = tables.robot
-    filmed = robot.task == IMAGE
-    if filmed != (robot.pixel is not None):
-        words = "is needed by" if filmed else "has a use only with"
+    given = parts(tables)
+    with located("robot", KEYS["robot"][1]):
+        robot = load(**given["robot"])
+    cameras = len(given["truth"]["camera"])
+    if cameras > 1 and isinstance(robot.task, ImageTask):
+        return robot.filmed_by(pixel=robot.task.pixel, count=cameras)
+    return robot
+
+
+def true_robot(described: Robot, truth: Mapping[str, Any]) -> Robot:
+    """Return the true robot: the described one with the changes of [truth].
+
+    Raises:
+        InputError: they do not fit the robot.
+    """
+    own = {key: value for key, value in truth.items() if key not in ("tracker", "camera", "at")}
+    true, task = described.changed(**own), described.task
+    if isinstance(task, ImageTask) != bool(truth.get("camera")):
         raise ScenarioError(
-            f'{words} the task "image": about the length [m] that a pixel covers at the arm.',
-            where="pixel",
-            hint="0.002 for 2 mm; a factor of five does not matter." if filmed else None,
+            'the task "image" needs a camera, and no other task has one.',
+            where="camera",
+            hint="Say where the simulated one stands: [[truth.camera]] position = [2.0, 0.0, 1.0]. "
+            "The controller does not know it.",
         )
-    described = load(
-        folder / robot.source if is_path(robot.source) else robot.source,
-        frame=robot.frame,
-        task=None if filmed else robot.task,
-        locked=robot.locked,
-        q0=robot.q0,
-        gravity=robot.gravity,
-        weld_root=robot.weld_root,
-        xacro=robot.xacro,
-        mass=robot.mass,
-        joint_effects=robot.joint_effects,
-    )
-    if not filmed:
-        return described
-    return described.filmed_by(pixel=robot.pixel, count=max(1, len(tables.truth.camera)))
+    if isinstance(task, ImageTask):
+        at = described.placement(described.q0).translation
+        views = [pinhole_camera(**{"target": at, **each}) for each in truth["camera"]]
+        return true.filmed_by(*views, pixel=task.pixel)
+    if "tracker" not in truth:
+        return true
+    with located("tracker"):
+        return true.seen_from(**read(truth["tracker"], "tracker", Robot.seen_from))
 
 
-def _learned(belief: BeliefSection, folder: Path) -> LearnedParameters | None:
-    """Return what was learned before; None where the scenario names no file.
+def _changes(
+    described: Robot, truth: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]
+) -> dict[float, Robot]:
+    """Return the true robot after each change, by its time [s].
+
+    A change replaces the keys that it names. The others keep their value of the previous change,
+    before the first change that of [truth].
 
     Raises:
-        InputError: the file cannot be used, or estimates are given twice.
+        InputError: two changes have the same time, or keys do not fit the robot.
     """
-    if belief.learned is None:
-        return None
-    if belief.kinematic is not None or belief.dynamic is not None:
-        raise ScenarioError(
-            "contains these already; remove kinematic and dynamic.", where="learned"
-        )
-    return LearnedParameters.load(folder / belief.learned)
+    keys, robots = dict(truth), {}
+    for at, change in _in_time(changes, "changes").items():
+        keys |= change
+        with located("events.changes", KEYS["truth"][1]):
+            robots[at] = true_robot(described, keys)
+    return robots
 
 
-def _start(
-    belief: BeliefSection, learned: LearnedParameters | None, controller: Controller
-) -> dict[str, Any]:
-    """Return the initial estimates, and the information; None: those of the estimated model.
+def _in_time(events: Sequence[Mapping[str, Any]], name: str) -> dict[float, dict[str, Any]]:
+    """Return what happens at each time [s], in order.
 
     Raises:
-        InputError: the learned parameters are others than the unknown ones.
+        ScenarioError: an event without a time, or two at the same one.
     """
-    if learned is None:
-        return {"a_k": belief.kinematic, "a_d": belief.dynamic}
-    return dict(learned.start(controller))
+    found: dict[float, dict[str, Any]] = {}
+    for number, event in enumerate(events):
+        others = dict(event)
+        at, where = others.pop("at", None), f"events.{name}.{number}.at"
+        if not isinstance(at, int | float) or isinstance(at, bool):
+            raise ScenarioError("the time of the event is needed [s].", where=where)
+        if at in found:
+            raise ScenarioError(f"there is another event at {at:g} s.", where=where)
+        found[at] = others
+    return dict(sorted(found.items()))
 
 
-def _sensors(simulation: SimulationSection, pixel: float) -> Sensors:
-    """Return the sensors of [simulation]; a delay alone is a camera with a frame at every sample.
+def _scaled(sensors: Sensors, pixel: float) -> Sensors:
+    """Return sensors whose noise of x counts in units of ``pixel`` [m], as in a picture."""
+    if pixel == 1.0 or "x" not in sensors.noise:
+        return sensors
+    return replace(sensors, noise={**sensors.noise, "x": pixel * sensors.deviation("x")})
 
-    Args:
-        simulation: the table.
-        pixel: length [m] of the unit in which the noise of x is given.
+
+def trajectory_of(table: Any, robot: Robot) -> Trajectory:
+    """Return the desired motion; one without a place of its own begins at the robot's home pose.
 
     Raises:
-        InputError: the delay is given twice, or a sensor's values are impossible.
+        InputError: it does not fit the task.
     """
-    camera = None if simulation.camera is None else Camera(**simulation.camera.model_dump())
-    if simulation.delay and camera is not None:
-        raise InputError(
-            "the camera has a delay of its own.",
-            where="delay",
-            hint="Set camera = { delay = ... } only.",
-        )
-    return Sensors(
-        Camera(delay=simulation.delay) if simulation.delay else camera,
-        simulation.encoder,
-        simulation.noise.model_dump() | {"x": pixel * simulation.noise.x},
-        simulation.carry,
-        simulation.torque_offset,
-    )
-
-
-def _engine(tables: ScenarioTables, folder: Path) -> Engine:
-    """Return the engine of [simulation]."""
-    simulation = tables.simulation
-    return Engine(
-        _plant(simulation, folder),
-        dt=simulation.dt,
-        substeps=simulation.substeps,
-        continuous=simulation.mode == "continuous",
-        ideal_acceleration=tables.controller.acceleration == "ideal",
-        torque_limits=simulation.torque_limits,
-        actuators=_true_actuators(simulation),
-    )
-
-
-def _plant(simulation: SimulationSection, folder: Path) -> str | MujocoFile:
-    """Return the engine's name, or a MuJoCo model file."""
-    if isinstance(simulation.engine, str):
-        return simulation.engine
-    named = simulation.engine.model_dump(exclude={"mjcf"})
-    return MujocoFile(folder / simulation.engine.mjcf, **named)
-
-
-def _true_actuators(simulation: SimulationSection) -> Actuators | None:
-    """Return late motors and elastic joints of the true robot, or None.
-
-    Raises:
-        ScenarioError: springs are given twice, or with another engine than Pinocchio.
-    """
-    springs, given = simulation.elasticity, simulation.actuators
-    own = {} if given is None else given.model_dump(exclude_none=True)
-    if springs is not None:
-        if own.keys() & {"stiffness"}:
-            raise ScenarioError(
-                "simulation.actuators has the stiffness already; give it once.",
-                where="simulation.elasticity",
-            )
-        own |= springs.model_dump()
-    if "stiffness" in own and simulation.engine != "pinocchio":
-        raise ScenarioError(
-            'elastic joints need engine = "pinocchio".',
-            where=f"simulation.{'actuators' if springs is None else 'elasticity'}",
-        )
-    return Actuators(**own) if own else None
-
-
-def _declared_actuators(section: ActuatorsSection | None) -> Actuators | None:
-    """Return the actuators that [controller] declares, or None."""
-    return None if section is None else Actuators(**section.model_dump(exclude_none=True))
-
-
-def _controller(
-    tables: ScenarioTables,
-    described: Robot,
-    unloaded: Robot,
-    load: Payload | None,
-    sensors: Sensors,
-    unknown: Unknown,
-) -> Controller:
-    controller, simulation = tables.controller, tables.simulation
-    guards = controller.guards
-    compensated: Compensation | None = None
-    if simulation.compensated is not None:  # of the description, or with the load of [belief]
-        carried = load if simulation.compensated == "loaded" else None
-        compensated = Gravity(described.changed(payload=carried))
-    return make_controller(
-        unloaded,
-        payload=load,
-        law=controller.law,
-        adaptation=controller.adaptation,
-        unknown=unknown,
-        sensors=sensors,
-        limits=Limits(
-            torque=simulation.torque_limits is not False,
-            box=tables.unknown.kinematic_box,
-            damping=controller.damping,
-            guards=guards if isinstance(guards, bool) else guards.model_dump(),
-            stop_on_divergence=controller.watch,
-            governor=tables.reference.governor,
-            actuators=_declared_actuators(controller.actuators),
-        ),
-        compensated=compensated,
-        dt=1e-3 if simulation.mode == "continuous" else simulation.dt,
-        **controller.model_dump(exclude=_NOT_GAINS),
-    )
-
-
-def _unknown(unknown: UnknownSection, learned: LearnedParameters | None, folder: Path) -> Unknown:
-    """Return the unknown parameters of [unknown]; all of the joints are those that were learned.
-
-    Raises:
-        InputError: the names, the basis or the inequality cannot be used.
-    """
-    with prefix_errors("unknown.basis"):
-        basis = None if unknown.basis is None else read_matrix(folder / unknown.basis)
-    with prefix_errors("unknown.lmi"):
-        lmi = None if unknown.lmi is None else MatrixInequality.from_file(folder / unknown.lmi)
-    joint = unknown.joint
-    if joint in (None, "all", ["all"]) and learned is not None:
-        joint = learned.joint_coefficients or "none"
-    return Unknown.of_tables(
-        unknown.kinematic,
-        unknown.dynamic,
-        joint,
-        basis=basis,
-        lmi=lmi,
-        regressor=unknown.regressor,
-    )
+    pixel = getattr(robot.task, "pixel", None)
+    if pixel is not None and isinstance(table, Mapping):  # numbers of pictures are pixels
+        lengths = {key: table[key] for key in _OF_PICTURES if key in table}
+        scaled = {key: (pixel * np.array(each)).tolist() for key, each in lengths.items()}
+        table = {**table, **scaled}
+    return placed_trajectory(motion(table), robot.task, robot.position(robot.q0))

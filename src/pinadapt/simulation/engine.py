@@ -8,7 +8,7 @@ from math import isfinite
 
 import numpy as np
 
-from .._checks import flag, instance, keywords, positive
+from .._checks import flag, instance, positive, whole
 from ..controller.controller import PERIOD, Controller
 from ..exceptions import InputError, did_you_mean
 from ..plants.elastic_plant import ElasticPlant
@@ -22,7 +22,6 @@ from ..robot.robot import Robot
 PLANTS: dict[str, PlantMaker] = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
 
 
-@keywords()
 @dataclass(frozen=True)
 class Engine:
     """What moves the true robot, and in which steps.
@@ -61,31 +60,32 @@ class Engine:
 
     def __post_init__(self) -> None:
         """Refuse invalid values."""
-        instance(self.actuators, Actuators | None, "actuators")
+        instance(self.actuators, Actuators | None, "engine.actuators")
         self.maker()
         if self.dt is not None:
-            positive(self.dt, "dt")
+            positive(self.dt, "engine.dt")
+        if self.substeps is not None:
+            whole(self.substeps, "engine.substeps", 1)
         for name in ("continuous", "ideal_acceleration"):
-            flag(getattr(self, name), name)
+            flag(getattr(self, name), f"engine.{name}")
         if self.torque_limits is not None:
-            flag(self.torque_limits, "torque_limits")
+            flag(self.torque_limits, "engine.torque_limits")
         if self.ideal_acceleration and self.torque_limits:
             raise InputError(
                 "the ideal acceleration is that of the unclipped torque; choose one.",
-                where="torque_limits",
+                where="engine.torque_limits",
             )
         if self.actuators is None or self.actuators.ideal:
             return
         if self.ideal_acceleration:
             raise InputError(
                 "the ideal acceleration is that of a torque which is there at once; choose one.",
-                where="actuators",
+                where="engine.actuators",
             )
         if self.continuous:
             raise InputError(
                 "late motors and elastic joints are simulated in samples only.",
-                where="mode",
-                hint='Take mode = "sampled" (continuous=False).',
+                where="engine.continuous",
             )
 
     @classmethod
@@ -128,8 +128,8 @@ class Engine:
             raise InputError(
                 f"{type(plant).__name__} moves in samples; only Pinocchio's equations can be "
                 "integrated as one with the controller's.",
-                where="mode",
-                hint='Take mode = "sampled" (continuous=False), or engine = "pinocchio".',
+                where="engine.continuous",
+                hint='Leave it out, or take plant = "pinocchio".',
             )
         return plant
 
@@ -161,6 +161,6 @@ def plant_maker(plant: str | MujocoFile | PlantMaker) -> PlantMaker:
         raise InputError(
             f"must be one of {list(PLANTS)}, a MujocoFile, or what makes a plant, got {plant!r}."
             f"{did_you_mean(str(plant), PLANTS)}",
-            where="engine",
+            where="engine.plant",
         )
     return PLANTS[plant]

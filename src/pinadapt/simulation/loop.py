@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, keywords, mapping, positive
+from .._checks import instance, mapping, positive
 from ..controller.controller import Controller
 from ..controller.governor import PathTime
 from ..controller.state import ControllerState, Sample
@@ -33,7 +33,6 @@ from .prepare import usable_trajectory
 ANNOUNCED = ("payload", "tool_translation")
 
 
-@keywords(beliefs="announcements={...}")
 class Events:
     """Changes of the true robot, and announcements to the controller, each at its time.
 
@@ -56,10 +55,10 @@ class Events:
             InputError: times that are not positive and finite, or announcements that
                 ``Controller.announce`` does not take.
         """
-        self.changes: dict[float, Robot] = in_time(changes, "changes")
+        self.changes: dict[float, Robot] = in_time(changes, "events.changes")
         self.announcements: dict[float, Mapping[str, Any]] = {
-            time: mapping(announced, f"announcements[{time:g}]")
-            for time, announced in in_time(announcements, "announcements").items()
+            time: mapping(announced, f"events.announcements[{time:g}]")
+            for time, announced in in_time(announcements, "events.announcements").items()
         }
         for time, announced in self.announcements.items():
             for name in announced:
@@ -67,7 +66,7 @@ class Events:
                     raise InputError(
                         f"must be one of {list(ANNOUNCED)}, got {name!r}."
                         f"{did_you_mean(str(name), ANNOUNCED)}",
-                        where=f"announcements[{time:g}]",
+                        where=f"events.announcements[{time:g}]",
                     )
 
     @property

@@ -24,7 +24,7 @@ from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight, sensor_findings
 
-_STARTS = {"a_k": "belief.kinematic", "a_d": "belief.dynamic"}
+_STARTS = {"a_k": "start.a_k", "a_d": "start.a_d"}
 _INFORMATION = ("information", "information_k")
 
 _SINGULAR = 1e-6
@@ -133,7 +133,7 @@ def usable_trajectory(
         return trajectory
     raise InputError(
         f"the law '{law.name}' is for a set point, and the desired motion does not come to rest.",
-        where="reference.kind",
+        where="trajectory",
         hint='Take "hold" or "waypoints" (Hold, Waypoints, or a motion of your own that ends at '
         f"rest), or the law '{DEFAULT}', which follows motions.",
     )

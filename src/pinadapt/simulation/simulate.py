@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, keywords
+from .._checks import instance
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
@@ -38,7 +38,8 @@ from ..rollout.recording import (
 )
 from ..rollout.rollout import Rollout
 from ..tasks.task import JointTask
-from ..trajectories.given import TrajectoryLike, as_trajectory
+from ..trajectories.given import TrajectoryLike
+from ..trajectories.pose import placed_trajectory
 from ..tuning.make_controller import make_controller
 from .engine import Engine
 from .loop import Events, run, run_continuous, sample_indices
@@ -98,7 +99,6 @@ def watched(indices: range, progress: Progress | bool | str | None, title: str) 
     return bar
 
 
-@keywords()
 def simulate(
     true: Robot,
     controller: Controller,
@@ -159,7 +159,7 @@ def simulate(
     if engine.continuous and not sensors.perfect:
         raise InputError(
             "noise, delay, camera and encoder exist in sampled mode only.",
-            where="mode",
+            where="engine.continuous",
             hint="Take sensors=pa.Sensors() for perfect ones.",
         )
     if engine.ideal_acceleration or controller.limits.torque is None:
@@ -171,7 +171,7 @@ def simulate(
             "the robot of a model file does not change while it moves.", where="changes"
         )
     indices = sample_indices(duration, dt, ends=engine.continuous)
-    trajectory = as_trajectory(trajectory, true.task)
+    trajectory = placed_trajectory(trajectory, true.task, true.position(true.q0))
     if not controller.kinematics.calibrated and not isinstance(start, LearnedParameters):
         given = {"a_k": None} if start is None else dict(start)
         if given.get("a_k", ()) is None:

@@ -3,11 +3,11 @@
 The same words are used on the command line, in sweep files and in Python. A value is a list, whose
 entries are tried in turn, or a text:
 
+* ``0.5, 1.0`` or ``separation, slotine-li``, numbers or words;
 * ``lin(0.5, 2.0, 16)`` and ``log(1.0, 100.0, 9)``: so many numbers, both ends among them, evenly
   spaced in the numbers or in their logarithms;
 * ``uniform(low, high)``, ``loguniform(low, high)``, ``normal(mean, deviation)``, ``choice([...])``:
-  drawn anew for each sample; bounds may be lists, one number for each joint;
-* one of these after ``*``: factors on the value that the scenario has.
+  drawn anew for each sample; bounds may be lists, one number for each joint.
 
 Lists and ranges are axes of a grid. What is drawn is one point of a design: random numbers, a Latin
 hypercube, or Sobol's sequence (``scipy.stats.qmc``). The cases are the product of the listed cases,
@@ -22,32 +22,37 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
-from .._checks import numbers, shown, whole, word
+from .._checks import instance, mapping, positive, shown, whole, word
 from .._output import read_toml, write_text
 from .._version import __version__
-from ..exceptions import InputError, did_you_mean
+from ..exceptions import InputError
 from ..scenario.scenario import described_robot
-from ..scenario.schema import put, tables_with, toml_value
+from ..scenario.tables import (
+    at_folder,
+    made,
+    parts,
+    put,
+    setting,
+    toml_value,
+    with_values,
+)
 from .table import plain
 
 METHODS = ("random", "lhs", "sobol")
-_CHECKED = (
-    1000  # values of an axis that are all checked before the first case; twice: a later start
-)
+_CHECKED = 1000  # values of an axis that are checked before the first case; twice: a later start
 _OWN = {"case", "status", "reason", "seconds"}  # columns that no argument of a function may have
 _EDGE = 2.0**-53  # least distance of a quantile from 0 and 1, where normal ones are infinite
 _DESIGN = 1  # spawn key of the design's random numbers; cases have (0, number)
 _HINT = (
-    "Write a list such as [1.0, 2.0], or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
+    "Write values such as 1.0, 2.0 or a, b, or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
     "loguniform(a, b), normal(mean, deviation), choice([...]), finite numbers and a below b."
 )
 
@@ -76,16 +81,12 @@ class Values:
         kind: "list", "uniform", "loguniform", "normal" or "choice".
         arguments: the values of the axis; low and high, or mean and deviation, each a number or a
             list of n; or the choices.
-        relative: whether these are factors on the scenario's value.
-        base: the value that factors multiply: a number or n of them.
         names: of the joints that have one number each in a table; empty: no table.
     """
 
     key: str
     kind: str
     arguments: tuple[Any, ...]
-    relative: bool = False
-    base: Any = None
     names: tuple[str, ...] = ()
 
     @classmethod
@@ -95,21 +96,19 @@ class Values:
         Raises:
             InputError: the text is none of the known ones, or a range or a bound is impossible.
         """
-        relative, kind = False, "list"
+        kind = "list"
         if isinstance(given, str):
-            text = given.strip()
-            relative, text = text.startswith("*"), text.removeprefix("*").strip()
             try:
-                kind, given = _parsed(text)
+                kind, given = _parsed(given.strip())
             except (ArithmeticError, AttributeError, SyntaxError, TypeError, ValueError) as error:
                 raise InputError(
-                    f"cannot be read: {shown(text)}.", where=key, hint=_HINT
+                    f"cannot be read: {shown(given)}.", where=key, hint=_HINT
                 ) from error
         listed = np.ndarray | range | tuple | list
         arguments = tuple(plain(given)) if isinstance(given, listed) else (given,)
         if not arguments or not _finite(arguments):
             raise InputError("expected finite numbers, at least one.", where=key, hint=_HINT)
-        return cls(key, kind, arguments, relative)
+        return cls(key, kind, arguments)
 
     @property
     def drawn(self) -> bool:
@@ -146,8 +145,6 @@ class Values:
 
     def used(self, value: Any) -> Any:
         """Return what the scenario gets for a value of the axis or of the distribution."""
-        if self.relative:
-            value = (np.asarray(self.base, float) * np.asarray(value, float)).tolist()
         if self.names:
             value = np.broadcast_to(value, len(self.names)).tolist()
             return dict(zip(self.names, value, strict=True))
@@ -184,13 +181,12 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     Raises:
         ArithmeticError, AttributeError, SyntaxError, TypeError, ValueError: it cannot be read.
     """
-    listed = toml_value(text) if text.startswith("[") else None
-    if isinstance(listed, list):
-        return "list", listed
+    if text.startswith("["):
+        return "list", list(instance(toml_value(text), list, "values"))
+    if "(" not in text:
+        return "list", [toml_value(part.strip()) for part in text.split(",")]
     tree: Any = ast.parse(text, mode="eval").body
-    if not isinstance(tree, ast.Call):
-        return "list", list(ast.literal_eval(tree))
-    kind, given = str(getattr(tree.func, "id", "")), [ast.literal_eval(each) for each in tree.args]
+    kind, given = str(tree.func.id), [ast.literal_eval(each) for each in tree.args]
     if kind in ("lin", "log"):
         first, last, count = given
         spaced = (np.linspace if kind == "lin" else np.geomspace)(first, last, count)
@@ -352,14 +348,15 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 # --- the sweep file ---
 
-_MAY_DIFFER = ("title", "timeout", "success", "csv")  # between a sweep and its resumption
+_MAY_DIFFER = ("title", "timeout", "success")  # between a sweep and its resumption
 COPY = "sweep.toml"
 SUCCESS = "follows"
 _SPREAD = re.compile(r"\s*(\[|(lin|log)\s*\()")  # a text that is a list or a range
 _CONDITION = re.compile(r"^\s*(\S+)\s*(<=|>=|<|>|==)\s*(\S+)\s*$")
 
 
-class Plan(BaseModel):
+@dataclass(frozen=True, eq=False)
+class Plan:
     """A whole sweep: what is run, what is varied, and how; the keys of a sweep file.
 
     Attributes:
@@ -371,29 +368,44 @@ class Plan(BaseModel):
         reduce: "module:name", or a function, that returns the numbers of a rollout.
         vary: values by key.
         case: explicit cases, with which the others are combined.
-        samples, method, repeat, seed: see ``Cases``.
+        samples: number of samples of the distributions.
+        method: of the samples: "random", "lhs" (Latin hypercube) or "sobol".
+        repeat: runs of each case, each with another seed.
+        seed: of the sweep.
         timeout: [s] of a case.
         success: a column of truth values, or a condition such as "error_share < 0.01".
-        csv: whether tables are written as CSV even where pyarrow is installed.
+
+    Raises:
+        InputError: they cannot be used.
     """
 
-    model_config = ConfigDict(extra="forbid")
-
     title: str = ""
-    scenario: dict[str, Any] | None = None
+    scenario: Mapping[str, Any] | None = None
     folder: str = ""
     function: Callable[..., Any] | str | None = None
     path: str = ""
     reduce: Callable[..., Any] | str | None = None
-    vary: dict[str, Any] = {}
-    case: list[dict[str, Any]] = []
+    vary: Mapping[str, Any] = field(default_factory=dict)
+    case: Sequence[Mapping[str, Any]] = ()
     samples: int | None = None
     method: str = "random"
     repeat: int = 1
     seed: int = 0
-    timeout: PositiveFloat | None = None
+    timeout: float | None = None
     success: str = ""
-    csv: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sweep."""
+        if (self.scenario is None) == (self.function is None):
+            raise InputError(
+                "a sweep runs either a scenario or a function.",
+                where="sweep file",
+                hint='Write scenario = "file.toml", or function = "module:name".',
+            )
+        if self.timeout is not None:
+            positive(self.timeout, "timeout", error=InputError)
+        condition(self.success)
+        len(self.cases)
 
     @classmethod
     def read(
@@ -419,12 +431,11 @@ class Plan(BaseModel):
             named = path.parent / tables["scenario"]
             tables["scenario"], folder = read_toml(named), named.resolve().parent
         tables = {"path": str(_root(path)), "folder": str(folder)} | tables
-        tables["vary"] = flat(tables.get("vary", {})) | dict(
-            parsed_setting(text, "--vary") for text in vary
-        )
-        tables["set"] = flat(tables.get("set", {})) | dict(
-            parsed_setting(text, "--set") for text in settings
-        )
+        tables["vary"] = flat(tables.get("vary", {})) | {
+            key: value for key, _, value in (text.partition("=") for text in vary if _is_set(text))
+        }
+        given = dict(setting(text) for text in settings)
+        tables["set"] = flat(tables.get("set", {})) | given
         return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 
     @classmethod
@@ -438,12 +449,6 @@ class Plan(BaseModel):
         """
         tables = dict(tables)
         fixed, raw, listed = tables.pop("set", {}), tables.get("scenario"), tables.get("case", [])
-        if (raw is None) == (tables.get("function") is None):
-            raise InputError(
-                "a sweep runs either a scenario or a function.",
-                where="sweep file",
-                hint='Write scenario = "file.toml", or function = "module:name".',
-            )
         if raw is None:
             listed = [fixed | case for case in listed or [{}]] if fixed else listed
         else:
@@ -452,19 +457,8 @@ class Plan(BaseModel):
                 put(raw, key, value)
             listed = [flat(case) for case in listed]
         tables["case"] = [each for case in listed for each in _expanded(case)]
-        tables["vary"] = flat(tables.get("vary", {}))
-        try:
-            found = cls.model_validate(tables)
-        except ValidationError as error:
-            problem = error.errors()[0]
-            key = str(problem["loc"][0])
-            raise InputError(
-                f"{problem['msg']}; keys: {', '.join(cls.model_fields)}."
-                f"{did_you_mean(key, cls.model_fields)}",
-                where=f"sweep file, {key}",
-            ) from error
-        condition(found.success)
-        len(found.cases)
+        tables["vary"] = flat(mapping(tables.get("vary"), "vary"))
+        found: Plan = made(cls, tables, "sweep file")
         return found
 
     @cached_property
@@ -476,11 +470,12 @@ class Plan(BaseModel):
         """
         options = {key: getattr(self, key) for key in ("samples", "method", "repeat", "seed")}
         cases = Cases.of(self.vary, listed=tuple(self.case), **options)
-        return cases if self.scenario is None else _bound(cases, self.scenario, self.folder)
+        return cases if self.scenario is None else _bound(cases, dict(self.scenario), self.folder)
 
     def tables(self) -> dict[str, Any]:
         """Return the keys of a sweep file that says the same."""
-        found = self.model_dump(exclude_defaults=True)
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        found = {key: value for key, value in given.items() if value not in (None, "", (), {}, [])}
         for key in {"function", "reduce"} & set(found):
             found[key] = _name_of(found[key])
         return found
@@ -516,6 +511,18 @@ class Plan(BaseModel):
                 hint="Take that version, or run the sweep again in another folder.",
             )
         return cls.of(tables)
+
+
+def _is_set(text: str) -> bool:
+    """Return whether a text is a key with values.
+
+    Raises:
+        InputError: it is not.
+    """
+    key, equals, _ = text.partition("=")
+    if not (equals and key.strip()):
+        raise InputError(f"expected key=values, got '{text}'.", where="--vary")
+    return True
 
 
 def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -570,18 +577,6 @@ def condition(text: str) -> tuple[str, str, float]:
         ) from error
 
 
-def parsed_setting(text: str, where: str) -> tuple[str, Any]:
-    """Return key and value of "key=value", the value in TOML or as text.
-
-    Raises:
-        InputError: there is no equals sign or no key.
-    """
-    key, equals, value = text.partition("=")
-    if not (equals and key.strip()):
-        raise InputError(f"expected key=value, got '{text}'.", where=where)
-    return key.strip(), toml_value(value.strip())
-
-
 def _root(path: Path) -> Path:
     """Return the folder from which modules beside a file are imported: the first no package."""
     folder = path.resolve().parent
@@ -597,50 +592,22 @@ def _bound(cases: Cases, raw: dict[str, Any], folder: str) -> Cases:
         InputError: a key or value is not allowed in the scenario.
     """
     first: dict[str, Any] = dict(*cases.listed[:1])
-    tables = tables_with(deepcopy(raw), first, "scenario")
-    base, values = tables.model_dump(by_alias=True), []
+    tables = at_folder(with_values(deepcopy(raw), first), Path(folder))
+    parts(tables)
     names: tuple[str, ...] = ()
     if any(each.key.endswith(".*") for each in cases.values):
-        names = tuple(described_robot(tables, Path(folder)).joint_names)
+        names = tuple(described_robot(tables).joint_names)
+    values = []
     for each in cases.values:
-        key, star = each.key.removesuffix(".*"), each.key.endswith(".*")
-        here = _entry(base, key)
-        if star:
+        if (key := each.key.removesuffix(".*")) != each.key:
             # these keys hold a table of joints, where others hold a list
             by_name = key.endswith(("inertial_scale", "link_translation"))
             each = replace(each.each(len(names)), key=key, names=names if by_name else ())
-        elif isinstance(here, list) and here and all(isinstance(x, int | float) for x in here):
-            each = each.each(len(here))
-        if each.relative:
-            each = replace(each, base=_factor_base(key, here, names))
         values.append(each)
     found = replace(cases, values=tuple(values))
     ordinary = found[0].values
     for each in values:
         axis = [] if each.drawn else each.arguments[:_CHECKED]
         for used in [ordinary, *(ordinary | {each.key: each.used(value)} for value in axis)]:
-            tables_with(deepcopy(raw), used, f"--vary {each.key}")
+            parts(at_folder(with_values(deepcopy(raw), used), Path(folder)))
     return found
-
-
-def _entry(base: Any, key: str) -> Any:
-    """Return the value at a dotted key, None where there is none."""
-    for part in key.split("."):
-        try:
-            base = base[int(part)] if isinstance(base, list) else base[part]
-        except (IndexError, KeyError, TypeError, ValueError):
-            return None
-    return base
-
-
-def _factor_base(key: str, here: Any, names: Sequence[str]) -> Any:
-    """Return the number or numbers that factors multiply."""
-    if isinstance(here, Mapping) and names and set(here) <= set(names):
-        here = [here.get(name, 1.0) for name in names]
-    if here is None or isinstance(here, str | Mapping):
-        raise InputError(
-            "the scenario has no number here that could be multiplied.",
-            where=key,
-            hint="Set one, or give values without the asterisk.",
-        )
-    return numbers(here, key).tolist()

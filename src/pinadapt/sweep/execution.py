@@ -1,8 +1,8 @@
-"""Running the cases of a sweep: on processes of this machine, a cluster, or in this process.
+"""Running the cases of a sweep: on processes of this machine, any executor, or in this process.
 
-An engine is any ``concurrent.futures.Executor``. The case travels to the worker, which makes the
-robot and the controller, keeps them for the next case that has the same, and sends back numbers.
-A case that raises, diverges, hangs, or takes its process with it, is a row with its reason.
+The case travels to the worker, which makes the robot and the controller, keeps them for the next
+case that has the same, and sends back numbers. A case that raises, diverges, hangs, or takes its
+process with it, is a row with its reason.
 """
 
 from __future__ import annotations
@@ -17,39 +17,31 @@ import threading
 import time
 import traceback
 import warnings
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
-from concurrent.futures import TimeoutError as FutureTimeout
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from inspect import Parameter, signature
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._output import check_writable, percent, read_toml
+from .._output import check_writable, read_toml
 from .._version import __version__
 from ..exceptions import InputError
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
 from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
-from ..scenario.schema import tables_with
+from ..scenario.tables import with_values
 from .cases import COPY, Case, Cases, Plan
 from .table import (
     AGAIN,
@@ -66,12 +58,11 @@ from .table import (
 )
 
 Work = Callable[[Case], Mapping[str, Any]]
+Ended = tuple[Case, "Future[dict[str, Any]]"]
 
 _KEPT = 4  # robots and controllers that a worker keeps; half: made again more often; twice: memory
-GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
-_ANSWER = 10.0  # [s] for a scheduler to answer; half: a busy one is missed; twice: a longer wait
-_AHEAD = 2  # cases for each worker of a given engine; one: workers wait; four: nothing is gained
-
+_GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
+_AHEAD = 2  # cases for each worker of a given executor; one: workers wait; four: nothing is gained
 _IMPORTABLE = (
     "A function must stand at the top of a module that all workers can import, not in a shell, a "
     "notebook or another function."
@@ -79,7 +70,7 @@ _IMPORTABLE = (
 
 
 class EngineError(InputError):
-    """An engine that cannot run any case."""
+    """Processes or an executor that cannot run any case."""
 
 
 # --- what is run ---
@@ -108,7 +99,7 @@ class ScenarioWork:
             InputError: the values cannot be used.
         """
         values = {"simulation.seed": case.seed, **case.values}
-        tables = tables_with(deepcopy(dict(self.raw)), values, "scenario")
+        tables = with_values(deepcopy(dict(self.raw)), values)
         return Scenario.build(tables, Path(self.folder), _kept())
 
     def __call__(self, case: Case) -> Mapping[str, Any]:
@@ -231,7 +222,34 @@ def _kept() -> _Kept:
 # --- one case ---
 
 
-def run_case(work: Work, case: Case, version: str) -> dict[str, Any]:
+class _TimeUp(BaseException):
+    """The time of a case is up; no error that its function could handle."""
+
+
+@contextmanager
+def _within(seconds: float | None) -> Iterator[None]:
+    """Raise ``_TimeUp`` after so many seconds, where the system has such signals."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        """End the case."""
+        raise _TimeUp
+
+    main = threading.current_thread() is threading.main_thread()
+    if seconds is None or not main or not hasattr(signal, "SIGALRM"):
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def run_case(
+    work: Work, case: Case, version: str = __version__, timeout: float | None = None
+) -> dict[str, Any]:
     """Return the row of a case, whatever happens in it: status, reason, numbers, seconds.
 
     Raises:
@@ -242,29 +260,30 @@ def run_case(work: Work, case: Case, version: str) -> dict[str, Any]:
             f"pinadapt {version} asks, but a worker has pinadapt {__version__}. Install the same "
             "version on all workers."
         )
-    started = time.perf_counter()
+    started, found = time.perf_counter(), dict[str, Any]()
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _within(timeout):
             warnings.simplefilter("ignore")  # the row says how the case ended
             found = dict(work(case))
         head = {"status": found.pop("status", DONE), "reason": found.pop("reason", None)}
     except InputError as error:
-        head, found = {"status": REFUSED, "reason": str(error)}, {}
+        head = {"status": REFUSED, "reason": str(error)}
+    except _TimeUp:
+        head = {"status": TIMEOUT, "reason": f"took longer than {timeout:g} s"}
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
-        reason = f"{type(error).__name__}: {error} ({place})"
-        head, found = {"status": FAILED, "reason": reason}, {}
+        head = {"status": FAILED, "reason": f"{type(error).__name__}: {error} ({place})"}
     return {**head, **found, "seconds": time.perf_counter() - started}
 
 
-def _run(packed: bytes, case: Case, version: str) -> dict[str, Any]:
+def _run(packed: bytes, version: str, timeout: float | None, case: Case) -> dict[str, Any]:
     """Run a case of pickled work.
 
     Raises:
         EngineError: the work cannot be imported here, or the versions differ.
     """
-    return run_case(_unpacked(packed), case, version)
+    return run_case(_unpacked(packed), case, version, timeout)
 
 
 @lru_cache(maxsize=2)
@@ -276,99 +295,13 @@ def _unpacked(packed: bytes) -> Work:
     return work
 
 
-def _hung(limit: float) -> dict[str, Any]:
-    return {"status": TIMEOUT, "reason": f"took longer than {limit:g} s", "seconds": limit}
-
-
-# --- engines ---
-
-
-class Here(Executor):
-    """An engine that runs every case at once, in this process."""
-
-    def submit(self, function: Any, /, *arguments: Any, **words: Any) -> Future[Any]:
-        """Run a function and return its result as a future."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(function(*arguments, **words))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-class Processes(Executor):
-    """New processes of this machine, each a pool of one, with a thread that waits for it.
-
-    A process that ends, or that is ended because its case takes too long, costs that case alone and
-    is replaced. All of them end with this process, even if it is killed.
-
-    Attributes:
-        count: number of processes.
-        timeout: [s] after which a case is ended with its process; None: never.
-    """
-
-    def __init__(self, count: int | None = None, timeout: float | None = None) -> None:
-        """Take the number of processes, by default one for each core that this process may use."""
-        self.count, self.timeout = count or cores(), timeout
-        self._threads = ThreadPoolExecutor(self.count)
-        self._own = threading.local()
-        self._running: set[int] = set()
-        self._ended = False
-
-    def submit(self, function: Any, /, *arguments: Any, **words: Any) -> Future[Any]:
-        """Run a function in the next free process."""
-        return self._threads.submit(self._run, function, arguments)
-
-    def _run(self, function: Any, arguments: Any) -> Any:
-        """Run a function in the process of this thread."""
-        try:
-            return self._sent(function, arguments).result(self.timeout)
-        except (FutureTimeout, BrokenProcessPool) as error:
-            self._kill(self._own.process)
-            del self._own.pool
-            if isinstance(error, BrokenProcessPool) or self.timeout is None:
-                raise
-            return _hung(self.timeout)
-
-    def _sent(self, function: Any, arguments: Any) -> Future[Any]:
-        """Send a function to the process of this thread; a new one if there is none, or no more.
-
-        Raises:
-            EngineError: none can be started.
-        """
-        with suppress(AttributeError, BrokenProcessPool):
-            sent: Future[Any] = self._own.pool.submit(function, *arguments)
-            return sent
-        self._own.pool = pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
-        try:
-            self._own.process = pool.submit(os.getpid).result()  # the clock begins when it runs
-        except BrokenProcessPool as error:
-            raise EngineError(
-                "no process could be started. In a script, the call must be below "
-                '`if __name__ == "__main__":`, because every process imports the script.'
-            ) from error
-        self._running.add(self._own.process)
-        if self._ended:
-            self._kill(self._own.process)
-        return pool.submit(function, *arguments)
-
-    def _kill(self, process: int) -> None:
-        self._running.discard(process)
-        with suppress(OSError):
-            os.kill(process, getattr(signal, "SIGKILL", signal.SIGTERM))
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End all processes at once."""
-        self._ended = True
-        for process in list(self._running):
-            self._kill(process)
-        self._threads.shutdown(wait, cancel_futures=True)
+# --- processes ---
 
 
 def _begin() -> None:
     """Prepare a new process: it ends with its parent, and leaves Ctrl-C to that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    gc.set_threshold(*GARBAGE)
+    gc.set_threshold(*_GARBAGE)
     threadpool_limits(1, "blas")
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -388,120 +321,145 @@ def cores() -> int:
 
 
 @contextmanager
-def engine(
-    wanted: Executor | int | None, scheduler: str | None = None, timeout: float | None = None
-) -> Iterator[Executor]:
-    """Yield an engine and end what was started for it.
-
-    Args:
-        wanted: an executor, which is left running; a number of processes, 0 for this one; None: one
-            process for each core.
-        scheduler: address of a Dask scheduler, or "local" for a cluster of this machine.
-        timeout: [s] of a case.
+def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Yield new processes, which end with the block, whatever they do then.
 
     Raises:
-        InputError: the scheduler does not answer, or Dask is not installed.
+        EngineError: none can be started.
     """
-    if isinstance(wanted, Executor):
-        yield wanted
-    elif scheduler is not None:
-        with _dask(scheduler, wanted) as found:
-            yield found
-    elif wanted == 0:
-        yield Here()
-    else:
-        processes = Processes(wanted, timeout)
-        try:
-            yield processes
-        finally:
-            processes.shutdown()
-
-
-@contextmanager
-def _dask(address: str, count: int | None) -> Iterator[Executor]:
+    others = set(active_children())
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
     try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError(
-            "Dask is not installed.",
-            where="--scheduler",
-            hint="Install it: pip install 'pinadapt[dask]'.",
+        pool.submit(os.getpid).result()
+        yield pool
+    except BrokenProcessPool as error:
+        raise EngineError(
+            "no process could be started. In a script, the call must be below "
+            '`if __name__ == "__main__":`, because every process imports the script.'
         ) from error
-    local = {"n_workers": count or cores(), "threads_per_worker": 1, "dashboard_address": None}
-    options = local if address == "local" else {"address": address, "timeout": _ANSWER}
+    finally:
+        for process in set(active_children()) - others:
+            process.kill()
+        pool.shutdown(cancel_futures=True)
+
+
+def _in_processes(
+    task: Callable[[Case], Any], cases: Iterable[Case], count: int
+) -> Iterator[Ended]:
+    """Yield cases with their results as they end.
+
+    A process that dies takes its pool with it. What was in that pool runs again, each case in a
+    pool of its own, so that the one that kills its process is known.
+    """
+    coming, again = iter(cases), deque[Case]()
+    while True:
+        alone = bool(again)
+        source = iter([again.popleft()]) if alone else coming
+        with _pool(1 if alone else count) as pool:
+            for case, future in _as_ended(pool, task, source, 1 if alone else count):
+                if isinstance(future.exception(), BrokenProcessPool) and not alone:
+                    again.append(case)
+                else:
+                    yield case, future
+        if not (again or alone):
+            return
+
+
+def _as_ended(
+    executor: Executor, task: Callable[[Case], Any], coming: Iterator[Case], ahead: int
+) -> Iterator[Ended]:
+    """Yield cases with their results as they end, until there are no more or the pool is broken."""
+    running: dict[Future[dict[str, Any]], Case] = {}
+    broken = False
     try:
-        client = Client(**options)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"the scheduler does not answer within {_ANSWER:g} s: {error}.",
-            where=f"--scheduler {address}",
-            hint="Start one by `dask scheduler`, and workers by `dask worker ADDRESS "
-            "--nthreads 1 --nworkers auto`.",
-        ) from error
-    with client:
-        yield client.get_executor(pure=False)
+        while True:
+            while not broken and len(running) < ahead and (case := next(coming, None)) is not None:
+                running[_submitted(executor, task, case)] = case
+            if not running:
+                return
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                broken = broken or isinstance(future.exception(), BrokenProcessPool)
+                yield running.pop(future), future
+    finally:
+        for future in running:
+            future.cancel()
 
 
-def _ahead(engine: Executor) -> int:
-    """Return how many cases are given to an engine at a time."""
-    if isinstance(engine, Here | Processes):
-        return getattr(engine, "count", 1)
-    client = getattr(engine, "_client", None)
-    workers = sum(client.nthreads().values()) if client is not None else 0
-    return _AHEAD * (workers or getattr(engine, "_max_workers", cores()))
+def _submitted(
+    executor: Executor, task: Callable[[Case], Any], case: Case
+) -> Future[dict[str, Any]]:
+    try:
+        return executor.submit(task, case)
+    except BrokenProcessPool as error:  # a process died while it had nothing to do
+        future: Future[dict[str, Any]] = Future()
+        future.set_exception(error)
+        return future
 
 
 # --- all cases ---
 
 
-def rows(work: Work, cases: Iterable[Case], engine: Executor) -> Iterator[dict[str, Any]]:
-    """Yield the rows of cases as they end; few cases are in the engine at a time.
+def rows(
+    work: Work,
+    cases: Iterable[Case],
+    executor: Executor | int | None = None,
+    timeout: float | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Yield the rows of cases as they end; few cases are in work at a time.
+
+    Args:
+        work: what is run.
+        cases: to run.
+        executor: any ``concurrent.futures.Executor``, which is left running; a number of processes,
+            0 for this one; None: one process for each core.
+        timeout: [s] of a case.
 
     Raises:
-        EngineError: the engine cannot run any case.
+        EngineError: no case can run.
         InputError: the work cannot be sent to other processes.
     """
-    ahead, coming = _ahead(engine), iter(cases)
-    running: dict[Future[Any], Case] = {}
-    if isinstance(engine, Here):  # nothing is pickled: any function will do
-        task: Callable[..., Any] = partial(run_case, work)
-    else:
+    with threadpool_limits(1, "blas"):
+        if executor == 0:  # nothing is pickled: any function will do
+            for case in cases:
+                yield _row(case, run_case(work, case, timeout=timeout))
+            return
         try:
-            packed = pickle.dumps(work)
+            task = partial(_run, pickle.dumps(work), __version__, timeout)
         except Exception as error:
             raise InputError(
                 f"cannot be sent to other processes: {error}.",
                 where="function",
                 hint=f"{_IMPORTABLE} Or run it in this process: executor=0.",
             ) from error
-        task = partial(_run, packed)
-    with threadpool_limits(1, "blas"):
-        try:
-            while True:
-                while len(running) < ahead and (case := next(coming, None)) is not None:
-                    running[engine.submit(task, case, __version__)] = case
-                if not running:
-                    return
-                done, _ = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield _row(running.pop(future), future)
-        finally:
-            for future in running:
-                future.cancel()
+        if isinstance(executor, Executor):
+            workers = getattr(executor, "_max_workers", cores())
+            found = _as_ended(executor, task, iter(cases), _AHEAD * workers)
+        else:
+            found = _in_processes(task, cases, executor or cores())
+        for case, future in found:
+            yield _row(case, _result(future))
 
 
-def _row(case: Case, future: Future[Any]) -> dict[str, Any]:
-    """Return the row of a case that has ended: parameters first, then what came of them."""
-    error = CancelledError() if future.cancelled() else future.exception()
-    if isinstance(error, EngineError) or not isinstance(error, Exception | None):
+def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
+    """Return what came of a case.
+
+    Raises:
+        EngineError: no case can run.
+    """
+    error = future.exception()
+    if isinstance(error, EngineError):
         raise error
     if error is None:
-        found = future.result()
-    else:
-        words = "its process ended: killed, out of memory, or a crash of compiled code"
-        known = isinstance(error, BrokenProcessPool)
-        reason = words if known else f"lost by the engine: {type(error).__name__}: {error}"
-        found = {"status": CRASHED, "reason": reason, "seconds": None}
+        return future.result()
+    reason = f"lost by the executor: {type(error).__name__}: {error}"
+    if isinstance(error, BrokenProcessPool):
+        reason = "its process ended: killed, out of memory, or a crash of compiled code"
+    return {"status": CRASHED, "reason": reason, "seconds": None}
+
+
+def _row(case: Case, found: dict[str, Any]) -> dict[str, Any]:
+    """Return the row of a case that has ended: parameters first, then what came of them."""
     head = {"status": found.pop("status"), "reason": found.pop("reason")}
     taken = {"case", "seed", *case.values}
     results = {
@@ -546,7 +504,7 @@ def sweep(
 ) -> CaseTable:
     """Run a scenario, or a function, with many values and return one table.
 
-    The table is the same to the bit in any order of the cases and on any engine, but for the time
+    The table is the same to the bit in any order of the cases and on any executor, but for the time
     that each took. Each case has its own seed, ``numpy.random.SeedSequence(seed, spawn_key=(0,
     number))``; it is ``simulation.seed`` of a scenario, and the argument ``seed`` of a function
     that has one. A case that fails is a row with its ``status`` and ``reason``.
@@ -564,7 +522,7 @@ def sweep(
             a process for each core. Functions and ``reduce`` have to be at the top of a module.
         reduce: returns what is kept of a rollout, numbers by name; None: ``numbers_of``.
         folder: keeps the table while it grows; a folder of the same sweep is completed.
-        timeout: [s] of a case in a process of its own.
+        timeout: [s] of a case, on systems with alarm signals.
         progress: whether to show a bar; None: if standard error is a terminal.
 
     Raises:
@@ -583,10 +541,8 @@ def sweep(
         path = Path(work)
         tables |= {"scenario": read_toml(path), "folder": str(path.resolve().parent)}
     plan = Plan.of({key: value for key, value in tables.items() if value is not None})
-    found = work_of(plan)
-    with engine(executor, timeout=plan.timeout) as workers:
-        place = None if folder is None else claimed(Path(folder), plan, resume=True)
-        return run_plan(plan, found, workers, place, Progress(plan, progress))
+    place = None if folder is None else claimed(Path(folder), plan, resume=True)
+    return run_plan(plan, executor, place, shown=progress)
 
 
 def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Path:
@@ -601,11 +557,9 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
         remove(folder)
         plan.save(folder)
         return folder
-    other = Plan.load(folder)
-    if different := plan.differs(other):
+    if different := plan.differs(Plan.load(folder)):
         raise InputError(
-            f"holds another sweep; {', '.join(different)} {'is' if len(different) == 1 else 'are'} "
-            "different.",
+            f"holds another sweep; different: {', '.join(different)}.",
             where=str(folder),
             hint="Choose another folder by --out, or begin anew by --force.",
         )
@@ -620,83 +574,51 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
 
 def run_plan(
     plan: Plan,
-    work: Work,
-    workers: Executor,
+    executor: Executor | int | None = None,
     folder: Path | None = None,
-    progress: Progress | None = None,
     *,
     retry: bool = False,
+    shown: bool | None = None,
 ) -> CaseTable:
     """Run the cases of a sweep that have no row yet, and return the table of all.
 
     Args:
         plan: the sweep.
-        work: what it runs.
-        workers: the engine.
+        executor: as of ``rows``.
         folder: that holds the rows; None: memory.
-        progress: is given every row.
         retry: whether what crashed, failed or took too long runs again.
+        shown: whether to show a bar; None: on a terminal.
 
     Raises:
         EngineError: no case can run.
         OSError: a row could not be written; those before it are kept.
     """
+    work = work_of(plan)
     if folder is None:
-        found = []
-        for row in rows(work, plan.cases, workers):
-            found.append(row)
-            if progress is not None:
-                progress.tell(row)
-        if progress is not None:
-            progress.close()
-        return CaseTable.of(found)
-    with Store(folder, as_csv=plan.csv) as store:
+        found = rows(work, plan.cases, executor, plan.timeout)
+        return CaseTable.of(list(_watched(found, plan, 0, shown)))
+    with Store(folder) as store:
         if retry:
             store.join(without=AGAIN)
         done = store.done()
         missing = (plan.cases[i] for i in range(len(plan.cases)) if i not in done)
-        if progress is not None:
-            progress.start(len(done))
-        try:
-            for row in rows(work, missing, workers):
-                store.add(row)
-                if progress is not None:
-                    progress.tell(row)
-        finally:
-            if progress is not None:
-                progress.close()
+        found = rows(work, missing, executor, plan.timeout)
+        for row in _watched(found, plan, len(done), shown):
+            store.add(row)
         return store.join()
 
 
-class Progress:
-    """A bar with rate and time left, and the worst case so far; silent unless on a terminal."""
+def _watched(
+    found: Iterator[dict[str, Any]], plan: Plan, done: int, shown: bool | None
+) -> Iterator[dict[str, Any]]:
+    """Yield rows, with a bar that counts them and those that are lost; None: on a terminal."""
+    from tqdm import tqdm
 
-    def __init__(self, plan: Plan, shown: bool | None = None) -> None:
-        """Take the sweep, and whether to show the bar; None: on a terminal."""
-        from tqdm import tqdm
-
-        disable = None if shown is None else not shown
-        self._bar = tqdm(
-            total=len(plan.cases), desc="sweep", unit="case", disable=disable, leave=False
-        )
-        self._lost, self._worst = 0, (-np.inf, -1)
-
-    def start(self, done: int = 0) -> None:
-        """Count the cases that have a row already."""
-        self._bar.update(done)
-
-    def tell(self, row: Mapping[str, Any]) -> None:
-        """Count a row."""
-        self._lost += row["status"] != DONE
-        share = row.get("error_share")
-        if isinstance(share, float):
-            self._worst = max(self._worst, (share, row["case"]))
-        share, case = self._worst
-        words = [f"{self._lost} lost"] if self._lost else []
-        words += [f"worst {percent(share)} (case {case})"] if case >= 0 else []
-        self._bar.set_postfix_str(", ".join(words), refresh=False)
-        self._bar.update()
-
-    def close(self) -> None:
-        """Remove the bar."""
-        self._bar.close()
+    disable = None if shown is None else not shown
+    total, lost = len(plan.cases), 0
+    with tqdm(total=total, initial=done, desc="sweep", disable=disable, leave=False) as bar:
+        for row in found:
+            lost += row["status"] != DONE
+            bar.set_postfix_str(f"{lost} lost" if lost else "", refresh=False)
+            bar.update()
+            yield row

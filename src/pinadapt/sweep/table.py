@@ -1,8 +1,8 @@
 """The rows of a sweep: a table of columns, and the files that hold it while it grows.
 
 A finished case is one line of ``journal.jsonl``, appended by one write, so that neither a killed
-process nor a full disk costs more than the last line. At the end the lines become one file,
-``table.parquet``, or ``table.csv`` without pyarrow. Whatever is there is read, each case once.
+process nor a full disk costs more than the last line. At the end the lines become ``table.csv``.
+Whatever is there is read, each case once.
 """
 
 from __future__ import annotations
@@ -14,17 +14,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
-from .._output import columns, read_as_data, whole_file
+from .._output import columns, read_as_data, write_text
 from ..exceptions import InputError, did_you_mean
 
-JOURNAL, TABLE = "journal.jsonl", "table"
+JOURNAL, TABLE = "journal.jsonl", "table.csv"
 FIRST, LAST = ("case", "seed"), ("seconds",)
 DONE, DIVERGED, REFUSED = "done", "diverged", "refused"
 FAILED, CRASHED, TIMEOUT = "failed", "crashed", "timeout"
@@ -131,33 +130,28 @@ class CaseTable:
 
     @classmethod
     def load(cls, path: Path) -> CaseTable:
-        """Return the table of one file, ``.parquet`` or ``.csv``. It is data, which runs nothing.
+        """Return the table of a CSV file. It is data, which runs nothing.
 
         Raises:
-            InputError: the file is damaged, or it is Parquet and pyarrow is not installed.
+            InputError: the file is damaged.
         """
-        with read_as_data(path, InputError):
-            if path.suffix == ".parquet":
-                return cls(_read_parquet(path))
-            with path.open(encoding="utf-8", newline="") as file:
-                names, *rows = csv.reader(file)
+        with (
+            read_as_data(path, InputError),
+            path.open(encoding="utf-8", errors="replace", newline="") as file,
+        ):
+            names, *rows = csv.reader(file)
             cells = list(zip(*rows, strict=True)) or [()] * len(names)
             return cls({n: _of_csv(n, column) for n, column in zip(names, cells, strict=True)})
 
     def save(self, path: Path) -> None:
-        """Write one file, ``.parquet`` or ``.csv``, completely or not at all."""
-        with whole_file(path) as file:
-            if path.suffix == ".parquet":
-                _write_parquet(self.columns, file)
-                return
-            text = io.TextIOWrapper(file, encoding="utf-8", errors="replace", newline="")
-            writer = csv.writer(text, lineterminator="\n")
-            writer.writerow(self.columns)
-            writer.writerows(
-                ["" if value is None else value for value in row.values()] for row in self.rows()
-            )
-            text.flush()
-            text.detach()
+        """Write a CSV file, completely or not at all."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(
+            ["" if value is None else value for value in row.values()] for row in self.rows()
+        )
+        write_text(path, text.getvalue())
 
     def __str__(self) -> str:
         """Return the first rows as text, numbers with four digits."""
@@ -193,50 +187,16 @@ def _of_csv(name: str, cells: Sequence[str]) -> np.ndarray:
     return _column(name, [_WORDS.get(each, each) for each in cells])
 
 
-def has_parquet() -> bool:
-    """Return whether pyarrow is installed."""
-    return find_spec("pyarrow") is not None
-
-
-def _write_parquet(table: Mapping[str, np.ndarray], file: IO[bytes]) -> None:
-    import pyarrow
-    from pyarrow import parquet
-
-    made = {}
-    for name, column in table.items():
-        values = column.tolist()
-        if column.dtype == object and not all(isinstance(each, bool | None) for each in values):
-            values = [None if each is None else str(each) for each in values]
-        made[name] = pyarrow.array(values, from_pandas=True)
-    parquet.write_table(pyarrow.table(made), file)
-
-
-def _read_parquet(path: Path) -> dict[str, np.ndarray]:
-    if not has_parquet():
-        raise InputError(
-            "pyarrow, which reads it, is not installed.",
-            where=str(path),
-            hint="Install it: pip install 'pinadapt[sweep]'.",
-        )
-    from pyarrow import parquet
-
-    return {n: _column(n, values) for n, values in parquet.read_table(path).to_pydict().items()}
-
-
 def read(folder: Path) -> CaseTable:
     """Return the table of a folder: what was joined, and the journal.
 
     Raises:
-        InputError: a file is damaged, or it is Parquet and pyarrow is not installed.
+        InputError: a file is damaged.
     """
     with read_as_data(folder, InputError):
-        joined = [row for path in _files(folder) for row in CaseTable.load(path).rows()]
+        path = folder / TABLE
+        joined = CaseTable.load(path).rows() if path.is_file() else ()
         return CaseTable.of([*joined, *_journal(folder)])
-
-
-def _files(folder: Path) -> list[Path]:
-    """Return the files of a folder that hold joined rows."""
-    return [path for end in ("parquet", "csv") if (path := folder / f"{TABLE}.{end}").is_file()]
 
 
 def _journal(folder: Path) -> Iterator[dict[str, Any]]:
@@ -252,17 +212,15 @@ class Store:
 
     Attributes:
         folder: that holds them.
-        kind: of the file of rows, "parquet" or "csv".
     """
 
-    def __init__(self, folder: Path, *, as_csv: bool = False) -> None:
+    def __init__(self, folder: Path) -> None:
         """Open the journal of a folder, which exists.
 
         Raises:
             InputError: another process writes to it.
         """
         self.folder = folder
-        self.kind = "csv" if as_csv or not has_parquet() else "parquet"
         self._file = (folder / JOURNAL).open("ab", buffering=0)
         try:
             import fcntl
@@ -299,11 +257,7 @@ class Store:
         table = read(self.folder)
         if without:
             table = CaseTable.of([row for row in table.rows() if row["status"] not in without])
-        path = self.folder / f"{TABLE}.{self.kind}"
-        table.save(path)
-        for other in _files(self.folder):
-            if other != path:
-                other.unlink()
+        table.save(self.folder / TABLE)
         self._file.truncate(0)
         return table
 
@@ -320,5 +274,5 @@ class Store:
 
 def remove(folder: Path) -> None:
     """Remove all rows of a folder."""
-    for path in [*_files(folder), folder / JOURNAL]:
-        path.unlink(missing_ok=True)
+    for name in (TABLE, JOURNAL):
+        (folder / name).unlink(missing_ok=True)

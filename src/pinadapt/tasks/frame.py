@@ -379,7 +379,7 @@ class ImageTask(PositionTask):
 def pinhole_camera(
     position: ArrayLike,
     target: ArrayLike,
-    focal: float,
+    focal: float = 1000.0,
     *,
     centre: ArrayLike = (0.0, 0.0),
     roll: float = 0.0,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy import empty
@@ -14,6 +14,7 @@ from .._checks import numbers, positive, vector
 from .._compiled import compiled
 from ..exceptions import InputError
 from ..records import Desired
+from ..tasks.task import Task
 from .trajectory import Trajectory, half_diagonal
 
 PLANES = ("xy", "yz", "xz")
@@ -29,14 +30,30 @@ class _Centered(Trajectory):
     """A motion about a centre.
 
     Attributes:
-        center: (m) [m or rad].
+        center: (m) [m or rad]. None: such that the motion begins where the robot is; until a run
+            places it, the centre is zero.
     """
 
     center: np.ndarray
+    _unplaced: dict[str, Any] | None = None
+
+    def _placed(self, center: ArrayLike | None, size: int, **others: Any) -> np.ndarray:
+        """Return the centre; without one zeros (m), and the other arguments are kept for later."""
+        if center is None:
+            self._unplaced = others
+            return np.zeros(size)
+        return vector(center, None, "trajectory.center")
+
+    def placed(self: _Motion, start: np.ndarray, task: Task | None = None) -> _Motion:
+        """Return the motion that begins at ``start`` (m), if it has no centre of its own."""
+        if self._unplaced is None:
+            return self
+        return type(self)(np.zeros(start.size), **self._unplaced).starting_at(start)  # type: ignore[call-arg, return-value]
 
     def shifted(self: _Motion, by: ArrayLike) -> _Motion:
         """Return the same motion displaced by (m) [m or rad]."""
         moved = copy(self)
+        moved._unplaced = None
         moved.center = self.center + vector(by, self.center.size, "by")
         return moved
 
@@ -53,21 +70,47 @@ class Circle(_Centered):
     """
 
     def __init__(
-        self, center: ArrayLike, radius: float, period: float, plane: str = "xy", phase: float = 0.0
+        self,
+        center: ArrayLike | None = None,
+        radius: float = 0.1,
+        period: float = 3.0,
+        plane: str = "xy",
+        phase: float = 0.0,
     ) -> None:
         """Take centre (m) [m], radius [m], period [s], plane ("xy", "yz", "xz") and phase [rad].
+
+        Without a centre the circle begins where the robot is; the plane of a planar task may then
+        also have the name of the task.
 
         Raises:
             InputError: a centre that has not 2 or 3 coordinates, a plane that these do not span,
                 numbers that are not finite, or a radius or period that is not positive.
         """
-        self.center = vector(center, None, "reference.center")
-        self.radius = positive(radius, "reference.radius")
-        self.period = positive(period, "reference.period")
-        self.phase = float(vector(phase, 1, "reference.phase")[0])
+        self.center = self._placed(
+            center, 3, radius=radius, period=period, plane=plane, phase=phase
+        )
+        self.radius = positive(radius, "trajectory.radius")
+        self.period = positive(period, "trajectory.period")
+        self.phase = float(vector(phase, 1, "trajectory.phase")[0])
         self.plane = plane
         self._axes = self.radius * plane_axes(plane, self.center.size)
         self._w = 2 * math.pi / self.period
+
+    def placed(self, start: np.ndarray, task: Task | None = None) -> Circle:
+        """Return the circle that begins at ``start`` (m), if it has no centre of its own.
+
+        Raises:
+            InputError: the task has no such plane.
+        """
+        if self._unplaced is not None and start.size == 2:
+            if self.plane not in ("xy", getattr(task, "name", None)):
+                raise InputError(
+                    f"must be '{getattr(task, 'name', 'xy')}', as the task, got '{self.plane}'.",
+                    where="trajectory.plane",
+                )
+            self = copy(self)
+            self._unplaced = {**(self._unplaced or {}), "plane": "xy"}
+        return super().placed(start, task)
 
     @property
     def extent(self) -> float:
@@ -97,11 +140,11 @@ def plane_axes(plane: str, size: int) -> np.ndarray:
     """
     if size not in (2, 3):
         raise InputError(
-            f"a circle needs 2 or 3 coordinates, got {size}.", where="reference.center"
+            f"a circle needs 2 or 3 coordinates, got {size}.", where="trajectory.center"
         )
     if not isinstance(plane, str) or plane not in PLANES or (size == 2 and plane != "xy"):
         allowed = ["xy"] if size == 2 else list(PLANES)
-        raise InputError(f"must be one of {allowed}, got {plane!r}.", where="reference.plane")
+        raise InputError(f"must be one of {allowed}, got {plane!r}.", where="trajectory.plane")
     return np.eye(size)[["xyz".index(axis) for axis in plane]]
 
 
@@ -159,23 +202,27 @@ class Lissajous(_Sines):
 
     def __init__(
         self,
-        center: ArrayLike,
-        amplitude: ArrayLike,
-        cycles: ArrayLike,
-        period: float,
+        center: ArrayLike | None = None,
+        amplitude: ArrayLike = 0.1,
+        cycles: ArrayLike = 1.0,
+        period: float = 6.0,
         phase: ArrayLike = 0.0,
     ) -> None:
         """Take centre, amplitudes [m or rad], cycles n, phases [rad], each (m), and period [s].
 
+        A number applies to all coordinates; without a centre the motion begins where the robot is.
+
         Raises:
             InputError: different sizes, numbers that are not finite, or a period not positive.
         """
-        self.center = vector(center, None, "reference.center")
+        given = {"amplitude": amplitude, "cycles": cycles, "phase": phase}
+        size = max(vector(part, None, f"trajectory.{name}").size for name, part in given.items())
+        self.center = self._placed(center, size, **given, period=period)
         size = self.center.size
-        self.amplitude = vector(amplitude, size, "reference.amplitude")
-        turns = 2 * np.pi * vector(cycles, size, "reference.cycles")
-        self._w = turns / positive(period, "reference.period")
-        self._phase = vector(phase, size, "reference.phase")
+        self.amplitude = vector(amplitude, size, "trajectory.amplitude")
+        turns = 2 * np.pi * vector(cycles, size, "trajectory.cycles")
+        self._w = turns / positive(period, "trajectory.period")
+        self._phase = vector(phase, size, "trajectory.phase")
 
 
 class Sinusoid(_Sines):
@@ -187,15 +234,15 @@ class Sinusoid(_Sines):
 
     def __init__(
         self,
-        center: ArrayLike,
-        amplitude: ArrayLike,
-        period: ArrayLike,
+        center: ArrayLike | None = None,
+        amplitude: ArrayLike = 0.1,
+        period: ArrayLike = 3.0,
         phase: ArrayLike = FROM_REST,
     ) -> None:
         """Take centres, amplitudes, periods and phases, each (m) or one number for all.
 
         Args:
-            center: [rad or m].
+            center: [rad or m]; None: the motion begins where the robot is.
             amplitude: [rad or m], of either sign.
             period: [s].
             phase: [rad].
@@ -203,12 +250,14 @@ class Sinusoid(_Sines):
         Raises:
             InputError: different sizes, numbers that are not finite, or periods not positive.
         """
-        given = {"center": center, "amplitude": amplitude, "period": period, "phase": phase}
-        size = max(vector(part, None, f"reference.{name}").size for name, part in given.items())
-        parts = {name: vector(part, size, f"reference.{name}") for name, part in given.items()}
+        given = {"amplitude": amplitude, "period": period, "phase": phase}
+        every = given if center is None else {"center": center, **given}
+        size = max(vector(part, None, f"trajectory.{name}").size for name, part in every.items())
+        parts = {name: vector(part, size, f"trajectory.{name}") for name, part in every.items()}
         for each in parts["period"]:
-            positive(each, "reference.period", error=InputError)
-        self.center, self.amplitude = parts["center"], parts["amplitude"]
+            positive(each, "trajectory.period", error=InputError)
+        self.center = self._placed(parts.get("center"), size, **given)
+        self.amplitude = parts["amplitude"]
         self._w = 2.0 * math.pi / parts["period"]
         self._phase = parts["phase"]
 
@@ -228,28 +277,36 @@ class FourierSeries(_Centered):
     """
 
     def __init__(
-        self, center: ArrayLike, cosine: ArrayLike, sine: ArrayLike, period: float
+        self,
+        center: ArrayLike | None = None,
+        cosine: ArrayLike = (),
+        sine: ArrayLike = (),
+        period: float = 10.0,
     ) -> None:
         """Take means (m), coefficients (m, K) [rad or m], and the period [s].
+
+        Without means the motion begins where the robot is.
 
         Raises:
             InputError: sizes that differ, numbers that are not finite, or a period not positive.
         """
-        self.cosine = _table(cosine, "reference.cosine")
-        self.sine = _table(sine, "reference.sine")
+        self.cosine = _table(cosine, "trajectory.cosine")
+        self.sine = _table(sine, "trajectory.sine")
         if self.cosine.shape != self.sine.shape:
             raise InputError(
                 f"expected as many as of cosines, {self.cosine.shape}, got {self.sine.shape}.",
-                where="reference.sine",
+                where="trajectory.sine",
             )
-        self.center = numbers(center, "reference.center")
+        self.center = self._placed(
+            center, len(self.cosine), cosine=cosine, sine=sine, period=period
+        )
         if self.center.shape != (len(self.cosine),):
             raise InputError(
                 f"expected {len(self.cosine)} numbers, one for each row of coefficients, got shape "
                 f"{self.center.shape}.",
-                where="reference.center",
+                where="trajectory.center",
             )
-        self.period = positive(period, "reference.period")
+        self.period = positive(period, "trajectory.period")
         self._w = 2.0 * math.pi / self.period * np.arange(1.0, self.cosine.shape[1] + 1.0)
         # (2 K, 3 m): what cosines and sines of all angles add to position, velocity, acceleration
         w = self._w[:, None]

@@ -13,6 +13,7 @@ from .._checks import positive, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import matrix, rotation_between, turned
+from ..tasks.task import Task
 from .given import TrajectoryLike, as_trajectory, converted
 from .periodic import Circle, common_period
 from .trajectory import Trajectory
@@ -33,7 +34,7 @@ class FixedOrientation(Trajectory):
         Raises:
             InputError: not a unit quaternion.
         """
-        self.quaternion = unit_quaternion(quaternion, "reference.orientation.quaternion")
+        self.quaternion = unit_quaternion(quaternion, "orientation.quaternion")
         self._rest = np.zeros(3)
 
     @property
@@ -62,31 +63,36 @@ class Swing(Trajectory):
 
     def __init__(
         self,
-        axis: ArrayLike,
-        amplitude: float,
-        period: float,
+        axis: ArrayLike = (0.0, 0.0, 1.0),
+        amplitude: float = 0.0,
+        period: float = 3.0,
         phase: float = 0.0,
-        quaternion: ArrayLike = UPRIGHT,
+        quaternion: ArrayLike | None = None,
     ) -> None:
         """Take axis (3), amplitude and phase [rad], period [s], and R_0 as quaternion xyzw (4).
 
-        The axis is in the tool's axes, of any length.
+        The axis is in the tool's axes, of any length. Without R_0 the motion begins at the
+        orientation that the robot has.
 
         Raises:
             InputError: numbers that are not finite or of the wrong size, a period that is not
                 positive, an axis of length zero, or a quaternion that is not of length 1.
         """
-        direction = vector(axis, 3, "reference.orientation.axis", fills=False)
+        direction = vector(axis, 3, "orientation.axis", fills=False)
         length = float(np.linalg.norm(direction))
         if length < 1e-12:
-            raise InputError(
-                "an axis needs a direction, got zeros.", where="reference.orientation.axis"
-            )
+            raise InputError("an axis needs a direction, got zeros.", where="orientation.axis")
         self.axis = direction / length
-        self.amplitude = positive(amplitude, "reference.orientation.amplitude", zero=True)
-        self.period = positive(period, "reference.orientation.period")
-        self.phase = float(vector(phase, 1, "reference.orientation.phase")[0])
-        self.quaternion = unit_quaternion(quaternion, "reference.orientation.quaternion")
+        self.amplitude = positive(amplitude, "orientation.amplitude", zero=True)
+        self.period = positive(period, "orientation.period")
+        self.phase = float(vector(phase, 1, "orientation.phase")[0])
+        self._own = quaternion is not None
+        own = UPRIGHT if quaternion is None else quaternion
+        self.quaternion = unit_quaternion(own, "orientation.quaternion")
+
+    def placed(self, start: np.ndarray, task: Task | None = None) -> Trajectory:
+        """Return the motion that begins at the quaternion ``start`` (4), if it has none."""
+        return self if self._own else self.starting_at(start)
 
     @property
     def repeats(self) -> tuple[float, float]:
@@ -96,6 +102,7 @@ class Swing(Trajectory):
     def shifted(self, by: ArrayLike) -> Swing:
         """Return the same motion turned by the rotation vector (3) [rad], world axes."""
         other = copy(self)
+        other._own = True
         other.quaternion = turned(self.quaternion, vector(by, 3, "by", fills=False))
         return other
 
@@ -125,13 +132,16 @@ class PoseTrajectory(Trajectory):
     orientation: Trajectory
 
     def __init__(
-        self, position: TrajectoryLike, orientation: TrajectoryLike | ArrayLike = UPRIGHT
+        self,
+        position: TrajectoryLike,
+        orientation: TrajectoryLike | ArrayLike | None = UPRIGHT,
     ) -> None:
         """Take the motion of the position (3) and that of the orientation.
 
         Args:
             position: whatever ``as_trajectory`` takes, of three coordinates [m].
-            orientation: a quaternion xyzw (4) to hold; ``FixedOrientation``, ``Swing``; or
+            orientation: a quaternion xyzw (4) to hold, None for that of the start;
+                ``FixedOrientation``, ``Swing``; or
                 whatever ``as_trajectory`` takes, with quaternions as positions, and angular
                 velocities [rad/s] and accelerations [rad/s^2] (3) in world axes.
 
@@ -143,9 +153,14 @@ class PoseTrajectory(Trajectory):
         size = self.position.at(0.0).x_d.size
         if size != 3:
             raise InputError(
-                f"a pose needs a motion of 3 coordinates, got {size}.", where="reference"
+                f"a pose needs a motion of 3 coordinates, got {size}.", where="trajectory"
             )
-        self.orientation = _orientation(orientation)
+        self.orientation = Swing() if orientation is None else _orientation(orientation)
+
+    def placed(self, start: np.ndarray, task: Task | None = None) -> Trajectory:
+        """Return the motion whose parts without a place of their own begin at a pose (7)."""
+        position = self.position.placed(start[:3])
+        return type(self)(position, self.orientation.placed(start[3:]))
 
     @property
     def extent(self) -> float | None:
@@ -179,6 +194,27 @@ class PoseTrajectory(Trajectory):
         """Return pose (7), velocity (6) and acceleration (6) at time t [s]."""
         place, turn = self.position.at(t), self.orientation.at(t)
         return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
+
+
+def placed_trajectory(given: TrajectoryLike, task: Task, start: np.ndarray) -> Trajectory:
+    """Return a user's motion as ``as_trajectory``, placed where it has no place of its own.
+
+    A ``Circle`` without a centre begins where the robot is; a motion of three coordinates holds
+    the initial orientation in a pose task.
+
+    Args:
+        given: as in ``as_trajectory``.
+        task: of the coordinates.
+        start: coordinates of the robot at the start.
+
+    Raises:
+        InputError: as ``as_trajectory``.
+    """
+    if isinstance(given, Trajectory):
+        if task.coordinates > task.size and given.at(0.0).x_d.size == 3:
+            given = PoseTrajectory(given, None)
+        given = given.placed(start, task)
+    return as_trajectory(given, task)
 
 
 class PoseCircle(PoseTrajectory):
@@ -236,7 +272,7 @@ def _orientation(given: Any) -> Trajectory:
     Raises:
         InputError: it has not the sizes of one, is not finite, or starts at no unit quaternion.
     """
-    where = "reference.orientation"
+    where = "orientation"
     if isinstance(given, Trajectory):
         motion = given
     elif callable(given) or hasattr(given, "at") or _is_samples(given):

@@ -11,10 +11,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, positive, vector, whole
+from .._checks import flag, instance, numbers, positive, vector, whole
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import rotation_between, turned
+from ..tasks.task import Task
 
 _HORIZON = 60.0  # [s] of a run without end that is checked
 _LOOKS, _RESTING = 400, 20  # instants that are checked, and how many of the last are at rest
@@ -134,6 +135,15 @@ class Trajectory(ABC):
         turn = rotation_between(start[n:].tolist(), here[n:].tolist())
         return self.shifted(np.append(start[:n] - here[:n], turn))
 
+    def placed(self, start: np.ndarray, task: Task | None = None) -> Trajectory:
+        """Return the motion that begins at ``start``, if it has no place of its own.
+
+        Args:
+            start: where the robot is.
+            task: of these coordinates.
+        """
+        return self
+
     def positions(self, times: np.ndarray) -> np.ndarray:
         """Return the coordinates x_d, one row for each of the times (N) [s]."""
         found = [self.at(float(t)).x_d for t in times]
@@ -246,6 +256,10 @@ class Retimed(Derived):
             return self.motion.from_rest(ramp, duration=duration)
         return super().from_rest(ramp, duration=duration)
 
+    def placed(self, start: np.ndarray, task: Task | None = None) -> Retimed:
+        """Return the same time law along the placed motion."""
+        return Retimed(self.motion.placed(start, task), self.law)
+
     def shifted(self, by: ArrayLike) -> Retimed:
         """Return the same motion displaced by (m): [m or rad], rotations about world axes [rad]."""
         return Retimed(self.motion.shifted(by), self.law)
@@ -282,6 +296,10 @@ class AsGiven(Derived):
         """Return itself."""
         return self
 
+    def placed(self, start: np.ndarray, task: Task | None = None) -> AsGiven:
+        """Return the placed motion, as given."""
+        return AsGiven(self.motion.placed(start, task))
+
     def shifted(self, by: ArrayLike) -> AsGiven:
         """Return the same motion displaced by (m): [m or rad], rotations about world axes [rad]."""
         return AsGiven(self.motion.shifted(by))
@@ -298,14 +316,19 @@ class Hold(Trajectory):
         point: (m) [m or rad].
     """
 
-    def __init__(self, point: ArrayLike) -> None:
-        """Take the point (m) [m or rad].
+    def __init__(self, point: ArrayLike | None = None) -> None:
+        """Take the point (m) [m or rad]; None: where the robot is at the start.
 
         Raises:
             InputError: coordinates that are not finite numbers.
         """
-        self.point = vector(point, None, "reference.center")
+        self._own = point is not None
+        self.point = vector(np.zeros(3) if point is None else point, None, "trajectory.point")
         self._rest = np.zeros(self.point.size)
+
+    def placed(self, start: np.ndarray, task: Task | None = None) -> Hold:
+        """Return the motion that holds ``start``, if it has no point of its own."""
+        return self if self._own else Hold(start)
 
     @property
     def extent(self) -> float:
@@ -337,20 +360,46 @@ class Waypoints(Trajectory):
         segment: duration of a segment [s].
     """
 
-    def __init__(self, points: ArrayLike | list[np.ndarray], segment: float) -> None:
+    def __init__(
+        self,
+        points: ArrayLike | list[np.ndarray],
+        segment: float = 2.0,
+        relative: bool = False,
+    ) -> None:
         """Take the points (k, m) [m or rad], k >= 2, and the duration [s] of one segment.
+
+        If they are ``relative``, the motion begins where the robot is, and the points are offsets
+        from there; then k >= 1.
 
         Raises:
             InputError: fewer than two points, ragged or non-finite ones, or a duration that is not
                 positive.
         """
-        self.points = numbers(points, "reference.points")
+        self.points = numbers(points, "trajectory.points")
+        self._relative = flag(relative, "trajectory.relative")
+        if relative and self.points.ndim == 2:
+            self.points = np.vstack([np.zeros(self.points.shape[1]), self.points])
         if self.points.ndim != 2 or len(self.points) < 2:
             raise InputError(
                 "expected at least two points of the same number of coordinates.",
-                where="reference.points",
+                where="trajectory.points",
             )
-        self.segment = positive(segment, "reference.segment")
+        self.segment = positive(segment, "trajectory.segment")
+
+    def placed(self, start: np.ndarray, task: Task | None = None) -> Waypoints:
+        """Return the motion that begins at ``start`` (m), if its points are offsets.
+
+        Raises:
+            InputError: the points have another number of coordinates.
+        """
+        if not self._relative:
+            return self
+        if self.points.shape[1] != start.size:
+            raise InputError(
+                f"every point needs {start.size} coordinates, as many as the task.",
+                where="trajectory.points",
+            )
+        return Waypoints(self.points + start, self.segment)
 
     @property
     def extent(self) -> float:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, instance, keywords, positive
+from .._checks import arithmetic, instance, positive, word
 from ..adaptation.adaptation import Adaptation, Frozen
 from ..adaptation.modifications import Leak
 from ..adaptation.natural import MatrixInequality
@@ -72,28 +72,7 @@ from .unknowns import (
 
 T = TypeVar("T")
 
-_REPLACED = {
-    "believed": "the first argument, 'robot'",
-    "kinematic": "unknown=pa.Unknown(tool=True), with base, translations and lengths beside it",
-    "dynamic": 'unknown=pa.Unknown(bodies="all")',
-    "joint": "unknown=pa.Unknown(friction=True, armature=True)",
-    "basis": "unknown=pa.Unknown(basis=...)",
-    "lmi": "unknown=pa.Unknown(basis=..., lmi=...)",
-    "regressor": 'unknown=pa.Unknown(regressor="exact")',
-    "kinematic_box": "limits=pa.Limits(box=...)",
-    "torque_limits": "limits=pa.Limits(torque=...)",
-    "damping": "limits=pa.Limits(damping=0.2)",
-    "watch": "limits=pa.Limits(stop_on_divergence=True)",
-    "guards": "limits=pa.Limits(guards=True)",
-    "noise": "sensors=pa.Sensors(noise=...), or of samples at rest "
-    "sensors=pa.Sensors.measured_at_rest(samples)",
-    "encoder": "sensors=pa.Sensors(encoder=...)",
-    "camera": "sensors=pa.Sensors(camera=pa.Camera(rate=..., delay=...))",
-    "carry": "sensors=pa.Sensors(compensate_delay=True)",
-}
 
-
-@keywords(*NAMES, *RATES, **_REPLACED)
 @arithmetic("gains")
 def make_controller(
     robot: Robot,
@@ -153,8 +132,10 @@ def make_controller(
 
     Raises:
         InputError: an unknown name, a gain that breaks a hypothesis, or parameters that cannot be
-            used; a former keyword, with what has replaced it.
+            used.
     """
+    for name in gains:
+        word(name, (*NAMES, *RATES), "controller")
     dt, nominal = positive(dt, "dt"), _nominal(robot, payload)
     sensors, limits = _given(sensors, Sensors, "sensors"), _given(limits, Limits, "limits")
     unknown = Unknown.of(unknown)
@@ -403,10 +384,6 @@ def _tuned(
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
 
-_ESTIMATING = ("sensors", "payload", "kinematic_adaptation", "modifications", "compensated", *RATES)
-
-
-@keywords(*_ESTIMATING, **_REPLACED)
 def make_estimator(
     robot: Robot,
     *,

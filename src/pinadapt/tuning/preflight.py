@@ -106,7 +106,7 @@ class LightJoint:
             "this law is that times an acceleration: an unknown load above "
             f"{rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can spin it "
             "before it is learned. With such a load take the law 'separation', or announce it "
-            "(payload=, in a scenario belief.payload)."
+            "(payload=, in a scenario controller.payload)."
         )
 
 

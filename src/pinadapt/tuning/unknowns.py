@@ -5,15 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
-from numpy.typing import ArrayLike
-
-from .._checks import flag, keywords, name_list, shown, word
+from .._checks import flag, located, name_list, shown, word
 from ..adaptation.natural import MatrixInequality
 from ..exceptions import InputError, ParameterError, UnusedGainWarning, did_you_mean
 from ..laws.law import NAMES, SYMBOLS, Law
-from ..models.basis import BasisDynamics
+from ..models.basis import BasisDynamics, read_matrix
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.camera_kinematics import CAMERA, CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
@@ -53,7 +52,6 @@ _FRICTION = ("viscous", "coulomb")
 Words = str | Sequence[str | Translation]
 
 
-@keywords()
 @dataclass(frozen=True, eq=False)
 class Unknown:
     """The unknown parameters of a robot, which are adapted; by default the tool and all bodies.
@@ -61,7 +59,7 @@ class Unknown:
     ``make_controller``, ``make_estimator``, ``identify`` and ``excite`` also take plain words in
     its place, such as ``unknown="payload"`` or ``unknown=["tool", "friction"]``: what they do not
     name is known then. The words are "tool", "base", "tracker", "geometry", "lengths", "bodies",
-    "payload", "friction", "armature", "load", "asymmetry" and "offset".
+    "payload", "friction", "armature", "gear_friction", "asymmetry" and "offset".
 
     The kinematic estimates stand in the order of the chain: base, ``translations``, ``lengths``,
     tool.
@@ -86,10 +84,12 @@ class Unknown:
             "coulomb" alone. None: it is with the law "separation", and known with published laws.
         armature: whether the rotor inertias are unknown; None: as for friction.
         effects: further unknown coefficients of the joints, see ``Friction``: "offset",
-            "asymmetry", "load", or of one joint or shaft, as "elbow.offset" and "elbow.armature".
-        basis: (10 n, p) matrix B of the user's own dynamic parameters, pi = B a, instead of bodies.
+            "asymmetry", "gear_friction", or of one joint or shaft, as "elbow.offset" and
+            "elbow.armature".
+        basis: (10 n, p) matrix B of the user's own dynamic parameters, pi = B a, instead of bodies;
+            or the path of a file with it.
         lmi: (p, k, k) coefficient matrices of the inequality that natural adaptation keeps, for a
-            basis.
+            basis; or the path of a file with them.
         regressor: with unknown lengths, "exact" (lumped parameters) or, for comparison, "nominal"
             (the regressor of the nominal lengths).
 
@@ -107,8 +107,8 @@ class Unknown:
     friction: bool | str | None = None
     armature: bool | None = None
     effects: str | Sequence[str] = ()
-    basis: ArrayLike | None = None
-    lmi: ArrayLike | MatrixInequality | None = None
+    basis: Any = None
+    lmi: Any = None
     regressor: str = "exact"
 
     def __post_init__(self) -> None:
@@ -119,9 +119,19 @@ class Unknown:
                 flag(value, f"unknown.{name}")
         if not isinstance(self.lengths, bool):
             name_list(self.lengths, "unknown.lengths")
+        given = self.translations
+        if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
+            name_list(given, "unknown.translations", ParameterError)
         if not isinstance(self.friction, bool | None):
             word(self.friction, _FRICTION, "unknown.friction")
         chosen_kinds(self.effects)
+        name_list(self.bodies, "unknown.bodies")
+        if isinstance(self.basis, str | Path):
+            with located("unknown.basis"):
+                object.__setattr__(self, "basis", read_matrix(Path(self.basis)))
+        if isinstance(self.lmi, str | Path):
+            with located("unknown.lmi"):
+                object.__setattr__(self, "lmi", MatrixInequality.from_file(Path(self.lmi)))
         word(self.regressor, REGRESSORS, "unknown.regressor")
         if self.lmi is not None and self.basis is None:
             raise ParameterError(
@@ -169,33 +179,36 @@ class Unknown:
             effects=[name for name in words if name in EFFECTS],
         )
 
-    @classmethod
-    def of_tables(
-        cls,
+    def with_names(
+        self,
         kinematic: Words | None = None,
-        dynamic: str | Sequence[str] = "all",
+        dynamic: str | Sequence[str] | None = None,
         joint: str | Sequence[str] | None = None,
-        **others: Any,
     ) -> Unknown:
-        """Return what the keys ``kinematic``, ``dynamic`` and ``joint`` of a scenario say.
+        """Return the same with these translations, bodies and joint coefficients; None: as it is.
 
         Raises:
-            InputError: joint coefficients that do not exist.
+            InputError: there are no such coefficients.
         """
-        own = None if joint is None else chosen_kinds(joint)
-        friction = None if own is None else [kind for kind in _FRICTION if kind in own]
-        return cls(
-            tool=None if kinematic is None else False,
-            translations=() if kinematic is None else kinematic,
-            bodies=dynamic,
-            friction=None
-            if friction is None
-            else friction[0]
-            if len(friction) == 1
-            else bool(friction),
-            armature=None if own is None else "armature" in own,
-            effects=() if own is None else [kind for kind in own if kind not in USUAL],
-            **others,
+        found = self if kinematic is None else replace(self, tool=False, translations=kinematic)
+        found = found if dynamic is None else replace(found, bodies=dynamic)
+        return found.with_effects(joint)
+
+    def with_effects(self, joint: str | Sequence[str] | None) -> Unknown:
+        """Return the same with these coefficients of the joints unknown; None: as it is.
+
+        Raises:
+            InputError: there are no such coefficients.
+        """
+        if joint is None:
+            return self
+        own = chosen_kinds(joint)
+        friction = [kind for kind in _FRICTION if kind in own]
+        return replace(
+            self,
+            friction=friction[0] if len(friction) == 1 else bool(friction),
+            armature="armature" in own,
+            effects=[kind for kind in own if kind not in USUAL],
         )
 
     def with_joints(self) -> Unknown:
@@ -217,7 +230,7 @@ class Unknown:
         """
         given = self.translations
         if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
-            given = name_list(given, "unknown.kinematic", ParameterError)
+            given = name_list(given, "unknown.translations", ParameterError)
         words: list[str | Translation] = [BASE] if self.base and BASE not in given else []
         words += given
         if self.lengths is True:
@@ -255,7 +268,7 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
         raise ParameterError(
             f"with the task '{robot.task.name}' the camera is unknown, beside translations; "
             f"'{TRACKER}' and '{GEOMETRY}' are of measured positions.",
-            where="unknown.kinematic",
+            where="unknown.translations",
             hint='Take ["camera", "tool"].',
         )
     if unknown.geometry or GEOMETRY in words:
@@ -272,7 +285,7 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
     if place and not law.uses_position_error:
         raise ParameterError(
             f"the law '{law.name}' learns from velocities, which do not show where '{place}' is.",
-            where="unknown.kinematic",
+            where="unknown.translations",
             hint='Take the law "separation", which learns from positions too.',
         )
     return kinematics
@@ -296,7 +309,7 @@ def _geometry(
         raise ParameterError(
             f"'{GEOMETRY}' contains base, joints and tool, in the axes of the base; got "
             f"{others or [TRACKER]} beside it.",
-            where="unknown.kinematic",
+            where="unknown.translations",
             hint="`pinadapt calibrate` finds the geometry and a tracker from a log.",
         )
     return FrameKinematics(robot, GEOMETRY)
@@ -421,4 +434,4 @@ def warn_of_unused_gains(
 
 
 def _written(names: list[str]) -> str:
-    return ", ".join(name.rstrip("_") for name in names)
+    return ", ".join(names)

@@ -1,8 +1,7 @@
 """The zoo: every robot of the catalogue with a wrong model and a controller with default gains."""
 
 from .experiment import ZooCase as ZooCase
-from .experiment import ZooRow as ZooRow
 from .experiment import run_zoo as run_zoo
 from .experiment import zoo_case as zoo_case
 from .experiment import zoo_names as zoo_names
-from .experiment import zoo_row as zoo_row
+from .experiment import zoo_numbers as zoo_numbers

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import warnings
 import zlib
-from collections.abc import Generator, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,8 @@ from ..description.catalogue import catalogue, catalogue_entry
 from ..description.chain import effort_limits
 from ..exceptions import PinadaptError
 from ..laws import DEFAULT
-from ..laws.acceleration_law import AccelerationLaw
-from ..laws.law import Law
-from ..laws.separation import Separation
 from ..models.joint_effects import typical_coefficients
-from ..robot.changes import Payload
+from ..robot.changes import Friction, Payload
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..robot.workspace import WorkspaceCircle, find_circle
@@ -34,12 +31,11 @@ from ..rollout.summary import ACCURATE, BETTER
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..sweep.cases import Cases
-from ..sweep.execution import FunctionWork, engine, rows
+from ..sweep.execution import FunctionWork, rows
 from ..sweep.table import DONE
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
-from ..tuning.preflight import lightest_joint
 from ..tuning.unknowns import Unknown
 
 PERIOD = 1e-3  # [s], sampling period of the controller
@@ -126,8 +122,7 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
     true = robot.changed(
         tool_translation=tool,
         payload=Payload(mass=min(LOAD * sum(bodies), bodies[-1]), com=tool),
-        viscous=viscous,
-        coulomb=coulomb,
+        friction=Friction(viscous, coulomb),
     )
     factors = 1.0 + INERTIA_ERROR * rng.choice([-1.0, 1.0], robot.model.nv)
     estimated = robot.changed(
@@ -166,97 +161,16 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(robot.placement(robot.q0).rotation.T @ direction)
 
 
-POSITION, POSE = "position", "pose"
+POSITION, POSE, CONVERGED = "position", "pose", "converged"
 _LEAST_JOINTS = 6  # for a pose task
 _RECORD_EVERY = 10
 _UNKNOWN = Unknown(friction=True, armature=True)  # the true robot has friction, the model has none
-
-
-@dataclass(frozen=True)
-class ZooRow:
-    """The result for one robot; None where there is none.
-
-    Attributes:
-        robot: name in the catalogue.
-        joints: number of joints.
-        law: name of the law.
-        task: "position" or "pose".
-        radius: radius of the circle [m].
-        unadapted: largest error in the last 10 % of the duration with frozen estimates [m].
-        adapted: largest error in the last 10 % of the duration with adaptation [m].
-        unadapted_angle: as ``unadapted``, for the orientation of a pose [rad].
-        adapted_angle: as ``adapted``, for the orientation of a pose [rad].
-        min_eig_M_hat: smallest eigenvalue of the estimated mass matrix over the adapted run.
-        min_singular_J_hat: smallest singular value of the estimated Jacobian over the adapted run.
-        verdict: "converged", or which hypothesis of the proof failed.
-    """
-
-    robot: str
-    joints: int | None = None
-    law: str | None = None
-    radius: float | None = None
-    unadapted: float | None = None
-    adapted: float | None = None
-    min_eig_M_hat: float | None = None
-    min_singular_J_hat: float | None = None
-    verdict: str = ""
-    task: str = POSITION
-    unadapted_angle: float | None = None
-    adapted_angle: float | None = None
-
-
-_COLUMNS = [each.name for each in fields(ZooRow)]
 
 
 def zoo_names(task: str = POSITION) -> list[str]:
     """Return the names of the robots of the catalogue for a task, "position" or "pose"."""
     least = _LEAST_JOINTS if task == POSE else 0
     return [name for name, entry in catalogue().items() if entry.joints >= least]
-
-
-def zoo_row(
-    name: str,
-    law: str,
-    seed: int = 0,
-    task: str = POSITION,
-    adaptation: str | None = None,
-) -> ZooRow:
-    """Run one robot of the catalogue; the verdict says whether and why it failed.
-
-    Args:
-        name: name in the catalogue.
-        law: name of a law.
-        seed: seed of the case.
-        task: "position" or "pose".
-        adaptation: name of an adaptation; None: the default.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
-        try:
-            return _row(name, law, seed, task, adaptation)
-        except (PinadaptError, ArithmeticError, ValueError) as error:
-            return ZooRow(name, law=law, verdict=f"refused: {error}", task=task)
-
-
-def _row(name: str, law: str, seed: int, task: str, adaptation: str | None) -> ZooRow:
-    case = zoo_case(name, seed, POSE if task == POSE else None)
-    controller = _controller(case, law, adaptation)
-    adapted = _run(case, controller, case.duration)
-    unadapted = _run(case, _controller(case, law, "none"), case.repeating)
-    return ZooRow(
-        robot=name,
-        joints=case.true.model.nv,
-        law=law,
-        radius=case.radius,
-        unadapted=last_error(case, unadapted),
-        adapted=last_error(case, adapted),
-        min_eig_M_hat=extreme(np.min, adapted.min_eig_M_hat),
-        min_singular_J_hat=extreme(np.min, adapted.min_singular_J_hat),
-        verdict=verdict(case, controller, adapted, unadapted),
-        task=task,
-        unadapted_angle=last_angle(case, unadapted),
-        adapted_angle=last_angle(case, adapted),
-    )
 
 
 def zoo_numbers(
@@ -266,7 +180,13 @@ def zoo_numbers(
     adaptation: str = "",
     case_seed: int = 0,
 ) -> dict[str, Any]:
-    """Return a row as a case of a sweep, and whether it converged.
+    """Run one robot of the catalogue, with and without adaptation, as a case of a sweep.
+
+    ``unadapted`` and ``adapted`` are the largest errors in the last 10 % of the duration [m],
+    ``unadapted_angle`` and ``adapted_angle`` those of the orientation of a pose [rad];
+    ``min_eig_M_hat`` and ``min_singular_J_hat`` are the smallest eigenvalue of the estimated mass
+    matrix and singular value of the estimated Jacobian over the adapted run. None where there is
+    none.
 
     Args:
         robot: name in the catalogue.
@@ -275,8 +195,33 @@ def zoo_numbers(
         adaptation: name of an adaptation; "" is the default.
         case_seed: seed of tool, friction and model errors.
     """
-    row = zoo_row(robot, law, case_seed, task, adaptation or None)
-    return asdict(row) | {"converged": row.verdict == CONVERGED}
+    names = ("joints", "radius", "unadapted", "adapted", "min_eig_M_hat", "min_singular_J_hat")
+    row: dict[str, Any] = {"robot": robot, "law": law, "task": task, **dict.fromkeys(names)}
+    row |= {"unadapted_angle": None, "adapted_angle": None}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
+        try:
+            row |= _numbers(robot, law, case_seed, task, adaptation or None)
+        except (PinadaptError, ArithmeticError, ValueError) as error:
+            row["verdict"] = f"refused: {error}"
+    return {**row, "converged": row["verdict"] == CONVERGED}
+
+
+def _numbers(name: str, law: str, seed: int, task: str, adaptation: str | None) -> dict[str, Any]:
+    case = zoo_case(name, seed, POSE if task == POSE else None)
+    adapted = _run(case, _controller(case, law, adaptation), case.duration)
+    unadapted = _run(case, _controller(case, law, "none"), case.repeating)
+    found = {
+        "joints": case.true.model.nv,
+        "radius": case.radius,
+        "unadapted": _last(case, unadapted, unadapted.distance),
+        "adapted": _last(case, adapted, adapted.distance),
+        "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
+        "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
+        "unadapted_angle": _last(case, unadapted, unadapted.angle),
+        "adapted_angle": _last(case, adapted, adapted.angle),
+    }
+    return {**found, "verdict": _verdict(case, found, adapted)}
 
 
 def run_zoo(
@@ -286,8 +231,8 @@ def run_zoo(
     seed: int = 0,
     processes: int | None = None,
     task: str = POSITION,
-) -> Generator[ZooRow, None, None]:
-    """Run robots as a sweep and yield their rows as they finish.
+) -> Iterator[dict[str, Any]]:
+    """Run robots as a sweep and yield their numbers as they finish, see ``zoo_numbers``.
 
     Robots with most joints start first, so that the processes finish at about the same time.
 
@@ -304,11 +249,11 @@ def run_zoo(
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     fixed = {"law": law, "task": task, "case_seed": seed}
     cases = Cases.of([{"robot": name, **fixed} for name in longest_first])
-    with engine(processes) as workers:
-        for row in rows(FunctionWork(zoo_numbers), cases, workers):
-            if row["status"] != DONE:
-                row["verdict"] = f"{row['status']}: {row['reason']}"
-            yield ZooRow(**{key: row[key] for key in _COLUMNS if key in row})
+    for row in rows(FunctionWork(zoo_numbers), cases, processes):
+        if row["status"] != DONE:
+            row["verdict"] = f"{row['status']}: {row['reason']}"
+        dropped = ("case", "seed", "case_seed", "status", "reason", "seconds", "converged")
+        yield {key: value for key, value in row.items() if key not in dropped}
 
 
 def _controller(case: ZooCase, law: str, adaptation: str | None = None) -> Controller:
@@ -339,116 +284,25 @@ def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
     )
 
 
-CONVERGED = "converged"
-_SINGULAR = 0.2  # relative to the smallest singular value at the start
-
-
-def last_error(case: ZooCase, rollout: Rollout) -> float | None:
-    """Return the largest error at the end of a run [m], or None if none is finite.
+def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray | None) -> float | None:
+    """Return the largest error at the end of a run, or None if there is none that is finite.
 
     The end is 10 % of the case's duration, however long the run itself was.
     """
-    return _last(case, rollout, rollout.distance)
-
-
-def last_angle(case: ZooCase, rollout: Rollout) -> float | None:
-    """Return the largest orientation error at the end [rad]; None without an orientation."""
-    return None if rollout.angle is None else _last(case, rollout, rollout.angle)
-
-
-def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray) -> float | None:
     t = rollout.t
-    return extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
+    return None if errors is None else extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
 
 
-def verdict(case: ZooCase, controller: Controller, adapted: Rollout, unadapted: Rollout) -> str:
-    """Return "converged", or the hypotheses that most likely failed."""
-    error, without = last_error(case, adapted), last_error(case, unadapted)
+def _verdict(case: ZooCase, found: Mapping[str, Any], adapted: Rollout) -> str:
+    """Return "converged", or how the run ended."""
+    error, without, angle = found["adapted"], found["unadapted"], found["adapted_angle"]
+    if adapted.diverged is not None:
+        return f"diverged at {adapted.diverged:.2f} s: {str(adapted.reason).rstrip('.')}"
     accurate = error is not None and error <= ACCURATE * case.radius
-    if (angle := last_angle(case, adapted)) is not None:
+    if angle is not None:
         accurate = accurate and angle <= ACCURATE * SWING
-    better = error is not None and without is not None and error <= BETTER * without
-    if adapted.diverged is None and accurate and better:
-        return CONVERGED
-    checks = (_diverged, _unphysical, _light, _too_fast, _near_singularity)
-    found = [flaw for check in checks if (flaw := check(case, controller, adapted)) is not None]
-    if not found:
-        found.append(_slow(case, adapted))
-    if accurate and error and without is not None:
-        found.append(f"accurate, but only {without / error:.1f} times better than without")
-    return "; ".join(found)
-
-
-def _diverged(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
-    if rollout.diverged is None:
-        return None
-    return f"diverged at {rollout.diverged:.2f} s: {str(rollout.reason).rstrip('.')}"
-
-
-def _unphysical(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
-    adaptation, dynamics = controller.adaptation_d, controller.dynamics
-    truth, start = dynamics.value(case.true), adaptation.validate(dynamics.initial)
-    if truth is not None and adaptation.divergence(start, truth) is not None:
-        return None
-    return "the real inertias are not physical: the truth is outside the cone"
-
-
-def _near_singularity(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
-    smallest = rollout.min_singular_J_hat
-    near = np.nanmin(smallest) < _SINGULAR * smallest[0]
-    return "close to a singularity" if near else None
-
-
-def _slow(case: ZooCase, rollout: Rollout) -> str:
-    """Return how far a run without a failed hypothesis came; theory bounds no convergence time."""
-    before, last = (part.max() for part in np.array_split(rollout.distance, 3)[1:])
-    return (
-        f"no hypothesis failed within {case.duration:g} s; "
-        f"the error of the last third is {last / before:.0%} of the second's"
-    )
-
-
-def _light(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
-    """Return which joint the model has too light for an unknown load, if the law can diverge."""
-    assert controller.motion is not None  # make_controller sets it
-    light = lightest_joint(controller.motion, controller.law)
-    if light is None:
-        return None
-    return (
-        f"{light.joint}, which moves {light.inertia:.2g} kg m^2 in the model, "
-        f"tolerates unknown loads up to {light.load:.2g} kg only"
-    )
-
-
-def _too_fast(case: ZooCase, controller: Controller, rollout: Rollout) -> str | None:
-    """Return which joint's true inertia is too small for the sampling period, if any is.
-
-    The damping torque is -D qd with D = J_hat^T K_v J_hat, or M_hat J_hat^+ K_v J_hat for laws that
-    command accelerations, or K_D + alpha M_hat J_hat^+ J_hat for the separation law. Held over a
-    period dt it is stable as long as no eigenvalue of M^-1 D dt exceeds 2.
-    """
-    model, data, law = case.true.model, case.true.model.createData(), controller.law
-    if not hasattr(law, "K_v"):
-        return None
-    for q, v, a_k, a_d in zip(rollout.q, rollout.v, rollout.a_k, rollout.a_d, strict=True):
-        controller.kinematics.update(a_k, q, v)
-        J = controller.kinematics.J
-        controller.dynamics.load(a_d)
-        D = _damping(law, J, controller.dynamics.mass_matrix(q))
-        M = pin.crba(model, data, q)
-        eigenvalues, vectors = np.linalg.eig(np.linalg.solve(M, D))
-        if PERIOD * eigenvalues.real.max() > 2.0:
-            joint = int(np.argmax(np.abs(vectors[:, np.argmax(eigenvalues.real)])))
-            name, inertia = case.true.joint_names[joint], M[joint, joint]
-            return f"1 kHz is too slow for {name}, which moves {inertia:.1g} kg m^2"
-    return None
-
-
-def _damping(law: Law, J: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """Return D (n, n) of the damping torque -D qd of a law with gain K_v, at J and M."""
-    K_v = np.asarray(law.K_v)  # type: ignore[attr-defined]  # _too_fast has checked it
-    if isinstance(law, Separation):
-        return np.asarray(K_v + law.alpha * M @ np.linalg.pinv(J) @ J)
-    return np.asarray(
-        (M @ np.linalg.pinv(J) if isinstance(law, AccelerationLaw) else J.T) @ K_v @ J
-    )
+    if accurate and without is not None:
+        if error <= BETTER * without:
+            return CONVERGED
+        return f"accurate, but only {without / error:.1f} times better than without"
+    return adapted.verdict

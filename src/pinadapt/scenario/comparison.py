@@ -1,0 +1,126 @@
+"""One scenario under several laws, and one table of several runs."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from .._output import columns, number
+from ..exceptions import Interrupted, UnusedGainWarning
+from ..laws import LAWS
+from ..rollout.recording import extreme
+from ..rollout.rollout import Rollout
+from ..tasks.task import DISPLAYS, JointTask
+from .scenario import Scenario
+
+NOT_ADAPTED = 'controller.adaptation="none"'
+
+
+def compare(
+    scenario: Path | str,
+    laws: Sequence[str] | None = None,
+    *,
+    settings: Sequence[str] = (),
+    unadapted: bool = False,
+) -> list[Rollout]:
+    """Run a scenario under several laws; ``print(comparison_table(rollouts))`` shows them.
+
+    A law that diverges is a rollout that says so.
+
+    Args:
+        scenario: its file.
+        laws: names of ``pinadapt.laws.LAWS``; None: all that fit the task.
+        settings: dotted "key=value" that override the file.
+        unadapted: whether the same loops are run without adaptation as well.
+
+    Raises:
+        InputError: as ``Scenario.read``.
+        Interrupted: a ``KeyboardInterrupt``, with the rollout until then.
+    """
+    chosen = laws or laws_for(Scenario.read(scenario, settings))
+    return [run_beside(*pair) for pair in pairs_of(scenario, chosen, settings, unadapted)]
+
+
+def pairs_of(
+    scenario: Path | str, laws: Sequence[str], settings: Sequence[str], unadapted: bool
+) -> Iterator[tuple[Scenario, Scenario | None]]:
+    """Yield the scenario with each law, and the same without adaptation where that is asked for."""
+    for law in laws:
+        own = [*settings, f'controller.law="{law}"']
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnusedGainWarning)  # all laws get the same gains
+            adapted = Scenario.read(scenario, own)
+            beside = unadapted and adapted.controller.law.adapts
+            yield adapted, Scenario.read(scenario, [*own, NOT_ADAPTED]) if beside else None
+
+
+def laws_for(scenario: Scenario) -> list[str]:
+    """Return the names of the laws for the scenario's kind of task and motion."""
+    joints = isinstance(scenario.true.task, JointTask)
+    calibrated = scenario.controller.kinematics.calibrated
+    rests = scenario.trajectory.settles is not None
+    return [
+        name
+        for name, law in LAWS.items()
+        if law.joint_space == joints
+        and (rests or not law.set_point)
+        and (calibrated or law.uses_position_error)
+    ]
+
+
+def run_scenario(scenario: Scenario, *, live: bool = False) -> Rollout:
+    """Return the rollout of a scenario; if it is interrupted, the part that was simulated."""
+    try:
+        return scenario.run(view=live)
+    except Interrupted as stop:
+        print(f"pinadapt: {stop}; the outputs end there.", file=sys.stderr)
+        return stop.rollout
+
+
+def run_beside(scenario: Scenario, without: Scenario | None, *, live: bool = False) -> Rollout:
+    """Return the rollout of a scenario, with the error of the unadapted scenario if one is given.
+
+    The unadapted one runs first; if it is interrupted, its rollout is returned.
+    """
+    if without is None:
+        return run_scenario(scenario, live=live)
+    first = run_scenario(without)
+    if first.interrupted is not None:
+        return first
+    return replace(
+        run_scenario(scenario, live=live), unadapted=extreme(np.max, first.window(False))
+    )
+
+
+def comparison_table(rollouts: Sequence[Rollout]) -> str:
+    """Return a table with a row for each rollout; columns that no rollout has are left out."""
+    if not rollouts:
+        return "nothing has run"
+    shown = rollouts[0].task.groups[0].shown
+    unit, degrees = shown.unit, DISPLAYS["rad"].scale
+    numbers = {
+        f"first 10 % [{unit}]": ("max_error_first", shown.scale, 2),
+        f"last 10 % [{unit}]": ("max_error_last", shown.scale, 3),
+        "[% of path]": ("error_share", 100.0, 2),
+        f"rms [{unit}]": ("rms_error_last", shown.scale, 3),
+        "last 10 % [deg]": ("max_angle_last", degrees, 3),
+        f"not adapted [{unit}]": ("unadapted", shown.scale, 3),
+        "min eig M_hat [kg m^2]": ("min_eig_M_hat", 1.0, 4),
+        "step [us]": ("step_time_us", 1.0, 0),
+    }
+    summaries = [rollout.summary() for rollout in rollouts]
+    there = {
+        title: [number(each.get(key), scale=scale, digits=digits) for each in summaries]
+        for title, (key, scale, digits) in numbers.items()
+        if any(each.get(key) is not None for each in summaries)
+    }
+    rows = [
+        [each.title, each.law, each.adaptation, *(cells[k] for cells in there.values()), each.grade]
+        for k, each in enumerate(rollouts)
+    ]
+    return columns(["run", "law", "adaptation", *there, "verdict"], rows)

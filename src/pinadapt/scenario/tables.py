@@ -1,0 +1,342 @@
+"""The tables of a scenario file: arguments of the library's classes and functions, by name.
+
+A table has the name of an argument or of a function's result, and its keys are the arguments of one
+class or function: ``[sensors]`` is ``pa.Sensors``, ``[robot]`` what ``pa.load`` takes. Nothing is
+translated: what a key may be, its default and its errors are those of that class or function.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import is_dataclass
+from functools import cache
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+from .._checks import located, shown, word
+from .._output import read_toml, toml
+from ..controller.limits import Limits
+from ..description.description import is_robot_name
+from ..description.urdf import is_path
+from ..exceptions import ScenarioError, did_you_mean
+from ..laws import LAWS
+from ..laws.law import NAMES
+from ..records import Sensors
+from ..robot.loading import load
+from ..robot.robot import Robot
+from ..simulation.engine import Engine
+from ..tasks.frame import pinhole_camera
+from ..trajectories.periodic import Circle, FourierSeries, Lissajous, Sinusoid
+from ..trajectories.pose import PoseTrajectory, Swing
+from ..trajectories.trajectory import Hold, Trajectory, Waypoints
+from ..tuning.make_controller import make_controller
+from ..tuning.rates import ADAPTATIONS, KINEMATIC_ADAPTATIONS, RATES
+from ..tuning.unknowns import Unknown
+
+Tables = dict[str, Any]
+
+MOTIONS: dict[str, type[Trajectory]] = {
+    "circle": Circle,
+    "lissajous": Lissajous,
+    "sinusoid": Sinusoid,
+    "fourier": FourierSeries,
+    "waypoints": Waypoints,
+    "hold": Hold,
+    "pose": PoseTrajectory,
+    "swing": Swing,
+}
+_OF_MOTIONS = ("kind", "as_given", "from_rest")
+_DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")  # files that describe robots
+_WORDS = {
+    "law": tuple(LAWS),
+    "adaptation": ADAPTATIONS,
+    "kinematic_adaptation": KINEMATIC_ADAPTATIONS,
+}
+_PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engine.plant.path")
+
+
+@cache
+def arguments(make: Callable[..., Any]) -> tuple[str, ...]:
+    """Return the names of the arguments that a class or function has, in order."""
+    several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
+    parameters = signature(make).parameters.values()
+    return tuple(each.name for each in parameters if each.kind not in several)
+
+
+def _keys() -> dict[str, tuple[Callable[..., Any], tuple[str, ...]]]:
+    """Return what each table is made of: a class or function, and those of its arguments."""
+    changes = tuple(name for name in arguments(Robot.changed) if name != "self")
+    own = ("robot", "unknown", "sensors", "limits")
+    controller = tuple(name for name in arguments(make_controller) if name not in own)
+    whole = {"unknown": Unknown, "sensors": Sensors, "limits": Limits, "engine": Engine}
+    return {
+        "robot": (load, arguments(load)),
+        "truth": (Robot.changed, (*changes, "tracker", "camera")),
+        "model": (Robot.changed, (*changes, "learned")),
+        "controller": (make_controller, (*controller, *NAMES, *RATES)),
+        "start": (dict, ("a_k", "a_d")),
+        "events": (dict, ("changes", "announcements")),
+        "simulation": (dict, ("duration", "seed", "record_every")),
+        "moteus": (dict, ("motors", "interface", "channel", "timeout")),
+        **{name: (make, arguments(make)) for name, make in whole.items()},
+    }
+
+
+KEYS = _keys()
+TABLES = ("title", *KEYS, "trajectory")
+
+
+@cache
+def _hints(make: Callable[..., Any]) -> dict[str, Any]:
+    """Return the types of the arguments of a class or function."""
+    plain_class = isinstance(make, type) and "__init__" in vars(make) and not is_dataclass(make)
+    if make in (dict, load):  # in which no table stands for an object
+        return {}
+    return get_type_hints(vars(make)["__init__"] if plain_class else make)
+
+
+def _classes(hint: Any) -> list[type]:
+    """Return the classes of arguments that a type allows, at any depth."""
+    if isinstance(hint, type) and (is_dataclass(hint) or hint is Trajectory):
+        return [hint] if hint.__module__.startswith("pinadapt.") else []
+    return [each for part in get_args(hint) for each in _classes(part)]
+
+
+def checked(table: Any, path: str, names: Iterable[str]) -> Mapping[str, Any]:
+    """Return a table if it is one, with keys of these names.
+
+    Raises:
+        ScenarioError: it is none, or a key is not allowed; the nearest is suggested.
+    """
+    names = list(names)
+    if not isinstance(table, Mapping):
+        raise ScenarioError(f"expected a table, got {shown(table)}.", where=path)
+    for key in table:
+        if key not in names:
+            raise ScenarioError(
+                f"unknown key; allowed here: {', '.join(names)}.{did_you_mean(key, names)}",
+                where=f"{path}.{key}" if path else key,
+            )
+    return table
+
+
+def read(
+    table: Any, path: str, make: Callable[..., Any], names: Iterable[str] | None = None
+) -> dict[str, Any]:
+    """Return the arguments of a class or function that a table holds, tables in it as objects.
+
+    Raises:
+        InputError: a key is not allowed, or a value is refused by its class.
+    """
+    hints, table = _hints(make), checked(table, path, names or arguments(make))
+    return {key: _value(hints.get(key), value, f"{path}.{key}") for key, value in table.items()}
+
+
+def _value(hint: Any, value: Any, path: str) -> Any:
+    """Return a value, or the objects that tables stand for, where the argument is of a class."""
+    found = _classes(hint)
+    if found and isinstance(value, Mapping):
+        return motion(value, path) if Trajectory in found else made(found[0], value, path)
+    if found and isinstance(value, list) and all(isinstance(each, Mapping) for each in value):
+        return tuple(made(found[0], each, f"{path}.{i}") for i, each in enumerate(value))
+    return value
+
+
+def made(make: Callable[..., Any], table: Any, path: str) -> Any:
+    """Return what a class or function makes of a table.
+
+    Raises:
+        InputError: a key is missing or not allowed, or a value is refused.
+    """
+    given = read(table, path, make)
+    for name in arguments(make):
+        if name not in given and signature(make).parameters[name].default is Parameter.empty:
+            raise ScenarioError(
+                f"this key is required; in the file, or by --set {path}.{name}=VALUE",
+                where=f"{path}.{name}",
+            )
+    with located(path, arguments(make), TABLES):
+        return make(**given)
+
+
+def _kind(table: Any, name: str) -> Any:
+    """Return the kind of motion that a table describes."""
+    usual = "swing" if name == "orientation" else "circle"
+    return table.get("kind", usual) if isinstance(table, Mapping) else usual
+
+
+def motion(table: Any, path: str = "trajectory") -> Trajectory:
+    """Return the motion that a table describes: its kind, and the arguments of that class.
+
+    ``as_given = true`` and ``from_rest = 2.0`` (s) are the methods of ``Trajectory``.
+
+    Raises:
+        InputError: there is no such kind, or its class refuses the arguments.
+    """
+    kind = _kind(table, path.rpartition(".")[2])
+    if not isinstance(kind, str) or kind not in MOTIONS:
+        raise ScenarioError(
+            f"must be one of {list(MOTIONS)}, got {shown(kind)}.{did_you_mean(kind, MOTIONS)}",
+            where=f"{path}.kind",
+        )
+    table = dict(checked(table, path, (*_OF_MOTIONS, *arguments(MOTIONS[kind]))))
+    ramp, given = table.pop("from_rest", None), table.pop("as_given", False)
+    table.pop("kind", None)
+    found: Trajectory = made(MOTIONS[kind], table, path)
+    with located(path, _OF_MOTIONS):
+        found = found if ramp is None else found.from_rest(ramp)
+    return found.as_given() if given else found
+
+
+def parts(tables: Tables) -> dict[str, Any]:
+    """Return objects of the tables that are classes, and arguments of those that are functions.
+
+    Raises:
+        InputError: a key is not allowed, or a value is refused by its class.
+    """
+    checked(tables, "", TABLES)
+    if not isinstance(title := tables.get("title", ""), str):
+        raise ScenarioError(f"expected a text, got {shown(title)}.", where="title")
+    found: dict[str, Any] = {"title": title, "trajectory": motion(tables.get("trajectory", {}))}
+    for name, (make, names) in KEYS.items():
+        table = tables.get(name, {})
+        if name in ("unknown", "engine") and not isinstance(table, Mapping):
+            with located(name):
+                found[name] = make.of(table)  # type: ignore[attr-defined]
+        elif isinstance(make, type) and make is not dict:
+            found[name] = made(make, table, name)
+        else:
+            found[name] = read(table, name, make, names)
+    if "source" not in found["robot"]:
+        made(load, found["robot"], "robot")
+    for key, allowed in _WORDS.items():
+        if isinstance(value := found["controller"].get(key), str):
+            word(value, allowed, f"controller.{key}")
+    _, keys = KEYS["truth"]
+    found["truth"]["camera"] = [
+        dict(checked(each, f"truth.camera.{i}", arguments(pinhole_camera)))
+        for i, each in enumerate(found["truth"].get("camera", []))
+    ]
+    for name, allowed in (("changes", keys), ("announcements", ("payload", "tool_translation"))):
+        found["events"][name] = [
+            read(each, f"events.{name}.{i}", Robot.changed, ("at", *allowed))
+            for i, each in enumerate(found["events"].get(name, []))
+        ]
+    return found
+
+
+# Files and settings
+
+
+def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
+    """Return the tables of a scenario file after ``key=value`` settings.
+
+    Paths in the file are relative to it, those in settings to the working directory.
+
+    Raises:
+        ScenarioError: the file is missing or not TOML, or a setting cannot be written into it.
+    """
+    bare = not path.exists() and path.name == str(path) and not path.suffix
+    if bare or path.suffix.lower() in _DESCRIPTIONS:
+        raise ScenarioError(
+            "no such file; a robot's name is not a scenario."
+            if bare and not is_robot_name(str(path))
+            else "this is a robot, not a scenario.",
+            where=str(path),
+            hint=f"Write a scenario for it first: `pinadapt init {path}`.",
+        )
+    return with_values(read_toml(path), dict(setting(text) for text in settings))
+
+
+def with_values(tables: Tables, values: Mapping[str, Any]) -> Tables:
+    """Return tables after writing values by dotted keys into them.
+
+    Where a value changes the kind of motion, the keys that only the former kind has are dropped.
+
+    Raises:
+        ScenarioError: a key has an empty part, or a part of it is not a table.
+    """
+    before = _of_kind(tables)
+    for key, value in values.items():
+        put(tables, key, value)
+    table = tables.get("trajectory")
+    for key in before - _of_kind(tables):
+        if isinstance(table, dict) and f"trajectory.{key}" not in values:
+            table.pop(key, None)
+    return tables
+
+
+def _of_kind(tables: Tables) -> set[str]:
+    """Return the keys that motions of the kind in tables have; none if there is no such kind."""
+    kind = _kind(tables.get("trajectory", {}), "trajectory")
+    return set(arguments(MOTIONS[kind])) if isinstance(kind, str) and kind in MOTIONS else set()
+
+
+def setting(text: str, where: str = "--set") -> tuple[str, Any]:
+    """Return key and value of one ``key=value``; a relative path is one of the working directory.
+
+    Raises:
+        ScenarioError: there is no equals sign or no key.
+    """
+    key, equals, value = (part.strip() for part in text.partition("="))
+    if not (equals and key):
+        raise ScenarioError(f"expected key=value with a dotted key, got '{text}'.", where=where)
+    found = toml_value(value)
+    if key in _PATHS and isinstance(found, str) and (key != "robot.source" or is_path(found)):
+        found = os.path.abspath(found)
+    return key, found
+
+
+def put(tables: Tables, key: str, value: Any) -> None:
+    """Write one value into tables, by its dotted key; tables of a list are numbered, from 0.
+
+    Raises:
+        ScenarioError: the key has an empty part, or a part of it is not a table.
+    """
+    table: Any = tables
+    *way, last = key.split(".")
+    if not all((*way, last)):
+        raise ScenarioError(f"expected a dotted key, got '{key}'.", where="--set")
+    for part in way:
+        if isinstance(table, list) and part.isdigit() and int(part) < len(table):
+            table = table[int(part)]
+        else:
+            table = table.setdefault(part, {}) if isinstance(table, dict) else None
+        if not isinstance(table, dict | list):
+            raise ScenarioError(f"'{part}' in '{key}' is not a table.", where="--set")
+    if isinstance(table, list):
+        raise ScenarioError(f"'{last}' in '{key}' is not a table.", where="--set")
+    table[last] = value
+
+
+def toml_value(text: str) -> Any:
+    """Return the value of a TOML expression; text that is not TOML is taken as a string."""
+    try:
+        return toml.loads(f"value = {text}")["value"]
+    except toml.TOMLDecodeError:
+        return text
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError("the value is too long or nested too deeply.", where="--set") from error
+
+
+def at_folder(tables: Tables, folder: Path) -> Tables:
+    """Return tables with the paths in them relative to a folder made absolute or usable here."""
+    return moved(tables, lambda name: str(folder / name))
+
+
+def moved(tables: Tables, move: Callable[[str], str]) -> Tables:
+    """Return a copy of tables with another path wherever they name a file."""
+    found = {key: dict(part) if isinstance(part, Mapping) else part for key, part in tables.items()}
+    for path in _PATHS:
+        *way, last = path.split(".")
+        table: Any = found
+        for key in way:
+            if isinstance(table, dict) and isinstance(table.get(key), Mapping):
+                table[key] = dict(table[key])
+            table = table.get(key) if isinstance(table, dict) else None
+        name = table.get(last) if isinstance(table, dict) else None
+        if isinstance(name, str) and (path != "robot.source" or is_path(name)):
+            table[last] = move(name)
+    return found

@@ -1,0 +1,265 @@
+"""Gains by search over a distribution of cases, compared with the defaults on unseen ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._checks import positive, whole
+from .._output import Sheet, Table, percent
+from ..exceptions import InputError
+from ..scenario.tables import parts, with_values
+from ..simulation.simulate import watched
+from .cases import Cases, Plan, Values
+from .execution import rows, work_of
+from .sweep_report import Rate, percentile, rate
+from .table import DONE, CaseTable
+
+_PENALTY = 1e6  # objective where lost cases reach the percentile, times 1 + their share
+_BETTER, _CHANCE = 0.9, 0.05  # ratio of objectives, and probability, below which gains are better
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Results of all cases with one set of gains.
+
+    Attributes:
+        gains: by key; empty: the defaults.
+        objective: percentile of the result; above 1e6 where lost cases reach it.
+        errors: the result of each case (N), infinite for lost ones.
+        success: share of the cases that ran to their end with a verdict "follows".
+    """
+
+    gains: dict[str, Any]
+    objective: float
+    errors: np.ndarray
+    success: Rate
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a search found.
+
+    Attributes:
+        objective: what was minimised, in words.
+        default, best: the defaults and the best gains on the cases of the search.
+        default_other, best_other: the same on cases with another seed.
+        trials: all gains that were tried.
+        verdict: whether the gains are better, in words.
+        better: whether they are.
+    """
+
+    objective: str
+    default: Judged
+    best: Judged
+    default_other: Judged
+    best_other: Judged
+    trials: tuple[Judged, ...]
+    verdict: str
+    better: bool
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers, as ``tune.json`` has them."""
+        pairs = {
+            "search": (self.default, self.best),
+            "validation": (self.default_other, self.best_other),
+        }
+        return {
+            "verdict": self.verdict,
+            "better": self.better,
+            "objective": self.objective,
+            "cases": {name: len(pair[0].errors) for name, pair in pairs.items()},
+            "gains": self.best.gains,
+            **{
+                name: {"default": one.objective, "best": other.objective}
+                for name, (one, other) in pairs.items()
+            },
+            "success": {
+                "default": self.default_other.success._asdict(),
+                "best": self.best_other.success._asdict(),
+            },
+            "trials": [{"gains": each.gains, "objective": each.objective} for each in self.trials],
+        }
+
+    def __str__(self) -> str:
+        """Return gains, objectives and verdict as text."""
+        compared = (
+            ("defaults", self.default, self.default_other),
+            ("found", self.best, self.best_other),
+        )
+        table = Table(
+            [
+                [name, _amount(one.objective), _amount(other.objective), str(other.success)]
+                for name, one, other in compared
+            ],
+            ["gains", "in the search", "on other seeds", "success on other seeds"],
+        )
+        chosen = Table([(key, f"{value}") for key, value in self.best.gains.items()])
+        return f"{Sheet(self.objective, [table, chosen])}\n\n{self.verdict}"
+
+
+def tune(
+    work: Plan | Path | str,
+    gains: Mapping[str, Any],
+    *,
+    vary: Mapping[str, Any] | None = None,
+    samples: int | None = None,
+    trials: int = 40,
+    objective: str = "error_share",
+    share: float = 0.9,
+    validation: int | None = None,
+    executor: Executor | int | None = None,
+) -> Tuned:
+    """Search gains, validate them on other seeds, and say whether the defaults are as good.
+
+    Args:
+        work: a sweep, its file, or a scenario file with ``vary``: the cases over which gains are
+            judged. Each trial runs all of them.
+        gains: what is searched, by key: "loguniform(5, 100)", "uniform(a, b)", or a list of
+            choices.
+        vary: further values of the cases, as ``sweep`` has them.
+        samples: number of samples of the distributions.
+        trials: number of gains that are tried.
+        objective: the result whose percentile is minimised.
+        share: which percentile, 0.9 for 90 %; failed cases count as the worst.
+        validation: number of samples with another seed, on which gains are compared; None: as in
+            the search.
+        executor: as ``sweep`` has it.
+
+    Raises:
+        InputError: a range cannot be used, a key is varied as well, or Optuna is not installed.
+    """
+    plan = work if isinstance(work, Plan) else Plan.read(Path(work), samples=samples)
+    if vary:
+        plan = Plan.of({**plan.tables(), "vary": {**plan.vary, **vary}})
+    found = searched(gains, plan)
+    positive(share, "share", most=1.0, error=InputError)
+    trials, cases = whole(trials, "trials", 1), plan.cases
+    more: dict[str, Any] = {}
+    if validation is not None:
+        more["samples" if cases.samples else "repeat"] = validation
+
+    def judge(chosen: Mapping[str, Any], cases: Cases) -> Judged:
+        """Return how the cases end with these gains."""
+        changed = (replace(case, values=case.values | dict(chosen)) for case in cases)
+        rows_ = rows(work_of(plan), changed, executor, plan.timeout)
+        return _judged(chosen, CaseTable.of(list(rows_)), objective, share)
+
+    study = _study(cases.seed)
+    default, tried = judge({}, cases), []
+    for _ in watched(range(trials), None, "tune"):
+        trial = study.ask()
+        tried.append(judge(_suggested(trial, found), cases))
+        study.tell(trial, tried[-1].objective)
+    best = min(tried, key=lambda each: each.objective)
+    other = replace(cases, seed=cases.seed + 1, **more)
+    compared = judge({}, other), judge(best.gains, other)
+    words = f"{share:.0%} percentile of {objective}"
+    return Tuned(words, default, best, *compared, tuple(tried), *verdict(*compared))
+
+
+def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: float) -> Judged:
+    """Return how the cases of a table ended.
+
+    Raises:
+        InputError: the cases have no such result.
+    """
+    lost = table["status"] != DONE
+    found = np.full(len(table), np.nan) if lost.all() else table[column].astype(float)
+    errors = np.where(lost | np.isnan(found), np.inf, found)
+    value = percentile(errors, share).value
+    if not math.isfinite(value):
+        value = _PENALTY * (1.0 + float(np.mean(np.isinf(errors))))
+    follows = table["follows"] if "follows" in table.columns else ~lost
+    return Judged(dict(gains), value, errors, rate((follows == 1) & ~lost))
+
+
+def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
+    """Return what is searched, by key.
+
+    Raises:
+        InputError: nothing is, a range cannot be used, or a key is varied by the sweep as well.
+    """
+    if not gains:
+        raise InputError(
+            "no gain is searched.",
+            where="gains",
+            hint="Name some: controller.alpha=loguniform(5, 100).",
+        )
+    found = {}
+    for key, value in gains.items():
+        values = Values.of(key, value)
+        if not values.drawn:
+            values = replace(values, kind="choice")
+        if values.size is not None or values.kind == "normal":
+            raise InputError("give one uniform, loguniform or choice.", where=key)
+        if key in plan.cases.keys:
+            raise InputError("is varied by the sweep already.", where=key)
+        if plan.scenario is not None:
+            parts(with_values(plan.tables()["scenario"], {key: values.at(np.array([0.5]))}))
+        found[key] = values
+    return found
+
+
+def _study(seed: int) -> Any:
+    """Return a search by Optuna.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import optuna
+    except ImportError as error:
+        raise InputError(
+            "Optuna, which searches, is not installed.",
+            where="tune",
+            hint="Install it: pip install 'pinadapt[tune]'.",
+        ) from error
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+
+
+def _suggested(trial: Any, gains: Mapping[str, Values]) -> dict[str, Any]:
+    """Return the gains of a trial."""
+    return {
+        key: trial.suggest_categorical(key, values.arguments)
+        if values.kind == "choice"
+        else trial.suggest_float(key, *values.arguments, log=values.kind == "loguniform")
+        for key, values in gains.items()
+    }
+
+
+def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
+    """Return whether the gains found are better than the defaults on the same unseen cases.
+
+    They are if the objective falls by a tenth and Wilcoxon's test of the cases' ratios (1945)
+    says that chance would do as well in less than one of twenty.
+    """
+    from scipy.stats import wilcoxon
+
+    both = np.isfinite(default.errors) & np.isfinite(best.errors)
+    logs = np.log(np.maximum(best.errors[both], 1e-300) / np.maximum(default.errors[both], 1e-300))
+    lost = int(np.isinf(best.errors).sum() - np.isinf(default.errors).sum())
+    p = float(wilcoxon(logs, alternative="less").pvalue) if len(logs) and logs.any() else 1.0
+    ratio = best.objective / default.objective
+    words = (
+        f"on other seeds the objective is {_amount(best.objective)} with the gains found and "
+        f"{_amount(default.objective)} with the defaults"
+    )
+    if lost > 0:
+        return f"The defaults are better: {words}, and {lost} more cases are lost.", False
+    fewer = lost < 0 and best.objective < default.objective
+    if fewer or (ratio < _BETTER and p < _CHANCE):
+        chance = f"a chance of {percent(p, 1)}" if not fewer else f"{-lost} cases fewer are lost"
+        return f"The gains found are better: {words} ({chance}).", True
+    return f"The defaults are as good: {words} (chance alone: {percent(p, 2)}).", False
+
+
+def _amount(value: float) -> str:
+    return "lost" if value >= _PENALTY else f"{value:.3g}"
