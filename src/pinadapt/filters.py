@@ -379,7 +379,7 @@ class PoseObserver(Filters):
             return observed._replace(eta=np.zeros(3))
         ahead = state.position.memory[-1] + self.positions.lead
         R_o = turned(state.R, ahead * kinematics.xd_hat[3:])
-        eta = rotation_between(R_o.tolist(), sensed.x[3:].tolist())
+        eta = rotation_between(R_o, sensed.x[3:])
         return observed._replace(eta=np.array([*eta]))
 
     def step(self, state: PoseObserverState, s: Signals, dt: float) -> PoseObserverState:

@@ -421,7 +421,7 @@ class RealtimeLoop:
             believed = controller.kinematics.seen(state.a_k)
             motion = starting_from(self._motion, believed, m)
             if self.stage is Stage.SLOW:
-                motion = Retimed(motion, SlowedTime(np.full(4, self._slowness), 1.0))
+                motion = Retimed(motion, SlowedTime(self._slowness))
         self._path, self._begin, self._t = motion, m.t, m.t
         desired = motion.at(0.0)
         if desired.x_d.size == desired.xd_d.size:  # no quaternion

@@ -312,13 +312,13 @@ class _Follower:
                     return None
             if k == 0:
                 start, target = x, task.moved(x, offsets[0])
-            off = task._error(target, x)
+            off = task.error(target, x)
             away, turned = off[: task.positions], off[task.positions :]
             if away.dot(away) > (_TRACKED * path.radius) ** 2 or turned.dot(turned) > _TRACKED**2:
                 return None
             psi = home_share * pin.difference(model, q, self._q0)
             target = task.moved(start, offsets[k + 1])
-            to_go = self._arms * task._error(target, x)
+            to_go = self._arms * task.error(target, x)
             step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
             speeds = np.maximum(speeds, np.abs(step))
             q = pin.integrate(model, q, step)
