@@ -51,6 +51,7 @@ def place(
     "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], "
     "f8[:,:,:], f8[:,:,:])",
     fills=4,
+    allocates=True,
 )
 def column_motion(
     R: np.ndarray,
@@ -75,146 +76,52 @@ def column_motion(
     carries it, and moves the frame, r away, by d = s + w x r. A joint before it turns d; one behind
     it moves the frame by some u, which changes d by w x u.
     """
-    c = len(R) - 1
-    x, y, z = o[c, 0], o[c, 1], o[c, 2]
+    c, n = len(R) - 1, len(v)
+    p, pd, turns = phi[0], phid[0], S[3:]
+    w, wd, turning, u = np.empty((4, 3))
     for i in range(3):
-        x += R[c, 0, i] * lever[i]
-        y += R[c, 1, i] * lever[i]
-        z += R[c, 2, i] * lever[i]
-    xd = yd = zd = 0.0
-    for t in range(len(v)):
-        ux = S[0, t] + S[4, t] * z - S[5, t] * y
-        uy = S[1, t] + S[5, t] * x - S[3, t] * z
-        uz = S[2, t] + S[3, t] * y - S[4, t] * x
-        Phi[0, 0, t], Phi[0, 1, t], Phi[0, 2, t] = ux, uy, uz
-        xd, yd, zd = xd + ux * v[t], yd + uy * v[t], zd + uz * v[t]
-    phi[0, 0], phi[0, 1], phi[0, 2] = x, y, z
-    phid[0, 0], phid[0, 1], phid[0, 2] = xd, yd, zd
-    for t in range(len(v)):
-        Phid[0, 0, t] = dS[0, t] + dS[4, t] * z - dS[5, t] * y + S[4, t] * zd - S[5, t] * yd
-        Phid[0, 1, t] = dS[1, t] + dS[5, t] * x - dS[3, t] * z + S[5, t] * xd - S[3, t] * zd
-        Phid[0, 2, t] = dS[2, t] + dS[3, t] * y - dS[4, t] * x + S[3, t] * yd - S[4, t] * xd
+        p[i], pd[i] = o[c, i], 0.0
+        for k in range(3):
+            p[i] += R[c, i, k] * lever[k]
+    for i in range(3):
+        f, h = (i + 1) % 3, (i + 2) % 3
+        for t in range(n):
+            Phi[0, i, t] = S[i, t] + turns[f, t] * p[h] - turns[h, t] * p[f]
+            pd[i] += Phi[0, i, t] * v[t]
+    for i in range(3):
+        f, h = (i + 1) % 3, (i + 2) % 3
+        for t in range(n):
+            Phid[0, i, t] = dS[i, t] + dS[f + 3, t] * p[h] - dS[h + 3, t] * p[f]
+            Phid[0, i, t] += turns[f, t] * pd[h] - turns[h, t] * pd[f]
     for j in range(len(parent)):
-        b = parent[j]
-        sx = sy = sz = wx = wy = wz = 0.0  # the column in the world's axes, at the joint
+        b, d, dd = parent[j], phi[j + 1], phid[j + 1]
+        for i in range(3):  # the column in world axes, and the motion before and behind it
+            w[i] = d[i] = turning[i] = u[i] = 0.0
+            for k in range(3):
+                d[i] += R[b, i, k] * columns[k, j]
+                w[i] += R[b, i, k] * columns[k + 3, j]
+            for t in range(n):
+                turning[i] += turns[i, t] * v[t] if t < b else 0.0
+                u[i] += Phi[0, i, t] * v[t] if t >= b else 0.0
         for i in range(3):
-            s, w = columns[i, j], columns[3 + i, j]
-            sx, sy, sz = sx + R[b, 0, i] * s, sy + R[b, 1, i] * s, sz + R[b, 2, i] * s
-            wx, wy, wz = wx + R[b, 0, i] * w, wy + R[b, 1, i] * w, wz + R[b, 2, i] * w
-        rx, ry, rz = x - o[b, 0], y - o[b, 1], z - o[b, 2]
-        dx, dy, dz = sx + wy * rz - wz * ry, sy + wz * rx - wx * rz, sz + wx * ry - wy * rx
-        ax = ay = az = ux = uy = uz = 0.0  # turning of the joint, velocity by the joints behind
-        for t in range(b):
-            ax, ay, az = ax + S[3, t] * v[t], ay + S[4, t] * v[t], az + S[5, t] * v[t]
-        for t in range(b, len(v)):
-            ux, uy, uz = (
-                ux + Phi[0, 0, t] * v[t],
-                uy + Phi[0, 1, t] * v[t],
-                uz + Phi[0, 2, t] * v[t],
-            )
-        wxd, wyd, wzd = ay * wz - az * wy, az * wx - ax * wz, ax * wy - ay * wx
-        dxd = ay * dz - az * dy + wy * uz - wz * uy
-        dyd = az * dx - ax * dz + wz * ux - wx * uz
-        dzd = ax * dy - ay * dx + wx * uy - wy * ux
-        phi[j + 1, 0], phi[j + 1, 1], phi[j + 1, 2] = dx, dy, dz
-        phid[j + 1, 0], phid[j + 1, 1], phid[j + 1, 2] = dxd, dyd, dzd
-        own, rate = Phi[j + 1], Phid[j + 1]
-        for t in range(b):
-            ax, ay, az, axd, ayd, azd = S[3, t], S[4, t], S[5, t], dS[3, t], dS[4, t], dS[5, t]
-            own[0, t], own[1, t] = ay * dz - az * dy, az * dx - ax * dz
-            own[2, t] = ax * dy - ay * dx
-            rate[0, t] = ayd * dz - azd * dy + ay * dzd - az * dyd
-            rate[1, t] = azd * dx - axd * dz + az * dxd - ax * dzd
-            rate[2, t] = axd * dy - ayd * dx + ax * dyd - ay * dxd
-        for t in range(b, len(v)):
-            ux, uy, uz = Phi[0, 0, t], Phi[0, 1, t], Phi[0, 2, t]
-            uxd, uyd, uzd = Phid[0, 0, t], Phid[0, 1, t], Phid[0, 2, t]
-            own[0, t], own[1, t] = wy * uz - wz * uy, wz * ux - wx * uz
-            own[2, t] = wx * uy - wy * ux
-            rate[0, t] = wyd * uz - wzd * uy + wy * uzd - wz * uyd
-            rate[1, t] = wzd * ux - wxd * uz + wz * uxd - wx * uzd
-            rate[2, t] = wxd * uy - wyd * ux + wx * uyd - wy * uxd
-
-
-@compiled(
-    "void(f8[:], f8[:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:,:], f8[:,:,:], f8[:,:,:], "
-    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:])",
-    fills=7,
-)
-def affine_motion(
-    a_k: np.ndarray,
-    initial: np.ndarray,
-    S: np.ndarray,
-    dS: np.ndarray,
-    v: np.ndarray,
-    rows: np.ndarray,
-    phi: np.ndarray,
-    phid: np.ndarray,
-    Phi: np.ndarray,
-    Phid: np.ndarray,
-    J: np.ndarray,
-    Jdot: np.ndarray,
-    Jdot_v: np.ndarray,
-    xd_hat: np.ndarray,
-    Y_k: np.ndarray,
-    p_hat: np.ndarray,
-    X_k: np.ndarray,
-) -> None:
-    """Write J, dJ/dt (m, n), dJ/dt v, J v (m), Y_k (m, p), position (m_p), X_k (m_p, p).
-
-    They are those of x = phi_0 + sum_j (a_k - initial)_j phi_j, see ``column_motion``, in the
-    wanted ``rows`` (m) of the frame's motion, the first m_p of them linear. The others, which no
-    column changes, are those of the axes S and dS (6, n).
-    """
-    p = len(a_k)
-    for i in range(len(rows)):
-        r = rows[i]
-        xd_hat[i] = Jdot_v[i] = 0.0
-        for t in range(len(v)):
-            column, rate = S[r, t], dS[r, t]
-            if r < 3:
-                column, rate = Phi[0, r, t], Phid[0, r, t]
-                for j in range(p):
-                    column += (a_k[j] - initial[j]) * Phi[j + 1, r, t]
-                    rate += (a_k[j] - initial[j]) * Phid[j + 1, r, t]
-            J[i, t], Jdot[i, t] = column, rate
-            xd_hat[i] += column * v[t]
-            Jdot_v[i] += rate * v[t]
-        for j in range(p):
-            Y_k[i, j] = phid[j + 1, r] if r < 3 else 0.0
-    for i in range(len(p_hat)):
-        r = rows[i]
-        p_hat[i] = phi[0, r]
-        for j in range(p):
-            p_hat[i] += (a_k[j] - initial[j]) * phi[j + 1, r]
-            X_k[i, j] = phi[j + 1, r]
-
-
-@compiled("void(f8[:], f8[:,:,:], i8[:], f8[:,:])")
-def add_column_rates(
-    a_k_rate: np.ndarray, Phi: np.ndarray, place: np.ndarray, Jdot: np.ndarray
-) -> None:
-    """Add sum_j da_j/dt Phi_j to the position rows, ``place`` (m_p), of dJ/dt (m, n)."""
-    for i in range(len(place)):
-        for j in range(len(a_k_rate)):
-            for t in range(Jdot.shape[1]):
-                Jdot[i, t] += a_k_rate[j] * Phi[j + 1, place[i], t]
-
-
-@compiled("void(f8[:,:,:], f8[:,:,:], f8[:], f8[:], i8[:], f8[:,:])")
-def column_accelerations(
-    Phi: np.ndarray,
-    Phid: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    place: np.ndarray,
-    Y: np.ndarray,
-) -> None:
-    """Add Phi_j a + dPhi_j/dt v to the position rows, ``place`` (m_p), of columns Y (m, p)."""
-    for i in range(len(place)):
-        for j in range(Y.shape[1]):
-            for t in range(len(v)):
-                Y[i, j] += Phi[j + 1, place[i], t] * a[t] + Phid[j + 1, place[i], t] * v[t]
+            f, h = (i + 1) % 3, (i + 2) % 3
+            d[i] += w[f] * (p[h] - o[b, h]) - w[h] * (p[f] - o[b, f])
+        for i in range(3):
+            f, h = (i + 1) % 3, (i + 2) % 3
+            wd[i] = turning[f] * w[h] - turning[h] * w[f]
+            dd[i] = turning[f] * d[h] - turning[h] * d[f] + w[f] * u[h] - w[h] * u[f]
+        for i in range(3):
+            f, h = (i + 1) % 3, (i + 2) % 3
+            for t in range(n):
+                if t < b:
+                    x = turns[f, t] * d[h] - turns[h, t] * d[f]
+                    xd = dS[f + 3, t] * d[h] - dS[h + 3, t] * d[f]
+                    xd += turns[f, t] * dd[h] - turns[h, t] * dd[f]
+                else:
+                    x = w[f] * Phi[0, h, t] - w[h] * Phi[0, f, t]
+                    xd = wd[f] * Phi[0, h, t] - wd[h] * Phi[0, f, t]
+                    xd += w[f] * Phid[0, h, t] - w[h] * Phid[0, f, t]
+                Phi[j + 1, i, t], Phid[j + 1, i, t] = x, xd
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)

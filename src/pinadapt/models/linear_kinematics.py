@@ -7,12 +7,19 @@ frame, at the position p, by s + w x (p - o), with o the origin of what is place
     x = phi_0(q) + sum_j (a_j - a_0j) phi_j(q),   phi_0 = p,   phi_j = s_j + w_j x (p - o_j),
 
 everything in world axes, a_0 as described. For shifts that is exact, for turns the remainder is of
-second order. Unknown translations, lengths, and the whole geometry are choices of columns. The task
-velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
+second order. Unknown translations, lengths, and the whole geometry are choices of columns. What a
+sensor sees is an output map on top of them, with phi the phi_j one after the other and a one,
+
+    y = N phi(q) / (D phi(q)),
+
+row by row, where N and D are affine in the parameters. In world axes, D phi = 1 and the rows of N
+are 1 and a_j - a_0j; trackers and cameras have other maps. The task velocity is xdot = Y_k(q, v)
+a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 """
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +34,7 @@ from ..description.chain import is_slide
 from ..description.urdf_writer import axis_of
 from ..exceptions import REFUSED, ArrayError, ParameterError, RobotError
 from ..robot.robot import Robot
-from ..tasks.frame import PositionTask, quaternion
+from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .basis import base_parameters
 from .regressor import live_array
 from .task_kinematics import TaskKinematics
@@ -42,6 +49,7 @@ _WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach: bounds of a translation
 _SHORTEST, _LONGEST = 0.2, 5.0  # of the nominal length
 _SAMPLES = 60  # configurations at which two geometries are compared
 _SAME = 1e-9  # [m] or [rad]
+_LEAST_DEPTH = 0.1  # of a camera, relative to that at home
 
 
 def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
@@ -155,9 +163,8 @@ class ColumnMotion:
     """What the columns of a chain move the frame by, with derivatives: see ``column_motion``.
 
     Attributes:
-        phi, phid: (1 + p, 3) of the last update, and its rate.
-        Phi, Phid: (1 + p, 3, n) dphi/dq and its rate.
-        every: these four.
+        phi, phid: (3 (1 + p) + 1) phi_0, ..., phi_p of the last update, then a one; its rate.
+        Phi, Phid: (3 (1 + p), n) dphi/dq without that last row, and its rate.
         axes, axis_rates: (6, n) of the joints, as motions at the world's origin; views.
     """
 
@@ -165,19 +172,20 @@ class ColumnMotion:
         """Use a nominal robot and its columns."""
         self._model, self._frame = robot.model.copy(), robot.frame_id
         self._data = data = self._model.createData()
-        n, p = self._model.nv, len(columns.names)
-        places = [placement_of(self._model, self._frame, None), *self._model.jointPlacements]
-        origins = np.array([place.translation for place in places])
-        of = origins[columns.joints % self._model.njoints + (columns.joints < self._model.njoints)]
+        n, parts = self._model.nv, 1 + len(columns.names)
+        lever = placement_of(self._model, self._frame, None).translation
+        origins = [place.translation for place in [*self._model.jointPlacements[1:]]]
+        of = np.array([*origins, lever])[columns.joints - 1]
         at_parent = columns.motions.copy()
         at_parent[:3] += np.cross(of, columns.motions[3:].T).T
         self.axes, self.axis_rates = data.J.reshape(6, n), data.dJ.reshape(6, n)
-        lever = placement_of(self._model, self._frame, None).translation
         joints = *_live_placements(data), self.axes, self.axis_rates
         self._given = *joints, lever, columns.joints - 1, at_parent
-        self.phi, self.phid = empty((1 + p, 3)), empty((1 + p, 3))
-        self.Phi, self.Phid = empty((1 + p, 3, n)), empty((1 + p, 3, n))
-        self.every = self.phi, self.phid, self.Phi, self.Phid
+        self.phi, self.phid = np.ones(3 * parts + 1), np.zeros(3 * parts + 1)
+        self.Phi, self.Phid = empty((2, 3 * parts, n))
+        vectors = (each[:-1].reshape(parts, 3) for each in (self.phi, self.phid))
+        matrices = (each.reshape(parts, 3, n) for each in (self.Phi, self.Phid))
+        self._filled = *vectors, *matrices
 
     def update(self, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at a configuration q (nq) and velocity v (nv)."""
@@ -185,7 +193,7 @@ class ColumnMotion:
             pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         except REFUSED as error:
             raise ArrayError from error
-        kernels.column_motion(*self._given, v, *self.every)
+        kernels.column_motion(*self._given, v, *self._filled)
 
     def rotation(self) -> np.ndarray:
         """Return the rotation (3, 3) of the frame."""
@@ -193,21 +201,137 @@ class ColumnMotion:
 
 
 class LinearKinematics(TaskKinematics):
-    """What all kinematics of a frame have in common: columns, and the motion that they cause."""
+    """The estimated coordinates y = N phi(q) / (D phi(q)) of the task frame.
+
+    J = (N - y_hat D) Phi / z_hat is the exact Jacobian of the estimated coordinates, where dphi/dt
+    = Phi v and z_hat = D phi; ``Y_k`` is for y_hat and z_hat as they are. The rotation rows of a
+    pose are R_c times the angular velocity in the axes of the base, with R_c the first three
+    columns of N.
+    """
+
+    task: FrameTask
 
     def _take(self, robot: Robot, columns: Columns) -> None:
         """Take a nominal robot with the task of its frame, and its columns."""
         self.robot, self.frame, self.joint_names = robot.undrawn(), robot.frame, robot.joint_names
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
-        self.columns = columns
+        self.task, self.columns = robot.frame_task, columns
+        self.positions, self._turns = self.task.positions, self.task.size > self.task.positions
         self.motion, self.past = ColumnMotion(robot, columns), ColumnMotion(robot, columns)
-        self.still = np.zeros(self.nv)
+        self._home, self.still = np.zeros(self.motion.phi.size), np.zeros(self.nv)
 
-    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
-        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
-        if self.nq == self.nv:
-            return q_0 + share * (q_1 - q_0)
-        return np.asarray(pin.interpolate(self.robot.model, q_0, q_1, share))
+    @abstractmethod
+    def _maps(self, a_k: np.ndarray, one: float) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return N and D (m_p, 4 + 3 k) of an estimate a_k (p), D None where D phi = 1.
+
+        ``one`` is zero for the linear parts of both alone, else 1.
+        """
+
+    @abstractmethod
+    def _regressor(self, phi: np.ndarray, y: np.ndarray, z: Any) -> np.ndarray:
+        """Return the matrix (m_p, p) of (dN phi - y dD phi) / z for changes of the parameters."""
+
+    def _depths(self, D: np.ndarray | None, phi: np.ndarray) -> Any:
+        """Return D phi (m_p), at least a tenth of that at home."""
+        return 1.0 if D is None else np.maximum(D.dot(phi), _LEAST_DEPTH)
+
+    def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
+        motion, (N, D) = self.motion, self._maps(a_k, 1.0)
+        motion.update(q, v)
+        self.a_k, self._v, self._N, self._D = a_k, v, N, D
+        self._phi, self._phid = phi, phid = motion.phi - self._home, motion.phid.copy()
+        self._z = z = self._depths(D, phi)
+        self.p_hat = N.dot(phi) / z
+        G = N if D is None else (N - self.p_hat[:, None] * D) / z[:, None]
+        self._G = G = G[:, :-1]
+        self.J = J = G.dot(motion.Phi)
+        self.xd_hat = xd = J.dot(v)
+        self.Jdot_v = G.dot(motion.Phid.dot(v))
+        if D is not None:
+            self.Jdot_v -= 2.0 * xd * D.dot(phid) / z
+        self.X_k = self._regressor(phi, self.p_hat, z)
+        self.Y_k = self._regressor(phid, self.p_hat, z)
+        if self._turns:
+            R, axes, rates = N[:, :3], motion.axes[3:], motion.axis_rates[3:]
+            self.J = np.concatenate([J, R @ axes])
+            self.xd_hat = np.concatenate([xd, R @ axes.dot(v)])
+            self.Jdot_v = np.concatenate([self.Jdot_v, R @ rates.dot(v)])
+            self.Y_k = np.concatenate([self.Y_k, self._turning(axes.dot(v))])
+
+    def _turning(self, angular: np.ndarray) -> np.ndarray:
+        """Return the matrix (3, p) that gives dR_c times a vector (3) from changes of a_k."""
+        phi = np.zeros(self._phi.size)
+        phi[:3] = angular
+        return self._regressor(phi, np.zeros(3), 1.0)
+
+    @property
+    def y_k0(self) -> np.ndarray:
+        """The known part (m) of the velocity, J v = Y_k a_k + y_k0 [m/s, rad/s]."""
+        return self.xd_hat - self.Y_k.dot(self.a_k)
+
+    @property
+    def x_hat(self) -> np.ndarray:
+        """The estimated positions (m) [m], or position and quaternion xyzw (7) of a pose."""
+        return self._coordinates(self.p_hat, self.motion)
+
+    def _coordinates(self, p_hat: np.ndarray, motion: ColumnMotion) -> np.ndarray:
+        """Return the task coordinates at estimated positions (m_p) and a motion of the arm."""
+        if not self._turns:
+            return p_hat
+        return np.concatenate([p_hat, quaternion(self._axes() @ motion.rotation())])
+
+    def _axes(self) -> np.ndarray:
+        """Return R_c (3, 3), a rotation."""
+        return np.eye(3)
+
+    def explaining(self, x: np.ndarray) -> np.ndarray:
+        """Return X (m_p, p) with p_hat - x = X da_k, exactly, for measured coordinates x."""
+        return self._regressor(self._phi, x, self._z)
+
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
+
+        The estimate is that of the last update. The attributes do not change.
+        """
+        self.past.update(q, self.still)
+        phi = self.past.phi - self._home
+        z = self._depths(self._D, phi)
+        y = self._N.dot(phi) / z
+        X = self._regressor(phi, y if seen is None else seen, z)
+        return self._coordinates(y, self.past), X
+
+    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
+        """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate.
+
+        Without the second part (17) of Wang and Xie does not hold.
+        """
+        (N_rate, D_rate), motion, m = self._maps(a_k_rate, 0.0), self.motion, self.positions
+        G_rate = N_rate[:, :-1]
+        if self._D is not None and D_rate is not None:
+            yd = self.xd_hat[:m] + self.X_k.dot(a_k_rate)
+            zd = self._D.dot(self._phid) + D_rate.dot(self._phi)
+            change = N_rate - yd[:, None] * self._D - self.p_hat[:, None] * D_rate
+            G_rate = (change[:, :-1] - zd[:, None] * self._G) / self._z[:, None]
+        found = self._G.dot(motion.Phid) + G_rate.dot(motion.Phi)
+        if not self._turns:
+            return np.asarray(found)
+        turned = N_rate[:, :3] @ motion.axes[3:] + self._N[:, :3] @ motion.axis_rates[3:]
+        return np.concatenate([found, turned])
+
+    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
+        """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
+        motion, phidd = self.motion, np.zeros(self._phi.size)
+        phidd[:-1] = motion.Phi.dot(a) + motion.Phid.dot(self._v)
+        found = self._regressor(phidd, self.p_hat, self._z)
+        if self._D is not None:  # what dD adds by the rate of y
+            twice = 2.0 * self.xd_hat
+            found += self._regressor(self._phid, twice, self._z)
+            found -= self._regressor(self._phid, 0.0 * twice, self._z)
+        if not self._turns:
+            return found
+        turning = motion.axes[3:].dot(a) + motion.axis_rates[3:].dot(self._v)
+        return np.concatenate([found, self._turning(turning)])
 
     def base(self, samples: int = 50) -> int:
         """Return the number of identifiable combinations of the parameters: the rank of Y_p."""
@@ -239,10 +363,9 @@ class LinearKinematics(TaskKinematics):
 
 
 class FrameKinematics(LinearKinematics):
-    """The estimated kinematics of the task frame, with columns as parameters.
+    """The estimated kinematics of the task frame in world axes, with columns as parameters.
 
-    Everything is in world axes (LOCAL_WORLD_ALIGNED), with the rows of the task only. For a pose
-    the rotation rows of Y_k are zero, as orientation does not depend on translations.
+    For a pose the rotation rows of Y_k are zero, as orientation does not depend on translations.
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
@@ -269,78 +392,30 @@ class FrameKinematics(LinearKinematics):
             else columns_of_translations(robot, self.translations)
         )
         self._take(robot, columns)
-        self.task, self.names, self.size = robot.task, columns.names, len(columns.names)
-        self._turns, self.positions = task.size > task.positions, task.positions
-        self._place_rows, self._rows = np.arange(3)[task.place], np.arange(6)[task.rows]
+        self.names, self.size = columns.names, len(columns.names)
+        self._rows = list(enumerate(range(3)[task.place]))
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
-        self._J_shape = (task.size, self.nv)
-        self._Y_shape, self._X_shape = (task.size, self.size), (task.positions, self.size)
         self.update(self.initial, robot.q0, self.still)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
         return FrameKinematics, (self.robot, GEOMETRY if self._whole else self.translations)
 
-    def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
-        """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        motion, m, m_p = self.motion, len(self._rows), self.positions
-        motion.update(q, v)
-        J, Jdot, Jdot_v, xd_hat = empty(self._J_shape), empty(self._J_shape), empty(m), empty(m)
-        Y_k, p_hat, X_k = empty(self._Y_shape), empty(m_p), empty(self._X_shape)
-        kernels.affine_motion(
-            a_k, self.initial, motion.axes, motion.axis_rates, v, self._rows, *motion.every,
-            J, Jdot, Jdot_v, xd_hat, Y_k, p_hat, X_k,
-        )  # fmt: skip
-        self.J, self._Jdot, self.Jdot_v, self.xd_hat = J, Jdot, Jdot_v, xd_hat
-        self.Y_k, self.p_hat, self.X_k = Y_k, p_hat, X_k
-        self.a_k, self._v = a_k, v
+    def _maps(self, a_k: np.ndarray, one: float) -> tuple[np.ndarray, None]:
+        """Return N (m_p, 4 + 3 p), the rows of (1, a_k - a_0) times the identity."""
+        N, off = np.zeros((self.positions, self._home.size)), a_k - one * self.initial
+        for i, row in self._rows:
+            N[i, row], N[i, 3 + row : -1 : 3] = one, off
+        return N, None
 
-    @property
-    def y_k0(self) -> np.ndarray:
-        """The known part (m) of the velocity, J v = Y_k a_k + y_k0 [m/s, rad/s]."""
-        return self.xd_hat - self.Y_k.dot(self.a_k)
+    def _regressor(self, phi: np.ndarray, y: np.ndarray, z: Any) -> np.ndarray:
+        """Return the rows of phi_1, ..., phi_p (m_p, p)."""
+        return phi[3:-1].reshape(self.size, 3).T[self.task.place]
 
     @property
     def units(self) -> tuple[str, ...]:
         """The unit of each parameter (p)."""
         return tuple("rad" if turn.any() else "m" for turn in self.columns.motions[3:].T)
-
-    @property
-    def x_hat(self) -> np.ndarray:
-        """The estimated positions (m) [m], or position and quaternion xyzw (7) of a pose."""
-        return self._coordinates(self.p_hat, self.motion)
-
-    def _coordinates(self, p_hat: np.ndarray, motion: ColumnMotion) -> np.ndarray:
-        if not self._turns:
-            return p_hat
-        return np.concatenate([p_hat, quaternion(motion.rotation())])
-
-    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
-
-        The estimate is that of the last update. The attributes do not change.
-        """
-        past = self.past
-        past.update(q, self.still)
-        found = past.phi[:, self._place_rows].T
-        X_k = found[:, 1:]
-        return self._coordinates(found[:, 0] + X_k.dot(self.a_k - self.initial), past), X_k
-
-    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate.
-
-        J is affine in a_k, so the second part is linear in a_k_rate. Without it (17) of Wang and
-        Xie does not hold.
-        """
-        Jdot = self._Jdot.copy()
-        kernels.add_column_rates(a_k_rate, self.motion.Phi, self._place_rows, Jdot)
-        return Jdot
-
-    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
-        motion, found = self.motion, np.zeros(self._Y_shape)
-        kernels.column_accelerations(motion.Phi, motion.Phid, self._v, a, self._place_rows, found)
-        return found
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain.
@@ -352,7 +427,7 @@ class FrameKinematics(LinearKinematics):
         for _ in range(_SAMPLES):
             q = pin.integrate(self.robot.model, self.robot.q0, rng.uniform(-2.0, 2.0, self.nv))
             self.update(self.initial + start, q, self.still)
-            rows.append(np.zeros(self._Y_shape))
+            rows.append(np.zeros(self.Y_k.shape))
             rows[-1][: self.positions] = self.X_k * self.sizes
             off.append(self.task.error(robot.position(q), self.x_hat))
         W, y = np.concatenate(rows), np.concatenate(off)

@@ -70,6 +70,10 @@ class TrackerKinematics(ProjectedKinematics):
         """Copy by the arguments: Pinocchio's data is scratch."""
         return TrackerKinematics, (self.robot, self.translations)
 
+    def _axes(self) -> np.ndarray:
+        """Return the rotation (3, 3) nearest to R_c of the estimate."""
+        return orthonormal(self._N[:, :3])
+
     def parameters(self, tracker: Tracker) -> np.ndarray:
         """Return the parameters (p) of a tracker and translations."""
         R, t = tracker.placement.rotation, tracker.placement.translation
@@ -78,7 +82,7 @@ class TrackerKinematics(ProjectedKinematics):
     def _lumped_rows(self, factors: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Return the parameters (p), linear in factors (1 + k) times R (3, 3), and in t (3)."""
         Theta = np.kron(factors, R)
-        home = t + Theta.dot(self._home)
+        home = t + Theta.dot(self._home[:-1])
         return np.concatenate([Theta, home[:, None]], axis=1)[self._rows].ravel()
 
     def tracker(self, a_k: np.ndarray) -> Tracker:
@@ -93,7 +97,7 @@ class TrackerKinematics(ProjectedKinematics):
         R = orthonormal(first)
         a = np.array([np.vdot(block, R) / self.positions for block in others])
         t = np.zeros(3)
-        t[self._rows] = Theta[:, -1] - np.kron(np.append(1.0, a), R).dot(self._home)
+        t[self._rows] = Theta[:, -1] - np.kron(np.append(1.0, a), R).dot(self._home[:-1])
         return Tracker(pin.SE3(self._completed(R), t), a + self.nominal)
 
     def slopes(self, tracker: Tracker) -> np.ndarray:
