@@ -48,10 +48,9 @@ def place(
 
 
 @compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], "
-    "f8[:,:,:], f8[:,:,:])",
-    fills=4,
-    allocates=True,
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:], "
+    "f8[:], f8[:], f8[:,:,:], f8[:,:,:], f8[:,:])",
+    fills=5,
 )
 def column_motion(
     R: np.ndarray,
@@ -61,13 +60,15 @@ def column_motion(
     lever: np.ndarray,
     parent: np.ndarray,
     columns: np.ndarray,
+    home: np.ndarray,
     v: np.ndarray,
     phi: np.ndarray,
     phid: np.ndarray,
     Phi: np.ndarray,
     Phid: np.ndarray,
+    scratch: np.ndarray,
 ) -> None:
-    """Write phi (1 + p, 3), its rate, dphi/dq (1 + p, 3, n), and the rate of that.
+    """Write phi - home (3 + 3 p), its rate, dphi/dq (1 + p, 3, n), and the rate of that.
 
     phi_0 is the position of the frame, at ``lever`` (3) from the last joint, and phi_j how it moves
     with parameter j. Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, S (6, n)
@@ -77,8 +78,8 @@ def column_motion(
     it moves the frame by some u, which changes d by w x u.
     """
     c, n = len(R) - 1, len(v)
-    p, pd, turns = phi[0], phid[0], S[3:]
-    w, wd, turning, u = np.empty((4, 3))
+    p, pd, turns = phi[:3], phid[:3], S[3:]
+    w, wd, turning, u = scratch[0], scratch[1], scratch[2], scratch[3]
     for i in range(3):
         p[i], pd[i] = o[c, i], 0.0
         for k in range(3):
@@ -94,15 +95,17 @@ def column_motion(
             Phid[0, i, t] = dS[i, t] + dS[f + 3, t] * p[h] - dS[h + 3, t] * p[f]
             Phid[0, i, t] += turns[f, t] * pd[h] - turns[h, t] * pd[f]
     for j in range(len(parent)):
-        b, d, dd = parent[j], phi[j + 1], phid[j + 1]
+        at, b = 3 * (j + 1), parent[j]
+        d, dd = phi[at : at + 3], phid[at : at + 3]
         for i in range(3):  # the column in world axes, and the motion before and behind it
             w[i] = d[i] = turning[i] = u[i] = 0.0
             for k in range(3):
                 d[i] += R[b, i, k] * columns[k, j]
                 w[i] += R[b, i, k] * columns[k + 3, j]
-            for t in range(n):
-                turning[i] += turns[i, t] * v[t] if t < b else 0.0
-                u[i] += Phi[0, i, t] * v[t] if t >= b else 0.0
+            for t in range(b):
+                turning[i] += turns[i, t] * v[t]
+            for t in range(b, n):
+                u[i] += Phi[0, i, t] * v[t]
         for i in range(3):
             f, h = (i + 1) % 3, (i + 2) % 3
             d[i] += w[f] * (p[h] - o[b, h]) - w[h] * (p[f] - o[b, f])
@@ -112,16 +115,121 @@ def column_motion(
             dd[i] = turning[f] * d[h] - turning[h] * d[f] + w[f] * u[h] - w[h] * u[f]
         for i in range(3):
             f, h = (i + 1) % 3, (i + 2) % 3
-            for t in range(n):
-                if t < b:
-                    x = turns[f, t] * d[h] - turns[h, t] * d[f]
-                    xd = dS[f + 3, t] * d[h] - dS[h + 3, t] * d[f]
-                    xd += turns[f, t] * dd[h] - turns[h, t] * dd[f]
-                else:
-                    x = w[f] * Phi[0, h, t] - w[h] * Phi[0, f, t]
-                    xd = wd[f] * Phi[0, h, t] - wd[h] * Phi[0, f, t]
-                    xd += w[f] * Phid[0, h, t] - w[h] * Phid[0, f, t]
-                Phi[j + 1, i, t], Phid[j + 1, i, t] = x, xd
+            for t in range(b):
+                Phi[j + 1, i, t] = turns[f, t] * d[h] - turns[h, t] * d[f]
+                Phid[j + 1, i, t] = dS[f + 3, t] * d[h] - dS[h + 3, t] * d[f]
+                Phid[j + 1, i, t] += turns[f, t] * dd[h] - turns[h, t] * dd[f]
+            for t in range(b, n):
+                Phi[j + 1, i, t] = w[f] * Phi[0, h, t] - w[h] * Phi[0, f, t]
+                Phid[j + 1, i, t] = wd[f] * Phi[0, h, t] - wd[h] * Phi[0, f, t]
+                Phid[j + 1, i, t] += w[f] * Phid[0, h, t] - w[h] * Phid[0, f, t]
+    for i in range(len(home)):
+        phi[i] -= home[i]
+
+
+LEAST_DEPTH = 0.1  # of a camera, relative to that at home
+
+
+@compiled(
+    "void(f8[:], f8[:,:], i8[:,:], i8[:,:], f8[:], f8[:], f8[:,:], f8[:,:], f8[:], f8[:,:], "
+    "f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:])",
+    fills=9,
+)
+def output_map(
+    a: np.ndarray,
+    N_0: np.ndarray,
+    entries: np.ndarray,
+    depths: np.ndarray,
+    phi: np.ndarray,
+    phid: np.ndarray,
+    Phi: np.ndarray,
+    Phid: np.ndarray,
+    v: np.ndarray,
+    N: np.ndarray,
+    D: np.ndarray,
+    G: np.ndarray,
+    z: np.ndarray,
+    Jdot: np.ndarray,
+    y: np.ndarray,
+    J: np.ndarray,
+    yd: np.ndarray,
+    Jdot_v: np.ndarray,
+) -> None:
+    """Write y = N phi / z (m) with z = D phi, J, the rate of y, and dJ/dt v.
+
+    N is N_0 with a_j added at the places (j, row, column) of ``entries`` (k, 3), D (0, ..., 0, 1)
+    with them at those of ``depths``. G = (N - y D) / z, J = G Phi (m, n), Jdot = G dPhi/dt.
+    """
+    m, last = N.shape[0], N.shape[1] - 1
+    for i in range(m):
+        for c in range(last + 1):
+            N[i, c], D[i, c] = N_0[i, c], 0.0
+        D[i, last] = 1.0
+    for k in range(len(entries)):
+        N[entries[k, 1], entries[k, 2]] += a[entries[k, 0]]
+    for k in range(len(depths)):
+        D[depths[k, 1], depths[k, 2]] += a[depths[k, 0]]
+    for i in range(m):
+        top = depth = zd = yd[i] = Jdot_v[i] = 0.0
+        for c in range(last + 1):
+            top += N[i, c] * phi[c]
+            depth += D[i, c] * phi[c]
+            zd += D[i, c] * phid[c]
+        z[i] = max(depth, LEAST_DEPTH)
+        y[i] = top / z[i]
+        for t in range(len(v)):
+            J[i, t] = Jdot[i, t] = 0.0
+        for c in range(last):
+            g = G[i, c] = (N[i, c] - y[i] * D[i, c]) / z[i]
+            for t in range(len(v) if g != 0.0 else 0):
+                J[i, t] += g * Phi[c, t]
+                Jdot[i, t] += g * Phid[c, t]
+        for t in range(len(v)):
+            yd[i] += J[i, t] * v[t]
+            Jdot_v[i] += Jdot[i, t] * v[t]
+        Jdot_v[i] -= 2.0 * yd[i] * zd / z[i]
+
+
+@compiled("void(i8[:,:], i8[:,:], f8[:], f8[:], f8[:], f8[:,:])")
+def map_regressor(
+    entries: np.ndarray,
+    depths: np.ndarray,
+    phi: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    X: np.ndarray,
+) -> None:
+    """Write the derivative (m, p) of (N phi - y D phi) / z by the parameters of ``output_map``."""
+    for i in range(len(X)):
+        for j in range(X.shape[1]):
+            X[i, j] = 0.0
+    for k in range(len(entries)):
+        i = entries[k, 1]
+        X[i, entries[k, 0]] += phi[entries[k, 2]] / z[i]
+    for k in range(len(depths)):
+        i = depths[k, 1]
+        X[i, depths[k, 0]] -= y[i] * phi[depths[k, 2]] / z[i]
+
+
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:])")
+def add_products(
+    A: np.ndarray, x: np.ndarray, B: np.ndarray, y: np.ndarray, out: np.ndarray
+) -> None:
+    """Add A x + B y to the first entries of a vector."""
+    for i in range(len(A)):
+        for t in range(len(x)):
+            out[i] += A[i, t] * x[t] + B[i, t] * y[t]
+
+
+@compiled("void(f8[:], i8[:,:], f8[:,:], f8[:], f8[:,:])")
+def add_map_rates(
+    rate: np.ndarray, entries: np.ndarray, Phi: np.ndarray, z: np.ndarray, Jdot: np.ndarray
+) -> None:
+    """Add dN/dt Phi / z to dJ/dt (m, n), for the rates (p) of the parameters of N."""
+    for k in range(len(entries)):
+        i = entries[k, 1]
+        for t in range(Jdot.shape[1] if entries[k, 2] < len(Phi) else 0):
+            Jdot[i, t] += rate[entries[k, 0]] * Phi[entries[k, 2], t] / z[i]
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)

@@ -70,7 +70,7 @@ class CameraKinematics(ProjectedKinematics):
     def _lumped_rows(self, H: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """Return the rows (m, 4 + 3 k) of N or D of rows H (m, 4) of projections."""
         blocks = np.kron(factors, H[:, :3])
-        home = H[:, 3] + blocks.dot(self._home[:-1])
+        home = H[:, 3] + blocks.dot(self._home)
         return np.concatenate([blocks, home[:, None]], axis=1)
 
     def value(self, robot: Robot) -> np.ndarray | None:
@@ -90,7 +90,10 @@ class CameraKinematics(ProjectedKinematics):
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""
         cameras = np.zeros((self._below[0], 3, 4))
-        for (camera, row), *rows in zip(self.task.picks, *self._maps(a_k, 1.0), strict=True):
+        D = np.ones(self._shape)
+        D[:, :-1] = a_k[self._split :].reshape(self._below)[self._camera]
+        N = a_k[: self._split].reshape(self._shape)
+        for (camera, row), *rows in zip(self.task.picks, N, D, strict=True):
             for place, found in zip((row, 2), rows, strict=True):
                 cameras[camera, place] = *found[:3], found[-1] - found[:3].dot(self._home[:3])
         given = tuple(tuple(map(tuple, H.tolist())) for H in cameras)

@@ -19,7 +19,6 @@ a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -49,7 +48,6 @@ _WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach: bounds of a translation
 _SHORTEST, _LONGEST = 0.2, 5.0  # of the nominal length
 _SAMPLES = 60  # configurations at which two geometries are compared
 _SAME = 1e-9  # [m] or [rad]
-_LEAST_DEPTH = 0.1  # of a camera, relative to that at home
 
 
 def axes_of(model: pin.Model, joint: int) -> tuple[np.ndarray, int]:
@@ -163,6 +161,7 @@ class ColumnMotion:
     """What the columns of a chain move the frame by, with derivatives: see ``column_motion``.
 
     Attributes:
+        home: (3 (1 + p)) values of phi from which it is counted, by default zeros.
         phi, phid: (3 (1 + p) + 1) phi_0, ..., phi_p of the last update, then a one; its rate.
         Phi, Phid: (3 (1 + p), n) dphi/dq without that last row, and its rate.
         axes, axis_rates: (6, n) of the joints, as motions at the world's origin; views.
@@ -180,12 +179,12 @@ class ColumnMotion:
         at_parent[:3] += np.cross(of, columns.motions[3:].T).T
         self.axes, self.axis_rates = data.J.reshape(6, n), data.dJ.reshape(6, n)
         joints = *_live_placements(data), self.axes, self.axis_rates
-        self._given = *joints, lever, columns.joints - 1, at_parent
+        self.home = np.zeros(3 * parts)
+        self._given = *joints, lever, columns.joints - 1, at_parent, self.home
         self.phi, self.phid = np.ones(3 * parts + 1), np.zeros(3 * parts + 1)
         self.Phi, self.Phid = empty((2, 3 * parts, n))
-        vectors = (each[:-1].reshape(parts, 3) for each in (self.phi, self.phid))
         matrices = (each.reshape(parts, 3, n) for each in (self.Phi, self.Phid))
-        self._filled = *vectors, *matrices
+        self._filled = self.phi[:-1], self.phid[:-1], *matrices, empty((4, 3))
 
     def update(self, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at a configuration q (nq) and velocity v (nv)."""
@@ -218,52 +217,56 @@ class LinearKinematics(TaskKinematics):
         self.task, self.columns = robot.frame_task, columns
         self.positions, self._turns = self.task.positions, self.task.size > self.task.positions
         self.motion, self.past = ColumnMotion(robot, columns), ColumnMotion(robot, columns)
-        self._home, self.still = np.zeros(self.motion.phi.size), np.zeros(self.nv)
+        self.still = np.zeros(self.nv)
 
-    @abstractmethod
-    def _maps(self, a_k: np.ndarray, one: float) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return N and D (m_p, 4 + 3 k) of an estimate a_k (p), D None where D phi = 1.
+    def _map(self, N_0: np.ndarray, entries: np.ndarray, depths: np.ndarray) -> None:
+        """Take a map N, D (m_p, 4 + 3 k) whose entries are parameters, beside constants.
 
-        ``one`` is zero for the linear parts of both alone, else 1.
+        Args:
+            N_0: (m_p, 4 + 3 k) constants of N; those of D are (0, ..., 0, 1).
+            entries: (., 3) parameter, row and column of each entry of N that a parameter adds to.
+            depths: (., 3) the same of D; none where D phi = 1.
         """
-
-    @abstractmethod
-    def _regressor(self, phi: np.ndarray, y: np.ndarray, z: Any) -> np.ndarray:
-        """Return the matrix (m_p, p) of (dN phi - y dD phi) / z for changes of the parameters."""
-
-    def _depths(self, D: np.ndarray | None, phi: np.ndarray) -> Any:
-        """Return D phi (m_p), at least a tenth of that at home."""
-        return 1.0 if D is None else np.maximum(D.dot(phi), _LEAST_DEPTH)
+        self._entries, self._depths, self._map_of = entries, depths, (N_0, entries, depths)
+        self._N, self._D, G = np.empty((3, *N_0.shape))
+        self._G, self._z, self._Jdot = G, empty(self.positions), empty((self.positions, self.nv))
+        self._known = self.motion.phi, self.motion.phid, self.motion.Phi, self.motion.Phid
+        self._kept = self._N, self._D, self._G, self._z, self._Jdot
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        motion, (N, D) = self.motion, self._maps(a_k, 1.0)
+        motion, m = self.motion, self.positions
         motion.update(q, v)
-        self.a_k, self._v, self._N, self._D = a_k, v, N, D
-        self._phi, self._phid = phi, phid = motion.phi - self._home, motion.phid.copy()
-        self._z = z = self._depths(D, phi)
-        self.p_hat = N.dot(phi) / z
-        G = N if D is None else (N - self.p_hat[:, None] * D) / z[:, None]
-        self._G = G = G[:, :-1]
-        self.J = J = G.dot(motion.Phi)
-        self.xd_hat = xd = J.dot(v)
-        self.Jdot_v = G.dot(motion.Phid.dot(v))
-        if D is not None:
-            self.Jdot_v -= 2.0 * xd * D.dot(phid) / z
-        self.X_k = self._regressor(phi, self.p_hat, z)
-        self.Y_k = self._regressor(phid, self.p_hat, z)
+        J, p_hat, xd, Jdot_v = empty((m, self.nv)), empty(m), empty(m), empty(m)
+        kernels.output_map(a_k, *self._map_of, *self._known, v, *self._kept, p_hat, J, xd, Jdot_v)
+        X_k = self._regressor(motion.phi, p_hat, self._z)
+        Y_k = self._regressor(motion.phid, p_hat, self._z)
         if self._turns:
-            R, axes, rates = N[:, :3], motion.axes[3:], motion.axis_rates[3:]
-            self.J = np.concatenate([J, R @ axes])
-            self.xd_hat = np.concatenate([xd, R @ axes.dot(v)])
-            self.Jdot_v = np.concatenate([self.Jdot_v, R @ rates.dot(v)])
-            self.Y_k = np.concatenate([self.Y_k, self._turning(axes.dot(v))])
+            R, axes, rates = self._N[:, :3], motion.axes[3:], motion.axis_rates[3:]
+            J = np.concatenate([J, R @ axes])
+            xd = np.concatenate([xd, R @ axes.dot(v)])
+            Jdot_v = np.concatenate([Jdot_v, R @ rates.dot(v)])
+            Y_k = np.concatenate([Y_k, self._turning(axes.dot(v))])
+        self.a_k, self._v, self.p_hat, self.X_k, self.Y_k = a_k, v, p_hat, X_k, Y_k
+        self.J, self.xd_hat, self.Jdot_v = J, xd, Jdot_v
+
+    def _regressor(self, phi: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Return the matrix (m_p, p) of (dN phi - y dD phi) / z for changes of the parameters."""
+        X = empty((self.positions, self.size))
+        kernels.map_regressor(self._entries, self._depths, phi, y, z, X)
+        return X
+
+    def _matrix(self, places: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the matrix (m_p, 4 + 3 k) with parameters a (p) at their places alone."""
+        found = np.zeros(self._N.shape)
+        found[places[:, 1], places[:, 2]] = a[places[:, 0]]
+        return found
 
     def _turning(self, angular: np.ndarray) -> np.ndarray:
         """Return the matrix (3, p) that gives dR_c times a vector (3) from changes of a_k."""
-        phi = np.zeros(self._phi.size)
+        phi = np.zeros(self.motion.phi.size)
         phi[:3] = angular
-        return self._regressor(phi, np.zeros(3), 1.0)
+        return self._regressor(phi, np.zeros(3), np.ones(3))
 
     @property
     def y_k0(self) -> np.ndarray:
@@ -287,7 +290,7 @@ class LinearKinematics(TaskKinematics):
 
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return X (m_p, p) with p_hat - x = X da_k, exactly, for measured coordinates x."""
-        return self._regressor(self._phi, x, self._z)
+        return self._regressor(self.motion.phi, x, self._z)
 
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
@@ -295,8 +298,8 @@ class LinearKinematics(TaskKinematics):
         The estimate is that of the last update. The attributes do not change.
         """
         self.past.update(q, self.still)
-        phi = self.past.phi - self._home
-        z = self._depths(self._D, phi)
+        phi = self.past.phi
+        z = np.maximum(self._D.dot(phi), kernels.LEAST_DEPTH)
         y = self._N.dot(phi) / z
         X = self._regressor(phi, y if seen is None else seen, z)
         return self._coordinates(y, self.past), X
@@ -306,28 +309,29 @@ class LinearKinematics(TaskKinematics):
 
         Without the second part (17) of Wang and Xie does not hold.
         """
-        (N_rate, D_rate), motion, m = self._maps(a_k_rate, 0.0), self.motion, self.positions
-        G_rate = N_rate[:, :-1]
-        if self._D is not None and D_rate is not None:
-            yd = self.xd_hat[:m] + self.X_k.dot(a_k_rate)
-            zd = self._D.dot(self._phid) + D_rate.dot(self._phi)
-            change = N_rate - yd[:, None] * self._D - self.p_hat[:, None] * D_rate
-            G_rate = (change[:, :-1] - zd[:, None] * self._G) / self._z[:, None]
-        found = self._G.dot(motion.Phid) + G_rate.dot(motion.Phi)
+        motion, found = self.motion, self._Jdot.copy()
+        kernels.add_map_rates(a_k_rate, self._entries, motion.Phi, self._z, found)
+        if len(self._depths):
+            D_rate = self._matrix(self._depths, a_k_rate)
+            yd = self.xd_hat[: self.positions] + self.X_k.dot(a_k_rate)
+            zd = self._D.dot(motion.phid) + D_rate.dot(motion.phi)
+            less = yd[:, None] * self._D + self.p_hat[:, None] * D_rate + zd[:, None] * self._G
+            found -= (less[:, :-1] / self._z[:, None]).dot(motion.Phi)
         if not self._turns:
-            return np.asarray(found)
-        turned = N_rate[:, :3] @ motion.axes[3:] + self._N[:, :3] @ motion.axis_rates[3:]
+            return found
+        R_rate = self._matrix(self._entries, a_k_rate)[:, :3]
+        turned = R_rate @ motion.axes[3:] + self._N[:, :3] @ motion.axis_rates[3:]
         return np.concatenate([found, turned])
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
-        motion, phidd = self.motion, np.zeros(self._phi.size)
-        phidd[:-1] = motion.Phi.dot(a) + motion.Phid.dot(self._v)
+        motion, phidd = self.motion, np.zeros(self.motion.phi.size)
+        kernels.add_products(motion.Phi, a, motion.Phid, self._v, phidd)
         found = self._regressor(phidd, self.p_hat, self._z)
-        if self._D is not None:  # what dD adds by the rate of y
-            twice = 2.0 * self.xd_hat
-            found += self._regressor(self._phid, twice, self._z)
-            found -= self._regressor(self._phid, 0.0 * twice, self._z)
+        if len(self._depths):  # what the rate of y adds
+            yd = 2.0 * self.xd_hat
+            found += self._regressor(motion.phid, yd, self._z)
+            found -= self._regressor(motion.phid, 0.0 * yd, self._z)
         if not self._turns:
             return found
         turning = motion.axes[3:].dot(a) + motion.axis_rates[3:].dot(self._v)
@@ -393,24 +397,17 @@ class FrameKinematics(LinearKinematics):
         )
         self._take(robot, columns)
         self.names, self.size = columns.names, len(columns.names)
-        self._rows = list(enumerate(range(3)[task.place]))
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
+        N_0, entries = np.zeros((self.positions, self.motion.phi.size)), []
+        for i, row in enumerate(range(3)[task.place]):
+            N_0[i, row], N_0[i, 3 + row : -1 : 3] = 1.0, -self.initial
+            entries += [(j, i, 3 * (1 + j) + row) for j in range(self.size)]
+        self._map(N_0, places_of(entries), places_of([]))
         self.update(self.initial, robot.q0, self.still)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
         return FrameKinematics, (self.robot, GEOMETRY if self._whole else self.translations)
-
-    def _maps(self, a_k: np.ndarray, one: float) -> tuple[np.ndarray, None]:
-        """Return N (m_p, 4 + 3 p), the rows of (1, a_k - a_0) times the identity."""
-        N, off = np.zeros((self.positions, self._home.size)), a_k - one * self.initial
-        for i, row in self._rows:
-            N[i, row], N[i, 3 + row : -1 : 3] = one, off
-        return N, None
-
-    def _regressor(self, phi: np.ndarray, y: np.ndarray, z: Any) -> np.ndarray:
-        """Return the rows of phi_1, ..., phi_p (m_p, p)."""
-        return phi[3:-1].reshape(self.size, 3).T[self.task.place]
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -445,6 +442,11 @@ class FrameKinematics(LinearKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of a model of the chain."""
         return self.initial + self.displacement(model)
+
+
+def places_of(entries: Sequence[tuple[int, int, int]]) -> np.ndarray:
+    """Return entries of a map (., 3): parameter, row and column of each."""
+    return np.array(entries, dtype=np.int64).reshape(-1, 3)
 
 
 def _live_placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:

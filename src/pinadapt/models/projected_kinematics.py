@@ -13,14 +13,13 @@ prediction error is linear in the errors of N and D, exactly, however wrong they
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
-from .linear_kinematics import LinearKinematics, columns_of_translations
+from .linear_kinematics import LinearKinematics, columns_of_translations, places_of
 from .translations import Translation, unknown_translations
 
 OFF = 0.1  # of the reach: how far translations and the position at home may be off
@@ -59,37 +58,26 @@ class ProjectedKinematics(LinearKinematics):
         self._shape, self._below = (self.positions, len(of) + 1), (len(depths), len(of))
         self._split = self.positions * self._shape[1]
         self.motion.update(robot.q0, self.still)
-        self._home = self.motion.phi.copy()
-        self._home[-1] = 0.0
+        self._home = self.motion.phi[:-1].copy()
+        self.motion.home[:] = self.past.home[:] = self._home
+        m, width = self._shape
+        entries = [(i * width + c, i, c) for i in range(m) for c in range(width)]
+        depths = [
+            (self._split + of_row * (width - 1) + c, i, c)
+            for i, of_row in enumerate(camera)
+            for c in range(width - 1)
+        ]
+        self._map(np.zeros(self._shape), places_of(entries), places_of(depths))
 
     def lumped(self, p: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Return phi (4 + 3 k) at a position p (3) and r (3, k)."""
-        return np.concatenate([p, r.T.ravel(), [1.0]]) - self._home
+        return np.append(np.concatenate([p, r.T.ravel()]) - self._home, 1.0)
 
     def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
         self.motion.update(q, v)
-        phi = self.motion.phi[:-1].reshape(-1, 3).copy()
+        phi = (self.motion.phi[:-1] + self._home).reshape(-1, 3)
         return phi[0], phi[1:].T, self.motion.phid[:3].copy()
-
-    def _maps(self, a_k: np.ndarray, one: float) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return N and D (m_p, 4 + 3 k) of an estimate a_k (p)."""
-        N = a_k[: self._split].reshape(self._shape)
-        if not len(self._camera):
-            return N, None
-        D = np.full(self._shape, one)
-        D[:, :-1] = a_k[self._split :].reshape(self._below)[self._camera]
-        return N, D
-
-    def _regressor(self, phi: np.ndarray, y: np.ndarray, z: Any) -> np.ndarray:
-        """Return the matrix (m_p, p) of (dN phi - y dD phi) / z for changes dN and dD."""
-        m, width = self._shape
-        found, rows = np.zeros((m, self.size)), np.arange(m)
-        found[:, : self._split].reshape(m, m, width)[rows, rows] = phi / np.reshape(z, (-1, 1))
-        if len(self._camera):
-            deep = found[:, self._split :].reshape(m, *self._below)
-            deep[rows, self._camera] = -(y / z)[:, None] * phi[:-1]
-        return found
 
     def standing_at(self, y: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of coordinates that stay at y (m_p), however the arm moves."""

@@ -82,7 +82,7 @@ class TrackerKinematics(ProjectedKinematics):
     def _lumped_rows(self, factors: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Return the parameters (p), linear in factors (1 + k) times R (3, 3), and in t (3)."""
         Theta = np.kron(factors, R)
-        home = t + Theta.dot(self._home[:-1])
+        home = t + Theta.dot(self._home)
         return np.concatenate([Theta, home[:, None]], axis=1)[self._rows].ravel()
 
     def tracker(self, a_k: np.ndarray) -> Tracker:
@@ -97,7 +97,7 @@ class TrackerKinematics(ProjectedKinematics):
         R = orthonormal(first)
         a = np.array([np.vdot(block, R) / self.positions for block in others])
         t = np.zeros(3)
-        t[self._rows] = Theta[:, -1] - np.kron(np.append(1.0, a), R).dot(self._home[:-1])
+        t[self._rows] = Theta[:, -1] - np.kron(np.append(1.0, a), R).dot(self._home)
         return Tracker(pin.SE3(self._completed(R), t), a + self.nominal)
 
     def slopes(self, tracker: Tracker) -> np.ndarray:
