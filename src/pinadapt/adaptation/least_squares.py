@@ -225,12 +225,9 @@ class LeastSquares(Adaptation):
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return da/dt (p)."""
-        P, W, residual = self._gain(estimate), drive.W, drive.residual
-        if W is None or residual is None or len(P) > _SMALL:
-            return self.rate(estimate, drive).value
-        (R_0, g), slope = self._started(drive), empty(len(P))
-        kernels.fit_rate(P, W, residual, R_0, g, self._rate, self._floor, slope)
-        return slope
+        P = self._gain(estimate)
+        g = drive.gradient if drive.W is None else _gradient(drive, self.weight(drive, P))
+        return -P.dot(g)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
