@@ -10,13 +10,11 @@ from .._compiled import compiled
 
 
 @compiled(
-    "void(f8[:], f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8[:,:], f8, f8[:], "
-    "f8[:,:])",
+    "void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8[:,:], f8, f8[:], f8[:,:])",
     fills=2,
     allocates=True,
 )
 def fit(
-    a: np.ndarray,
     P: np.ndarray,
     W: np.ndarray,
     r: np.ndarray,
@@ -27,10 +25,10 @@ def fit(
     dt: float,
     prior: np.ndarray,
     kept: float,
-    after: np.ndarray,
+    slope: np.ndarray,
     gain: np.ndarray,
 ) -> None:
-    """Write a - dt P_1 (g + W^T (R - R_0) r) (p) and (kept P_1^-1 + (1 - kept) prior)^-1 (p, p).
+    """Write -P_1 (g + W^T (R - R_0) r) (p) and (kept P_1^-1 + (1 - kept) prior)^-1 (p, p).
 
     P_1^-1 = P^-1 + dt W^T R W with R = rate (W P W^T + diag(floor))^-1 (m, m), or R_0 for a rate of
     zero. The floor has m entries, or one for all rows. All square matrices are symmetric; P and
@@ -70,13 +68,13 @@ def fit(
     if rate > 0.0:
         for i in range(m):
             for k in range(p):
-                after[k] = 0.0  # P W^T, column by column
+                slope[k] = 0.0  # P W^T, column by column
                 for t in range(p):
-                    after[k] += P[k, t] * W[i, t]
+                    slope[k] += P[k, t] * W[i, t]
             for j in range(m):
                 R[i, j] = floor[i % len(floor)] if i == j else 0.0
                 for k in range(p):
-                    R[i, j] += W[j, k] * after[k]
+                    R[i, j] += W[j, k] * slope[k]
         invert(R)
         for i in range(m):
             x = 0.0
@@ -98,30 +96,47 @@ def fit(
             gain[k, t] = information[k, t]
     invert(gain)
     for k in range(p):
-        after[k] = a[k]
+        slope[k] = 0.0
         for t in range(p):
-            after[k] -= dt * gain[k, t] * gradient[t]
+            slope[k] -= gain[k, t] * gradient[t]
     for k in range(p):
         for t in range(p):
             gain[k, t] = kept * information[k, t] + (1.0 - kept) * prior[k, t]
     invert(gain)
 
 
-@compiled("void(f8[:,:,:], f8[:,:,:], f8, f8, f8[:,:,:])", allocates=True)
+@compiled("void(f8[:], f8[:], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8, f8, f8[:])", allocates=True)
 def follow_geodesic(
-    P: np.ndarray, L: np.ndarray, h: float, most: float, change: np.ndarray
+    a: np.ndarray,
+    g: np.ndarray,
+    F: np.ndarray,
+    dual: np.ndarray,
+    offset: np.ndarray,
+    h: float,
+    most: float,
+    after: np.ndarray,
 ) -> None:
-    """Write E P E^T - P (k, n, n), E = 1 - Z + Z^2 / 2, Z = h P L / 2 for blocks P and L (k, n, n).
+    """Write the parameters (k p) of E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2.
 
-    Where h sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
+    Of each block of p parameters P (n, n) is the offset and the sum of a_i F_i, and L that of g_i
+    dual_i, with F and dual (p, n, n). Where h sqrt(tr(P L P L)), summed over the blocks, is above
+    ``most``, h is reduced to that.
     """
-    k, n, _ = P.shape
-    A, E, B, square = np.zeros((k, n, n)), np.empty((n, n)), np.empty((n, n)), 0.0
+    p, n, _ = F.shape
+    k = len(a) // p
+    P, A, L = np.empty((k, n, n)), np.zeros((k, n, n)), np.empty((n, n))
+    E, B, square = np.empty((n, n)), np.empty((n, n)), 0.0
     for b in range(k):
         for r in range(n):
             for s in range(n):
+                P[b, r, s], L[r, s] = offset[r, s], 0.0
+                for i in range(p):
+                    P[b, r, s] += a[b * p + i] * F[i, r, s]
+                    L[r, s] += g[b * p + i] * dual[i, r, s]
+        for r in range(n):
+            for s in range(n):
                 for t in range(n):
-                    A[b, r, s] += P[b, r, t] * L[b, t, s]
+                    A[b, r, s] += P[b, r, t] * L[t, s]
         for r in range(n):
             for s in range(n):
                 square += A[b, r, s] * A[b, s, r]
@@ -139,8 +154,12 @@ def follow_geodesic(
                 B[r, s] = 0.0
                 for t in range(n):
                     B[r, s] += E[r, t] * P[b, t, s]
+        for i in range(p):
+            after[b * p + i] = a[b * p + i]
         for r in range(n):
             for s in range(n):
-                change[b, r, s] = -P[b, r, s]
+                x = -P[b, r, s]
                 for t in range(n):
-                    change[b, r, s] += B[r, t] * E[s, t]
+                    x += B[r, t] * E[s, t]
+                for i in range(p):
+                    after[b * p + i] += dual[i, r, s] * x

@@ -225,9 +225,18 @@ class LeastSquares(Adaptation):
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return da/dt (p)."""
-        P = self._gain(estimate)
-        g = drive.gradient if drive.W is None else _gradient(drive, self.weight(drive, P))
-        return -P.dot(g)
+        if drive.W is None or len(self.P_0) > _SMALL:
+            return self.rate(estimate, drive).value
+        return self._small_step(self._gain(estimate), drive, 0.0)[0]
+
+    def _small_step(self, P: np.ndarray, drive: Drive, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean of da/dt (p) over dt [s], and P (p, p) after it."""
+        (R_0, g), slope, gain = self._started(drive), empty(len(P)), empty(self._shape)
+        kernels.fit(
+            P, drive.W, drive.residual, R_0, g, self._rate, self._floor,
+            dt, self._prior, math.exp(-self.forgetting * dt), slope, gain,
+        )  # fmt: skip
+        return slope, gain
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
@@ -235,12 +244,8 @@ class LeastSquares(Adaptation):
         if W is None or residual is None:
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
         if self.directional and len(P) <= _SMALL:
-            (R_0, g), after, gain = self._started(drive), empty(len(P)), empty(self._shape)
-            kernels.fit(
-                estimate.value, P, W, residual, R_0, g, self._rate, self._floor,
-                dt, self._prior, math.exp(-self.forgetting * dt), after, gain,
-            )  # fmt: skip
-            return Estimate(after, (gain,))
+            slope, gain = self._small_step(P, drive, dt)
+            return Estimate(estimate.value + dt * slope, (gain,))
         R, P_W = self.weight(drive, P), P.dot(W.T)
         # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
         inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)

@@ -160,10 +160,10 @@ class MatrixInequality:
         third order, and positive definite for any h, as E is regular. A step longer than ``most``
         in the log-det metric is shortened to that length.
         """
-        P = self.matrices(a)
-        change = empty(P.shape)
-        kernels.follow_geodesic(P, self.covectors(g), h, most, change)
-        return a + self.components(change)
+        offset = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
+        after, dual = empty(a.size), self._dual.reshape(self.F.shape)
+        kernels.follow_geodesic(a, g, self.F, dual, offset, h, most, after)
+        return after
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return the initial estimate a (k p) if it satisfies the inequality.
