@@ -105,11 +105,17 @@ def fit(
     invert(gain)
 
 
-@compiled("void(f8[:], f8[:], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8, f8, f8[:])", allocates=True)
+@compiled(
+    "void(f8[:], f8[:], i8, i8[:,:], f8[:], i8[:,:], f8[:], f8[:,:], f8, f8, f8[:])",
+    allocates=True,
+)
 def follow_geodesic(
     a: np.ndarray,
     g: np.ndarray,
+    p: int,
+    places: np.ndarray,
     F: np.ndarray,
+    dual_places: np.ndarray,
     dual: np.ndarray,
     offset: np.ndarray,
     h: float,
@@ -119,20 +125,20 @@ def follow_geodesic(
     """Write the parameters (k p) of E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2.
 
     Of each block of p parameters P (n, n) is the offset and the sum of a_i F_i, and L that of g_i
-    dual_i, with F and dual (p, n, n). Where h sqrt(tr(P L P L)), summed over the blocks, is above
-    ``most``, h is reduced to that.
+    dual_i. F and dual are the entries that are not zero, at the places (i, row, column). Where h
+    sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
-    p, n, _ = F.shape
-    k = len(a) // p
+    n, k = len(offset), len(a) // p
     P, A, L = np.empty((k, n, n)), np.zeros((k, n, n)), np.empty((n, n))
     E, B, square = np.empty((n, n)), np.empty((n, n)), 0.0
     for b in range(k):
         for r in range(n):
             for s in range(n):
                 P[b, r, s], L[r, s] = offset[r, s], 0.0
-                for i in range(p):
-                    P[b, r, s] += a[b * p + i] * F[i, r, s]
-                    L[r, s] += g[b * p + i] * dual[i, r, s]
+        for e in range(len(F)):
+            P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
+        for e in range(len(dual)):
+            L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
                 for t in range(n):
@@ -158,8 +164,8 @@ def follow_geodesic(
             after[b * p + i] = a[b * p + i]
         for r in range(n):
             for s in range(n):
-                x = -P[b, r, s]
+                L[r, s] = -P[b, r, s]
                 for t in range(n):
-                    x += B[r, t] * E[s, t]
-                for i in range(p):
-                    after[b * p + i] += dual[i, r, s] * x
+                    L[r, s] += B[r, t] * E[s, t]
+        for e in range(len(dual)):
+            after[b * p + dual_places[e, 0]] += dual[e] * L[dual_places[e, 1], dual_places[e, 2]]

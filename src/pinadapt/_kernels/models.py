@@ -8,44 +8,6 @@ import numpy as np
 
 from .._compiled import compiled
 
-PER_BODY = 10
-_LEAST_MASS = (
-    1e-6  # [kg] pin.Inertia stores the centre of mass mc/m, which loses its digits below this mass
-)
-
-
-@compiled("f8(f8[:], f8[:], f8[:,:])")
-def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
-    """Write pi (10 n) and c times the ballast (10 n) as rows (n, 10); return c.
-
-    c is zero where no body needs ballast, else such that no body is much lighter than its ballast:
-    centres of mass far outside of the robot would cost digits.
-    """
-    lightest = pi[0]
-    for b in range(len(tens)):
-        lightest = min(lightest, pi[PER_BODY * b])
-    c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
-    for b in range(len(tens)):
-        for i in range(PER_BODY):
-            tens[b, i] = pi[PER_BODY * b + i] + c * ballast[PER_BODY * b + i]
-    return c
-
-
-@compiled("void(f8[:], i8, f8[:,:], f8[:], f8[:])")
-def place(
-    theta: np.ndarray,
-    first: int,
-    directions: np.ndarray,
-    offset: np.ndarray,
-    translation: np.ndarray,
-) -> None:
-    """Write offset + directions theta[first : first + k] (3), directions (3, k)."""
-    for i in range(3):
-        x = offset[i]
-        for j in range(directions.shape[1]):
-            x += directions[i, j] * theta[first + j]
-        translation[i] = x
-
 
 @compiled(
     "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:], "
@@ -232,26 +194,6 @@ def add_map_rates(
             Jdot[i, t] += rate[entries[k, 0]] * Phi[entries[k, 2], t] / z[i]
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
-def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray) -> None:
-    """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
-    for t in range(len(mean)):
-        mean[t] = 0.5 * (v[t] + v_r[t])
-        half[t] = 0.5 * (v[t] - v_r[t])
-
-
-@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:])", fills=2)
-def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
-    """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
-    for i in range(len(tau)):
-        x = 0.0
-        for j in range(len(pi)):
-            y = Y[i, j] - Y_0[i, j]
-            Y[i, j] = y
-            x += y * pi[j]
-        tau[i] = x
-
-
 @compiled(
     "void(f8[:,:], i8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8, f8[:,:], f8[:], f8[:,:], "
     "f8[:])",
@@ -307,45 +249,6 @@ def add_joint_effects(
                     tau[i] += directions[k - n, i] * values[c, k] * f
                     if j >= 0:
                         Y[i, p + j] = directions[k - n, i] * f
-
-
-@compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:,:], f8[:,:], f8, f8, f8[:,::1], f8[:,::1], "
-    "f8[:,::1])",
-    fills=3,
-)
-def filtered_regressor(
-    Y_M: np.ndarray,
-    Y_0: np.ndarray,
-    p_0: np.ndarray,
-    tau_0: np.ndarray,
-    bandwidth: float,
-    Z: np.ndarray,
-    before: np.ndarray,
-    held: float,
-    share: float,
-    u: np.ndarray,
-    Z_now: np.ndarray,
-    W: np.ndarray,
-) -> None:
-    """Write u = lambda Y_M - Y_0, Z at its time, and W = lambda Y_M - Z (n, p + 1).
-
-    Since the given Z it has moved by held (before - Z) + share (u - before). The last column is
-    that of the known parts p_0 and tau_0 (n), in place of Y_M and Y_0 (n, p).
-    """
-    n, p = Y_M.shape
-    for i in range(n):
-        for j in range(p):
-            momentum = bandwidth * Y_M[i, j]
-            u[i, j] = momentum - Y_0[i, j]
-            Z_now[i, j] = Z[i, j] + held * (before[i, j] - Z[i, j])
-            Z_now[i, j] += share * (u[i, j] - before[i, j])
-            W[i, j] = momentum - Z_now[i, j]
-        momentum = bandwidth * p_0[i]
-        u[i, p] = momentum - tau_0[i]
-        Z_now[i, p] = Z[i, p] + held * (before[i, p] - Z[i, p])
-        Z_now[i, p] += share * (u[i, p] - before[i, p])
-        W[i, p] = momentum - Z_now[i, p]
 
 
 @compiled(

@@ -90,6 +90,12 @@ class MatrixInequality:
         self._flat = flat
         self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i
         self._dual_T = np.ascontiguousarray(self._dual.T)
+        origin = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
+        sparse: list[np.ndarray] = []
+        for part in (self.F, self._dual.reshape(self.F.shape)):
+            some = np.abs(part) > np.finfo(float).eps * np.abs(part).max()  # else rounding
+            sparse += [np.argwhere(some), part[some]]
+        self._constants = self._p, *sparse, origin
 
     @classmethod
     def from_file(cls, path: Path) -> MatrixInequality:
@@ -160,9 +166,8 @@ class MatrixInequality:
         third order, and positive definite for any h, as E is regular. A step longer than ``most``
         in the log-det metric is shortened to that length.
         """
-        offset = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
-        after, dual = empty(a.size), self._dual.reshape(self.F.shape)
-        kernels.follow_geodesic(a, g, self.F, dual, offset, h, most, after)
+        after = empty(a.size)
+        kernels.follow_geodesic(a, g, *self._constants, h, most, after)
         return after
 
     def validate(self, a: np.ndarray) -> np.ndarray:

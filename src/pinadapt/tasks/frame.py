@@ -21,7 +21,7 @@ def quaternion(R: np.ndarray) -> np.ndarray:
     return np.asarray(pin.Quaternion(R).coeffs())
 
 
-def _quaternion(q: Sequence[float]) -> pin.Quaternion:
+def _quaternion(q: np.ndarray) -> pin.Quaternion:
     """Return the unit quaternion along q (4), xyzw, of any length but zero."""
     x, y, z, w = q
     return pin.Quaternion(float(w), float(x), float(y), float(z)).normalized()
@@ -38,7 +38,7 @@ def turned(q: np.ndarray, phi: np.ndarray) -> np.ndarray:
     return np.asarray((turn * _quaternion(q)).normalized().coeffs())
 
 
-def rotation_between(q: Sequence[float], q_d: Sequence[float]) -> np.ndarray:
+def rotation_between(q: np.ndarray, q_d: np.ndarray) -> np.ndarray:
     """Return phi (3) [rad], |phi| <= pi, exp(phi) = R R_d^T, for quaternions xyzw of R, R_d."""
     return np.asarray(pin.log3(_quaternion(q) * _quaternion(q_d).conjugate()))
 
