@@ -8,6 +8,35 @@ import numpy as np
 
 from .._compiled import compiled
 
+PER_BODY = 10
+_LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits below this mass
+
+
+@compiled("f8(f8[:], f8[:], f8[:])")
+def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
+    """Write pi + c ballast (10 n); return c, which is zero where no body needs ballast.
+
+    Else no body is much lighter than its ballast, as centres of mass far outside of the robot would
+    cost digits.
+    """
+    lightest = pi[0]
+    for k in range(0, len(pi), PER_BODY):
+        lightest = min(lightest, pi[k])
+    c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
+    for k in range(len(pi)):
+        tens[k] = pi[k] + c * ballast[k]
+    return c
+
+
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:])", fills=2)
+def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
+    """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
+    for i in range(len(tau)):
+        tau[i] = 0.0
+        for j in range(len(pi)):
+            Y[i, j] -= Y_0[i, j]
+            tau[i] += Y[i, j] * pi[j]
+
 
 @compiled(
     "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:], "

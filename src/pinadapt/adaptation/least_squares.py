@@ -225,15 +225,18 @@ class LeastSquares(Adaptation):
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return da/dt (p)."""
-        if drive.W is None or len(self.P_0) > _SMALL:
+        P, W, residual = self._gain(estimate), drive.W, drive.residual
+        if W is None or residual is None or len(P) > _SMALL:
             return self.rate(estimate, drive).value
-        return self._small_step(self._gain(estimate), drive, 0.0)[0]
+        return self._small_step(P, drive, W, residual, 0.0)[0]
 
-    def _small_step(self, P: np.ndarray, drive: Drive, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    def _small_step(
+        self, P: np.ndarray, drive: Drive, W: np.ndarray, residual: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean of da/dt (p) over dt [s], and P (p, p) after it."""
         (R_0, g), slope, gain = self._started(drive), empty(len(P)), empty(self._shape)
         kernels.fit(
-            P, drive.W, drive.residual, R_0, g, self._rate, self._floor,
+            P, W, residual, R_0, g, self._rate, self._floor,
             dt, self._prior, math.exp(-self.forgetting * dt), slope, gain,
         )  # fmt: skip
         return slope, gain
@@ -244,7 +247,7 @@ class LeastSquares(Adaptation):
         if W is None or residual is None:
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
         if self.directional and len(P) <= _SMALL:
-            slope, gain = self._small_step(P, drive, dt)
+            slope, gain = self._small_step(P, drive, W, residual, dt)
             return Estimate(estimate.value + dt * slope, (gain,))
         R, P_W = self.weight(drive, P), P.dot(W.T)
         # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0

@@ -91,11 +91,8 @@ class MatrixInequality:
         self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i
         self._dual_T = np.ascontiguousarray(self._dual.T)
         origin = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
-        sparse: list[np.ndarray] = []
-        for part in (self.F, self._dual.reshape(self.F.shape)):
-            some = np.abs(part) > np.finfo(float).eps * np.abs(part).max()  # else rounding
-            sparse += [np.argwhere(some), part[some]]
-        self._constants = self._p, *sparse, origin
+        dual = _entries(self._dual.reshape(self.F.shape))
+        self._constants = (self._p, *_entries(self.F), *dual, origin)
 
     @classmethod
     def from_file(cls, path: Path) -> MatrixInequality:
@@ -184,6 +181,12 @@ class MatrixInequality:
                 hint="Start from an estimate inside, or use gradient adaptation.",
             )
         return a
+
+
+def _entries(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places (k, 3) and values (k) of what is more than rounding in F (p, n, n)."""
+    some = np.abs(F) > np.finfo(float).eps * np.abs(F).max()
+    return np.argwhere(some), F[some]
 
 
 class BodyInequality(MatrixInequality):

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import instance, name_list
+from .._kernels import models as kernels
 from ..description.chain import are_physical
 from ..exceptions import REFUSED, ArrayError, ParameterError, RobotError
 from ..robot.changes import joint_id
@@ -20,7 +21,6 @@ from .dynamics import Dynamics
 from .regressor import LABELS, PER_BODY, UNITS, Momentum, Regressor, inertial_parameters
 
 _VISIBLE = 1e-4  # a body's least radius over the distance of its centre of mass from the joint
-_LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits below this mass
 
 
 class InertialModel:
@@ -64,9 +64,7 @@ class InertialModel:
 
     def _write(self) -> None:
         """Write the parameters into the model, before a torque or a mass matrix is computed."""
-        lightest = min(self._pi[::PER_BODY].tolist())
-        self._c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
-        self._tens[:] = self._pi + self._c * self._ballast if self._c else self._pi
+        self._c = kernels.take(self._pi, self._ballast, self._tens)
         inertias, from_ten = self._inertias, pin.Inertia.FromDynamicParameters
         for joint, ten in self._bodies:
             inertias[joint] = from_ten(ten)

@@ -49,13 +49,13 @@ class ProjectedKinematics(LinearKinematics):
         self.nominal, self.translation_names = columns.initial, columns.names
         self._camera = np.array(camera, dtype=int)
         of = [f"{name}_{axis}" for name in ("base", *columns.names) for axis in "xyz"]
-        depths, rows = ["depth", "depth_2"][: len(set(camera))], self.task.labels[: self.positions]
+        deep, rows = ["depth", "depth_2"][: len(set(camera))], self.task.labels[: self.positions]
         self.names = (
             *(f"{row}({name})" for row in rows for name in (*of, "home")),
-            *(f"{row}({name})" for row in depths for name in of),
+            *(f"{row}({name})" for row in deep for name in of),
         )
         self.size = len(self.names)
-        self._shape, self._below = (self.positions, len(of) + 1), (len(depths), len(of))
+        self._shape, self._below = (self.positions, len(of) + 1), (len(deep), len(of))
         self._split = self.positions * self._shape[1]
         self.motion.update(robot.q0, self.still)
         self._home = self.motion.phi[:-1].copy()

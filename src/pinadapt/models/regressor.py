@@ -16,9 +16,9 @@ from numpy import empty
 
 from .._checks import instance
 from .._kernels import models as kernels
+from .._kernels.models import PER_BODY
 from ..exceptions import REFUSED, ArrayError
 
-PER_BODY = 10
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
@@ -74,8 +74,9 @@ class Regressor:
             raise ArrayError from error
         if Y.ndim == 1:
             Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
-        Y -= Y_0
-        return Y, Y.dot(pi)
+        tau = empty(v.size)
+        kernels.polarised(Y_0, pi, Y, tau)
+        return Y, tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
