@@ -57,6 +57,52 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     return s, mu_2, lost
 
 
+@compiled("b1(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:,::1], f8[:], f8[:])", fills=3)
+def gradient_through_inverse(
+    M: np.ndarray,
+    J: np.ndarray,
+    e: np.ndarray,
+    Y: np.ndarray,
+    L: np.ndarray,
+    solution: np.ndarray,
+    gradient: np.ndarray,
+) -> bool:
+    """Write M^-1 J^T e (n) and Phi^T e = Y^T M^-1 J^T e (p), Phi = J M^-1 Y.
+
+    By Cholesky, M = L L^T; of M and L (n, n) only the lower triangles are read and written, and on
+    the diagonal of L stand the inverses of its entries. Return False, without the gradient, if M is
+    not positive definite.
+    """
+    m, n = J.shape
+    for i in range(n):
+        for j in range(i + 1):
+            x = M[i, j]
+            for t in range(j):
+                x -= L[i, t] * L[j, t]
+            if i == j and not x > 0.0:
+                return False
+            L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
+    for i in range(n):  # L y = J^T e
+        y = 0.0
+        for t in range(m):
+            y += J[t, i] * e[t]
+        for t in range(i):
+            y -= L[i, t] * solution[t]
+        solution[i] = y * L[i, i]
+    for i in range(n - 1, -1, -1):  # L^T x = y
+        x = solution[i]
+        for t in range(i + 1, n):
+            x -= L[t, i] * solution[t]
+        solution[i] = x * L[i, i]
+    for j in range(len(gradient)):
+        gradient[j] = 0.0
+    for i in range(n):
+        x = solution[i]
+        for j in range(len(gradient)):
+            gradient[j] += Y[i, j] * x
+    return True
+
+
 @compiled(
     "void(f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, f8[:], f8[:], f8[:], f8[:])",
     fills=4,

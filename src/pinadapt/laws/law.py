@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, positive
+from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
 from ..exceptions import DivergedError, GainError, InputError, did_you_mean
 from ..filters import Filters, NoFilters
@@ -123,11 +125,17 @@ class EstimatedModel:
             DivergedError: M is not positive definite, as every mass matrix is; without
                 ``stop_on_divergence`` only if M is singular.
         """
-        from scipy.linalg.lapack import dgesv, dposv  # slow to import, and seldom needed
+        gradient = None
+        if self.stop_on_divergence:
+            n, p = Y.shape
+            L, solution, gradient = empty((n, n)), empty(n), empty(p)
+            solved = kernels.gradient_through_inverse(M, J, e, Y, L, solution, gradient)
+        else:
+            from scipy.linalg.lapack import dgesv  # slow to import, and seldom needed
 
-        solve = dposv if self.stop_on_divergence else dgesv
-        *_, solution, info = solve(M.T, e.dot(J))  # M.T is in LAPACK's column order
-        if info:
+            _, _, solution, info = dgesv(M.T, e.dot(J))  # M.T is in LAPACK's column order
+            solved = info == 0
+        if not solved:
             became = "is no longer positive definite" if self.stop_on_divergence else "is singular"
             raise DivergedError(
                 f"the estimated mass matrix {became}, and this law inverts it. Natural and "
@@ -135,7 +143,7 @@ class EstimatedModel:
                 "try a smaller gamma_d, or the law 'separation' or 'adaptive-jacobian', which "
                 "invert no mass matrix."
             )
-        return Drive(Y, solution)
+        return Drive(Y, solution, gradient=gradient)
 
 
 class Truth(NamedTuple):
