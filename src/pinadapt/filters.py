@@ -13,10 +13,10 @@ from numpy import empty
 
 from ._checks import instance, numbers, positive
 from ._kernels import laws as kernels
-from ._kernels import models as regressors
 from .exceptions import REFUSED, ArrayError, InputError
 from .models.delay_compensation import SensedState
 from .models.dynamics import Dynamics
+from .models.regressor import Momentum
 from .models.task_kinematics import TaskKinematics
 from .robot.motors import CommandsUnderway, LateTorque
 from .signals import Signals
@@ -379,7 +379,7 @@ class PoseObserver(Filters):
             return observed._replace(eta=np.zeros(3))
         ahead = state.position.memory[-1] + self.positions.lead
         R_o = turned(state.R, ahead * kinematics.xd_hat[3:])
-        eta = rotation_between(R_o.tolist(), sensed.x[3:].tolist())
+        eta = rotation_between(R_o, sensed.x[3:])
         return observed._replace(eta=np.array([*eta]))
 
     def step(self, state: PoseObserverState, s: Signals, dt: float) -> PoseObserverState:
@@ -484,13 +484,14 @@ class FilteredRegressor:
 
     def init(self, q: np.ndarray, v: np.ndarray) -> TorqueFilterState:
         """Return the state at the first q (nq), v (n), at which W and y are zero."""
-        momentum, n = self.dynamics.momentum(q, v), v.size
-        still = np.zeros((n, self.dynamics.size + 1))
-        u, Z, W = empty(still.shape), empty(still.shape), empty(still.shape)
-        regressors.filtered_regressor(
-            *momentum, self.low_pass.bandwidth, still, still, 0.0, 0.0, u, Z, W
-        )
-        return TorqueFilterState(W, np.zeros(n), u, np.zeros(n), np.zeros(2))
+        n, (fast, u) = v.size, self._inputs(self.dynamics.momentum(q, v))
+        return TorqueFilterState(fast, np.zeros(n), u, np.zeros(n), np.zeros(2))
+
+    def _inputs(self, momentum: Momentum) -> tuple[np.ndarray, np.ndarray]:
+        """Return lambda Y_M and lambda Y_M - Y_0 (n, p + 1), known parts as the last column."""
+        Y_M, Y_0, p_0, tau_0 = momentum
+        fast = self.low_pass.bandwidth * np.concatenate([Y_M, p_0[:, None]], axis=1)
+        return fast, fast - np.concatenate([Y_0, tau_0[:, None]], axis=1)
 
     def observe(
         self,
@@ -521,11 +522,9 @@ class FilteredRegressor:
                 hint="Of a recorded run only the last state has them.",
             )
         Z_before, y, before, held, (share_u, share_tau), underway = state
-        u, Z, W = empty(shape), empty(shape), empty(shape)
-        bandwidth = self.low_pass.bandwidth
-        regressors.filtered_regressor(
-            *momentum, bandwidth, Z_before, before, share_tau, share_u, u, Z, W
-        )
+        fast, u = self._inputs(momentum)
+        Z = Z_before + share_tau * (before - Z_before) + share_u * (u - before)
+        W, bandwidth = fast - Z, self.low_pass.bandwidth
         if tau is not None:
             if tau.shape != y.shape:
                 raise ArrayError

@@ -6,7 +6,6 @@ import math
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -41,10 +40,8 @@ _SEARCH = 100  # most steps to the first point
 class JointMotion:
     """The joints along a motion of the task, at N instants s of the motion's own time.
 
-    Under another time law s(t) the joint velocity is v ds/dt, the acceleration a (ds/dt)^2 + v
-    d^2s/dt^2, and the torque::
-
-        still + drag ds/dt + curve (ds/dt)^2 + inertia d^2s/dt^2
+    At a constant rate ds/dt the joint velocity is v ds/dt, the acceleration a (ds/dt)^2, and the
+    torque still + drag ds/dt + curve (ds/dt)^2.
 
     Attributes:
         s: (N) [s].
@@ -54,7 +51,6 @@ class JointMotion:
         still: (N, n) gravity and Coulomb friction [N m or N].
         drag: (N, n) viscous friction v.
         curve: (N, n) M a + C v.
-        inertia: (N, n) M v.
         off: (N) how far the robot is from the motion, in units of what is allowed.
         beyond: (N, n) how far joints are beyond their limits [rad or m], else negative.
     """
@@ -66,7 +62,6 @@ class JointMotion:
     still: np.ndarray
     drag: np.ndarray
     curve: np.ndarray
-    inertia: np.ndarray
     off: np.ndarray
     beyond: np.ndarray
 
@@ -105,17 +100,16 @@ def joint_motion(
         v, a = np.array([each.xd_d for each in asked]), np.array([each.xdd_d for each in asked])
         off = np.zeros(len(s))
     rest = np.zeros(n)
-    g, inertia, curve = np.empty((3, len(s), n))
+    g, curve = np.empty((2, len(s), n))
     for k, pose in enumerate(poses):
         g[k] = pin.rnea(model, data, pose, rest, rest)
-        inertia[k] = pin.rnea(model, data, pose, rest, v[k])
         curve[k] = pin.rnea(model, data, pose, v[k], a[k])
     friction = robot.friction
     dry = friction.coulomb + friction.gear_friction * np.abs(g) + friction.asymmetry * np.sign(v)
     still = g + friction.offset + dry * np.maximum(friction.breakaway, 1.0) * np.sign(v)
     drag = robot.friction.viscous * v
     beyond = _beyond(model, poses)
-    return JointMotion(s, poses, v, a, still, drag, curve - g, inertia - g, off, beyond)
+    return JointMotion(s, poses, v, a, still, drag, curve - g, off, beyond)
 
 
 def _beyond(model: pin.Model, poses: np.ndarray) -> np.ndarray:
@@ -198,55 +192,36 @@ class _InverseKinematics:
 
 _SHARE, _MARGIN = 0.8, 0.3
 _HORIZON = 60.0  # [s]
-_KNOT, _LEAST_CELLS = 0.15, 4  # [s] of an interval of the spline, and how many there are at least
-_PER_KNOT, _MOST_POINTS = 12, 6000  # instants looked at
+_STEP, _MOST_POINTS = 0.0125, 6000  # [s] between instants looked at, and most of them
 _SETTLED = 3.0  # [s] after which the null space moves as periodically as the motion
 _LEAST_SHARE = 0.05  # of a limit, left for the motion beside gravity where that takes it all
 _SLOWEST = 50.0  # largest factor on the duration
-_TOLERANCE, _SHOWN = 1e-3, 4
-_ROUNDS, _STRONGER = 60, 1.02
-
-
-@dataclass(frozen=True)
-class Slowing:
-    """A stretch of a motion that was slowed down.
-
-    Attributes:
-        since, until: by the motion's own time [s]; without end infinite.
-        rate: least ds/dt there.
-        cause: the limit that asks for it, and the joint.
-    """
-
-    since: float
-    until: float
-    rate: float
-    cause: str
-
-    def __str__(self) -> str:
-        """Return the stretch, the rate and the cause."""
-        end = "on" if math.isinf(self.until) else f"to {self.until:.3g} s"
-        return f"from {self.since:.3g} s {end} at {100 * self.rate:.3g} % ({self.cause})"
 
 
 class WithinLimits(SlowedTime):
     """The time law of ``within_limits``, with what it was made for.
 
     Attributes:
-        slowed: where and why.
+        cause: the limit that asks for it, and the joint.
         speed_share: largest share of a velocity limit that is used, and the joint; None: no limits.
         effort_share: the same of the effort limits, with the torques of the model.
     """
 
-    slowed: tuple[Slowing, ...] = ()
-    speed_share: tuple[float, str] | None = None
-    effort_share: tuple[float, str] | None = None
+    def __init__(
+        self,
+        slowness: float,
+        cause: str,
+        speed_share: tuple[float, str] | None,
+        effort_share: tuple[float, str] | None,
+    ) -> None:
+        """Take the factor on all times, and what it was made for."""
+        super().__init__(slowness)
+        self.cause, self.speed_share, self.effort_share = cause, speed_share, effort_share
 
     def __repr__(self) -> str:
-        """Return where and why the motion is slower, and the largest shares of the limits."""
-        words = "; ".join(map(str, self.slowed[:_SHOWN]))
-        if len(self.slowed) > _SHOWN:
-            words += f"; {len(self.slowed) - _SHOWN} more"
-        words = f"slowed: {words}" if words else "nowhere slowed"
+        """Return how much and why the motion is slower, and the largest shares of the limits."""
+        words = f"slowed to {100 / self.slowness:.3g} % ({self.cause})"
+        words = words if self.slowness > 1.0 else "not slowed"
         for name, found in (("speed", self.speed_share), ("effort", self.effort_share)):
             if found is not None:
                 words += f", {name} up to {100 * found[0]:.3g} % ({found[1]})"
@@ -264,20 +239,16 @@ def within_limits(
     q: ArrayLike | None = None,
     horizon: float = _HORIZON,
 ) -> Trajectory:
-    """Return a motion slowed down where a robot would exceed its limits; the path stays the same.
+    """Return a motion slowed down until a robot keeps its limits; the path stays the same.
 
     Speeds, accelerations and torques of the joints follow from those along the motion, see
-    ``JointMotion``: with the rate r = ds/dt of the motion's own time s the velocity of a joint is v
-    r and its torque g + f r + c r^2 + m d^2s/dt^2. First the largest rate is found at each instant
-    for d^2s/dt^2 = 0. Then a rate below it that is twice continuously differentiable: 1/r is a
-    cubic B-spline whose control values are the largest 1/r within their range, so it is nowhere
-    below what is needed. Where d^2s/dt^2 then breaks a limit, the rate is reduced further, and
-    all is computed again until every limit is kept. The motion is never faster than given.
+    ``JointMotion``: at a constant rate r of the motion's own time the velocity of a joint is v r
+    and its torque g + f r + c r^2. The rate is the largest one, at most 1, that keeps all limits at
+    all instants.
 
     A motion that starts at speed is begun from rest, unless it is ``as_given``. A motion that
-    repeats itself is slowed in each turn as in the others (``Trajectory.repeats``). Any other is
-    looked at up to its ``horizon``, or until it settles; beyond the horizon it goes on at the
-    slowest rate found.
+    repeats itself is looked at for a turn (``Trajectory.repeats``), any other up to its
+    ``horizon``, or until it settles.
 
     Time scaling does not help where the motion leaves the workspace, or a joint its range: a
     warning says when and where, and those instants do not count for the rate.
@@ -295,7 +266,7 @@ def within_limits(
         horizon: [s] of the motion's own time.
 
     Returns:
-        A ``Retimed`` motion, whose representation says what was slowed and why.
+        A ``Retimed`` motion, whose representation says how much and why it is slower.
 
     Raises:
         InputError: the motion does not suit the task, or numbers that are not positive.
@@ -306,35 +277,25 @@ def within_limits(
     for value, name in ((share, "share"), (horizon, "horizon")):
         positive(value, name, error=InputError)
     positive(margin, "margin", zero=True, error=InputError)
-    span, turn = _span(given, horizon)
-    cells = max(_LEAST_CELLS, math.ceil((turn or span) / _KNOT - 1e-9))
-    step = (turn or span) / cells
-    lead = 0 if not turn else math.ceil((span - turn) / step - 1e-9)
-    count = lead + cells
-    each = max(2, min(_PER_KNOT, _MOST_POINTS // count))
-    s = np.linspace(0.0, count * step, each * count + 1)
+    span = _span(given, horizon)
+    s = np.linspace(0.0, span, min(math.ceil(span / _STEP) + 2, _MOST_POINTS))
     start = robot.q0 if q is None else robot.at(vector(q, robot.model.nv, "q")).q0
     joints = joint_motion(given, robot, s, start)
     _warn(joints, given, robot)
     limits = _Allowed.of(robot, joints, share, margin, acceleration, efforts)
-    slowness = _Slowness(step, each, count, cells if turn else 0, given.settles is None)
-    values = slowness.fitted(limits)
-    law = WithinLimits(values, step, cells if turn else 0)
-    p, slope = slowness.along(values)
-    law.slowed = tuple(_slowings(s, p, *limits.nearest(p, slope), given.settles is None))
-    law.speed_share, law.effort_share = limits.used(p, slope)
-    return Retimed(given, law)
+    slowness, cause = limits.slowness()
+    return Retimed(given, WithinLimits(slowness, cause, *limits.used(slowness)))
 
 
-def _span(motion: Trajectory, horizon: float) -> tuple[float, float]:
-    """Return until when a motion is looked at, and the period of its last part, or zero [s]."""
+def _span(motion: Trajectory, horizon: float) -> float:
+    """Return until when a motion is looked at [s]."""
     if motion.settles is not None:
-        return max(min(motion.settles, horizon), _KNOT), 0.0
+        return min(max(motion.settles, _STEP), horizon)
     found = motion.repeats
-    if found is None or sum(found) > horizon:
-        return horizon, 0.0
+    if found is None:
+        return horizon
     since, period = found
-    return since + period * max(2, math.ceil(_SETTLED / period)), period
+    return min(since + period * max(2, math.ceil(_SETTLED / period)), horizon)
 
 
 def _warn(joints: JointMotion, motion: Trajectory, robot: Robot) -> None:
@@ -422,54 +383,29 @@ class _Allowed:
             (velocities, most),
         )
 
-    def needed(self) -> np.ndarray:
-        """Return the least slowness (N), at least 1, at which a constant rate keeps the limits."""
-        found = np.abs(self.joints.v) / self.speeds
-        found = np.maximum(found, np.sqrt(np.abs(self.joints.a) / self.accelerations))
-        for c, f, room in (
-            (self.joints.curve, self.joints.drag, self.above),
-            (-self.joints.curve, -self.joints.drag, self.below),
-        ):  # room p^2 - f p - c >= 0
-            half = 0.5 * f / room
-            square = half**2 + c / room
-            root = half + np.sqrt(np.maximum(square, 0.0))
-            found = np.maximum(found, np.where(square > 0.0, root, 0.0))
-        return np.clip(np.where(self.valid, found.max(axis=1), 1.0), 1.0, _SLOWEST)
+    def slowness(self) -> tuple[float, str]:
+        """Return the least factor on all times, at least 1, that keeps the limits, and the cause.
 
-    def ratios(self, p: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Return what is used of what may be (3, N, n): speed, acceleration, torque.
-
-        Args:
-            p: (N) slowness 1 / (ds/dt).
-            slope: (N) dp/ds [1/s].
+        With the factor p a torque is within its limit where room p^2 - f p - c >= 0.
         """
-        r, b = 1.0 / p[:, None], (-slope / p**3)[:, None]
-        j = self.joints
-        torque = j.drag * r + j.curve * r**2 + j.inertia * b
-        ratios = np.stack(
-            [
-                np.abs(j.v * r) / self.speeds,
-                np.abs(j.a * r**2 + j.v * b) / self.accelerations,
-                np.maximum(torque / self.above, -torque / self.below),
-            ]
-        )
-        ratios[:, ~self.valid] = 0.0
-        return ratios
+        j, found = self.joints, {}
+        found["speed"] = np.abs(j.v) / self.speeds
+        found["acceleration"] = np.sqrt(np.abs(j.a) / self.accelerations)
+        both = []
+        for sign, room in ((1.0, self.above), (-1.0, self.below)):
+            half, c = 0.5 * sign * j.drag / room, sign * j.curve / room
+            square = half**2 + c
+            both.append(np.where(square > 0.0, half + np.sqrt(np.maximum(square, 0.0)), 0.0))
+        found["effort"] = np.maximum(*both)
+        needed = {kind: p[self.valid].max(axis=0, initial=1.0) for kind, p in found.items()}
+        kind = max(needed, key=lambda each: float(needed[each].max()))
+        i = int(np.argmax(needed[kind]))
+        return min(float(needed[kind][i]), _SLOWEST), f"{kind} of {self.names[i]}"
 
-    def nearest(self, p: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, list[str]]:
-        """Return for each instant (N) how near the nearest limit is, and its name."""
-        ratios = self.ratios(p, slope).transpose(1, 0, 2).reshape(len(p), -1)
-        kinds = ("speed", "acceleration", "effort")
-        words = [f"{kind} of {name}" for kind in kinds for name in self.names]
-        return ratios.max(axis=1), [words[k] for k in ratios.argmax(axis=1)]
-
-    def used(
-        self, p: np.ndarray, slope: np.ndarray
-    ) -> tuple[tuple[float, str] | None, tuple[float, str] | None]:
+    def used(self, slowness: float) -> tuple[tuple[float, str] | None, tuple[float, str] | None]:
         """Return the largest shares of the described limits that are used, and their joints."""
-        r, b = 1.0 / p[:, None], (-slope / p**3)[:, None]
-        j, (velocities, efforts) = self.joints, self.real
-        torque = j.still + j.drag * r + j.curve * r**2 + j.inertia * b
+        r, j, (velocities, efforts) = 1.0 / slowness, self.joints, self.real
+        torque = j.still + j.drag * r + j.curve * r**2
         return self._largest(j.v * r, velocities), self._largest(torque, efforts)
 
     def _largest(self, what: np.ndarray, limits: np.ndarray) -> tuple[float, str] | None:
@@ -478,92 +414,6 @@ class _Allowed:
         shares = np.abs(what[self.valid]).max(axis=0, initial=0.0) / limits
         i = int(np.argmax(shares))
         return float(shares[i]), self.names[i]
-
-
-@dataclass(frozen=True)
-class _Slowness:
-    """Control values of the slowness along a grid: ``count`` intervals of ``each`` instants.
-
-    Attributes:
-        step: length of an interval [s].
-        each: instants in an interval.
-        count: number of intervals.
-        turn: how many of the last recur, or zero.
-        goes_on: whether the motion goes on after the last one.
-    """
-
-    step: float
-    each: int
-    count: int
-    turn: int
-    goes_on: bool
-
-    def fitted(self, limits: _Allowed) -> np.ndarray:
-        """Return control values (count + 3) with which all limits are kept."""
-        needed = limits.needed()
-        values = self._above(needed)
-        for _ in range(_ROUNDS):
-            p, slope = self.along(values)
-            worst = limits.ratios(p, slope).max(axis=(0, 2))
-            if worst.max(initial=0.0) <= 1.0 + _TOLERANCE:
-                return values
-            asked = np.where(worst > 1.0, p * _STRONGER * np.sqrt(worst), 1.0)
-            needed = np.minimum(np.maximum(needed, asked), _SLOWEST)
-            values = self._above(needed)
-        return np.full_like(values, limits.needed().max())  # one rate for all
-
-    def along(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return p and dp/ds (N) on the grid."""
-        u = np.arange(self.each) / self.each
-        basis = np.stack(
-            [(1 - u) ** 3, 3 * u**3 - 6 * u**2 + 4, -3 * u**3 + 3 * u**2 + 3 * u + 1, u**3]
-        )
-        slopes = np.stack([-((1 - u) ** 2), 3 * u**2 - 4 * u, -3 * u**2 + 2 * u + 1, u**2]) * (
-            3.0 / self.step
-        )
-        around = np.lib.stride_tricks.sliding_window_view(values, 4)  # (count, 4)
-        p, slope = (around @ basis).ravel() / 6.0, (around @ slopes).ravel() / 6.0
-        end = values[-3:]
-        return (
-            np.append(p, (end[0] + 4.0 * end[1] + end[2]) / 6.0),
-            np.append(slope, 0.5 * (end[2] - end[0]) / self.step),
-        )
-
-    def _above(self, needed: np.ndarray) -> np.ndarray:
-        """Return control values (count + 3) of a spline that is nowhere below ``needed`` (N)."""
-        inside = needed[:-1].reshape(self.count, self.each).max(axis=1)
-        inside = np.maximum(inside, needed[self.each :: self.each])  # both ends of each interval
-        end = 1.0
-        if self.turn:  # the last turn is as slow as any but the first moments ask for
-            after = inside[-self.turn :][:3]
-            padded = np.concatenate([[inside[0]] * 3, inside, after])
-        else:
-            end = float(inside.max()) if self.goes_on else float(inside[-3:].max())
-            padded = np.concatenate([[inside[0]] * 3, inside, [end] * 3])
-        values = np.lib.stride_tricks.sliding_window_view(padded, 4).max(axis=1)[: self.count + 3]
-        if self.turn:
-            n, turn = self.count, self.turn
-            first = np.maximum(values[n : n + 3], values[n - turn : n - turn + 3])
-            values[n : n + 3] = values[n - turn : n - turn + 3] = first
-        else:
-            values[-3:] = max(end, float(values[-3:].max()))
-        return np.asarray(values, dtype=float)
-
-
-def _slowings(
-    s: np.ndarray, p: np.ndarray, near: np.ndarray, words: Sequence[str], goes_on: bool
-) -> list[Slowing]:
-    """Return the stretches where the slowness p (N) is above 1, with the limit that is nearest."""
-    slow = p > 1.0 + _TOLERANCE
-    edges = [0, *(np.flatnonzero(np.diff(slow)) + 1).tolist(), len(slow)]
-    found = []
-    for begin, end in pairwise(edges):
-        if slow[begin]:
-            until = math.inf if goes_on and end == len(s) else float(s[end - 1])
-            cause = words[begin + int(np.argmax(near[begin:end]))]
-            rate = 1.0 / float(p[begin:end].max())
-            found.append(Slowing(float(s[begin]), until, rate, cause))
-    return found
 
 
 class Approach(Derived):

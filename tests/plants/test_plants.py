@@ -231,6 +231,3 @@ def test_motors_apply_what_their_limits_allow():
     asked = np.array([0.5, 3.0, -3.0, np.inf, -np.inf, np.nan])
     allowed = np.array([0.5, 2.0, -2.0, 2.0, -2.0, np.nan])
     assert np.array_equal(plant.motors(asked), allowed, equal_nan=True)
-    for wrong in (5.0, np.zeros(3), np.zeros((1, 6)), None):
-        with pytest.raises(pa.InputError, match=r"PinocchioPlant.motors: torque: expected"):
-            plant.motors(wrong)

@@ -21,12 +21,6 @@ def fast_circle(robot, period, radius=0.1, plane="yz"):
     return path.starting_at(robot.position(robot.q0))
 
 
-def rates(motion, until):
-    """Return times, ds/dt and d^2s/dt^2 of a slowed motion, every 5 ms."""
-    times = np.arange(0.0, until, 5e-3)
-    return (times, *np.array([motion.law.at(t)[1:] for t in times]).T)
-
-
 def test_a_motion_within_the_limits_keeps_its_own_time():
     robot = catalogue_robot("panda")
     circle = fast_circle(robot, 3.0)
@@ -34,7 +28,7 @@ def test_a_motion_within_the_limits_keeps_its_own_time():
     begun = circle.from_rest()
     for t in (0.0, 0.4, 2.0, 33.3):
         assert all(np.allclose(*pair) for pair in zip(slowed.at(t), begun.at(t), strict=True))
-    assert "nowhere slowed" in repr(slowed) and slowed.law.slowed == ()
+    assert "not slowed" in repr(slowed) and slowed.law.slowness == 1.0
     started = time.perf_counter()
     pa.within_limits(circle, robot)
     assert time.perf_counter() - started < 1.0
@@ -78,30 +72,23 @@ def test_a_fast_circle_keeps_the_limits_for_as_long_as_it_goes_on(name, period, 
         assert all(np.allclose(*each, atol=1e-8) for each in zip(*pair, strict=True))
 
 
-def test_only_the_stretch_that_needs_it_is_slowed_and_smoothly():
+def test_the_whole_motion_is_slowed_to_the_rate_that_its_fastest_instant_asks_for():
     robot = catalogue_robot("panda", task="joint")
     home = robot.home_angles
 
-    def swing(t):  # fast between 1.5 s and 2.5 s
+    def swing(t):  # fastest at 2 s
         return home + 0.4 * np.tanh(6.0 * (t - 2.0)) * np.eye(7)[0]
 
     slowed = pa.within_limits(swing, robot, horizon=4.0)
-    stretch, beyond = slowed.law.slowed
-    assert 3.5 < beyond.since < 4.0 and beyond.until == np.inf  # unknown beyond the horizon
-    assert re.search(
-        r"^Function, slowed: from 1\.\d+ s to 2\.\d+ s at 7\d\.\d % \(speed of panda_joint1\); "
-        r"from 3\.\d+ s on at 7\d\.\d % \(.*\), speed up to 80 % \(panda_joint1\), effort up to ",
+    assert slowed.law.cause == "speed of panda_joint1"
+    assert 1.0 / slowed.law.slowness == pytest.approx(0.8 * 2.175 / 2.4, rel=2e-3)  # tanh' = 1
+    assert re.match(
+        r"Function, slowed to 72\.\d % \(speed of panda_joint1\), speed up to 80 % "
+        r"\(panda_joint1\), effort up to ",
         repr(slowed),
     )
-    assert 1.2 < stretch.since < 1.9 < 2.1 < stretch.until < 2.8
-    assert stretch.cause == "speed of panda_joint1"
-    assert stretch.rate == pytest.approx(0.8 * 2.175 / 2.4, rel=0.03)  # tanh' = 1
-    times, rate, acceleration = rates(slowed, 4.5)
-    assert rate.max() <= 1.0 and rate[times < 1.0].min() == 1.0
-    speeds = np.array([slowed.at(t).xd_d[0] for t in times])
+    speeds = np.array([slowed.at(t).xd_d[0] for t in np.arange(0.0, 4.5, 5e-3)])
     assert np.abs(speeds).max() <= 0.8 * 2.175 * 1.002
-    jumps = np.abs(np.diff(acceleration))
-    assert jumps.max() < 0.05 * max(1.0, np.abs(acceleration).max())  # continuous
     for t in (1.7, 1.9, 2.2):
         found = derivative(lambda h, t=t: slowed.at(t + h).x_d)
         assert np.allclose(slowed.at(t).xd_d, found, atol=1e-5)

@@ -77,7 +77,7 @@ def test_rotation_vectors_are_accurate_up_to_half_a_turn():
     for angle in (np.pi - 1e-9, np.pi):
         phi = np.array(rotation_between(turned(q_d, np.array([0.0, angle, 0.0])), q_d))
         assert np.isclose(np.linalg.norm(phi), angle, atol=1e-12)
-    assert rotation_between(q_d, q_d) == (0.0, 0.0, 0.0)
+    assert rotation_between(q_d, q_d).tolist() == [0.0, 0.0, 0.0]
 
 
 # --- kinematics ---

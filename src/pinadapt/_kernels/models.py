@@ -9,48 +9,39 @@ import numpy as np
 from .._compiled import compiled
 
 PER_BODY = 10
-_LEAST_MASS = (
-    1e-6  # [kg] pin.Inertia stores the centre of mass mc/m, which loses its digits below this mass
-)
+_LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits below this mass
 
 
-@compiled("f8(f8[:], f8[:], f8[:,:])")
+@compiled("f8(f8[:], f8[:], f8[:])")
 def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
-    """Write pi (10 n) and c times the ballast (10 n) as rows (n, 10); return c.
+    """Write pi + c ballast (10 n); return c, which is zero where no body needs ballast.
 
-    c is zero where no body needs ballast, else such that no body is much lighter than its ballast:
-    centres of mass far outside of the robot would cost digits.
+    Else no body is much lighter than its ballast, as centres of mass far outside of the robot would
+    cost digits.
     """
     lightest = pi[0]
-    for b in range(len(tens)):
-        lightest = min(lightest, pi[PER_BODY * b])
+    for k in range(0, len(pi), PER_BODY):
+        lightest = min(lightest, pi[k])
     c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
-    for b in range(len(tens)):
-        for i in range(PER_BODY):
-            tens[b, i] = pi[PER_BODY * b + i] + c * ballast[PER_BODY * b + i]
+    for k in range(len(pi)):
+        tens[k] = pi[k] + c * ballast[k]
     return c
 
 
-@compiled("void(f8[:], i8, f8[:,:], f8[:], f8[:])")
-def place(
-    theta: np.ndarray,
-    first: int,
-    directions: np.ndarray,
-    offset: np.ndarray,
-    translation: np.ndarray,
-) -> None:
-    """Write offset + directions theta[first : first + k] (3), directions (3, k)."""
-    for i in range(3):
-        x = offset[i]
-        for j in range(directions.shape[1]):
-            x += directions[i, j] * theta[first + j]
-        translation[i] = x
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:])", fills=2)
+def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
+    """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
+    for i in range(len(tau)):
+        tau[i] = 0.0
+        for j in range(len(pi)):
+            Y[i, j] -= Y_0[i, j]
+            tau[i] += Y[i, j] * pi[j]
 
 
 @compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], "
-    "f8[:,:,:], f8[:,:,:])",
-    fills=4,
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:], "
+    "f8[:], f8[:], f8[:,:,:], f8[:,:,:], f8[:,:])",
+    fills=5,
 )
 def column_motion(
     R: np.ndarray,
@@ -60,13 +51,15 @@ def column_motion(
     lever: np.ndarray,
     parent: np.ndarray,
     columns: np.ndarray,
+    home: np.ndarray,
     v: np.ndarray,
     phi: np.ndarray,
     phid: np.ndarray,
     Phi: np.ndarray,
     Phid: np.ndarray,
+    scratch: np.ndarray,
 ) -> None:
-    """Write phi (1 + p, 3), its rate, dphi/dq (1 + p, 3, n), and the rate of that.
+    """Write phi - home (3 + 3 p), its rate, dphi/dq (1 + p, 3, n), and the rate of that.
 
     phi_0 is the position of the frame, at ``lever`` (3) from the last joint, and phi_j how it moves
     with parameter j. Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, S (6, n)
@@ -75,166 +68,159 @@ def column_motion(
     carries it, and moves the frame, r away, by d = s + w x r. A joint before it turns d; one behind
     it moves the frame by some u, which changes d by w x u.
     """
-    c = len(R) - 1
-    x, y, z = o[c, 0], o[c, 1], o[c, 2]
+    c, n = len(R) - 1, len(v)
+    p, pd, turns = phi[:3], phid[:3], S[3:]
+    w, wd, turning, u = scratch[0], scratch[1], scratch[2], scratch[3]
     for i in range(3):
-        x += R[c, 0, i] * lever[i]
-        y += R[c, 1, i] * lever[i]
-        z += R[c, 2, i] * lever[i]
-    xd = yd = zd = 0.0
-    for t in range(len(v)):
-        ux = S[0, t] + S[4, t] * z - S[5, t] * y
-        uy = S[1, t] + S[5, t] * x - S[3, t] * z
-        uz = S[2, t] + S[3, t] * y - S[4, t] * x
-        Phi[0, 0, t], Phi[0, 1, t], Phi[0, 2, t] = ux, uy, uz
-        xd, yd, zd = xd + ux * v[t], yd + uy * v[t], zd + uz * v[t]
-    phi[0, 0], phi[0, 1], phi[0, 2] = x, y, z
-    phid[0, 0], phid[0, 1], phid[0, 2] = xd, yd, zd
-    for t in range(len(v)):
-        Phid[0, 0, t] = dS[0, t] + dS[4, t] * z - dS[5, t] * y + S[4, t] * zd - S[5, t] * yd
-        Phid[0, 1, t] = dS[1, t] + dS[5, t] * x - dS[3, t] * z + S[5, t] * xd - S[3, t] * zd
-        Phid[0, 2, t] = dS[2, t] + dS[3, t] * y - dS[4, t] * x + S[3, t] * yd - S[4, t] * xd
+        p[i], pd[i] = o[c, i], 0.0
+        for k in range(3):
+            p[i] += R[c, i, k] * lever[k]
+    for i in range(3):
+        f, h = (i + 1) % 3, (i + 2) % 3
+        for t in range(n):
+            Phi[0, i, t] = S[i, t] + turns[f, t] * p[h] - turns[h, t] * p[f]
+            pd[i] += Phi[0, i, t] * v[t]
+    for i in range(3):
+        f, h = (i + 1) % 3, (i + 2) % 3
+        for t in range(n):
+            Phid[0, i, t] = dS[i, t] + dS[f + 3, t] * p[h] - dS[h + 3, t] * p[f]
+            Phid[0, i, t] += turns[f, t] * pd[h] - turns[h, t] * pd[f]
     for j in range(len(parent)):
-        b = parent[j]
-        sx = sy = sz = wx = wy = wz = 0.0  # the column in the world's axes, at the joint
+        at, b = 3 * (j + 1), parent[j]
+        d, dd = phi[at : at + 3], phid[at : at + 3]
+        for i in range(3):  # the column in world axes, and the motion before and behind it
+            w[i] = d[i] = turning[i] = u[i] = 0.0
+            for k in range(3):
+                d[i] += R[b, i, k] * columns[k, j]
+                w[i] += R[b, i, k] * columns[k + 3, j]
+            for t in range(b):
+                turning[i] += turns[i, t] * v[t]
+            for t in range(b, n):
+                u[i] += Phi[0, i, t] * v[t]
         for i in range(3):
-            s, w = columns[i, j], columns[3 + i, j]
-            sx, sy, sz = sx + R[b, 0, i] * s, sy + R[b, 1, i] * s, sz + R[b, 2, i] * s
-            wx, wy, wz = wx + R[b, 0, i] * w, wy + R[b, 1, i] * w, wz + R[b, 2, i] * w
-        rx, ry, rz = x - o[b, 0], y - o[b, 1], z - o[b, 2]
-        dx, dy, dz = sx + wy * rz - wz * ry, sy + wz * rx - wx * rz, sz + wx * ry - wy * rx
-        ax = ay = az = ux = uy = uz = 0.0  # turning of the joint, velocity by the joints behind
-        for t in range(b):
-            ax, ay, az = ax + S[3, t] * v[t], ay + S[4, t] * v[t], az + S[5, t] * v[t]
-        for t in range(b, len(v)):
-            ux, uy, uz = (
-                ux + Phi[0, 0, t] * v[t],
-                uy + Phi[0, 1, t] * v[t],
-                uz + Phi[0, 2, t] * v[t],
-            )
-        wxd, wyd, wzd = ay * wz - az * wy, az * wx - ax * wz, ax * wy - ay * wx
-        dxd = ay * dz - az * dy + wy * uz - wz * uy
-        dyd = az * dx - ax * dz + wz * ux - wx * uz
-        dzd = ax * dy - ay * dx + wx * uy - wy * ux
-        phi[j + 1, 0], phi[j + 1, 1], phi[j + 1, 2] = dx, dy, dz
-        phid[j + 1, 0], phid[j + 1, 1], phid[j + 1, 2] = dxd, dyd, dzd
-        own, rate = Phi[j + 1], Phid[j + 1]
-        for t in range(b):
-            ax, ay, az, axd, ayd, azd = S[3, t], S[4, t], S[5, t], dS[3, t], dS[4, t], dS[5, t]
-            own[0, t], own[1, t] = ay * dz - az * dy, az * dx - ax * dz
-            own[2, t] = ax * dy - ay * dx
-            rate[0, t] = ayd * dz - azd * dy + ay * dzd - az * dyd
-            rate[1, t] = azd * dx - axd * dz + az * dxd - ax * dzd
-            rate[2, t] = axd * dy - ayd * dx + ax * dyd - ay * dxd
-        for t in range(b, len(v)):
-            ux, uy, uz = Phi[0, 0, t], Phi[0, 1, t], Phi[0, 2, t]
-            uxd, uyd, uzd = Phid[0, 0, t], Phid[0, 1, t], Phid[0, 2, t]
-            own[0, t], own[1, t] = wy * uz - wz * uy, wz * ux - wx * uz
-            own[2, t] = wx * uy - wy * ux
-            rate[0, t] = wyd * uz - wzd * uy + wy * uzd - wz * uyd
-            rate[1, t] = wzd * ux - wxd * uz + wz * uxd - wx * uzd
-            rate[2, t] = wxd * uy - wyd * ux + wx * uyd - wy * uxd
+            f, h = (i + 1) % 3, (i + 2) % 3
+            d[i] += w[f] * (p[h] - o[b, h]) - w[h] * (p[f] - o[b, f])
+        for i in range(3):
+            f, h = (i + 1) % 3, (i + 2) % 3
+            wd[i] = turning[f] * w[h] - turning[h] * w[f]
+            dd[i] = turning[f] * d[h] - turning[h] * d[f] + w[f] * u[h] - w[h] * u[f]
+        for i in range(3):
+            f, h = (i + 1) % 3, (i + 2) % 3
+            for t in range(b):
+                Phi[j + 1, i, t] = turns[f, t] * d[h] - turns[h, t] * d[f]
+                Phid[j + 1, i, t] = dS[f + 3, t] * d[h] - dS[h + 3, t] * d[f]
+                Phid[j + 1, i, t] += turns[f, t] * dd[h] - turns[h, t] * dd[f]
+            for t in range(b, n):
+                Phi[j + 1, i, t] = w[f] * Phi[0, h, t] - w[h] * Phi[0, f, t]
+                Phid[j + 1, i, t] = wd[f] * Phi[0, h, t] - wd[h] * Phi[0, f, t]
+                Phid[j + 1, i, t] += w[f] * Phid[0, h, t] - w[h] * Phid[0, f, t]
+    for i in range(len(home)):
+        phi[i] -= home[i]
+
+
+LEAST_DEPTH = 0.1  # of a camera, relative to that at home
 
 
 @compiled(
-    "void(f8[:], f8[:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:,:], f8[:,:,:], f8[:,:,:], "
-    "f8[:,:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:,:])",
-    fills=7,
+    "void(f8[:], f8[:,:], i8[:,:], i8[:,:], f8[:], f8[:], f8[:,:], f8[:,:], f8[:], f8[:,:], "
+    "f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:])",
+    fills=9,
 )
-def affine_motion(
-    a_k: np.ndarray,
-    initial: np.ndarray,
-    S: np.ndarray,
-    dS: np.ndarray,
-    v: np.ndarray,
-    rows: np.ndarray,
+def output_map(
+    a: np.ndarray,
+    N_0: np.ndarray,
+    entries: np.ndarray,
+    depths: np.ndarray,
     phi: np.ndarray,
     phid: np.ndarray,
     Phi: np.ndarray,
     Phid: np.ndarray,
-    J: np.ndarray,
-    Jdot: np.ndarray,
-    Jdot_v: np.ndarray,
-    xd_hat: np.ndarray,
-    Y_k: np.ndarray,
-    p_hat: np.ndarray,
-    X_k: np.ndarray,
-) -> None:
-    """Write J, dJ/dt (m, n), dJ/dt v, J v (m), Y_k (m, p), position (m_p), X_k (m_p, p).
-
-    They are those of x = phi_0 + sum_j (a_k - initial)_j phi_j, see ``column_motion``, in the
-    wanted ``rows`` (m) of the frame's motion, the first m_p of them linear. The others, which no
-    column changes, are those of the axes S and dS (6, n).
-    """
-    p = len(a_k)
-    for i in range(len(rows)):
-        r = rows[i]
-        xd_hat[i] = Jdot_v[i] = 0.0
-        for t in range(len(v)):
-            column, rate = S[r, t], dS[r, t]
-            if r < 3:
-                column, rate = Phi[0, r, t], Phid[0, r, t]
-                for j in range(p):
-                    column += (a_k[j] - initial[j]) * Phi[j + 1, r, t]
-                    rate += (a_k[j] - initial[j]) * Phid[j + 1, r, t]
-            J[i, t], Jdot[i, t] = column, rate
-            xd_hat[i] += column * v[t]
-            Jdot_v[i] += rate * v[t]
-        for j in range(p):
-            Y_k[i, j] = phid[j + 1, r] if r < 3 else 0.0
-    for i in range(len(p_hat)):
-        r = rows[i]
-        p_hat[i] = phi[0, r]
-        for j in range(p):
-            p_hat[i] += (a_k[j] - initial[j]) * phi[j + 1, r]
-            X_k[i, j] = phi[j + 1, r]
-
-
-@compiled("void(f8[:], f8[:,:,:], i8[:], f8[:,:])")
-def add_column_rates(
-    a_k_rate: np.ndarray, Phi: np.ndarray, place: np.ndarray, Jdot: np.ndarray
-) -> None:
-    """Add sum_j da_j/dt Phi_j to the position rows, ``place`` (m_p), of dJ/dt (m, n)."""
-    for i in range(len(place)):
-        for j in range(len(a_k_rate)):
-            for t in range(Jdot.shape[1]):
-                Jdot[i, t] += a_k_rate[j] * Phi[j + 1, place[i], t]
-
-
-@compiled("void(f8[:,:,:], f8[:,:,:], f8[:], f8[:], i8[:], f8[:,:])")
-def column_accelerations(
-    Phi: np.ndarray,
-    Phid: np.ndarray,
     v: np.ndarray,
-    a: np.ndarray,
-    place: np.ndarray,
-    Y: np.ndarray,
+    N: np.ndarray,
+    D: np.ndarray,
+    G: np.ndarray,
+    z: np.ndarray,
+    Jdot: np.ndarray,
+    y: np.ndarray,
+    J: np.ndarray,
+    yd: np.ndarray,
+    Jdot_v: np.ndarray,
 ) -> None:
-    """Add Phi_j a + dPhi_j/dt v to the position rows, ``place`` (m_p), of columns Y (m, p)."""
-    for i in range(len(place)):
-        for j in range(Y.shape[1]):
-            for t in range(len(v)):
-                Y[i, j] += Phi[j + 1, place[i], t] * a[t] + Phid[j + 1, place[i], t] * v[t]
+    """Write y = N phi / z (m) with z = D phi, J, the rate of y, and dJ/dt v.
+
+    N is N_0 with a_j added at the places (j, row, column) of ``entries`` (k, 3), D (0, ..., 0, 1)
+    with them at those of ``depths``. G = (N - y D) / z, J = G Phi (m, n), Jdot = G dPhi/dt.
+    """
+    m, last = N.shape[0], N.shape[1] - 1
+    for i in range(m):
+        for c in range(last + 1):
+            N[i, c], D[i, c] = N_0[i, c], 0.0
+        D[i, last] = 1.0
+    for k in range(len(entries)):
+        N[entries[k, 1], entries[k, 2]] += a[entries[k, 0]]
+    for k in range(len(depths)):
+        D[depths[k, 1], depths[k, 2]] += a[depths[k, 0]]
+    for i in range(m):
+        top = depth = zd = yd[i] = Jdot_v[i] = 0.0
+        for c in range(last + 1):
+            top += N[i, c] * phi[c]
+            depth += D[i, c] * phi[c]
+            zd += D[i, c] * phid[c]
+        z[i] = max(depth, LEAST_DEPTH)
+        y[i] = top / z[i]
+        for t in range(len(v)):
+            J[i, t] = Jdot[i, t] = 0.0
+        for c in range(last):
+            g = G[i, c] = (N[i, c] - y[i] * D[i, c]) / z[i]
+            for t in range(len(v) if g != 0.0 else 0):
+                J[i, t] += g * Phi[c, t]
+                Jdot[i, t] += g * Phid[c, t]
+        for t in range(len(v)):
+            yd[i] += J[i, t] * v[t]
+            Jdot_v[i] += Jdot[i, t] * v[t]
+        Jdot_v[i] -= 2.0 * yd[i] * zd / z[i]
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:])", fills=2)
-def polarise(v: np.ndarray, v_r: np.ndarray, mean: np.ndarray, half: np.ndarray) -> None:
-    """Write (v + v_r) / 2 and (v - v_r) / 2 (n)."""
-    for t in range(len(mean)):
-        mean[t] = 0.5 * (v[t] + v_r[t])
-        half[t] = 0.5 * (v[t] - v_r[t])
+@compiled("void(i8[:,:], i8[:,:], f8[:], f8[:], f8[:], f8[:,:])")
+def map_regressor(
+    entries: np.ndarray,
+    depths: np.ndarray,
+    phi: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    X: np.ndarray,
+) -> None:
+    """Write the derivative (m, p) of (N phi - y D phi) / z by the parameters of ``output_map``."""
+    for i in range(len(X)):
+        for j in range(X.shape[1]):
+            X[i, j] = 0.0
+    for k in range(len(entries)):
+        i = entries[k, 1]
+        X[i, entries[k, 0]] += phi[entries[k, 2]] / z[i]
+    for k in range(len(depths)):
+        i = depths[k, 1]
+        X[i, depths[k, 0]] -= y[i] * phi[depths[k, 2]] / z[i]
 
 
-@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:])", fills=2)
-def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
-    """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
-    for i in range(len(tau)):
-        x = 0.0
-        for j in range(len(pi)):
-            y = Y[i, j] - Y_0[i, j]
-            Y[i, j] = y
-            x += y * pi[j]
-        tau[i] = x
+@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:])")
+def add_products(
+    A: np.ndarray, x: np.ndarray, B: np.ndarray, y: np.ndarray, out: np.ndarray
+) -> None:
+    """Add A x + B y to the first entries of a vector."""
+    for i in range(len(A)):
+        for t in range(len(x)):
+            out[i] += A[i, t] * x[t] + B[i, t] * y[t]
+
+
+@compiled("void(f8[:], i8[:,:], f8[:,:], f8[:], f8[:,:])")
+def add_map_rates(
+    rate: np.ndarray, entries: np.ndarray, Phi: np.ndarray, z: np.ndarray, Jdot: np.ndarray
+) -> None:
+    """Add dN/dt Phi / z to dJ/dt (m, n), for the rates (p) of the parameters of N."""
+    for k in range(len(entries)):
+        i = entries[k, 1]
+        for t in range(Jdot.shape[1] if entries[k, 2] < len(Phi) else 0):
+            Jdot[i, t] += rate[entries[k, 0]] * Phi[entries[k, 2], t] / z[i]
 
 
 @compiled(
@@ -292,45 +278,6 @@ def add_joint_effects(
                     tau[i] += directions[k - n, i] * values[c, k] * f
                     if j >= 0:
                         Y[i, p + j] = directions[k - n, i] * f
-
-
-@compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:], f8, f8[:,:], f8[:,:], f8, f8, f8[:,::1], f8[:,::1], "
-    "f8[:,::1])",
-    fills=3,
-)
-def filtered_regressor(
-    Y_M: np.ndarray,
-    Y_0: np.ndarray,
-    p_0: np.ndarray,
-    tau_0: np.ndarray,
-    bandwidth: float,
-    Z: np.ndarray,
-    before: np.ndarray,
-    held: float,
-    share: float,
-    u: np.ndarray,
-    Z_now: np.ndarray,
-    W: np.ndarray,
-) -> None:
-    """Write u = lambda Y_M - Y_0, Z at its time, and W = lambda Y_M - Z (n, p + 1).
-
-    Since the given Z it has moved by held (before - Z) + share (u - before). The last column is
-    that of the known parts p_0 and tau_0 (n), in place of Y_M and Y_0 (n, p).
-    """
-    n, p = Y_M.shape
-    for i in range(n):
-        for j in range(p):
-            momentum = bandwidth * Y_M[i, j]
-            u[i, j] = momentum - Y_0[i, j]
-            Z_now[i, j] = Z[i, j] + held * (before[i, j] - Z[i, j])
-            Z_now[i, j] += share * (u[i, j] - before[i, j])
-            W[i, j] = momentum - Z_now[i, j]
-        momentum = bandwidth * p_0[i]
-        u[i, p] = momentum - tau_0[i]
-        Z_now[i, p] = Z[i, p] + held * (before[i, p] - Z[i, p])
-        Z_now[i, p] += share * (u[i, p] - before[i, p])
-        W[i, p] = momentum - Z_now[i, p]
 
 
 @compiled(

@@ -228,9 +228,18 @@ class LeastSquares(Adaptation):
         P, W, residual = self._gain(estimate), drive.W, drive.residual
         if W is None or residual is None or len(P) > _SMALL:
             return self.rate(estimate, drive).value
-        (R_0, g), slope = self._started(drive), empty(len(P))
-        kernels.fit_rate(P, W, residual, R_0, g, self._rate, self._floor, slope)
-        return slope
+        return self._small_step(P, drive, W, residual, 0.0)[0]
+
+    def _small_step(
+        self, P: np.ndarray, drive: Drive, W: np.ndarray, residual: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean of da/dt (p) over dt [s], and P (p, p) after it."""
+        (R_0, g), slope, gain = self._started(drive), empty(len(P)), empty(self._shape)
+        kernels.fit(
+            P, W, residual, R_0, g, self._rate, self._floor,
+            dt, self._prior, math.exp(-self.forgetting * dt), slope, gain,
+        )  # fmt: skip
+        return slope, gain
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
@@ -238,12 +247,8 @@ class LeastSquares(Adaptation):
         if W is None or residual is None:
             return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
         if self.directional and len(P) <= _SMALL:
-            (R_0, g), after, gain = self._started(drive), empty(len(P)), empty(self._shape)
-            kernels.fit(
-                estimate.value, P, W, residual, R_0, g, self._rate, self._floor,
-                dt, self._prior, math.exp(-self.forgetting * dt), after, gain,
-            )  # fmt: skip
-            return Estimate(after, (gain,))
+            slope, gain = self._small_step(P, drive, W, residual, dt)
+            return Estimate(estimate.value + dt * slope, (gain,))
         R, P_W = self.weight(drive, P), P.dot(W.T)
         # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
         inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)

@@ -90,6 +90,9 @@ class MatrixInequality:
         self._flat = flat
         self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i
         self._dual_T = np.ascontiguousarray(self._dual.T)
+        origin = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
+        dual = _entries(self._dual.reshape(self.F.shape))
+        self._constants = (self._p, *_entries(self.F), *dual, origin)
 
     @classmethod
     def from_file(cls, path: Path) -> MatrixInequality:
@@ -141,9 +144,9 @@ class MatrixInequality:
             X: (k p, l).
             gamma: (k) factors of the blocks.
         """
-        P = gamma[:, None, None] ** 0.5 * self.matrices(a)
-        moved = P[:, None] @ self._dual.reshape(self.F.shape) @ P[:, None]
-        blocks = moved.reshape(self.blocks, self._p, -1).dot(self._dual_T)
+        P, size = gamma[:, None, None] ** 0.5 * self.matrices(a), self._n**2
+        both = P[:, :, None, :, None] * P[:, None, :, None, :]  # P L P is this times L
+        blocks = self._dual @ both.reshape(-1, size, size) @ self._dual_T
         return np.asarray((blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape))
 
     def contains(self, a: np.ndarray) -> bool:
@@ -160,12 +163,9 @@ class MatrixInequality:
         third order, and positive definite for any h, as E is regular. A step longer than ``most``
         in the log-det metric is shortened to that length.
         """
-        P, L = self.matrices(a), self.covectors(g)
-        A = P @ L
-        length = h * math.sqrt(abs(np.vdot(A, A.swapaxes(1, 2))))
-        Z = 0.5 * h * (most / length if length > most else 1.0) * A
-        E = np.eye(self._n) - Z + 0.5 * Z @ Z
-        return a + self.components(E @ P @ E.swapaxes(1, 2) - P)
+        after = empty(a.size)
+        kernels.follow_geodesic(a, g, *self._constants, h, most, after)
+        return after
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return the initial estimate a (k p) if it satisfies the inequality.
@@ -181,6 +181,12 @@ class MatrixInequality:
                 hint="Start from an estimate inside, or use gradient adaptation.",
             )
         return a
+
+
+def _entries(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places (k, 3) and values (k) of what is more than rounding in F (p, n, n)."""
+    some = np.abs(F) > np.finfo(float).eps * np.abs(F).max()
+    return np.argwhere(some), F[some]
 
 
 class BodyInequality(MatrixInequality):
@@ -204,21 +210,6 @@ class BodyInequality(MatrixInequality):
             least_mass=positive(least_mass, "least_mass", error=InputError),
             least_radius=positive(least_radius, "least_radius", error=InputError),
         )
-
-    def follow_geodesic(
-        self, a: np.ndarray, g: np.ndarray, h: float, most: float = math.inf
-    ) -> np.ndarray:
-        """Return the parameters (10 k) of P+ = exp(-h P L) P, by the explicit form of P and L."""
-        after = empty(a.size)
-        kernels.follow_geodesic_of_bodies(a, g, h, most, after)
-        return after
-
-    def metric_inverse_times(self, a: np.ndarray, X: np.ndarray, gamma: np.ndarray) -> np.ndarray:
-        """Return the product (10 k, l), by the explicit form of P and L."""
-        X = np.ascontiguousarray(X, dtype=float)
-        product = empty(X.shape)
-        kernels.gain_of_bodies_times(a, gamma, X, product)
-        return product
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return a (10 k) with unphysical bodies made physical; a warning names them."""

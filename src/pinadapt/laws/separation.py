@@ -376,7 +376,7 @@ def _turning(s: Signals, beta: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
     eta, dx, xd, delta = s.filtered.eta, s.dx.copy(), s.xd_hat.copy(), np.zeros(s.dx.size)
     dx[3:] = pin.log3(pin.exp3(eta) @ pin.exp3(dx[3:]))
     xd[3:] -= beta * eta
-    delta[3:] = rotation_drift(dx[3:].tolist(), xd[3:].tolist(), s.xd_d[3:].tolist())
+    delta[3:] = rotation_drift(dx[3:], xd[3:], s.xd_d[3:])
     return dx, xd, delta
 
 

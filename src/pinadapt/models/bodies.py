@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from .._checks import instance, name_list
 from .._kernels import models as kernels
-from ..description.chain import are_physical, is_slide
+from ..description.chain import are_physical
 from ..exceptions import REFUSED, ArrayError, ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
@@ -21,7 +21,6 @@ from .dynamics import Dynamics
 from .regressor import LABELS, PER_BODY, UNITS, Momentum, Regressor, inertial_parameters
 
 _VISIBLE = 1e-4  # a body's least radius over the distance of its centre of mass from the joint
-_ONE_KILOGRAM = np.eye(PER_BODY)[0]  # ten parameters of a point mass at the joint
 
 
 class InertialModel:
@@ -30,23 +29,21 @@ class InertialModel:
     RNEA and CRBA are linear in the parameters pi, but ``pin.Inertia`` cannot represent a body
     without mass, and CRBA cannot sum bodies to a mass that is not positive. For such parameters a
     ballast u of one kilogram a body is added c times and its effect subtracted:
-    M(pi) = M(pi + c u) - c M(u), exactly, for every pi. In a chain of revolute joints there is a
-    ballast without effect; see ``_unfelt_ballast``.
+    M(pi) = M(pi + c u) - c M(u), exactly, for every pi.
     """
 
     def __init__(self, model: pin.Model) -> None:
         """Copy a chain's model."""
         self._model, self._ballast_model = model.copy(), model.copy()
         self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
-        self._inertias, self._tens = self._model.inertias, np.zeros((model.nv, PER_BODY))
-        self._bodies = list(enumerate(self._tens, 1))  # joint and its row of ten parameters, a view
-        self._pi, self._written = inertial_parameters(model), True
-        slides = any(is_slide(joint) for joint in model.joints[1:])
-        self._ballast = np.tile(_ONE_KILOGRAM, model.nv) if slides else _unfelt_ballast(model)
-        for joint, ten in enumerate(self._ballast.reshape(-1, PER_BODY), 1):
-            self._ballast_model.inertias[joint] = pin.Inertia.FromDynamicParameters(ten)
-        self._ballast_model.armature = np.zeros(model.nv)
-        self._c, self._felt = 0.0, slides
+        self._inertias, self._ballast_model.armature = self._model.inertias, np.zeros(model.nv)
+        self._pi, self._written, self._c = inertial_parameters(model), True, 0.0
+        self._tens = self._pi.copy()
+        self._bodies = list(enumerate(self._tens.reshape(-1, PER_BODY), 1))  # views
+        self._ballast = np.tile(np.eye(PER_BODY)[0], model.nv)  # point masses at the joints
+        for joint in range(1, model.njoints):
+            point = pin.Inertia.FromDynamicParameters(self._ballast[:PER_BODY])
+            self._ballast_model.inertias[joint] = point
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -81,7 +78,7 @@ class InertialModel:
             tau = pin.rnea(self._model, self._data, q, v, a)
         except REFUSED as error:
             raise ArrayError from error
-        if self._felt and self._c:
+        if self._c:
             tau -= self._c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
         return tau
 
@@ -93,27 +90,9 @@ class InertialModel:
             M = pin.crba(self._model, self._data, q)
         except REFUSED as error:
             raise ArrayError from error
-        if self._felt and self._c:
+        if self._c:
             M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
         return M
-
-
-def _unfelt_ballast(model: pin.Model) -> np.ndarray:
-    """Return inertial parameters (10 n) that give each body mass without changing the torques.
-
-    Revolute joints only. A point mass of one kilogram on a joint's axis may belong to either of
-    the two bodies that the joint connects. Adding it to the body after the joint and subtracting
-    it from the body before therefore has no effect. Before the first joint is the base.
-    """
-    n = model.nv
-    ballast = np.zeros((n, PER_BODY))
-    for body in range(n):
-        moved = n - body
-        ballast[body] += moved * _ONE_KILOGRAM
-        if body:
-            at = pin.Inertia(1.0, model.jointPlacements[body + 1].translation, np.zeros((3, 3)))
-            ballast[body - 1] -= moved * at.toDynamicParameters()
-    return ballast.ravel()
 
 
 class InertialDynamics(Dynamics):

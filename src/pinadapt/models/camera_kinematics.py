@@ -90,7 +90,10 @@ class CameraKinematics(ProjectedKinematics):
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""
         cameras = np.zeros((self._below[0], 3, 4))
-        for (camera, row), *rows in zip(self.task.picks, *self._matrices(a_k), strict=True):
+        D = np.ones(self._shape)
+        D[:, :-1] = a_k[self._split :].reshape(self._below)[self._camera]
+        N = a_k[: self._split].reshape(self._shape)
+        for (camera, row), *rows in zip(self.task.picks, N, D, strict=True):
             for place, found in zip((row, 2), rows, strict=True):
                 cameras[camera, place] = *found[:3], found[-1] - found[:3].dot(self._home[:3])
         given = tuple(tuple(map(tuple, H.tolist())) for H in cameras)

@@ -8,9 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-from numpy import empty
 
-from .._kernels import models as kernels
 from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
 from .joint_effects import JointEffects, without_joint_effects
@@ -214,14 +212,8 @@ class StackedDynamics(Dynamics):
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g + friction (n)."""
-        joints, none, tau = self.joints, empty((self._n, 0)), empty(self._n)
-        tau_b, Y, g = (
-            self._inertial.torque(q, v, a),
-            empty((self._n, joints.size)),
-            joints.loads(q),
-        )
-        kernels.add_joint_effects(self._values, *joints.tables, v, a, g, 1.0, none, tau_b, Y, tau)
-        return tau
+        tau, joints = self._inertial.torque(q, v, a), self.joints
+        return joints.added(self._values, q, v, a, 1.0, joints.nothing, tau)[1]
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
@@ -233,36 +225,19 @@ class StackedDynamics(Dynamics):
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
-        return self.joints.regressor(q, v, a, self._inertial.regressor(q, v, a))
+        Y, joints = self._inertial.regressor(q, v, a), self.joints
+        return joints.added(joints.known, q, v, a, 1.0, Y, joints.zero)[0]
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g + friction (n) at the estimate."""
-        Y_b, tau_b = self._inertial.slotine_li(q, v, v_r, a_r)
-        joints, Y, tau = self.joints, empty((self._n, self.size)), empty(self._n)
-        g = joints.loads(q) if joints.loaded else joints.zero
-        kernels.add_joint_effects(
-            self._values, *joints.tables, v_r, a_r, g, 1.0, Y_b, tau_b, Y, tau
-        )
-        return Y, tau
+        bodies = self._inertial.slotine_li(q, v, v_r, a_r)
+        return self.joints.added(self._values, q, v_r, a_r, 1.0, *bodies)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return momentum and rest of the torque.
-
-        Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
-        """
-        Y_Mb, Y_0b, p_0b, tau_0b = self._inertial.momentum(q, v)
-        joints, n, size = self.joints, self._n, self.size
-        Y_M, Y_0, p_0, tau_0 = empty((n, size)), empty((n, size)), empty(n), empty(n)
-        g, zero = joints.loads(q) if joints.loaded else joints.zero, joints.zero
-        kernels.add_joint_effects(
-            joints.known, *joints.tables, zero, v, g, 0.0, Y_Mb, p_0b, Y_M, p_0
-        )
-        kernels.add_joint_effects(
-            joints.known, *joints.tables, v, zero, g, 1.0, Y_0b, tau_0b, Y_0, tau_0
-        )
-        return Momentum(Y_M, Y_0, p_0, tau_0)
+        """Return momentum and rest of the torque; see ``JointEffects.momentum``."""
+        return self.joints.momentum(q, v, self._inertial.momentum(q, v))
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain; None if a block has none."""

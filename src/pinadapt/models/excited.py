@@ -23,7 +23,6 @@ from .regressor import LABELS, PER_BODY
 
 TOLD_APART = 0.01  # share of the torques from which a combination is identifiable in practice
 _QUIET = 0.01  # of the most loaded joint's torque: the least one that a joint's are compared with
-_NONE = 1e-30  # [N m or N] where there is no torque at all; its square is still a number
 _NONE = 1e-12  # [N m or N] up to which there is no torque
 _LEAST = 1e-3  # of the largest typical parameter: the least scale of one
 _LEAST_MASS, _LEAST_RADIUS = 1e-6, 1e-3  # [kg], [m] of bodies that a description leaves without

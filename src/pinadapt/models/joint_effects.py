@@ -97,7 +97,7 @@ class JointEffects:
         tables: column (6, m) of each coefficient among the parameters, -1 where it is known; shape
             of the friction (3, m); D (m - n, n); as the kernel ``add_joint_effects`` takes them.
         loaded: whether the friction depends on the load of the gears.
-        zero: (n) zeros.
+        zero, nothing: (n) zeros, and a matrix (n, 0).
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str] = ALL) -> None:
@@ -133,6 +133,7 @@ class JointEffects:
         self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self._model, self.zero = friction.bodies or robot.model, np.zeros(self._n)
+        self.nothing = np.zeros((self._n, 0))
         self.loaded = friction.loaded or KINDS.index("gear_friction") in self._kinds
         self._data = self._model.createData() if self.loaded else None
 
@@ -141,27 +142,42 @@ class JointEffects:
         state = {**self.__dict__, "_data": None if self._data is None else self._model}
         return _restored, (state,)
 
-    def regressor(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, inertial: np.ndarray
-    ) -> np.ndarray:
-        """Return (n, p_b + p): an inertial regressor (n, p_b), then the unknown coefficients'."""
-        Y = empty((self._n, inertial.shape[1] + self.size))
-        kernels.add_joint_effects(
-            self.known, *self.tables, v, a, self.loads(q), 1.0, inertial, self.zero, Y,
-            empty(self._n),
-        )  # fmt: skip
-        return Y
+    def added(
+        self,
+        values: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        one: float,
+        Y_b: np.ndarray,
+        tau_b: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return [Y_b, Y_j] (n, p_b + p), and tau_b with the joints' torque added (n).
 
-    def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
-        """Return momentum and rest of the joints alone, as ``StackedDynamics.momentum`` adds them.
+        Args:
+            values: (6, m) coefficients of all kinds and shafts, for the torque.
+            q: (nq) configuration.
+            v: (n) joint velocity [rad/s or m/s].
+            a: (n) joint acceleration [rad/s^2 or m/s^2].
+            one: factor of a constant torque, zero for the momentum.
+            Y_b: (n, p_b) regressor of the bodies.
+            tau_b: (n) torque of the bodies.
+        """
+        Y, tau = empty((self._n, Y_b.shape[1] + self.size)), empty(self._n)
+        kernels.add_joint_effects(
+            values, *self.tables, v, a, self.loads(q), one, Y_b, tau_b, Y, tau
+        )
+        return Y, tau
+
+    def momentum(self, q: np.ndarray, v: np.ndarray, bodies: Momentum | None = None) -> Momentum:
+        """Return momentum and rest of the joints, added to those of the bodies if there are any.
 
         Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
-        n, zero, none = self._n, self.zero, empty((self._n, 0))
-        Y_M, Y_0, p_0, tau_0 = empty((n, self.size)), empty((n, self.size)), empty(n), empty(n)
-        g, tables = self.loads(q), self.tables
-        kernels.add_joint_effects(self.known, *tables, zero, v, g, 0.0, none, zero, Y_M, p_0)
-        kernels.add_joint_effects(self.known, *tables, v, zero, g, 1.0, none, zero, Y_0, tau_0)
+        zero = self.zero
+        Y_M, Y_0, p_0, tau_0 = bodies or (self.nothing, self.nothing, zero, zero)
+        Y_M, p_0 = self.added(self.known, q, zero, v, 0.0, Y_M, p_0)
+        Y_0, tau_0 = self.added(self.known, q, v, zero, 1.0, Y_0, tau_0)
         return Momentum(Y_M, Y_0, p_0, tau_0)
 
     def loads(self, q: np.ndarray) -> np.ndarray:

@@ -7,8 +7,14 @@ frame, at the position p, by s + w x (p - o), with o the origin of what is place
     x = phi_0(q) + sum_j (a_j - a_0j) phi_j(q),   phi_0 = p,   phi_j = s_j + w_j x (p - o_j),
 
 everything in world axes, a_0 as described. For shifts that is exact, for turns the remainder is of
-second order. Unknown translations, lengths, and the whole geometry are choices of columns. The task
-velocity is xdot = Y_k(q, v) a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
+second order. Unknown translations, lengths, and the whole geometry are choices of columns. What a
+sensor sees is an output map on top of them, with phi the phi_j one after the other and a one,
+
+    y = N phi(q) / (D phi(q)),
+
+row by row, where N and D are affine in the parameters. In world axes, D phi = 1 and the rows of N
+are 1 and a_j - a_0j; trackers and cameras have other maps. The task velocity is xdot = Y_k(q, v)
+a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 """
 
 from __future__ import annotations
@@ -27,7 +33,7 @@ from ..description.chain import is_slide
 from ..description.urdf_writer import axis_of
 from ..exceptions import REFUSED, ArrayError, ParameterError, RobotError
 from ..robot.robot import Robot
-from ..tasks.frame import PositionTask, quaternion
+from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .basis import base_parameters
 from .regressor import live_array
 from .task_kinematics import TaskKinematics
@@ -155,9 +161,9 @@ class ColumnMotion:
     """What the columns of a chain move the frame by, with derivatives: see ``column_motion``.
 
     Attributes:
-        phi, phid: (1 + p, 3) of the last update, and its rate.
-        Phi, Phid: (1 + p, 3, n) dphi/dq and its rate.
-        every: these four.
+        home: (3 (1 + p)) values of phi from which it is counted, by default zeros.
+        phi, phid: (3 (1 + p) + 1) phi_0, ..., phi_p of the last update, then a one; its rate.
+        Phi, Phid: (3 (1 + p), n) dphi/dq without that last row, and its rate.
         axes, axis_rates: (6, n) of the joints, as motions at the world's origin; views.
     """
 
@@ -165,19 +171,20 @@ class ColumnMotion:
         """Use a nominal robot and its columns."""
         self._model, self._frame = robot.model.copy(), robot.frame_id
         self._data = data = self._model.createData()
-        n, p = self._model.nv, len(columns.names)
-        places = [placement_of(self._model, self._frame, None), *self._model.jointPlacements]
-        origins = np.array([place.translation for place in places])
-        of = origins[columns.joints % self._model.njoints + (columns.joints < self._model.njoints)]
+        n, parts = self._model.nv, 1 + len(columns.names)
+        lever = placement_of(self._model, self._frame, None).translation
+        origins = [place.translation for place in [*self._model.jointPlacements[1:]]]
+        of = np.array([*origins, lever])[columns.joints - 1]
         at_parent = columns.motions.copy()
         at_parent[:3] += np.cross(of, columns.motions[3:].T).T
         self.axes, self.axis_rates = data.J.reshape(6, n), data.dJ.reshape(6, n)
-        lever = placement_of(self._model, self._frame, None).translation
         joints = *_live_placements(data), self.axes, self.axis_rates
-        self._given = *joints, lever, columns.joints - 1, at_parent
-        self.phi, self.phid = empty((1 + p, 3)), empty((1 + p, 3))
-        self.Phi, self.Phid = empty((1 + p, 3, n)), empty((1 + p, 3, n))
-        self.every = self.phi, self.phid, self.Phi, self.Phid
+        self.home = np.zeros(3 * parts)
+        self._given = *joints, lever, columns.joints - 1, at_parent, self.home
+        self.phi, self.phid = np.ones(3 * parts + 1), np.zeros(3 * parts + 1)
+        self.Phi, self.Phid = empty((2, 3 * parts, n))
+        matrices = (each.reshape(parts, 3, n) for each in (self.Phi, self.Phid))
+        self._filled = self.phi[:-1], self.phid[:-1], *matrices, empty((4, 3))
 
     def update(self, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at a configuration q (nq) and velocity v (nv)."""
@@ -185,7 +192,7 @@ class ColumnMotion:
             pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         except REFUSED as error:
             raise ArrayError from error
-        kernels.column_motion(*self._given, v, *self.every)
+        kernels.column_motion(*self._given, v, *self._filled)
 
     def rotation(self) -> np.ndarray:
         """Return the rotation (3, 3) of the frame."""
@@ -193,21 +200,142 @@ class ColumnMotion:
 
 
 class LinearKinematics(TaskKinematics):
-    """What all kinematics of a frame have in common: columns, and the motion that they cause."""
+    """The estimated coordinates y = N phi(q) / (D phi(q)) of the task frame.
+
+    J = (N - y_hat D) Phi / z_hat is the exact Jacobian of the estimated coordinates, where dphi/dt
+    = Phi v and z_hat = D phi; ``Y_k`` is for y_hat and z_hat as they are. The rotation rows of a
+    pose are R_c times the angular velocity in the axes of the base, with R_c the first three
+    columns of N.
+    """
+
+    task: FrameTask
 
     def _take(self, robot: Robot, columns: Columns) -> None:
         """Take a nominal robot with the task of its frame, and its columns."""
         self.robot, self.frame, self.joint_names = robot.undrawn(), robot.frame, robot.joint_names
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
-        self.columns = columns
+        self.task, self.columns = robot.frame_task, columns
+        self.positions, self._turns = self.task.positions, self.task.size > self.task.positions
         self.motion, self.past = ColumnMotion(robot, columns), ColumnMotion(robot, columns)
         self.still = np.zeros(self.nv)
 
-    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
-        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
-        if self.nq == self.nv:
-            return q_0 + share * (q_1 - q_0)
-        return np.asarray(pin.interpolate(self.robot.model, q_0, q_1, share))
+    def _map(self, N_0: np.ndarray, entries: np.ndarray, depths: np.ndarray) -> None:
+        """Take a map N, D (m_p, 4 + 3 k) whose entries are parameters, beside constants.
+
+        Args:
+            N_0: (m_p, 4 + 3 k) constants of N; those of D are (0, ..., 0, 1).
+            entries: (., 3) parameter, row and column of each entry of N that a parameter adds to.
+            depths: (., 3) the same of D; none where D phi = 1.
+        """
+        self._entries, self._depths, self._map_of = entries, depths, (N_0, entries, depths)
+        self._N, self._D, G = np.empty((3, *N_0.shape))
+        self._G, self._z, self._Jdot = G, empty(self.positions), empty((self.positions, self.nv))
+        self._known = self.motion.phi, self.motion.phid, self.motion.Phi, self.motion.Phid
+        self._kept = self._N, self._D, self._G, self._z, self._Jdot
+
+    def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
+        motion, m = self.motion, self.positions
+        motion.update(q, v)
+        J, p_hat, xd, Jdot_v = empty((m, self.nv)), empty(m), empty(m), empty(m)
+        kernels.output_map(a_k, *self._map_of, *self._known, v, *self._kept, p_hat, J, xd, Jdot_v)
+        X_k = self._regressor(motion.phi, p_hat, self._z)
+        Y_k = self._regressor(motion.phid, p_hat, self._z)
+        if self._turns:
+            R, axes, rates = self._N[:, :3], motion.axes[3:], motion.axis_rates[3:]
+            J = np.concatenate([J, R @ axes])
+            xd = np.concatenate([xd, R @ axes.dot(v)])
+            Jdot_v = np.concatenate([Jdot_v, R @ rates.dot(v)])
+            Y_k = np.concatenate([Y_k, self._turning(axes.dot(v))])
+        self.a_k, self._v, self.p_hat, self.X_k, self.Y_k = a_k, v, p_hat, X_k, Y_k
+        self.J, self.xd_hat, self.Jdot_v = J, xd, Jdot_v
+
+    def _regressor(self, phi: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Return the matrix (m_p, p) of (dN phi - y dD phi) / z for changes of the parameters."""
+        X = empty((self.positions, self.size))
+        kernels.map_regressor(self._entries, self._depths, phi, y, z, X)
+        return X
+
+    def _matrix(self, places: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the matrix (m_p, 4 + 3 k) with parameters a (p) at their places alone."""
+        found = np.zeros(self._N.shape)
+        found[places[:, 1], places[:, 2]] = a[places[:, 0]]
+        return found
+
+    def _turning(self, angular: np.ndarray) -> np.ndarray:
+        """Return the matrix (3, p) that gives dR_c times a vector (3) from changes of a_k."""
+        phi = np.zeros(self.motion.phi.size)
+        phi[:3] = angular
+        return self._regressor(phi, np.zeros(3), np.ones(3))
+
+    @property
+    def y_k0(self) -> np.ndarray:
+        """The known part (m) of the velocity, J v = Y_k a_k + y_k0 [m/s, rad/s]."""
+        return self.xd_hat - self.Y_k.dot(self.a_k)
+
+    @property
+    def x_hat(self) -> np.ndarray:
+        """The estimated positions (m) [m], or position and quaternion xyzw (7) of a pose."""
+        return self._coordinates(self.p_hat, self.motion)
+
+    def _coordinates(self, p_hat: np.ndarray, motion: ColumnMotion) -> np.ndarray:
+        """Return the task coordinates at estimated positions (m_p) and a motion of the arm."""
+        if not self._turns:
+            return p_hat
+        return np.concatenate([p_hat, quaternion(self._axes() @ motion.rotation())])
+
+    def _axes(self) -> np.ndarray:
+        """Return R_c (3, 3), a rotation."""
+        return np.eye(3)
+
+    def explaining(self, x: np.ndarray) -> np.ndarray:
+        """Return X (m_p, p) with p_hat - x = X da_k, exactly, for measured coordinates x."""
+        return self._regressor(self.motion.phi, x, self._z)
+
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
+
+        The estimate is that of the last update. The attributes do not change.
+        """
+        self.past.update(q, self.still)
+        phi = self.past.phi
+        z = np.maximum(self._D.dot(phi), kernels.LEAST_DEPTH)
+        y = self._N.dot(phi) / z
+        X = self._regressor(phi, y if seen is None else seen, z)
+        return self._coordinates(y, self.past), X
+
+    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
+        """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate.
+
+        Without the second part (17) of Wang and Xie does not hold.
+        """
+        motion, found = self.motion, self._Jdot.copy()
+        kernels.add_map_rates(a_k_rate, self._entries, motion.Phi, self._z, found)
+        if len(self._depths):
+            D_rate = self._matrix(self._depths, a_k_rate)
+            yd = self.xd_hat[: self.positions] + self.X_k.dot(a_k_rate)
+            zd = self._D.dot(motion.phid) + D_rate.dot(motion.phi)
+            less = yd[:, None] * self._D + self.p_hat[:, None] * D_rate + zd[:, None] * self._G
+            found -= (less[:, :-1] / self._z[:, None]).dot(motion.Phi)
+        if not self._turns:
+            return found
+        R_rate = self._matrix(self._entries, a_k_rate)[:, :3]
+        turned = R_rate @ motion.axes[3:] + self._N[:, :3] @ motion.axis_rates[3:]
+        return np.concatenate([found, turned])
+
+    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
+        """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
+        motion, phidd = self.motion, np.zeros(self.motion.phi.size)
+        kernels.add_products(motion.Phi, a, motion.Phid, self._v, phidd)
+        found = self._regressor(phidd, self.p_hat, self._z)
+        if len(self._depths):  # what the rate of y adds
+            yd = 2.0 * self.xd_hat
+            found += self._regressor(motion.phid, yd, self._z)
+            found -= self._regressor(motion.phid, 0.0 * yd, self._z)
+        if not self._turns:
+            return found
+        turning = motion.axes[3:].dot(a) + motion.axis_rates[3:].dot(self._v)
+        return np.concatenate([found, self._turning(turning)])
 
     def base(self, samples: int = 50) -> int:
         """Return the number of identifiable combinations of the parameters: the rank of Y_p."""
@@ -239,10 +367,9 @@ class LinearKinematics(TaskKinematics):
 
 
 class FrameKinematics(LinearKinematics):
-    """The estimated kinematics of the task frame, with columns as parameters.
+    """The estimated kinematics of the task frame in world axes, with columns as parameters.
 
-    Everything is in world axes (LOCAL_WORLD_ALIGNED), with the rows of the task only. For a pose
-    the rotation rows of Y_k are zero, as orientation does not depend on translations.
+    For a pose the rotation rows of Y_k are zero, as orientation does not depend on translations.
     """
 
     def __init__(self, robot: Robot, unknown: str | Sequence[str | Translation] = ()) -> None:
@@ -269,78 +396,23 @@ class FrameKinematics(LinearKinematics):
             else columns_of_translations(robot, self.translations)
         )
         self._take(robot, columns)
-        self.task, self.names, self.size = robot.task, columns.names, len(columns.names)
-        self._turns, self.positions = task.size > task.positions, task.positions
-        self._place_rows, self._rows = np.arange(3)[task.place], np.arange(6)[task.rows]
+        self.names, self.size = columns.names, len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
-        self._J_shape = (task.size, self.nv)
-        self._Y_shape, self._X_shape = (task.size, self.size), (task.positions, self.size)
+        N_0, entries = np.zeros((self.positions, self.motion.phi.size)), []
+        for i, row in enumerate(range(3)[task.place]):
+            N_0[i, row], N_0[i, 3 + row : -1 : 3] = 1.0, -self.initial
+            entries += [(j, i, 3 * (1 + j) + row) for j in range(self.size)]
+        self._map(N_0, places_of(entries), places_of([]))
         self.update(self.initial, robot.q0, self.still)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
         return FrameKinematics, (self.robot, GEOMETRY if self._whole else self.translations)
 
-    def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
-        """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        motion, m, m_p = self.motion, len(self._rows), self.positions
-        motion.update(q, v)
-        J, Jdot, Jdot_v, xd_hat = empty(self._J_shape), empty(self._J_shape), empty(m), empty(m)
-        Y_k, p_hat, X_k = empty(self._Y_shape), empty(m_p), empty(self._X_shape)
-        kernels.affine_motion(
-            a_k, self.initial, motion.axes, motion.axis_rates, v, self._rows, *motion.every,
-            J, Jdot, Jdot_v, xd_hat, Y_k, p_hat, X_k,
-        )  # fmt: skip
-        self.J, self._Jdot, self.Jdot_v, self.xd_hat = J, Jdot, Jdot_v, xd_hat
-        self.Y_k, self.p_hat, self.X_k = Y_k, p_hat, X_k
-        self.a_k, self._v = a_k, v
-
-    @property
-    def y_k0(self) -> np.ndarray:
-        """The known part (m) of the velocity, J v = Y_k a_k + y_k0 [m/s, rad/s]."""
-        return self.xd_hat - self.Y_k.dot(self.a_k)
-
     @property
     def units(self) -> tuple[str, ...]:
         """The unit of each parameter (p)."""
         return tuple("rad" if turn.any() else "m" for turn in self.columns.motions[3:].T)
-
-    @property
-    def x_hat(self) -> np.ndarray:
-        """The estimated positions (m) [m], or position and quaternion xyzw (7) of a pose."""
-        return self._coordinates(self.p_hat, self.motion)
-
-    def _coordinates(self, p_hat: np.ndarray, motion: ColumnMotion) -> np.ndarray:
-        if not self._turns:
-            return p_hat
-        return np.concatenate([p_hat, quaternion(motion.rotation())])
-
-    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
-
-        The estimate is that of the last update. The attributes do not change.
-        """
-        past = self.past
-        past.update(q, self.still)
-        found = past.phi[:, self._place_rows].T
-        X_k = found[:, 1:]
-        return self._coordinates(found[:, 0] + X_k.dot(self.a_k - self.initial), past), X_k
-
-    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
-        """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate.
-
-        J is affine in a_k, so the second part is linear in a_k_rate. Without it (17) of Wang and
-        Xie does not hold.
-        """
-        Jdot = self._Jdot.copy()
-        kernels.add_column_rates(a_k_rate, self.motion.Phi, self._place_rows, Jdot)
-        return Jdot
-
-    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
-        """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
-        motion, found = self.motion, np.zeros(self._Y_shape)
-        kernels.column_accelerations(motion.Phi, motion.Phid, self._v, a, self._place_rows, found)
-        return found
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot with the same chain.
@@ -352,7 +424,7 @@ class FrameKinematics(LinearKinematics):
         for _ in range(_SAMPLES):
             q = pin.integrate(self.robot.model, self.robot.q0, rng.uniform(-2.0, 2.0, self.nv))
             self.update(self.initial + start, q, self.still)
-            rows.append(np.zeros(self._Y_shape))
+            rows.append(np.zeros(self.Y_k.shape))
             rows[-1][: self.positions] = self.X_k * self.sizes
             off.append(self.task.error(robot.position(q), self.x_hat))
         W, y = np.concatenate(rows), np.concatenate(off)
@@ -370,6 +442,11 @@ class FrameKinematics(LinearKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of a model of the chain."""
         return self.initial + self.displacement(model)
+
+
+def places_of(entries: Sequence[tuple[int, int, int]]) -> np.ndarray:
+    """Return entries of a map (., 3): parameter, row and column of each."""
+    return np.array(entries, dtype=np.int64).reshape(-1, 3)
 
 
 def _live_placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -173,37 +172,26 @@ class LumpedRegressor(Regressor):
 
     def __init__(self, found: LumpedBasis) -> None:
         """Make one regressor a node."""
-        self._found = found
-        self._parts = [
-            (Regressor(model), slice(int(first), int(last)), columns.astype(np.int64))
-            for model, (first, last), columns in zip(
-                found.models,
-                pairwise(np.cumsum([0, *map(len, found.columns)])),
-                found.columns,
-                strict=True,
-            )
-        ]
-        self._shape = (found.models[0].nv, found.size)
+        self._found, self._parts = found, [Regressor(model) for model in found.models]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
         return LumpedRegressor, (self._found,)
 
+    def _side_by_side(self, found: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the base columns (n, p) of the regressors (n, 10 n) of all chains."""
+        pairs = zip(found, self._found.columns, strict=True)
+        return np.concatenate([Y[:, columns] for Y, columns in pairs], axis=1)
+
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, p)."""
-        Y = np.empty(self._shape)
-        for regressor, window, columns in self._parts:
-            Y[:, window] = regressor(q, v, a)[:, columns]
-        return Y
+        return self._side_by_side([part(q, v, a) for part in self._parts])
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> np.ndarray:
         """Return Y(q, v, v_r, a_r) (n, p)."""
-        Y = np.empty(self._shape)
-        for regressor, window, columns in self._parts:
-            Y[:, window] = regressor.slotine_li(q, v, v_r, a_r)[:, columns]
-        return Y
+        return self._side_by_side([part.slotine_li(q, v, v_r, a_r) for part in self._parts])
 
     def slotine_li_torque(
         self, pi: np.ndarray, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
@@ -214,11 +202,8 @@ class LumpedRegressor(Regressor):
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, p): M a + C v + g = d/dt (Y_M a) + Y_0 a, a the lumped vector."""
-        Y_M, Y_0 = np.empty(self._shape), np.empty(self._shape)
-        for regressor, window, columns in self._parts:
-            for own, Y in zip(regressor.momentum(q, v), (Y_M, Y_0), strict=True):
-                Y[:, window] = own[:, columns]
-        return Y_M, Y_0
+        Y_M, Y_0 = zip(*(part.momentum(q, v) for part in self._parts), strict=True)
+        return self._side_by_side(Y_M), self._side_by_side(Y_0)
 
 
 class LumpedModel(InertialModel):

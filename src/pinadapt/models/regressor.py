@@ -64,15 +64,17 @@ class Regressor:
         self, pi: np.ndarray, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y (n, 10 n) as ``slotine_li``, and the torque Y pi (n) at parameters pi (10 n)."""
-        mean, half, tau = empty(v.size), empty(v.size), empty(v.size)
-        kernels.polarise(v, v_r, mean, half)
+        mean = 0.5 * (v + v_r)
         try:
             Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
-            Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, half, self._zero)
+            Y_0 = pin.computeJointTorqueRegressor(
+                self._weightless, self._data, q, v - mean, self._zero
+            )
         except REFUSED as error:
             raise ArrayError from error
         if Y.ndim == 1:
             Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
+        tau = empty(v.size)
         kernels.polarised(Y_0, pi, Y, tau)
         return Y, tau
 

@@ -110,9 +110,9 @@ class TaskKinematics(ABC):
         """
         return self.X_k
 
-    @abstractmethod
     def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
         """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
+        return np.asarray(pin.interpolate(self.robot.model, q_0, q_1, share))
 
     @abstractmethod
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
@@ -192,10 +192,6 @@ class JointKinematics(TaskKinematics):
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the joint coordinates (nv) [rad or m] at q (nq), and an empty X_k (0, 0)."""
         return self.task.of(q), self.X_k
-
-    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
-        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
-        return np.asarray(pin.interpolate(self.robot.model, q_0, q_1, share))
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return zero (nv, nv)."""

@@ -70,6 +70,10 @@ class TrackerKinematics(ProjectedKinematics):
         """Copy by the arguments: Pinocchio's data is scratch."""
         return TrackerKinematics, (self.robot, self.translations)
 
+    def _axes(self) -> np.ndarray:
+        """Return the rotation (3, 3) nearest to R_c of the estimate."""
+        return orthonormal(self._N[:, :3])
+
     def parameters(self, tracker: Tracker) -> np.ndarray:
         """Return the parameters (p) of a tracker and translations."""
         R, t = tracker.placement.rotation, tracker.placement.translation

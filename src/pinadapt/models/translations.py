@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import instance, name_list
-from .._kernels import models as kernels
 from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
@@ -87,9 +86,6 @@ class PlacedTranslations:
         self._model = model  # owns the memory of the views
         self._parts = list(translations)
         self._live = [placement_of(model, frame, part.joint).translation for part in translations]
-        offsets = [np.array(part.offset, dtype=float) for part in translations]
-        directions = [self.directions[:, window] for window in self.windows]
-        self.places = list(zip(ends[:-1], directions, offsets, self._live, strict=True))
 
     def read(self) -> np.ndarray:
         """Return the parameters (p) of the model's placements."""
@@ -99,8 +95,8 @@ class PlacedTranslations:
 
     def write(self, theta: np.ndarray) -> None:
         """Write the placements of the parameters theta (p, floats) into the model."""
-        for first, directions, offset, translation in self.places:
-            kernels.place(theta, first, directions, offset, translation)
+        for part, window, translation in zip(self._parts, self.windows, self._live, strict=True):
+            translation[:] = part.at(theta[window])
 
 
 def unknown_translations(

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -59,7 +58,6 @@ class MujocoPlant(SimulatedPlant):
         actuators: Actuators | None = None,
         substeps: int | None = None,
         integrator: str | None = None,
-        drawn: bool = False,
     ) -> None:
         """Build the MuJoCo model.
 
@@ -71,8 +69,6 @@ class MujocoPlant(SimulatedPlant):
             actuators: how a commanded torque comes to the links; None: ideal ones.
             substeps: integration steps per ``step``; None: chosen.
             integrator: one of ``INTEGRATORS``; None: that of the file, "runge-kutta" without one.
-            drawn: add the visual geometry of the robot for the viewer of MuJoCo, which takes
-                seconds; files have their own.
 
         Raises:
             InputError: MuJoCo is not installed, unknown integrator, less than one substep, elastic
@@ -93,7 +89,7 @@ class MujocoPlant(SimulatedPlant):
                 where="integrator",
             )
         self._first, self.described = robot, mjcf is None
-        self._chain = chain_of(robot, drawn=drawn) if mjcf is None else mjcf.match(robot)
+        self._chain = chain_of(robot) if mjcf is None else mjcf.match(robot)
         self.model = self._chain.model
         self.data = mj.MjData(self.model)
         joints = list(self._chain.joints)
@@ -262,11 +258,11 @@ def mujoco_module() -> ModuleType:
     return mujoco
 
 
-def chain_of(robot: Robot, *, drawn: bool = False) -> MujocoChain:
+def chain_of(robot: Robot) -> MujocoChain:
     """Return a model with a body and a joint for each joint of a robot, and its frame as a site.
 
     Names are those of the robot. There are no collisions and no actuators. ``write_robot`` writes
-    the numbers. With ``drawn`` the model has the visual geometry of the robot.
+    the numbers.
     """
     mj, chain = mujoco_module(), robot.model
     spec = mj.MjSpec()
@@ -285,8 +281,6 @@ def chain_of(robot: Robot, *, drawn: bool = False) -> MujocoChain:
         )
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
-    if drawn:
-        _draw(spec, bodies, robot)
     carrier.add_site(name=robot.frame, **_SITE)
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
 
@@ -298,55 +292,6 @@ def _limits(robot: Robot, joint: int) -> dict[str, Any]:
         return {"limited": False}
     limits = [float(lower), float(upper)]
     return {"limited": True, "range": limits, "solref_limit": STIFF, "solimp_limit": HARD}
-
-
-def _draw(spec: Any, bodies: Sequence[Any], robot: Robot) -> None:
-    """Add the visual geometry of a robot to the bodies of a model, without mass and collisions.
-
-    Meshes are passed as vertices, so that files may have any format. Shapes that MuJoCo does not
-    have are left out.
-
-    Args:
-        spec: the ``mujoco.MjSpec``.
-        bodies: the world, then one body per joint.
-        robot: read only.
-    """
-    if robot.visual is None:
-        return
-    for shape in robot.visual.geometryObjects:
-        form = _form(spec, str(shape.name), shape.geometry)
-        if form is None:
-            continue
-        geom = bodies[shape.parentJoint].add_geom(
-            name=str(shape.name), mass=0.0, contype=0, conaffinity=0, group=2, **form
-        )
-        geom.rgba = shape.meshColor
-        write_place(shape.placement, geom.pos, geom.quat)
-
-
-def _form(spec: Any, name: str, geometry: Any) -> dict[str, Any] | None:
-    """Return a shape as arguments for MuJoCo, or None; a mesh is added to the model."""
-    mj = mujoco_module()
-    kinds = mj.mjtGeom
-    if isinstance(geometry, coal.Box):
-        return {"type": kinds.mjGEOM_BOX, "size": list(geometry.halfSide)}
-    if isinstance(geometry, coal.Sphere):
-        return {"type": kinds.mjGEOM_SPHERE, "size": [geometry.radius, 0.0, 0.0]}
-    if isinstance(geometry, coal.Cylinder | coal.Capsule):
-        round_ends = isinstance(geometry, coal.Capsule)
-        kind = kinds.mjGEOM_CAPSULE if round_ends else kinds.mjGEOM_CYLINDER
-        return {"type": kind, "size": [geometry.radius, geometry.halfLength, 0.0]}
-    if not isinstance(geometry, coal.BVHModelBase) or geometry.num_tris < 4:
-        return None
-    triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
-    corners = np.array([[t[0], t[1], t[2]] for t in triangles])
-    spec.add_mesh(
-        name=name,
-        uservert=np.array(geometry.vertices()).ravel().tolist(),
-        userface=corners.ravel().tolist(),
-        inertia=mj.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # the mesh may be open
-    )
-    return {"type": kinds.mjGEOM_MESH, "meshname": name}
 
 
 def write_robot(model: mujoco.MjModel, robot: Robot) -> None:

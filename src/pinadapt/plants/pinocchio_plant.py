@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pinocchio as pin
-from numpy import empty
 
 from .._checks import word
 from .._compiled import compiled
@@ -56,19 +55,16 @@ class FittedMidpoint:
         self._constants = self._friction.shape, inertia, rotors
         self._fitted = self._armature, self._drive, self._theta
         self._loaded = _LoadedFriction(robot)
-        self._none, self._middle, self._way = np.zeros((3, self._model.nv))
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) after h [s] under a held torque tau (nv)."""
-        model, half, integrate = self._model, 0.5 * h, pin.integrate
-        solve = self._damped if self._present else self._free
-        after, middle, way = empty(v.size), self._middle, self._way
-        _moved(v, solve(q, v, v, tau, half), self._none, half, middle, way)
-        a = solve(integrate(model, q, way), middle, v, tau, h)
-        _moved(v, a, self._theta, h, after, way)
-        return integrate(model, q, way), after
+        half, solve = 0.5 * h, self._damped if self._present else self._free
+        change = half * solve(q, v, v, tau, half)
+        change = h * solve(pin.integrate(self._model, q, half * v), v + change, v, tau, h)
+        way = h * (v + self._theta * change)
+        return pin.integrate(self._model, q, way), v + change
 
     def __reduce__(self) -> tuple[type[FittedMidpoint], tuple[Robot]]:
         """Pickle the robot only, as a view of the model's memory cannot be copied."""
@@ -157,16 +153,6 @@ def _fit(
         theta[i] = 0.5 + z / 12.0 if z < 1e-3 else -1.0 / math.expm1(-z) - 1.0 / z
         armature[i] = rotors[i] + theta[i] * h * D
         drive[i] = tau[i] - offset[i] - D * start[i]
-
-
-@compiled("void(f8[:], f8[:], f8[:], f8, f8[:], f8[:])", fills=2)
-def _moved(
-    v: np.ndarray, a: np.ndarray, theta: np.ndarray, h: float, after: np.ndarray, way: np.ndarray
-) -> None:
-    """Write the velocity v + h a (nv) after h [s] and the displacement h (v + theta h a) (nv)."""
-    for i in range(len(v)):
-        after[i] = v[i] + h * a[i]
-        way[i] = h * (v[i] + theta[i] * (h * a[i]))
 
 
 class RungeKutta:

@@ -8,10 +8,8 @@ from math import ceil, isfinite
 from typing import ClassVar, TypeAlias
 
 import numpy as np
-from numpy import empty
 
 from .._checks import instance, whole
-from .._compiled import compiled
 from ..exceptions import DivergedError, InputError, RobotError
 from ..records import Measurement
 from ..robot.motors import (
@@ -199,20 +197,7 @@ class SimulatedPlant(Plant):
             torque = torque + self.compensation(q)
         if limits is None:
             return torque
-        applied = empty(limits.size)
-        _limit(torque, limits, applied)
-        return applied
-
-
-@compiled("void(f8[:], f8[:], f8[:])")
-def _limit(torque: np.ndarray, limits: np.ndarray, applied: np.ndarray) -> None:
-    """Write the torque (n) between -limits and limits (n); NaN stays NaN."""
-    for i in range(len(applied)):
-        applied[i] = torque[i]
-        if torque[i] > limits[i]:
-            applied[i] = limits[i]
-        elif torque[i] < -limits[i]:
-            applied[i] = -limits[i]
+        return np.minimum(np.maximum(torque, -limits), limits)
 
 
 PlantMaker: TypeAlias = Callable[..., SimulatedPlant]

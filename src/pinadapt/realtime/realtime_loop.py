@@ -397,7 +397,7 @@ class RealtimeLoop:
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
             motion = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
             if self.stage is Stage.SLOW:
-                motion = Retimed(motion, SlowedTime(np.full(4, self._slowness), 1.0))
+                motion = Retimed(motion, SlowedTime(self._slowness))
         self._path = motion
         self._warm_up(state, m)
         if state.start is not None:  # what follows it as well

@@ -287,14 +287,14 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
             return None
         x, J = task.at(model, data, tool.frame_id, q), jacobian(tool, q)
         passed.append(J)
-        away, turned = np.split(task._error(target, x), [m])
+        away, turned = np.split(task.error(target, x), [m])
         if away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2:
             return None
         psi = home_share * pin.difference(model, q, robot.q0)
         offset = np.zeros(task.size)
         offset[:m] = position - at[0]
         target = task.moved(start, offset)
-        to_go = arms * task._error(target, x)
+        to_go = arms * task.error(target, x)
         step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
         fastest = np.maximum(fastest, np.abs(step))
         q = pin.integrate(model, q, step)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -14,9 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import positive, vector
 from ..exceptions import InputError
-from .task import CoordinateMotion, Display, RowGroup, Task
-
-_SERIES = 0.05  # [rad] below which c is computed from its series, correct to 1e-14
+from .task import Display, RowGroup, Task
 
 
 def quaternion(R: np.ndarray) -> np.ndarray:
@@ -24,61 +21,37 @@ def quaternion(R: np.ndarray) -> np.ndarray:
     return np.asarray(pin.Quaternion(R).coeffs())
 
 
+def _quaternion(q: np.ndarray) -> pin.Quaternion:
+    """Return the unit quaternion along q (4), xyzw, of any length but zero."""
+    x, y, z, w = q
+    return pin.Quaternion(float(w), float(x), float(y), float(z)).normalized()
+
+
 def matrix(q: np.ndarray) -> np.ndarray:
     """Return the rotation matrix (3, 3) of a quaternion xyzw (4) of any length but zero."""
-    x, y, z, w = q
-    return np.asarray(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix())
+    return np.asarray(_quaternion(q).toRotationMatrix())
 
 
 def turned(q: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the quaternion (4) of exp(phi) R: q (4) turned by phi (3) [rad] in world axes."""
     turn = pin.Quaternion(pin.exp3_quat(np.asarray(phi, dtype=float)))
-    R = pin.Quaternion(np.asarray(q, dtype=float))
-    return np.asarray((turn * R).normalized().coeffs())
+    return np.asarray((turn * _quaternion(q)).normalized().coeffs())
 
 
-def rotation_between(q: Sequence[float], q_d: Sequence[float]) -> tuple[float, float, float]:
+def rotation_between(q: np.ndarray, q_d: np.ndarray) -> np.ndarray:
     """Return phi (3) [rad], |phi| <= pi, exp(phi) = R R_d^T, for quaternions xyzw of R, R_d."""
-    x, y, z, w = q
-    a, b, c, s = q_d
-    scalar = w * s + x * a + y * b + z * c
-    i = s * x - w * a + z * b - y * c  # q times the conjugate of q_d
-    j = s * y - w * b + x * c - z * a
-    k = s * z - w * c + y * a - x * b
-    sine = math.sqrt(i * i + j * j + k * k)
-    if sine == 0.0:
-        return 0.0, 0.0, 0.0
-    factor = (
-        2.0 * (math.atan2(sine, scalar) if scalar >= 0.0 else -math.atan2(sine, -scalar)) / sine
-    )
-    return factor * i, factor * j, factor * k
+    return np.asarray(pin.log3(_quaternion(q) * _quaternion(q_d).conjugate()))
 
 
-def rotation_drift(
-    phi: Sequence[float], omega: Sequence[float], omega_d: Sequence[float]
-) -> tuple[float, float, float]:
+def rotation_drift(phi: np.ndarray, omega: np.ndarray, omega_d: np.ndarray) -> np.ndarray:
     """Return dphi/dt - (omega - omega_d) (3) [rad/s] for exp(phi) = R R_d^T.
 
-    E = R R_d^T has the angular velocity omega - E omega_d, and Jl^-1 E is the transpose of Jl^-1,
-    so dphi/dt = Jl^-1 omega - Jl^-T omega_d. The difference is phi x (c phi x (omega - omega_d) -
-    (omega + omega_d) / 2). It is orthogonal to phi, so phi^T dphi/dt = phi^T (omega - omega_d).
+    E = R R_d^T has the angular velocity omega - E omega_d, and with the right Jacobian Jr of phi
+    dphi/dt = Jr^-T omega - Jr^-1 omega_d. As Jr^-1 phi = Jr^-T phi = phi, the difference is
+    orthogonal to phi: phi^T dphi/dt = phi^T (omega - omega_d).
     """
-    x, y, z = phi
-    c = _second_coefficient(math.sqrt(x * x + y * y + z * z))
-    i, j, k = omega[0] - omega_d[0], omega[1] - omega_d[1], omega[2] - omega_d[2]
-    a = c * (y * k - z * j) - 0.5 * (omega[0] + omega_d[0])
-    b = c * (z * i - x * k) - 0.5 * (omega[1] + omega_d[1])
-    d = c * (x * j - y * i) - 0.5 * (omega[2] + omega_d[2])
-    return y * d - z * b, z * a - x * d, x * b - y * a
-
-
-def _second_coefficient(angle: float) -> float:
-    """Return (1 - (t/2) cot(t/2)) / t^2 at t = angle [rad]: 1/12 at zero, 1/pi^2 at pi."""
-    square = angle * angle
-    if angle < _SERIES:
-        return 1.0 / 12.0 + square * (1.0 / 720.0 + square / 30240.0)
-    half = 0.5 * angle
-    return (1.0 - half * math.cos(half) / math.sin(half)) / square
+    inverse = pin.Jlog3(pin.exp3(phi))
+    return np.asarray(inverse.T @ omega - inverse @ omega_d - (omega - omega_d))
 
 
 IMAGE = "image"
@@ -148,10 +121,6 @@ class PositionTask(FrameTask):
         """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
         return self.of(placement), np.asarray(motion.vector[self.rows])
 
-    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> CoordinateMotion:
-        """Return ``motion`` of one chain, with its data as scratch, as a function of q and v."""
-        return PositionMotion(self, model, data, frame)
-
     def position(self, x: np.ndarray) -> np.ndarray:
         """Return x itself."""
         return x
@@ -166,36 +135,6 @@ class PositionTask(FrameTask):
     ) -> tuple[np.ndarray, np.ndarray, None]:
         """Return dx = x - x_d, the velocity, measured or else estimated, and None."""
         return x - x_d, xd_hat if xd is None else xd, None
-
-
-class PositionMotion:
-    """Position and velocity (m) of a frame of one chain, from views of Pinocchio's joint data."""
-
-    def __init__(self, task: PositionTask, model: pin.Model, data: pin.Data, frame: int) -> None:
-        """Take the task, the chain with its data as scratch, and the index of the frame."""
-        self._parts = task, model, data, frame
-        self._model, self._data = model, data
-        joint = model.frames[frame].parentJoint
-        placement, motion = data.oMi[joint], data.v[joint]
-        self._rows = np.arange(3)[task.place]
-        self._views = (  # live
-            placement.rotation,
-            placement.translation,
-            motion.linear,
-            motion.angular,
-            model.frames[frame].placement.translation,
-        )
-
-    def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the position x (m) [m] and the velocity xd (m) [m/s] at q (nq) and v (nv)."""
-        pin.forwardKinematics(self._model, self._data, q, v)
-        R, origin, linear, angular, lever = self._views
-        x, xd = origin + R.dot(lever), R.dot(linear + np.cross(angular, lever))
-        return x[self._rows], xd[self._rows]
-
-    def __reduce__(self) -> tuple[type[PositionMotion], tuple]:
-        """Copy by making it again: a copy of a view would not follow Pinocchio's data."""
-        return PositionMotion, self._parts
 
 
 @dataclass(frozen=True)
@@ -249,13 +188,11 @@ class PoseTask(FrameTask):
         """Return the positions (3) among coordinates x (7) or a velocity (6)."""
         return x[:3]
 
-    def _error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
-        dx = np.empty(6)
-        dx[:3] = x[:3] - x_d[:3]
-        q, q_d = x[3:].tolist(), x_d[3:].tolist()
-        dx[3:] = rotation_between(q, q_d) if _unit(q) and _unit(q_d) else np.nan
-        return dx
+        if not (_unit(x[3:]) and _unit(x_d[3:])):
+            return np.append(x[:3] - x_d[:3], np.full(3, np.nan))
+        return np.concatenate([x[:3] - x_d[:3], rotation_between(x[3:], x_d[3:])])
 
     def errors(
         self,
@@ -269,21 +206,21 @@ class PoseTask(FrameTask):
 
         delta is zero, then dphi/dt - (omega - omega_d) [rad/s], with omega = J_omega qd.
         """
-        dx, delta = self._error(x, x_d), np.zeros(6)
-        delta[3:] = rotation_drift(dx[3:].tolist(), xd_hat[3:].tolist(), xd_d[3:].tolist())
+        dx = self.error(x, x_d)
+        delta = np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
         return dx, xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]]), delta
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw."""
-        return (_turning(x_hat[3:]).conjugate() * _turning(x[3:])).coeffs()
+        return (_quaternion(x_hat[3:]).conjugate() * _quaternion(x[3:])).coeffs()
 
     def turn_between(self, turn: np.ndarray, before: np.ndarray, share: float) -> np.ndarray:
         """Return the rotation on the way from ``turn`` to ``before``, at this share of the way."""
-        return _turning(turn).slerp(share, _turning(before)).coeffs()
+        return _quaternion(turn).slerp(share, _quaternion(before)).coeffs()
 
     def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """Return the pose (7) at x_hat - epsilon (3) [m], rotated by ``turn`` in its own axes."""
-        orientation = (_turning(x_hat[3:]) * _turning(turn)).normalized()
+        orientation = (_quaternion(x_hat[3:]) * _quaternion(turn)).normalized()
         return np.concatenate([x_hat[:3] - epsilon, orientation.coeffs()])
 
     def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
@@ -292,7 +229,7 @@ class PoseTask(FrameTask):
 
     def flaw(self, x: np.ndarray) -> str | None:
         """Return what is wrong with a quaternion whose length is off 1 by over 1 %, or None."""
-        if _unit(x[3:].tolist()):
+        if _unit(x[3:]):
             return None
         return f"has a quaternion xyzw of length {np.linalg.norm(x[3:]):.4g} instead of 1"
 
@@ -371,10 +308,6 @@ class ImageTask(PositionTask):
         yd = self.jacobian(placement, motion.vector[:, None])
         return self.of(placement), yd[:, 0]
 
-    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> CoordinateMotion:
-        """Return ``motion`` of one chain, with its data as scratch, as a function of q and v."""
-        return partial(self.motion, model, data, frame)
-
 
 def pinhole_camera(
     position: ArrayLike,
@@ -417,14 +350,8 @@ def pinhole_camera(
     return np.asarray(K @ np.column_stack([R, -R @ eye]))
 
 
-def _turning(q: np.ndarray) -> pin.Quaternion:
-    x, y, z, w = q.tolist()
-    return pin.Quaternion(w, x, y, z)
-
-
-def _unit(q: list[float]) -> bool:
-    x, y, z, w = q
-    return abs(x * x + y * y + z * z + w * w - 1.0) < _LOOSEST
+def _unit(q: np.ndarray) -> bool:
+    return bool(abs(q.dot(q) - 1.0) < _LOOSEST)
 
 
 def _positions(name: str, rows: slice) -> FrameTask:

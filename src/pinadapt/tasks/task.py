@@ -113,10 +113,6 @@ class Task(ABC):
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return the error dx (m) of x from x_d."""
-        return self._error(x, x_d)
-
-    def _error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
-        """Return ``error`` of arrays that were checked."""
         return x - x_d
 
     @abstractmethod
@@ -220,13 +216,12 @@ class JointTask(Task):
         """Return the coordinates (m) of the measured q (nq); x is not used."""
         return self.of(q)
 
-    def _error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (m), within half a turn for continuous joints."""
         dx = x - x_d
-        if any(self.continuous):
-            for j, endless in enumerate(self.continuous):
-                if endless and math.isfinite(dx[j]):
-                    dx[j] = math.remainder(dx[j], 2.0 * math.pi)
+        for j, endless in enumerate(self.continuous):
+            if endless and math.isfinite(dx[j]):
+                dx[j] = math.remainder(dx[j], 2.0 * math.pi)
         return np.asarray(dx)
 
     def errors(
@@ -238,4 +233,4 @@ class JointTask(Task):
         xd_d: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, None]:
         """Return dx, xd_hat, which is the measured joint velocity, and None."""
-        return self._error(x, x_d), xd_hat, None
+        return self.error(x, x_d), xd_hat, None

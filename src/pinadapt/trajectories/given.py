@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from numbers import Real
 from typing import Any, Protocol, TypeAlias
@@ -20,18 +19,7 @@ from .trajectory import Trajectory, half_diagonal
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 """How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
 
-# Five-point formulas at nodes t + (k - j) h, k = 0..4, for j nodes before t: h df/dt, h^2 d2f/dt2
-_WEIGHTS = {
-    2: (np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12, np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12),
-    1: (
-        np.array([-3.0, -10.0, 18.0, -6.0, 1.0]) / 12,
-        np.array([11.0, -20.0, 6.0, 4.0, -1.0]) / 12,
-    ),
-    0: (
-        np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12,
-        np.array([35.0, -104.0, 114.0, -56.0, 11.0]) / 12,
-    ),
-}
+_NODES = 5  # of a difference formula: its error falls with the fourth power of the step
 STEP = 2e-3  # [s]
 
 
@@ -100,13 +88,12 @@ class Function(Trajectory):
         return Desired(x_d, *(derivatives or self._differences(t, x_d)))
 
     def _differences(self, t: float, x_d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        h = self._h
-        before = 2 if t >= 2 * h or t < 0.0 else 1 if t >= h else 0
-        first, second = _WEIGHTS[before]
-        steps = [self._from(x_d, t + (k - before) * h) for k in range(5) if k != before]
-        steps.insert(before, np.zeros_like(steps[0]))
-        away = np.array(steps)
-        return first @ away / h, second @ away / h**2
+        """Return the first two derivatives (m) at t of the polynomial through the nodes."""
+        before = min(_NODES // 2, int(t / self._h)) if t >= 0.0 else _NODES // 2
+        others = np.array([k for k in range(-before, _NODES - before) if k])
+        away = np.array([self._from(x_d, t + k * self._h) for k in others.tolist()])
+        c = np.linalg.solve(np.vander(others, _NODES, increasing=True)[:, 1:], away)
+        return c[0] / self._h, 2.0 * c[1] / self._h**2
 
     def _from(self, x_d: np.ndarray, t: float) -> np.ndarray:
         """Return how far (m) the motion at time t [s] is from x_d."""
@@ -147,7 +134,6 @@ def _vector(part: Any, value: Any, t: float) -> np.ndarray:
 ENDS = ("rest", "free")
 
 _DEGREE = 5
-_MANY, _SUDDEN = 8, 10.0  # a warning needs so many samples, and such a ratio of accelerations
 
 
 class Spline(Trajectory):
@@ -197,8 +183,6 @@ class Spline(Trajectory):
         with arithmetic("trajectory.t"):
             spline = make_interp_spline(self.t, self.x, _DEGREE, bc_type=conditions)
             self._parts = spline, spline.derivative(1), spline.derivative(2)
-        if ends == "rest":
-            _warn_of_speed(self.t, self.x)
 
     @property
     def extent(self) -> float:
@@ -281,28 +265,6 @@ def _rotation(u: np.ndarray, ud: np.ndarray, udd: np.ndarray) -> tuple[np.ndarra
     qd = (ud - nd * q) / n
     qdd = (udd - 2.0 * nd * qd - ndd * q) / n
     return q, *(2.0 * (q[3] * d[:3] - d[3] * q[:3] - np.cross(d[:3], q[:3])) for d in (qd, qdd))
-
-
-def _warn_of_speed(t: np.ndarray, x: np.ndarray) -> None:
-    """Warn if the samples move at an end, where the spline is at rest.
-
-    The test: reaching the end speed within one interval takes ten times the largest acceleration of
-    the samples (second differences).
-    """
-    if len(t) < _MANY:
-        return
-    steps = np.diff(t)
-    speeds = np.diff(x, axis=0) / steps[:, None]
-    middles = 0.5 * (steps[1:] + steps[:-1])
-    most = np.linalg.norm(np.diff(speeds, axis=0) / middles[:, None], axis=1).max()
-    for k, end in ((0, "first"), (-1, "last")):
-        speed = float(np.linalg.norm(speeds[k]))
-        if speed / steps[k] > _SUDDEN * most:
-            warnings.warn(
-                f"the positions move at {speed:.3g} /s at their {end} sample, where the spline is "
-                f'at rest. Spline(t, x, ends="free") starts and ends at the speed of the samples.',
-                stacklevel=4,
-            )
 
 
 class HasAt(Protocol):

@@ -298,4 +298,4 @@ def _is_samples(given: Any) -> bool:
 
 def _turn_between(q: np.ndarray, q_0: np.ndarray) -> np.ndarray:
     """Return phi (3) [rad] with exp(phi) R_0 = R; of what is no quaternion the difference."""
-    return np.array(rotation_between(q.tolist(), q_0.tolist())) if q.size == 4 else q - q_0
+    return rotation_between(q, q_0) if q.size == 4 else q - q_0

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from bisect import bisect_right
 from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, numbers, positive, vector, whole
+from .._checks import flag, instance, numbers, positive, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import rotation_between, turned
@@ -132,7 +130,7 @@ class Trajectory(ABC):
         if here.size == first.xd_d.size:
             return self.shifted(start - here)
         n = here.size - 4
-        turn = rotation_between(start[n:].tolist(), here[n:].tolist())
+        turn = rotation_between(start[n:], here[n:])
         return self.shifted(np.append(start[:n] - here[:n], turn))
 
     def placed(self, start: np.ndarray, task: Task | None = None) -> Trajectory:
@@ -432,9 +430,6 @@ def half_diagonal(path: np.ndarray) -> float:
     return float(0.5 * np.linalg.norm(np.ptp(path, axis=0)))
 
 
-_NEWTON, _EXACT = 20, 1e-15  # largest number of iterations; step at which they end [cells]
-
-
 class TimeLaw(ABC):
     """A path's own time s as a function of time t, twice continuously differentiable for t > 0.
 
@@ -512,112 +507,34 @@ class SmoothStart(TimeLaw):
 
 
 class SlowedTime(TimeLaw):
-    """ds/dt = 1 / p(s), where p >= 1 is a cubic spline: never faster than the motion itself.
-
-    p is a uniform cubic B-spline, twice continuously differentiable, and at each s between the
-    least and the largest of the four control values around it. t(s) is its integral, a polynomial
-    of degree four on each interval, inverted by Newton's method to rounding, so that s, ds/dt = 1/p
-    and d^2s/dt^2 = -p' / p^3 belong together exactly.
+    """s = t / slowness: the motion as it is, but slower all along.
 
     Attributes:
-        slowness: (N + 3) control values of p; the four from the k-th on are those of interval k.
-        step: length of an interval [s].
-        turn: how many of the last of the N intervals are repeated without end; 0: p stays as it is
-            at the end.
+        slowness: factor on all times, at least 1.
     """
 
-    def __init__(self, slowness: ArrayLike, step: float, turn: int = 0) -> None:
-        """Take the control values (N + 3), N >= 1, the step [s], and how many intervals recur.
+    def __init__(self, slowness: float) -> None:
+        """Take the factor.
 
         Raises:
-            InputError: fewer than four values, one below 1, a step that is not positive, or values
-                that do not recur where they should.
+            InputError: it is below 1.
         """
-        c = self.slowness = numbers(slowness, "slowness")
-        self.step = positive(step, "step", error=InputError)
-        self.turn = whole(turn, "turn", 0)
-        N = c.size - 3
-        if c.ndim != 1 or N < 1 or (c < 1.0).any() or self.turn > N:
-            raise InputError(
-                f"expected N + 3 numbers of at least 1, with N >= 1, and a turn of at most N, got "
-                f"{c} and {turn}.",
-                where="slowness",
-            )
-        if not np.array_equal(c[N:], c[N - turn : N - turn + 3] if turn else c[[-1, -1, -1]]):
-            those = f"equal those with indices {N - turn} to {N - turn + 2}" if turn else "be equal"
-            raise InputError(
-                f"the last three of the {N + 3} values must {those}.", where="slowness"
-            )
-        first, second, third, fourth = c[:-3], c[1:-2], c[2:-1], c[3:]
-        parts = (
-            (first + 4.0 * second + third) / 6.0,
-            (third - first) / 2.0,
-            (first - 2.0 * second + third) / 2.0,
-            (fourth - 3.0 * third + 3.0 * second - first) / 6.0,
-        )
-        ends = (self.step * np.cumsum(sum(a / k for k, a in enumerate(parts, 1)))).tolist()
-        self._cells: list[tuple[float, ...]] = np.column_stack(parts).tolist()
-        self._times = [0.0, *ends]
+        self.slowness = positive(slowness, "slowness", error=InputError)
+        if self.slowness < 1.0:
+            raise InputError(f"must be at least 1, got {slowness}.", where="slowness")
+
+    def __repr__(self) -> str:
+        """Return the factor in words."""
+        return f"slower by {self.slowness:.3g}"
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
-        times, last, turns = self._times, len(self._cells), 0
-        if t >= times[-1]:
-            if not self.turn:
-                p = _value(self._cells[-1], 1.0)
-                return last * self.step + (t - times[-1]) / p, 1.0 / p, 0.0
-            since = times[last - self.turn]
-            turns = int((t - since) // (times[-1] - since))
-            t = min(max(t - turns * (times[-1] - since), since), times[-1])
-        elif t <= 0.0:
-            p = _value(self._cells[0], 0.0)
-            return t / p, 1.0 / p, 0.0
-        k = min(bisect_right(times, t) - 1, last - 1)
-        a, b, c, d = self._cells[k]
-        far = (t - times[k]) / self.step
-        u = far / ((times[k + 1] - times[k]) / self.step)
-        for _ in range(_NEWTON):
-            p = a + u * (b + u * (c + u * d))
-            move = (far - u * (a + u * (b / 2.0 + u * (c / 3.0 + u * d / 4.0)))) / p
-            u += move
-            if abs(move) < _EXACT:
-                break
-        p = a + u * (b + u * (c + u * d))
-        slope = (b + u * (2.0 * c + u * 3.0 * d)) / self.step
-        return (k + turns * self.turn + u) * self.step, 1.0 / p, -slope / p**3
+        return t / self.slowness, 1.0 / self.slowness, 0.0
 
     def when(self, s: float) -> float:
         """Return the time t [s] at which the path's time is s [s]."""
-        times, last = self._times, len(self._cells)
-        k = math.floor(s / self.step)
-        if k < 0:
-            return s * _value(self._cells[0], 0.0)
-        later = 0.0
-        if k >= last:
-            if not self.turn:
-                return times[-1] + (s - last * self.step) * _value(self._cells[-1], 1.0)
-            turns = (k - (last - self.turn)) // self.turn
-            later = turns * (times[-1] - times[last - self.turn])
-            s -= turns * self.turn * self.step
-            k -= turns * self.turn
-        a, b, c, d = self._cells[k]
-        u = s / self.step - k
-        rest = u * (a + u * (b / 2.0 + u * (c / 3.0 + u * d / 4.0)))
-        return times[k] + later + self.step * rest
+        return s * self.slowness
 
-    def repeats(self, since: float, period: float) -> tuple[float, float] | None:
-        """Return since when and with which period [s]; None where the law does not repeat so."""
-        cells = len(self._cells)
-        if self.turn:
-            ratio = period / (self.turn * self.step)
-            if abs(ratio - round(ratio)) > 1e-9 * ratio:
-                return None
-        start = max(since, (cells - self.turn) * self.step)
-        begin = self.when(start)
-        return begin, self.when(start + period) - begin
-
-
-def _value(cell: tuple[float, ...], u: float) -> float:
-    """Return p at the share u of an interval with these coefficients."""
-    a, b, c, d = cell
-    return a + u * (b + u * (c + u * d))
+    def repeats(self, since: float, period: float) -> tuple[float, float]:
+        """Return both times [s] in the slower time."""
+        return since * self.slowness, period * self.slowness
