@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copyreg
 import difflib
-import sys
 from collections.abc import Iterable
 from typing import Any
 
@@ -48,52 +47,6 @@ class PinadaptError(Exception):
 
 class InputError(PinadaptError, ValueError):
     """The input was refused before anything moved."""
-
-
-class ArrayError(InputError):
-    """Arrays that a method cannot compute with: sizes that do not fit, or no floats.
-
-    It is raised where a kernel or Pinocchio finds it, and names the arguments that the public
-    method was given and the sizes that it needs.
-    """
-
-    def __init__(
-        self, what: str | None = None, *, where: str | None = None, hint: str | None = None
-    ) -> None:
-        """Describe the arguments of the outermost method that was given arrays, unless given."""
-        if what is None:
-            where, found, hint = _given_arrays()
-            what = f"sizes or kinds that do not fit: {found}."
-        super().__init__(what, where=where, hint=hint)
-
-
-REFUSED = (TypeError, ValueError)  # what Pinocchio raises for arrays that it cannot take
-
-
-def _given_arrays() -> tuple[str | None, str, str | None]:
-    """Return the outermost calling method with arrays, their shapes and kinds, and its summary."""
-    frame = sys._getframe(2)
-    chosen: tuple[str | None, str, str | None] = None, "the arrays of a kernel", None
-    while frame is not None and str(frame.f_globals.get("__name__")).startswith("pinadapt."):
-        code, names = frame.f_code, frame.f_locals
-        given = {name: names.get(name) for name in code.co_varnames[: code.co_argcount]}
-        owner = type(given.pop("self", None))
-        method = getattr(owner, code.co_name, None)
-        arrays = [f"{name} {_kind(value)}" for name, value in given.items()]
-        if method is not None and any(hasattr(value, "shape") for value in given.values()):
-            summary = (method.__doc__ or "").split("\n\n")[0]
-            asked = f"Its description: {' '.join(summary.split())}" if summary else None
-            chosen = f"{owner.__name__}.{code.co_name}", ", ".join(arrays), asked
-        frame = frame.f_back  # type: ignore[assignment]
-    return chosen
-
-
-def _kind(value: Any) -> str:
-    """Return shape of an array, and the type of its entries unless they are floats."""
-    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
-    if shape is None:
-        return f"of type {type(value).__name__}"
-    return f"{tuple(shape)}" if str(dtype) == "float64" else f"{tuple(shape)} of {dtype}"
 
 
 class RobotError(InputError):

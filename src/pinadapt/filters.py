@@ -13,7 +13,7 @@ from numpy import empty
 
 from ._checks import instance, numbers, positive
 from ._kernels import laws as kernels
-from .exceptions import REFUSED, ArrayError, InputError
+from .exceptions import InputError
 from .models.delay_compensation import SensedState
 from .models.dynamics import Dynamics
 from .models.regressor import Momentum
@@ -99,16 +99,12 @@ class LowPass:
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return ds/dt for input u, of the state's shape."""
-        if u.shape != state.shape:
-            raise ArrayError
         rate: np.ndarray = u - state
         rate *= self.bandwidth
         return rate
 
     def advance(self, state: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         """Return the state after dt [s] with the input held: exact for any dt."""
-        if u.shape != state.shape:
-            raise ArrayError
         return state - math.expm1(-self.bandwidth * dt) * (u - state)
 
 
@@ -438,10 +434,7 @@ class FilteredTorque(NamedTuple):
 
     def error(self, a_d: np.ndarray) -> np.ndarray:
         """Return the prediction error W a_d - y (n) [N m or N] of an estimate a_d (p)."""
-        try:
-            return np.asarray(self.W.dot(a_d) - self.y)
-        except REFUSED as error:
-            raise ArrayError from error
+        return np.asarray(self.W.dot(a_d) - self.y)
 
 
 class FilteredRegressor:
@@ -526,8 +519,6 @@ class FilteredRegressor:
         Z = Z_before + share_tau * (before - Z_before) + share_u * (u - before)
         W, bandwidth = fast - Z, self.low_pass.bandwidth
         if tau is not None:
-            if tau.shape != y.shape:
-                raise ArrayError
             y, held = y + share_tau * (tau - held), tau
         now = TorqueFilterState(Z, y, u, held, np.zeros(2), underway)
         return FilteredTorque(W[:, :-1], y - W[:, -1], now, bandwidth)

@@ -25,7 +25,7 @@ def arm(loaded=False):
         rng.uniform(0.3, 2.0, 6),
         breakaway=rng.uniform(0.6, 1.4, 6),
         offset=rng.normal(0.0, 0.5, 6),
-        load=[0.0, 0.1, 0.1, 0.0, 0.0, 0.0],
+        gear_friction=[0.0, 0.1, 0.1, 0.0, 0.0, 0.0],
     )
     scale = dict(zip(described.joint_names, rng.uniform(0.8, 1.3, 6).tolist(), strict=True))
     return described.changed(

@@ -53,7 +53,8 @@ def check_joints(
     forget over T, R = sum r, D = sum dq, W = D - R, C = sum dv,
 
     * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it.
-    * SPIKE: v changed by more than a bound, and q went on as before; or |v| is beyond all bounds.
+    * SPIKE: v changed by more than a bound, and q went on as before rather than by the mean of both;
+      or |v| is beyond all bounds.
     * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
       the nearest of these between -10 and 100 ms: beyond tol + share max(|D|, |W|) + T (least
@@ -137,7 +138,7 @@ def check_joints(
             bound += _SHARE * max(abs(D), abs(D - R))
         bound += MEMORY * min(after[STEP], _COARSE * tolerance)
         leap = abs(now - rate) > bounds[LEAP, i]
-        if leap and abs(way - rate * dt) < abs(way - now * dt):
+        if leap and abs(way - rate * dt) < abs(r):
             kinds[i] = SPIKE
         elif abs(r) > tolerance + 2.0 * dt * min(quick, bounds[FASTEST, i]):
             kinds[i] = JUMP

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
-from ..exceptions import ArrayError, GainError
+from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .least_squares import DecayWeight, checked_weight, weight_of
 
@@ -310,8 +310,6 @@ class CompositeMemory(Wrapper):
         from scipy.linalg.lapack import dgesv  # slow to import
 
         n, p = W.shape
-        if A.shape != (p, p):
-            raise ArrayError
         moved = self.inner.gain_times(value, A)  # kappa P A
         moved.flat[:: p + 1] += self.share
         sides = np.empty((p, n + 1), order="F")

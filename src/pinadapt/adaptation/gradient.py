@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, definite_matrix, whole
-from ..exceptions import ArrayError
 from .adaptation import Adaptation, Drive, Estimate
 
 
@@ -55,6 +54,4 @@ class Gradient(Adaptation):
 
     def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l)."""
-        if X.ndim != 2 or len(X) != len(self.Gamma):
-            raise ArrayError
         return self.Gamma.dot(X)

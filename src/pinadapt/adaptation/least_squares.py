@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, definite_matrix, flag, numbers, positive, whole
 from .._kernels import estimates as kernels
-from ..exceptions import ArrayError, GainError
+from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate
 
 _SMALL = 40  # parameters, up to which loops are faster than LAPACK
@@ -290,8 +290,6 @@ class LeastSquares(Adaptation):
         if not estimate.memory:
             return self.P_0
         P: np.ndarray = estimate.memory[0]
-        if P.shape != self._shape:
-            raise ArrayError
         return P
 
     def _recovery(self, P: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import pinocchio as pin
 from .._checks import instance, name_list
 from .._kernels import models as kernels
 from ..description.chain import are_physical
-from ..exceptions import REFUSED, ArrayError, ParameterError, RobotError
+from ..exceptions import ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
@@ -74,10 +74,7 @@ class InertialModel:
         """Return M a + C v + g (n) [N m or N], rotors included."""
         if not self._written:
             self._write()
-        try:
-            tau = pin.rnea(self._model, self._data, q, v, a)
-        except REFUSED as error:
-            raise ArrayError from error
+        tau = pin.rnea(self._model, self._data, q, v, a)
         if self._c:
             tau -= self._c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
         return tau
@@ -86,10 +83,7 @@ class InertialModel:
         """Return M (n, n), rotors included."""
         if not self._written:
             self._write()
-        try:
-            M = pin.crba(self._model, self._data, q)
-        except REFUSED as error:
-            raise ArrayError from error
+        M = pin.crba(self._model, self._data, q)
         if self._c:
             M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
         return M

@@ -31,7 +31,7 @@ from .._checks import instance
 from .._kernels import models as kernels
 from ..description.chain import is_slide
 from ..description.urdf_writer import axis_of
-from ..exceptions import REFUSED, ArrayError, ParameterError, RobotError
+from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .basis import base_parameters
@@ -188,10 +188,7 @@ class ColumnMotion:
 
     def update(self, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at a configuration q (nq) and velocity v (nv)."""
-        try:
-            pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
-        except REFUSED as error:
-            raise ArrayError from error
+        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         kernels.column_motion(*self._given, v, *self._filled)
 
     def rotation(self) -> np.ndarray:
@@ -236,6 +233,8 @@ class LinearKinematics(TaskKinematics):
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
         motion, m = self.motion, self.positions
+        if a_k.shape != (self.size,):
+            raise ParameterError(f"expected {self.size} numbers, got {a_k.shape}.", where="a_k")
         motion.update(q, v)
         J, p_hat, xd, Jdot_v = empty((m, self.nv)), empty(m), empty(m), empty(m)
         kernels.output_map(a_k, *self._map_of, *self._known, v, *self._kept, p_hat, J, xd, Jdot_v)

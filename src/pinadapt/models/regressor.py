@@ -17,7 +17,6 @@ from numpy import empty
 from .._checks import instance
 from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
-from ..exceptions import REFUSED, ArrayError
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
@@ -44,10 +43,7 @@ class Regressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
-        try:
-            Y = pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
-        except REFUSED as error:
-            raise ArrayError from error
+        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
         return Y if self._many else Y.reshape(self._shape)
 
     def slotine_li(
@@ -65,13 +61,8 @@ class Regressor:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y (n, 10 n) as ``slotine_li``, and the torque Y pi (n) at parameters pi (10 n)."""
         mean = 0.5 * (v + v_r)
-        try:
-            Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
-            Y_0 = pin.computeJointTorqueRegressor(
-                self._weightless, self._data, q, v - mean, self._zero
-            )
-        except REFUSED as error:
-            raise ArrayError from error
+        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
+        Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v - mean, self._zero)
         if Y.ndim == 1:
             Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
         tau = empty(v.size)
@@ -162,10 +153,7 @@ class MomentumRegressor:
 
     def _at(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 of arrays that were checked."""
-        try:
-            pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
-        except REFUSED as error:
-            raise ArrayError from error
+        pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         Y_M, Y_0 = empty(self._shape), empty(self._shape)
         kernels.momentum_columns(
             self._rotations, self._origins, self._velocities, self._axes, self._axis_rates,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import LARGEST, instance, numbers, word
 from ..description.chain import effort_limits
-from ..exceptions import REFUSED, ArrayError, GainError, InputError, did_you_mean
+from ..exceptions import GainError, InputError, did_you_mean
 from .robot import Robot
 
 Compensation: TypeAlias = Callable[[np.ndarray], np.ndarray]
@@ -315,10 +315,7 @@ class Gravity:
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Return g(q) (nv) at a configuration q (nq)."""
-        try:
-            return np.array(pin.computeGeneralizedGravity(self._robot.model, self._data, q))
-        except REFUSED as error:
-            raise ArrayError from error
+        return np.array(pin.computeGeneralizedGravity(self._robot.model, self._data, q))
 
     def __reduce__(self) -> tuple[type[Gravity], tuple[Robot]]:
         """Pickle the robot only."""
