@@ -53,7 +53,7 @@ def check_joints(
     forget over T, R = sum r, D = sum dq, W = D - R, C = sum dv,
 
     * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it.
-    * SPIKE: v changed by more than a bound, and q went on as before rather than by the mean of both;
+    * SPIKE: v changed by more than a bound, and q went on as before, not by the mean of both v;
       or |v| is beyond all bounds.
     * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
