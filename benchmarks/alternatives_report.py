@@ -32,7 +32,6 @@ def report(rows: Iterable[Row]) -> str:
         own = [row for row in wrong if row["sensors"] == sensors]
         parts.append(f"**Error, rms / largest [mm], {title}**\n\n{errors(own)}")
         parts.append(f"**Start and torque, medians, {title}**\n\n{costs(own)}")
-    parts.append(f"**Gains found, in units of the bandwidth**\n\n{gains(wrong)}")
     informed = [row for row in rows if row["informed"]]
     parts.append(f"**Error, rms / largest [mm], with the true model**\n\n{known(informed)}")
     return "\n\n".join(parts)
@@ -65,15 +64,6 @@ def costs(rows: Sequence[Row]) -> str:
         cells = [form.format(median[key]) if held else _NONE for key, form in _COSTS.items()]
         body.append([name, *cells, str(len(own) - len(held))])
     return markdown(["", *head], body)
-
-
-def gains(rows: Sequence[Row]) -> str:
-    """Return one row per contender with selected gains, one column per robot and sensors."""
-    columns = _unique((row["robot"], row["sensors"]) for row in rows)
-    found = {(row["contender"], row["robot"], row["sensors"]): row["gains"] for row in rows}
-    names = [name for name in _names(rows) if CONTENDERS[name].grid]
-    body = [[name, *(_words(found.get((name, *column))) for column in columns)] for name in names]
-    return markdown(["", *(f"{robot}, {sensors}" for robot, sensors in columns)], body)
 
 
 def known(rows: Sequence[Row]) -> str:
@@ -119,19 +109,6 @@ def _error(row: Row | None, least: float) -> str:
         return _LOST
     text = f"{two_digits(row['rms'])} / {two_digits(row['max'])}"
     return f"**{text}**" if row["rms"] == least else text
-
-
-def _words(found: Mapping[str, float] | None) -> str:
-    """Return gains as text, unit fractions as fractions."""
-    if found is None:
-        return _NONE
-    parts = []
-    for name, value in found.items():
-        fraction = (
-            f"1/{1 / value:g}" if value < 1.0 and (1.0 / value).is_integer() else f"{value:g}"
-        )
-        parts.append(f"{name} {fraction}")
-    return ", ".join(parts)
 
 
 def _names(rows: Sequence[Row]) -> list[str]:
