@@ -69,7 +69,7 @@ def figures(run: Run) -> dict[str, Any]:
     known = {"radius": at.radius, "bandwidth": at.w}
     path = at.circle(run.period).as_given()  # at speed from the first sample
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a light joint, and of unphysical starts
+        warnings.simplefilter("ignore")  # of unphysical starts
         try:
             rollout = pa.simulate(
                 at.true,

@@ -59,7 +59,7 @@ def measure(robot: str, cameras: int, sensors: str) -> dict[str, Any]:
     camera = pa.Sensors(camera=pa.Camera(rate=30.0, delay=0.06), noise={"x": 0.5 * pixel})
     believed = described.filmed_by(count=cameras)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of light joints; the table has the result
+        warnings.simplefilter("ignore")  # the table has the result
         controller = pa.make_controller(
             believed, sensors=camera if sensors == "camera" else pa.Sensors(), dt=PERIOD
         )

@@ -91,7 +91,7 @@ def in_joint_space(robot: pa.Robot) -> pa.Robot:
 def measure(law: str) -> dict[str, Any]:
     """Return the figures of a law."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of light joints; the table has the result
+        warnings.simplefilter("ignore")  # the table has the result
         case = Case(law, Scenario.read(SCENARIO, ["controller.adaptation=natural"]))
         return {
             "unit": "rad" if case.joints else "m",

@@ -53,7 +53,7 @@ def measure(robot: str, law: str, adaptation: str) -> dict[str, Any]:
     model = true if known else described.changed(inertial_scale=LIGHTER)
     unknown = pa.Unknown(friction=False, armature=False)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of light joints; the table has the result
+        warnings.simplefilter("ignore")  # the table has the result
         controller = pa.make_controller(
             model, law=law, unknown=unknown, adaptation="none" if known else adaptation
         )

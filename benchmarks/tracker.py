@@ -69,7 +69,7 @@ def measure(robot: str, angle: float, start: str, sensors: str) -> dict[str, Any
     if start.endswith("no wiggle"):
         duration += WAITING + (NOISY / described.reach**2 if sensors == "camera" else 0.0)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of light joints; the table has the result
+        warnings.simplefilter("ignore")  # the table has the result
         controller = pa.make_controller(
             described, unknown=pa.Unknown(tracker=True), sensors=SENSORS[sensors], dt=PERIOD
         )

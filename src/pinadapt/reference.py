@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -203,29 +203,18 @@ class WithinLimits(SlowedTime):
 
     Attributes:
         cause: the limit that asks for it, and the joint.
-        speed_share: largest share of a velocity limit that is used, and the joint; None: no limits.
-        effort_share: the same of the effort limits, with the torques of the model.
     """
 
-    def __init__(
-        self,
-        slowness: float,
-        cause: str,
-        speed_share: tuple[float, str] | None,
-        effort_share: tuple[float, str] | None,
-    ) -> None:
+    def __init__(self, slowness: float, cause: str) -> None:
         """Take the factor on all times, and what it was made for."""
         super().__init__(slowness)
-        self.cause, self.speed_share, self.effort_share = cause, speed_share, effort_share
+        self.cause = cause
 
     def __repr__(self) -> str:
-        """Return how much and why the motion is slower, and the largest shares of the limits."""
-        words = f"slowed to {100 / self.slowness:.3g} % ({self.cause})"
-        words = words if self.slowness > 1.0 else "not slowed"
-        for name, found in (("speed", self.speed_share), ("effort", self.effort_share)):
-            if found is not None:
-                words += f", {name} up to {100 * found[0]:.3g} % ({found[1]})"
-        return words
+        """Return how much and why the motion is slower."""
+        if self.slowness == 1.0:
+            return "not slowed"
+        return f"slowed to {100 / self.slowness:.3g} % ({self.cause})"
 
 
 def within_limits(
@@ -282,9 +271,8 @@ def within_limits(
     start = robot.q0 if q is None else robot.at(vector(q, robot.model.nv, "q")).q0
     joints = joint_motion(given, robot, s, start)
     _warn(joints, given, robot)
-    limits = _Allowed.of(robot, joints, share, margin, acceleration, efforts)
-    slowness, cause = limits.slowness()
-    return Retimed(given, WithinLimits(slowness, cause, *limits.used(slowness)))
+    slowness, cause = _slowness(robot, joints, share, margin, acceleration, efforts)
+    return Retimed(given, WithinLimits(slowness, cause))
 
 
 def _span(motion: Trajectory, horizon: float) -> float:
@@ -319,101 +307,52 @@ def _warn(joints: JointMotion, motion: Trajectory, robot: Robot) -> None:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class _Allowed:
-    """The limits along a motion: what each joint may use at each instant.
+def _slowness(
+    robot: Robot,
+    joints: JointMotion,
+    share: float,
+    margin: float,
+    acceleration: ArrayLike | None,
+    efforts: ArrayLike | bool,
+) -> tuple[float, str]:
+    """Return the least factor on all times, at least 1, that keeps the limits, and the cause.
 
-    Attributes:
-        joints: what the motion asks for, N instants.
-        names: of the joints.
-        speeds: (n) velocities [rad/s or m/s].
-        accelerations: (n) [rad/s^2 or m/s^2].
-        above, below: (N, n) torque left beside gravity and friction [N m or N], both positive.
-        valid: (N) whether the instant counts.
-        real: (n) velocity limits, (n) effort limits, as described.
+    With the factor p a torque is within its limit where room p^2 - f p - c >= 0.
     """
-
-    joints: JointMotion
-    names: Sequence[str]
-    speeds: np.ndarray
-    accelerations: np.ndarray
-    above: np.ndarray
-    below: np.ndarray
-    valid: np.ndarray
-    real: tuple[np.ndarray, np.ndarray]
-
-    @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        joints: JointMotion,
-        share: float,
-        margin: float,
-        acceleration: ArrayLike | None,
-        efforts: ArrayLike | bool,
-    ) -> _Allowed:
-        """Return the limits of a robot, and warn where gravity alone exceeds them."""
-        n = robot.model.nv
-        velocities, most = velocity_limits(robot.model), torque_limits(robot, efforts)
-        most = np.full(n, np.inf) if most is None else most
-        accelerations = np.full(n, np.inf)
-        if acceleration is not None:
-            accelerations = vector(acceleration, n, "acceleration", names=robot.joint_names)
-            if (accelerations <= 0.0).any():
-                raise InputError("must be positive.", where="acceleration")
-        usable = share * most / (1.0 + margin)
-        least = _LEAST_SHARE * most
-        still = np.where(np.isinf(most), 0.0, joints.still)
-        heavy = np.abs(still).max(axis=0) / most
-        if (heavy > 1.0).any():
-            i = int(np.argmax(heavy))
-            warnings.warn(
-                f"gravity alone takes {100 * heavy[i]:.3g} % of the effort limit of joint "
-                f"'{robot.joint_names[i]}' on the way; no time scaling helps.",
-                stacklevel=3,
-            )
-        return cls(
-            joints,
-            robot.joint_names,
-            share * velocities,
-            accelerations,
-            np.maximum(usable - still, least),
-            np.maximum(usable + still, least),
-            joints.off <= 1.0,
-            (velocities, most),
+    n, names = robot.model.nv, robot.joint_names
+    most = torque_limits(robot, efforts)
+    most = np.full(n, np.inf) if most is None else most
+    accelerations = np.full(n, np.inf)
+    if acceleration is not None:
+        accelerations = vector(acceleration, n, "acceleration", names=names)
+        if (accelerations <= 0.0).any():
+            raise InputError("must be positive.", where="acceleration")
+    usable, least = share * most / (1.0 + margin), _LEAST_SHARE * most
+    still = np.where(np.isinf(most), 0.0, joints.still)
+    heavy = np.abs(still).max(axis=0) / most
+    if (heavy > 1.0).any():
+        i = int(np.argmax(heavy))
+        warnings.warn(
+            f"gravity alone takes {100 * heavy[i]:.3g} % of the effort limit of joint "
+            f"'{names[i]}' on the way; no time scaling helps.",
+            stacklevel=3,
         )
-
-    def slowness(self) -> tuple[float, str]:
-        """Return the least factor on all times, at least 1, that keeps the limits, and the cause.
-
-        With the factor p a torque is within its limit where room p^2 - f p - c >= 0.
-        """
-        j, found = self.joints, {}
-        found["speed"] = np.abs(j.v) / self.speeds
-        found["acceleration"] = np.sqrt(np.abs(j.a) / self.accelerations)
-        both = []
-        for sign, room in ((1.0, self.above), (-1.0, self.below)):
-            half, c = 0.5 * sign * j.drag / room, sign * j.curve / room
-            square = half**2 + c
-            both.append(np.where(square > 0.0, half + np.sqrt(np.maximum(square, 0.0)), 0.0))
-        found["effort"] = np.maximum(*both)
-        needed = {kind: p[self.valid].max(axis=0, initial=1.0) for kind, p in found.items()}
-        kind = max(needed, key=lambda each: float(needed[each].max()))
-        i = int(np.argmax(needed[kind]))
-        return min(float(needed[kind][i]), _SLOWEST), f"{kind} of {self.names[i]}"
-
-    def used(self, slowness: float) -> tuple[tuple[float, str] | None, tuple[float, str] | None]:
-        """Return the largest shares of the described limits that are used, and their joints."""
-        r, j, (velocities, efforts) = 1.0 / slowness, self.joints, self.real
-        torque = j.still + j.drag * r + j.curve * r**2
-        return self._largest(j.v * r, velocities), self._largest(torque, efforts)
-
-    def _largest(self, what: np.ndarray, limits: np.ndarray) -> tuple[float, str] | None:
-        if not np.isfinite(limits).any():
-            return None
-        shares = np.abs(what[self.valid]).max(axis=0, initial=0.0) / limits
-        i = int(np.argmax(shares))
-        return float(shares[i]), self.names[i]
+    both = []
+    for sign in (1.0, -1.0):
+        room = np.maximum(usable - sign * still, least)
+        half, c = 0.5 * sign * joints.drag / room, sign * joints.curve / room
+        square = half**2 + c
+        both.append(np.where(square > 0.0, half + np.sqrt(np.maximum(square, 0.0)), 0.0))
+    found = {
+        "speed": np.abs(joints.v) / (share * velocity_limits(robot.model)),
+        "acceleration": np.sqrt(np.abs(joints.a) / accelerations),
+        "effort": np.maximum(*both),
+    }
+    valid = joints.off <= 1.0
+    needed = {kind: p[valid].max(axis=0, initial=1.0) for kind, p in found.items()}
+    kind = max(needed, key=lambda each: float(needed[each].max()))
+    i = int(np.argmax(needed[kind]))
+    return min(float(needed[kind][i]), _SLOWEST), f"{kind} of {names[i]}"
 
 
 class Approach(Derived):

@@ -5,7 +5,7 @@ import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot
-from tests.support.recorded import motion, recorded, torques, true_robot
+from tests.support.recorded import recorded, true_robot
 
 pytestmark = pytest.mark.slow
 
@@ -57,46 +57,6 @@ def test_predictions_of_torque_and_position_converge(name, adaptation, share):
     if adaptation != "least-squares":  # least squares keeps no body physical
         robot = estimator.learned(states[-1])
         assert np.allclose(estimator.controller.dynamics.value(robot), states[-1].a_d)
-
-
-def spoilt(measurements, change):
-    """Return measurements whose torques are changed, given their configurations."""
-    return [one._replace(tau=change(one.tau, one.q)) for one in measurements]
-
-
-def test_torques_of_another_kind_are_refused_in_the_first_seconds():
-    robot, measurements = catalogue_robot("ur5"), samples("ur5", duration=5.0)
-    gravity, n = pa.robot.Gravity(robot), robot.model.nv
-    sign = np.where(np.arange(n) == 1, -1.0, 1.0)
-    for words, change in (
-        ("in amperes", lambda tau, q: 0.1 * tau),
-        ("sign", lambda tau, q: -tau),
-        ("the wrong sign", lambda tau, q: sign * tau),
-        ("more than the motors give", lambda tau, q: 1e3 * tau),
-        ("without gravity", lambda tau, q: tau - 1.2 * gravity(q)),
-        ("order of the joints", lambda tau, q: tau[::-1]),
-    ):
-        estimator = pa.make_estimator(robot, dt=4e-3)
-        state = estimator.init(measurements[0])
-        with pytest.raises(pa.ImplausibleError, match=words) as refused:
-            for measurement in spoilt(measurements, change)[1:]:
-                state = estimator.step(state, measurement)
-        at_once = words == "more than the motors give"  # no motor is that strong
-        assert refused.value.field == "tau" and (state.t < 0.1 if at_once else 0.9 < state.t < 4.5)
-    off = pa.make_estimator(robot, dt=4e-3, limits=pa.Limits(guards={"gravity": False}))
-    assert learned(off, spoilt(measurements[:400], lambda tau, q: -tau))[-1].filters == ()
-
-
-def test_torques_with_loads_and_wrong_inertias_are_accepted():
-    robot, (t, q, v, a) = catalogue_robot("ur5"), motion("ur5", duration=9.0, dt=8e-3)
-    for scale in (2.0 / 3.0, 4.0 / 3.0):
-        true = true_robot("ur5", inertial_scale=scale, payload=pa.Payload(5.0, (0.05, 0.0, 0.05)))
-        tau = torques(true, q, v, a)
-        mean = np.vstack([tau[:1], 0.5 * (tau[1:] + tau[:-1])])
-        estimator = pa.make_estimator(robot, dt=8e-3)
-        rows = zip(t.tolist(), q, v, mean, strict=True)
-        states = learned(estimator, [pa.Measurement(*row[:3], tau=row[3]) for row in rows])
-        assert states[100].filters and states[-1].filters == ()
 
 
 def test_steps_are_pure():

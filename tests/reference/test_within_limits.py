@@ -63,9 +63,6 @@ def test_a_fast_circle_keeps_the_limits_for_as_long_as_it_goes_on(name, period, 
     # 3 %: the null space has more time to return than at the motion's own speed
     assert max(used) < 1.03
     assert max(used) > 0.9  # and not slower than it has to be
-    # the stated shares are those of the run
-    assert slowed.law.speed_share[0] == pytest.approx(speeds.max(), rel=0.05)
-    assert slowed.law.effort_share[0] == pytest.approx(efforts.max(), rel=0.05)
     # all turns are alike, also long after those that were computed
     for t in (0.1, 0.6 * turn):
         pair = slowed.at(since + t), slowed.at(since + t + 40 * turn)
@@ -83,8 +80,7 @@ def test_the_whole_motion_is_slowed_to_the_rate_that_its_fastest_instant_asks_fo
     assert slowed.law.cause == "speed of panda_joint1"
     assert 1.0 / slowed.law.slowness == pytest.approx(0.8 * 2.175 / 2.4, rel=2e-3)  # tanh' = 1
     assert re.match(
-        r"Function, slowed to 72\.\d % \(speed of panda_joint1\), speed up to 80 % "
-        r"\(panda_joint1\), effort up to ",
+        r"Function, slowed to 72\.\d % \(speed of panda_joint1\)$",
         repr(slowed),
     )
     speeds = np.array([slowed.at(t).xd_d[0] for t in np.arange(0.0, 4.5, 5e-3)])

@@ -13,7 +13,6 @@ CIRCLE = pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz", phase=0.4
 SWINGING = pa.trajectories.PoseTrajectory(
     CIRCLE, pa.trajectories.Swing([0.0, 1.0, 0.5], 0.3, 2.0, quaternion=[0.5, 0.5, 0.5, 0.5])
 )
-TIMES = np.linspace(0.0, 2.0, 9)
 MOTIONS = {
     "circle": CIRCLE,
     "fourier": pa.trajectories.FourierSeries(
@@ -27,9 +26,6 @@ MOTIONS = {
             [0.2 * math.cos(2 * t), 2 * t],
             [-0.4 * math.sin(2 * t), 2.0],
         )
-    ),
-    "spline": pa.trajectories.Spline(
-        TIMES, np.column_stack([np.sin(TIMES), TIMES**2]), ends="free"
     ),
 }
 motions = pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS.keys())

@@ -192,7 +192,6 @@ GIVEN = {
     "with derivatives": lambda circle: lambda t: tuple(circle.at(t)),
     "object": Path,
     "subclass": Own,
-    "samples": lambda circle: Spline(*sampled(circle, 0.5, 501), ends="free"),
 }
 
 

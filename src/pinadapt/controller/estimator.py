@@ -1,21 +1,12 @@
 """The estimating half of a controller, beside whatever drives the robot.
 
-Amperes, torques before a gear, a wrong sign, or torques without gravity would be learned like any
-others. They show before: the filtered torque T that is measured is compared with the one that the
-initial estimate predicts, P,
-
-    factor = <T, P> / <P, P>,        correlation = <T, P> / (|T| |P|).
-
-``pinadapt.identification.check_torques`` does the same with a whole log. Here, what a load or wrong
-inertias could do is left alone: only factors far from one count.
+``pinadapt.identification.check_torques`` says whether the torques of a log can be the robot's.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,14 +23,6 @@ from .learned import learned_robot
 from .sensing import LATEST
 from .state import ControllerState
 
-_FIRST, _LAST = 1.0, 8.0  # [s] of motion after which the torques are judged, doubling in between
-_FACTORS = (0.3, 4.0)  # of all joints together, that wrong inertias and loads do not reach
-_CLEAR = 0.9  # correlation at which a joint is reported to have the wrong sign
-_RELATED = 0.3  # correlation of all joints together, below which torques are not the robot's
-_PREDICTED = 0.5  # of the measured torques, of a joint or of all, from where on predicted ones
-# must be seen in them
-_ZERO = 1e-9  # [(N m)^2 s]
-
 
 class Estimator:
     """Estimates parameters from sensors alone, by predicting torque and position; commands nothing.
@@ -51,9 +34,6 @@ class Estimator:
 
     in the metric, with the weights and rates of the controller that it is made of. It uses q, v,
     the torque of the motors, and the task frame where that was measured, whatever moves the robot.
-
-    In the first seconds of motion the torques are compared with what the initial estimate predicts,
-    see ``TorqueHistory``, and refused if they cannot be the robot's.
 
     ``init`` and ``step`` are pure. An implausible sample raises as in a controller; continue from
     the same state with the next one. The filters bridge gaps of up to ten periods, and start anew
@@ -96,8 +76,6 @@ class Estimator:
             FilteredRegressor(controller.dynamics, bandwidth) if bandwidth is not None else None
         )
         senses = controller.senses
-        first = senses.guards.first
-        self._listens = self._torque_filter is not None and first is not None
         self._senses = replace(
             senses,
             compensator=replace(senses.compensator, longest_gap=math.inf),
@@ -151,7 +129,7 @@ class Estimator:
             dynamic=dynamic,
             kinematic=kinematic,
             a_0=dynamic.value.copy(),
-            filters=TorqueHistory.none(kinematics.nv) if self._listens else (),
+            filters=(),
             load=None if parts.nominal is None else parts.nominal.load,
             sensed=self._senses.init(sample, kinematics, kinematic.value),
             torque_filter=self._anew(sample.q, sample.v),
@@ -169,8 +147,8 @@ class Estimator:
 
         Raises:
             MeasurementError: a signal is missing, of the wrong size or type, or not finite.
-            ImplausibleError: an impossible measurement, see ``Guards``, torques that are not the
-                robot's, see ``TorqueHistory``, or its time is not after the last one's.
+            ImplausibleError: an impossible measurement, see ``Guards``, or its time is not after
+                the last one's.
             InputError: the state is that of another controller, or another thread is using this
                 estimator.
             DivergedError: the estimates diverged.
@@ -192,12 +170,7 @@ class Estimator:
         dynamic, kinematic = state.dynamic, state.kinematic
         filtered = self._filtered(state, sensed, sample.tau, elapsed)
         paused = elapsed > LATEST * parts.period
-        heard = state.filters
         if state.adapting and not still and not paused:
-            if heard and isinstance(filtered, FilteredTorque) and sample.tau is not None:
-                decay, error = math.exp(-filtered.bandwidth * elapsed), filtered.error(state.a_0)
-                heard = heard.after(sample.tau, error, decay, elapsed)
-                heard = heard.judged(self._kinematics.joint_names)
             if isinstance(filtered, FilteredTorque):
                 dynamic = self._dynamic_step(dynamic, filtered, sample.q, elapsed)
             kinematic = self._kinematic_step(kinematic, sensed, elapsed)
@@ -207,7 +180,6 @@ class Estimator:
             t=sample.t,
             dynamic=dynamic,
             kinematic=kinematic,
-            filters=heard,
             sensed=sensed,
             torque_filter=filtered,
         )
@@ -264,74 +236,3 @@ class Estimator:
             return kinematic
         drive = Drive(sensed.X_k, None, sensed.X_k, sensed.epsilon, self._R_k)
         return self.controller.adaptation_k.step(kinematic, drive, elapsed)
-
-
-class TorqueHistory(NamedTuple):
-    """Comparison of the torques of a motion with the predicted ones, so far.
-
-    Attributes:
-        time: of the motion [s].
-        due: when they are judged next [s].
-        filtered: (n) torque T through the low pass of the prediction P [N m or N].
-        products: (3, n) sums over time of P^2, P T and T^2.
-    """
-
-    time: float
-    due: float
-    filtered: np.ndarray
-    products: np.ndarray
-
-    @classmethod
-    def none(cls, n: int) -> TorqueHistory:
-        """Return that of n joints before any sample."""
-        return cls(0.0, _FIRST, np.zeros(n), np.zeros((3, n)))
-
-    def after(
-        self, tau: np.ndarray, error: np.ndarray, decay: float, elapsed: float
-    ) -> TorqueHistory:
-        """Return the sums with one more sample.
-
-        Args:
-            tau: (n) measured torque [N m or N].
-            error: (n) P - T [N m or N].
-            decay: of the low pass over the sample.
-            elapsed: since the sample before [s].
-        """
-        T = decay * self.filtered + (1.0 - decay) * tau
-        P = T + error
-        products = self.products + elapsed * np.stack([P * P, P * T, T * T])
-        return TorqueHistory(self.time + elapsed, self.due, T, products)
-
-    def judged(self, names: Sequence[str]) -> TorqueHistory | tuple[()]:
-        """Return what is kept for the next samples; nothing once the check is complete.
-
-        Args:
-            names: of the joints.
-
-        Raises:
-            ImplausibleError: the torques cannot be those of the robot.
-        """
-        if self.time < self.due:
-            return self
-        predicted, both, measured = self.products.sum(axis=1)
-        PP, PT, TT = self.products
-        against = (_PREDICTED**2 * TT < PP) & (PT + _CLEAR * np.sqrt(PP * TT) < 0.0)
-        factor, guess = both / max(predicted, _ZERO), ""
-        correlation = both / max(math.sqrt(predicted * measured), _ZERO)
-        if against.any():
-            guess = f"the wrong sign for joint '{names[int(np.argmax(against))]}'?"
-        elif predicted > max(_PREDICTED**2 * measured, _ZERO) and (
-            correlation < _RELATED or not _FACTORS[0] < factor < _FACTORS[1]
-        ):
-            guess = "without gravity, which the arm adds? another order of the joints or sign?"
-            guess = "in amperes? before the gear?" if correlation > _CLEAR else guess
-        if guess:
-            raise ImplausibleError(
-                "tau",
-                f"{factor:.2g} times",
-                f"is not what the model predicts in the first {self.time:.2g} s of motion",
-                guess,
-                "Give the torques of the joints in N m or N, after the gears and with gravity. "
-                "limits=pa.Limits(guards={'gravity': False}) switches this check off.",
-            )
-        return () if self.due >= _LAST else self._replace(due=2.0 * self.due)

@@ -1,7 +1,7 @@
-"""The torque against the momentum in the first samples: gravity that is added twice, or not at all.
+"""The torque against the momentum in the first samples: gravity that is added twice.
 
-A gravity torque that the arm adds undeclared, or does not add although declared, shows as soon as
-the arm moves; once it has moved as it should, the test costs nothing.
+A gravity torque that the arm adds undeclared shows as soon as the arm moves; once it has moved as
+it should, the test costs nothing. One that is declared and missing is learned like a load.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import pinocchio as pin
 
 from ..exceptions import ImplausibleError
 from ..records import Sensors
-from ..robot.changes import Payload
 from ..robot.motors import Compensation, Gravity
 from ..robot.robot import Robot
 
@@ -22,7 +21,6 @@ _CERTAIN = 5.0  # standard deviations of noise
 _SHORTEST, _PERIODS, _LONGEST = 0.012, 12, 0.05  # [s], periods and [s] of a window
 _VISIBLE = 0.1  # of gravity, below which the noise of a window should stay
 _FALLS = 0.8  # of the gravity in question; wrong inertias of a half more or a third less show 0.5
-_HEAVY, _LOAD = 1.5, 0.3  # times inertias and mass, of an arm that falls for another reason
 _ASIDE = 0.5  # of what looks like gravity, that may be something else
 _STILL = 0.5  # [rad/s^2 or m/s^2]: smaller accelerations by gravity show nothing
 _WINDOWS = 3.0  # without a fault, after which the test is over
@@ -41,24 +39,19 @@ class FirstSamples:
         p = <r, g_a> / <g_a, g_a>,    r = M dv/dt + C v + g - tau,    <a, b> = a^T M^-1 b,
 
     with the slope of v and the torque sent, weighted as that slope weights it. An arm that adds g_a
-    undeclared has p = 1 at its first motion, one that does not although declared p = -1: it falls
-    freely, whatever its inertias. Refused is |p| above 0.8 and five standard deviations in two
-    windows in a row, where r is along g_a, and in the first nearer to one than what an arm half as
-    heavy again with a load of 30 % would show; and a measured torque that differs so from the sent.
+    undeclared has p = 1 at its first motion, whatever its inertias. Refused
+    is p above 0.8 and five standard deviations in two windows in a row, where r is along g_a; and a
+    measured torque that differs so from the sent.
 
     Attributes:
         robot: as described, with the load announced at first.
-        heavy: the one with a load.
         gravity: g_a of q (nq).
-        declared: whether the arm is declared to add it.
         window: its length [s].
         noise: (n) standard deviation of dv/dt over a window [rad/s^2 or m/s^2].
     """
 
     robot: Robot
-    heavy: Robot
-    gravity: Compensation
-    declared: bool
+    gravity: Gravity
     window: float
     noise: np.ndarray
 
@@ -86,7 +79,7 @@ class FirstSamples:
             dt: since then [s].
 
         Raises:
-            ImplausibleError: the arm adds its gravity torque undeclared, or the reverse.
+            ImplausibleError: the arm adds its gravity torque undeclared.
         """
         if not dt > 0.0 or not np.isfinite(sent).all():
             return sums
@@ -101,7 +94,7 @@ class FirstSamples:
         if sums[_TIME] < T - 0.5 * dt:
             return sums
         again, scale = bool(sums[_SUSPECT]), 12.0 / T**3
-        suspect = self._suspect(q, v, scale * swing, scale * drive, offset, again)
+        suspect = self._suspect(q, v, scale * swing, scale * drive, offset)
         if suspect and again:
             raise self._error("v", suspect, "the arm accelerates")
         healthy = sums[_HEALTHY] + (1.0 if suspect == 0.0 else T / _PATIENCE)
@@ -118,7 +111,6 @@ class FirstSamples:
         a: np.ndarray,
         tau: np.ndarray,
         offset: np.ndarray,
-        again: bool,
     ) -> float | None:
         """Return the share of gravity that a window shows if it is too much, 0 if not.
 
@@ -129,13 +121,13 @@ class FirstSamples:
         falling = np.linalg.solve(M, own)
         if not np.abs(falling).max() > _STILL:
             return None
-        size = float(own @ falling) * (-1.0 if self.declared else 1.0)
+        size = float(own @ falling)
 
         def share(excess: np.ndarray) -> float:
             """Return the share of a torque (n) that is gravity; 0 if it is something else."""
             found = float(falling @ excess) / size
-            rest = excess - float(falling @ excess) / abs(size) * own
-            aside = float(rest @ np.linalg.solve(M, rest)) / abs(size)
+            rest = excess - found * own
+            aside = float(rest @ np.linalg.solve(M, rest)) / size
             return found if aside < (_ASIDE * found) ** 2 else 0.0
 
         sensed = share(offset)
@@ -145,35 +137,28 @@ class FirstSamples:
             return None
         friction = self.robot.friction_at(q).torque(v)
         drive = tau - friction - pin.rnea(model, model.createData(), q, v, np.zeros(v.size))
-        noise = _CERTAIN * float(np.linalg.norm(own * self.noise)) / abs(size)
-        seen, other = share(M @ a - drive), self.heavy.model
-        if again or seen < _FALLS + noise:
-            return seen if seen > _FALLS + noise else 0.0
-        worst = share(M @ pin.aba(other, other.createData(), q, v, tau - friction) - drive)
-        return seen if abs(seen - worst) > 0.5 * abs(1.0 - worst) else 0.0  # nearer to one
+        noise = _CERTAIN * float(np.linalg.norm(own * self.noise)) / size
+        seen = share(M @ a - drive)
+        return seen if seen > _FALLS + noise else 0.0
 
     def _error(self, field: str, share: float, seen: str) -> ImplausibleError:
-        what = "does not add the torque of `compensated`" if self.declared else "adds its own "
-        what += "" if self.declared else "gravity torque"
-        hint = (
-            "Omit `compensated` if the arm expects full torques, or switch its compensation on."
-            if self.declared
-            else 'If so, declare it: compensated="nominal", in a scenario controller.compensated.'
-        )
         other = "are the torques in another unit, or before the gears?" if field == "tau" else ""
         return ImplausibleError(
             field,
             f"{100.0 * share:.0f} %",
-            f"shows that the arm {what}: {seen} by this share of it",
+            f"shows that the arm adds its own gravity torque: {seen} by this share of it",
             other,
-            f"{hint} {_SWITCH}",
+            'If so, declare it: compensated="nominal", in a scenario controller.compensated. '
+            + _SWITCH,
         )
 
 
 def make_first_samples(
     robot: Robot, unloaded: Robot, sensors: Sensors, compensation: Compensation | None, dt: float
 ) -> FirstSamples | None:
-    """Return what the first samples of a robot are compared with; None where gravity is none.
+    """Return what the first samples of a robot are compared with.
+
+    None where gravity is none, or is declared to be compensated.
 
     Args:
         robot: the nominal robot.
@@ -183,9 +168,9 @@ def make_first_samples(
         dt: sampling period [s].
     """
     model = robot.model
-    if compensation is None and not np.any(model.gravity.linear):
+    if compensation is not None or not np.any(model.gravity.linear):
         return None
-    gravity = Gravity(unloaded) if compensation is None else compensation
+    gravity = Gravity(unloaded)
     own = gravity(robot.q0)
     size = float(own @ np.linalg.solve(pin.crba(model, model.createData(), robot.q0), own))
     counts = np.broadcast_to(np.asarray(sensors.encoder, dtype=float), model.nv)
@@ -198,8 +183,5 @@ def make_first_samples(
         ))  # fmt: skip
         share = _CERTAIN * float(np.linalg.norm(own * noise))
         if share <= _VISIBLE * size or T >= _LONGEST:
-            robot = robot.undrawn()
-            heavy = robot.changed(inertial_scale=_HEAVY)
-            heavy = heavy.changed(payload=Payload(_LOAD * heavy.mass))
-            return FirstSamples(robot, heavy, gravity, compensation is not None, T, noise)
+            return FirstSamples(robot.undrawn(), gravity, T, noise)
         periods += 1

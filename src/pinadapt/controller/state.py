@@ -55,8 +55,7 @@ class ControllerState(NamedTuple):
         dynamic: estimate of the dynamic parameters, with what its adaptation remembers.
         kinematic: the same of the kinematic parameters [m].
         a_0: (p_d) the dynamic estimate at the start, moved by what was announced since.
-        filters: state of the law's filters, see ``Law.filters``; of an ``Estimator``, what its
-            torques have shown, see ``TorqueHistory``.
+        filters: state of the law's filters, see ``Law.filters``.
         adapting: whether the estimates move; see ``adapt``.
         load: what the robot carries in addition to its description, as last announced.
         sensed: what the sensors said at the last sample, see ``SensedState``.

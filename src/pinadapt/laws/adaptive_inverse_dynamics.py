@@ -199,7 +199,6 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
     """
 
     name = "adaptive-inverse-dynamics-improved"
-    holds_inertia = True
     sources: ClassVar[tuple[str, ...]] = ("WangXie2009", "SpongOrtega1990")
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:

@@ -24,7 +24,7 @@ from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
-from .law import Command, EstimatedModel, Feedback, Law, SetPointLoop, Truth, check_in_place, merged
+from .law import Command, EstimatedModel, Feedback, Law, Truth, check_in_place, merged
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ class ApproximateJacobian(Law):
                   about weight / 4 for critical damping near the set point, and z is bounded as s
                   is. Then qd and F go to zero, and with them dx, as J_hat has full row rank.
     Assumptions:  set point: the desired motion comes to rest; constant parameters; exact gravity
-                  regressor; J_hat of full row rank and not too wrong, see ``mismatch``. Needed are
+                  regressor; J_hat of full row rank and not too wrong, as above. Needed are
                   q, qd and x; nothing is inverted.
     Redundancy:   K_v damps the null space; where it comes to rest is not controlled.
     Pose:         s is radial in the rotation vector, so that S has the derivative above. Joints: J
@@ -260,23 +260,6 @@ class ApproximateJacobian(Law):
         zd = self.weight * self._compliance @ (turning + stretching)
         lost = (s.v + z) @ (pull + self.brake(s.v) + truth.friction.torque(s.v))
         return float(force @ dxd - lost + s.v @ (truth.C @ z + truth.M @ zd))
-
-    def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float]:
-        """Return how wrong J_hat (m, n) is beside the true J (m, n), and how wrong it may be.
-
-        The largest |(J - J_hat)^T f| / |J_hat^T f| over all forces f, in the metric K_v^-1, and 2
-        sqrt(weight (1 - weight / 4)) - weight, about 0.8. The bound is sufficient, not
-        necessary, and far from necessary where light joints have little damping.
-        """
-        root = np.linalg.cholesky(self._compliance)
-        size = np.linalg.cholesky(J_hat @ self._compliance @ J_hat.T)
-        found = np.linalg.norm(np.linalg.solve(size, (J - J_hat) @ root), 2)
-        return float(found), 2.0 * (self.weight * (1.0 - 0.25 * self.weight)) ** 0.5 - self.weight
-
-    def set_point_loop(self, J_hat: np.ndarray, J: np.ndarray) -> SetPointLoop:
-        """Return the loop linearised in a set point: s(dx) is dx = J dq there."""
-        stiffness = J_hat.T @ self.K_P @ J
-        return SetPointLoop(stiffness, self.K_v, self.weight * self._compliance @ stiffness)
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return Phi = M_hat^-1/2 Z (n, p_d) at each state."""

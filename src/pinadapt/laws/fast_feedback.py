@@ -18,7 +18,7 @@ from ..robot.motors import Actuators
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import JointTask
-from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, SetPointLoop, Truth
+from .law import Command, EstimatedModel, Feedback, KinematicLoop, Law, Truth
 
 _DAMPING = 0.7  # of the springs' fast modes
 _STEP = 0.4  # of the motor's inertia over the period, at most
@@ -195,14 +195,6 @@ class FastFeedback(Law):
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation, wrapped in what the law's proof needs."""
         return self._law.guarded(adaptation, dynamics)
-
-    def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float] | None:
-        """Return that of the law."""
-        return self._law.mismatch(J_hat, J)
-
-    def set_point_loop(self, J_hat: np.ndarray, J: np.ndarray) -> SetPointLoop | None:
-        """Return that of the law."""
-        return self._law.set_point_loop(J_hat, J)
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return those of the law."""

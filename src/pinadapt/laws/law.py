@@ -182,20 +182,6 @@ class Feedback(NamedTuple):
     E: np.ndarray
 
 
-class SetPointLoop(NamedTuple):
-    """A law linearised at rest in a set point: tau = g - stiffness dq - damping qd.
-
-    Attributes:
-        stiffness: (n, n) [N m/rad or N/m], not symmetric where the estimated Jacobian is wrong.
-        damping: (n, n) [N m s/rad or N s/m].
-        drive: (n, n) dy/dq of the error y that drives the estimate with qd [1/s].
-    """
-
-    stiffness: np.ndarray
-    damping: np.ndarray
-    drive: np.ndarray
-
-
 class KinematicLoop(NamedTuple):
     """The coupling of kinematic estimate and task error: de/dt = -damping e + w a, and back.
 
@@ -244,8 +230,6 @@ class Law(ABC):
             beside a memory of all torques it is one bandwidth.
         remembers: whether its default adaptation has a memory of all torques, where parameters of
             bodies are unknown.
-        holds_inertia: whether it uses the mass matrix of the initial estimate beside the moving
-            one, whose difference must stay below the true mass matrix.
         joint_mode: the same for the coefficients of the joints.
         kinematic_mode: the same for the translations.
         own_bandwidth: w, for robots of every size [rad/s]; None: by the reach.
@@ -274,7 +258,6 @@ class Law(ABC):
     bandwidth_powers: ClassVar[dict[str, float]] = {"Kv": 1.0, "alpha": 1.0, "Kp": 2.0}
     adaptation_mode: ClassVar[float] = 2.0
     remembers: ClassVar[bool] = False
-    holds_inertia: ClassVar[bool] = False
     joint_mode: ClassVar[float] = 3.0
     kinematic_mode: ClassVar[float] = 0.15
     own_bandwidth: ClassVar[float | None] = None
@@ -353,17 +336,6 @@ class Law(ABC):
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
         """Return the adaptation of the dynamics, wrapped in what the law's proof needs."""
         return adaptation
-
-    def mismatch(self, J_hat: np.ndarray, J: np.ndarray) -> tuple[float, float] | None:
-        """Return the error of J_hat (m, n) beside the true J (m, n), and the largest one allowed.
-
-        None for a law that tolerates any error of J_hat or adapts to it.
-        """
-        return None
-
-    def set_point_loop(self, J_hat: np.ndarray, J: np.ndarray) -> SetPointLoop | None:
-        """Return the loop linearised in a set point, or None for a law that follows motions."""
-        return None
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return Phi (., p_d) at each state, by which parameter errors move the driving error e.

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, numbers, positive, shown, word
+from .._checks import arithmetic, numbers, positive, shown
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.task import JointTask, Task
@@ -131,19 +131,15 @@ def _vector(part: Any, value: Any, t: float) -> np.ndarray:
     return array.astype(float).reshape(-1)
 
 
-ENDS = ("rest", "free")
-
 _DEGREE = 5
 
 
 class Spline(Trajectory):
     """The spline of degree five through positions at given times; four continuous derivatives.
 
-    Before the first time and after the last one the motion rests at the first and last position.
-    With ``ends="rest"`` velocity and acceleration are zero at both ends, so they are continuous
-    there; through two positions this is the minimum-jerk motion. With ``ends="free"`` velocity and
-    acceleration at the ends follow from the samples (not-a-knot conditions) and jump to zero
-    beyond them. This suits samples of a motion that is already under way.
+    Before the first time and after the last one the motion rests at the first and last position;
+    velocity and acceleration are zero at both ends, so they are continuous there. Through two
+    positions this is the minimum-jerk motion.
 
     Quaternions are interpolated as four numbers, after their signs are made consistent, and divided
     by their length. The orientation passes through every sample and is as smooth as the position.
@@ -153,15 +149,12 @@ class Spline(Trajectory):
         x: (N, m) positions [m or rad]; of a pose with a quaternion xyzw (7), of an orientation (4).
     """
 
-    def __init__(
-        self, t: ArrayLike, x: ArrayLike, *, ends: str = "rest", quaternion: bool = False
-    ) -> None:
+    def __init__(self, t: ArrayLike, x: ArrayLike, *, quaternion: bool = False) -> None:
         """Take times and positions.
 
         Args:
-            t: (N) increasing times [s], N >= 2 at rest at the ends, N >= 6 for free ends.
+            t: (N) increasing times [s], N >= 2.
             x: (N, m) or, of one coordinate, (N) positions [m or rad].
-            ends: "rest" or "free".
             quaternion: whether the last four columns are a unit quaternion xyzw.
 
         Raises:
@@ -171,17 +164,15 @@ class Spline(Trajectory):
         self.t, self.x = numbers(t, "trajectory.t"), numbers(x, "trajectory.x")
         if self.x.ndim == 1:
             self.x = self.x[:, None]
-        least = _DEGREE + 1 if word(ends, ENDS, "ends") == "free" else 2
-        _check(self.t, self.x, least)
+        _check(self.t, self.x)
         self._rotates = quaternion
         if quaternion:
             self.x[:, -4:] = _continuous(self.x[:, -4:])
         from scipy.interpolate import make_interp_spline  # not needed to load a robot
 
         still = [(order, np.zeros(self.x.shape[1])) for order in (1, 2)]
-        conditions = (still, still) if ends == "rest" else None
         with arithmetic("trajectory.t"):
-            spline = make_interp_spline(self.t, self.x, _DEGREE, bc_type=conditions)
+            spline = make_interp_spline(self.t, self.x, _DEGREE, bc_type=(still, still))
             self._parts = spline, spline.derivative(1), spline.derivative(2)
 
     @property
@@ -206,7 +197,7 @@ class Spline(Trajectory):
         return Desired(np.append(u[:-4], q), np.append(ud[:-4], omega), np.append(udd[:-4], alpha))
 
 
-def _check(t: np.ndarray, x: np.ndarray, least: int) -> None:
+def _check(t: np.ndarray, x: np.ndarray) -> None:
     """Check times and positions.
 
     Raises:
@@ -218,8 +209,8 @@ def _check(t: np.ndarray, x: np.ndarray, least: int) -> None:
             where="trajectory",
             hint="Give (t, x) with t (N) [s] and x (N, m).",
         )
-    if len(t) < least:
-        raise InputError(f"expected at least {least} samples, got {len(t)}.", where="trajectory.t")
+    if len(t) < 2:
+        raise InputError(f"expected at least 2 samples, got {len(t)}.", where="trajectory.t")
     if (late := np.diff(t) <= 0.0).any():
         k = int(np.argmax(late)) + 1
         raise InputError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isinf
@@ -46,7 +45,7 @@ from .noise import (
     modified,
     noise_settings,
 )
-from .preflight import lightest_joint, stable_share_of_adaptation, stable_share_of_feedback
+from .preflight import stable_share_of_adaptation, stable_share_of_feedback
 from .rates import (
     ADAPTATIONS,
     KINEMATIC_ADAPTATIONS,
@@ -163,7 +162,7 @@ def make_controller(
         tuned = tuned.decorrelated(settings.decorrelation, 1.0 / settings.velocity)
     if applied.governor is not None:
         tuned = tuned.within(applied.governor.velocity)
-    _warn(tuned, (kind, kind_k), motion, gains | rates)
+    warn_of_unused_gains(tuned, (kind, kind_k), kinematics, dynamics, gains | rates)
     box, given = make_box(robot, kinematics, limits.box), rates | gains
     adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, settings, quality)
     if isinstance(law, str) and gains.get("R_k") is None:
@@ -264,15 +263,6 @@ def _adaptation(
     if not settings.leak or SIGMA in modifying or kind in MEMORIES:
         return moved
     return Leak(moved, settings.leak)
-
-
-def _warn(
-    law: Law, kinds: tuple[str, str], motion: TypicalMotion, gains: Mapping[str, Any]
-) -> None:
-    """Warn of gains that nothing uses, and of a joint too light for the law."""
-    warn_of_unused_gains(law, kinds, motion.kinematics, motion.dynamics, gains)
-    if kinds[0] != "none" and (light := lightest_joint(motion, law)):
-        warnings.warn(str(light), stacklevel=5)
 
 
 def _senses(

@@ -1,4 +1,4 @@
-"""The check before a run: sampling period, actuators, sensors, light joints.
+"""The check before a run: sampling period, actuators, sensors.
 
 Each part of the closed loop is linearised over a typical motion of the model and sampled as the
 controller does it, torques and gradients held for dt. A part is stable while the spectral radius of
@@ -28,17 +28,14 @@ import pinocchio as pin
 
 from .._checks import arithmetic, instance, positive
 from ..controller.controller import Controller
-from ..laws.acceleration_law import AccelerationLaw
 from ..laws.fast_feedback import FastFeedback
-from ..laws.law import Feedback, Law
+from ..laws.law import Feedback
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from ..robot.motors import Actuators, JointActuators, overloaded
 from ..robot.workspace import rounded_down
 from .defaults import bandwidth, frequency
 
-_LOAD, _ARM = 0.1, 0.05  # of the robot's mass, of its reach off the axis: such a load ...
-_ANGLE = 0.25  # [rad] ... turns no joint further than this against its position feedback
 _MARGIN, _ADAPTATION_MARGIN = 2.0, 1.5  # by which loops may be faster than the model's
 _SLACK = 0.95  # of a share at the border of stability
 _LEAST, _SHARES = 1e-6, 2**16  # smallest share of a gain, and how many up to one: 0.02 % apart
@@ -79,66 +76,6 @@ class Finding:
     def __str__(self) -> str:
         """Return what is wrong, and what to take instead."""
         return self.words
-
-
-@dataclass(frozen=True)
-class LightJoint:
-    """A revolute joint that an unknown load could turn against its feedback.
-
-    The load is a tenth of the robot's mass, a twentieth of its reach off the axis.
-
-    Attributes:
-        joint: its name.
-        inertia: that it moves in the model, the least over a typical motion [kg m^2].
-        load: largest load that it tolerates [kg].
-        arm: distance of that load from its axis [m].
-    """
-
-    joint: str
-    inertia: float
-    load: float
-    arm: float
-
-    def __str__(self) -> str:
-        """Return what is light, which load it tolerates, and what to do."""
-        return (
-            f"{self.joint} moves only {self.inertia:.2g} kg m^2 in the model, and the feedback of "
-            "this law is that times an acceleration: an unknown load above "
-            f"{rounded_down(self.load):.2g} kg, {1e3 * self.arm:.0f} mm off its axis, can spin it "
-            "before it is learned. With such a load take the law 'separation', or announce it "
-            "(payload=, in a scenario controller.payload)."
-        )
-
-
-def lightest_joint(motion: TypicalMotion, law: Law) -> LightJoint | None:
-    """Return the joint that tolerates the smallest load, or None if all tolerate enough.
-
-    None too if the law's gains are forces or the last body is known.
-
-    At each state of the typical motion, the weight of the load at its distance from a joint's axis
-    is divided by the model's inertia M_jj and by the least position gain: the angle at which the
-    feedback balances it. On the catalogue, with 30 % wrong inertias and loads of at most the last
-    body's mass, law (11) of Wang and Xie diverged at four joints; all are found here.
-    """
-    robot, dynamics = motion.robot, motion.dynamics
-    model, n = robot.model, robot.model.nv
-    if not isinstance(law, AccelerationLaw) or not law.adapts or n - 1 not in dynamics.bodies:
-        return None
-    rows, arm = robot.task.groups[0].rows, _ARM * robot.reach
-    stiffness, data = float(np.linalg.eigvalsh(law.K_P[rows, rows])[0]), model.createData()
-    turns = [
-        pin.computeJointJacobians(model, data, q).reshape(6, n)[3:].T.copy()
-        for q in motion.states.q
-    ]  # the joints' axes (n, 3), zero for slides
-    weights = np.linalg.norm(np.cross(turns, model.gravity.linear), axis=2)  # of 1 kg on 1 m
-    inertias = np.diagonal(motion.mass_matrices, axis1=1, axis2=2)
-    floors = np.finfo(float).eps * inertias.max(axis=1, keepdims=True)
-    largest = np.max(weights * arm / (np.maximum(inertias, floors) * stiffness), axis=0)
-    j = int(np.argmax(largest))
-    if _LOAD * pin.computeTotalMass(model) * largest[j] <= _ANGLE:
-        return None
-    least, load = float(np.min(inertias, axis=0)[j]), _ANGLE / float(largest[j])
-    return LightJoint(robot.joint_names[j], least, load, arm)
 
 
 @arithmetic("dt")

@@ -429,7 +429,7 @@ def warn_of_unused_gains(
             f"nothing uses {_written(idle)}: the law '{law.name}', its adaptation ('{kind}') and "
             f"what is unknown here use {_written(used)}.",
             UnusedGainWarning,
-            stacklevel=6,
+            stacklevel=5,
         )
 
 
