@@ -146,7 +146,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
         "no such file": None,
         "is not a log of a known format": ("a.xyz", "1"),
         "is empty": ("a.csv", "\n"),
-        "no header, and 18 columns for 6 joints": (
+        "no joint positions found among the columns": (
             "a.csv",
             "\n".join(line.rpartition(",")[0] for line in good[1:]),
         ),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import islice
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +15,6 @@ from .columns import SIDES, Selection, at_times
 from .log import Log, match_joints
 
 _STATES = ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
-_LOOKED_AT = 50  # messages of a topic, by which it is chosen; half as many miss a slow gripper's
 
 
 def _pose(position: Any, rotation: Any = None) -> list[float]:
@@ -46,12 +43,11 @@ def read_bag(path: Path, selection: Selection) -> Log:
         LogError: it cannot be read, has no such topic, or lacks a joint.
     """
     with _opened(path) as bag:
-        places, assumed = _places(bag, selection, path)
+        places = _places(bag, selection, path)
         found = {place: _series(bag, place, selection, path) for place in set(places.values())}
         frames = _frames(bag, selection.pose_topic, path)
     main = found[places["q"]]
-    if main.joints and main.joints != list(selection.joints):
-        assumed["joints"] = main.joints
+    others = main.joints if main.joints != list(selection.joints) else []
     t, late = main.t, float(np.median(main.received - main.t))
     parts = dict(zip(SIDES, main.parts, strict=True))
     for signal, place in places.items():
@@ -75,7 +71,7 @@ def read_bag(path: Path, selection: Selection) -> Log:
         None if frames is None else frames[:, 1:],
         None if frames is None else frames[:, 0] - t[0],
         source=str(path),
-        assumed=assumed,
+        assumed={"joints": others} if others else {},
     )
 
 
@@ -99,15 +95,13 @@ def _opened(path: Path) -> Iterator[Any]:
         raise LogError(f"cannot be read: {error}.", where=str(path)) from error
 
 
-def _places(bag: Any, selection: Selection, path: Path) -> tuple[dict[str, str], dict[str, Any]]:
-    """Return where q is, and v and tau if they are elsewhere; and what of this was assumed.
+def _places(bag: Any, selection: Selection, path: Path) -> dict[str, str]:
+    """Return where q is, and v and tau if they are elsewhere: TOPIC or TOPIC:FIELD.
 
-    Places are written as TOPIC or TOPIC:FIELD, such as /states:tau_J. If q has none, it is that of
-    the one topic with positions and efforts of all joints, or of the one with the positions beside
-    one with the efforts.
+    If q has none, it is that of the only topic of joint states.
 
     Raises:
-        LogError: a topic that does not exist, or several fit.
+        LogError: a topic that does not exist, or none or several have joint states.
     """
     stated = dict(selection.topics)
     for signal, place in stated.items():
@@ -117,41 +111,15 @@ def _places(bag: Any, selection: Selection, path: Path) -> tuple[dict[str, str],
             words = f"'{topic}' is not a topic of it. {_contents(bag)}{guess}"
             raise LogError(words, where=f"{path}: {signal}")
     if "q" in stated:
-        return stated, {}
+        return stated
     states = [name for name, info in bag.topics.items() if info.msgtype in _STATES]
-    filled = {name: _filled(bag, name, selection.joints) for name in states}
-    whole = {"q"} if "tau" in stated else {"q", "tau"}
-    fitting = [name for name in states if whole <= filled[name]]
-    options = {"q": fitting or states}
-    if not fitting and len(states) > 1:
-        options = {one: [name for name in states if one in filled[name]] for one in ("q", "tau")}
-    if any(len(names) != 1 for names in options.values()):
+    if len(states) != 1:
         raise LogError(
-            f"not one topic fits, but {options}. {_contents(bag)}",
+            f"{len(states)} topics have joint states. {_contents(bag)}",
             where=str(path),
             hint="Say which: --topic NAME, or --topic q=NAME,tau=NAME.",
         )
-    places = {signal: names[0] for signal, names in options.items()} | stated
-    if len(states) > 1:
-        words = " and ".join(f"those of '{name}'" for name in dict.fromkeys(places.values()))
-        lack = ", ".join(name for name in states if name not in places.values())
-        warnings.warn(
-            f"{path}: the joint states are {words}; {lack or 'no other'} lack joints or efforts. "
-            "--topic names others.",
-            stacklevel=2,
-        )
-    return places, {"topic": places["q"] if len(places) == 1 else places}
-
-
-def _filled(bag: Any, topic: str, joints: Sequence[str]) -> set[str]:
-    """Return which of q, v and tau the messages of a topic have for all joints."""
-    states = (state for _, message in _messages(bag, topic) for state in _states(message, ""))
-    found = set()
-    for state in islice(states, _LOOKED_AT):
-        if set(joints) <= set(state.joints):
-            sizes = zip(SIDES, map(len, state.parts), strict=True)
-            found |= {signal for signal, size in sizes if size == len(state.joints)}
-    return found
+    return {"q": states[0], **stated}
 
 
 def _contents(bag: Any) -> str:

@@ -41,7 +41,6 @@ class Selection:
     Attributes:
         joints: names of the robot's joints.
         columns: signal -> names of its columns, or one with a ``*`` for each joint's name or index.
-        tables: signal -> columns of another file that has it, and that file's name.
         rate: of samples without times, or with times that jitter [Hz]; None: they have times.
         topics: signal -> its topic in a bag; without q the only one that fits.
         pose_topic: of the frame's pose in a bag; None: none.
@@ -51,7 +50,6 @@ class Selection:
 
     joints: Sequence[str]
     columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    tables: Mapping[str, tuple[Table, str]] = field(default_factory=dict)
     rate: float | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
     pose_topic: str | None = None
@@ -61,45 +59,24 @@ class Selection:
 def log_of_columns(table: Table, selection: Selection, source: str) -> Log:
     """Return the log in a table of columns (N) or arrays (N, n) by name.
 
-    Columns of a file without header, called 1, 2 and so on, are taken in the order t, q, v, tau.
-    Signals of other files are interpolated at the times of the positions.
-
     Raises:
         LogError: a needed signal has no columns, or a name in ``selection.columns`` is unknown.
     """
-    assumed: dict[str, Any] = {}
-    if all(name.isdecimal() for name in table) and not selection.columns:
-        assumed["columns"] = _in_order(table, selection, source)
-    columns = {**selection.columns, **assumed.get("columns", {})}
-    own = _Columns(table, selection, source, columns)
-    homes = {
-        signal: _Columns(_of_one(signal, other, selection), selection, name, columns, signal)
-        for signal, (other, name) in selection.tables.items()
-    }
-    found: dict[str, Any] = {name: homes.get(name, own).of_joints(name) for name in SIDES}
-    q, tau, times = found["q"], found["tau"], homes.get("q", own)
+    own = _Columns(table, selection, source)
+    found: dict[str, Any] = {name: own.of_joints(name) for name in SIDES}
+    q, tau = found["q"], found["tau"]
     if q is None:
-        raise times.missing("q")
-    t = times.times(len(q))
+        raise own.missing("q")
+    t = np.arange(len(q)) / selection.rate if selection.rate is not None else own.single("t")
     if selection.torques and (t is None or tau is None):
-        raise own.missing("t") if t is None else homes.get("tau", own).missing("tau")
+        raise own.missing("t" if t is None else "tau")
     t = np.arange(float(len(q))) if t is None else t
     found["tau"] = np.full(q.shape, np.nan) if tau is None else tau
-    for name, home in homes.items():
-        values = found[name]
-        if name != "q" and values is not None:
-            theirs = home.times(len(values))
-            theirs = t if theirs is None and len(values) == len(t) else theirs
-            if theirs is None:
-                words = f"{len(values)} rows without times, and the positions have {len(t)}."
-                raise LogError(words, where=home.source)
-            found[name] = at_times(t, values, theirs, f"{home.source}: {name}")
     stated = [table[name] for name in ("joint_names", "joints", "names") if name in table]
     joints = tuple(map(str, stated[0].ravel())) if stated and stated[0].dtype.kind in "US" else ()
     if not joints and own.by_name:
         joints = tuple(selection.joints)
-    if own.matched:
-        assumed["joints"] = own.matched
+    assumed = {"joints": own.matched} if own.matched else {}
     x, x_time = own.of_frame(), own.single("x_time")
     return Log(t, **found, joints=joints, x=x, x_time=x_time, source=source, assumed=assumed)
 
@@ -114,7 +91,7 @@ def at_times(t: np.ndarray, values: np.ndarray, own: np.ndarray, where: str) -> 
         t: (N) times of the positions [s].
         values: (M, n) of another signal.
         own: (M) their times [s], ascending.
-        where: file or topic, for messages.
+        where: bag and topic, for messages.
 
     Raises:
         LogError: times that do not ascend, or the two have no time in common.
@@ -139,49 +116,8 @@ def at_times(t: np.ndarray, values: np.ndarray, own: np.ndarray, where: str) -> 
     return found
 
 
-def _of_one(signal: str, table: Table, selection: Selection) -> Table:
-    """Return the columns of a file of one signal with names, if it has no header."""
-    timed = len(table) - len(selection.joints)
-    if timed not in (0, 1) or not all(name.isdecimal() for name in table):
-        return table
-    names = ["t"][:timed] + [f"{signal}{k}" for k in range(len(selection.joints))]
-    return dict(zip(names, table.values(), strict=True))
-
-
-def _in_order(table: Table, selection: Selection, source: str) -> dict[str, list[str]]:
-    """Return the columns of each signal in a file without header, and say so.
-
-    Raises:
-        LogError: they are not a multiple of the joints.
-    """
-    n, names = len(selection.joints), list(table)
-    timed = bool((np.diff(table[names[0]]) > 0.0).all())
-    blocks, left = divmod(len(names) - timed, n)
-    signals = {1: ["q"], 2: ["q", "tau"], 3: ["q", "v", "tau"]}.get(blocks, [])
-    if "tau" in selection.tables:
-        signals = ["q", "v"][:blocks]
-    if left or len(signals) != blocks:
-        raise LogError(
-            f"has no header, and {len(names)} columns for {n} joints: their meaning is ambiguous.",
-            where=source,
-            hint="State the numbers of the columns: --columns t=1 q=2-8 tau=16-22, or begin the "
-            "file with a line of names such as t,q0,q1,v0,v1,tau0,tau1.",
-        )
-    chosen = {"t": ["1"]} if timed else {}
-    for k, signal in enumerate(signals):
-        first = 1 + timed + k * n
-        chosen[signal] = [f"{first}-{first + n - 1}"]
-    words = ", ".join(f"{signal} {at[0]}" for signal, at in chosen.items())
-    warnings.warn(
-        f"{source} has no header; its columns were taken for {words}. --columns names others, such "
-        "as q=2-8.",
-        stacklevel=2,
-    )
-    return chosen
-
-
 class _Columns:
-    """The columns of a file, by signal and joint; ``only`` is what a file of one signal has.
+    """The columns of a file, by signal and joint.
 
     Attributes:
         source: of the columns, for messages.
@@ -189,24 +125,10 @@ class _Columns:
         by_name: whether columns were found by names of joints, so that they are in their order.
     """
 
-    def __init__(
-        self,
-        table: Table,
-        selection: Selection,
-        source: str,
-        columns: Mapping[str, Sequence[str]],
-        only: str = "",
-    ) -> None:
+    def __init__(self, table: Table, selection: Selection, source: str) -> None:
         self._table, self._selection, self.source = table, selection, source
-        self._stated_columns, self._only = columns, only
         self._known = {name.strip().lower(): name for name in reversed(list(table))}
         self.matched, self.by_name = list[str](), False
-
-    def times(self, count: int) -> np.ndarray | None:
-        """Return the times (N) [s] of ``count`` samples, None where there are none."""
-        if self._selection.rate is not None:
-            return np.arange(count) / self._selection.rate
-        return self.single("t")
 
     def single(self, signal: str) -> np.ndarray | None:
         """Return a signal of one column (N), None where there is none."""
@@ -224,7 +146,7 @@ class _Columns:
         if (whole := self._whole(signal, 2)) is not None:
             return whole
         labels, joints = self._labels(signal), [name.lower() for name in self._selection.joints]
-        if signal in ("q", self._only):  # a column may be called after its joint alone
+        if signal == "q":  # a column may be called after its joint alone
             labels = {name: name for name in joints if name in self._known} | labels
         if set(joints) & set(labels) and not set(joints) <= set(labels):
             lacking = next(name for name in joints if name not in labels)
@@ -247,17 +169,17 @@ class _Columns:
     def missing(self, signal: str) -> LogError:
         """Return the error of a signal that has no columns."""
         what = {"t": "times", "q": "joint positions", "tau": "joint torques"}[signal]
-        other = {"t": "--rate HZ if there are none", "tau": "--files tau=FILE for another file"}
+        other = ", or --rate HZ if there are none" if signal == "t" else ""
         return LogError(
             f"no {what} found among the columns {list(self._table)}.",
             where=self.source,
             hint=f"Usual names are {', '.join(NAMES[signal].split()[:3])}. Others are stated: "
-            f"--columns {signal}=NAME,...; {other.get(signal, '')}",
+            f"--columns {signal}=NAME,..., in a file without header {signal}=2-8{other}.",
         )
 
     def _whole(self, signal: str, dimensions: int) -> np.ndarray | None:
         """Return the columns that the user named for a signal, or an array called after it."""
-        stated = self._stated_columns.get(signal)
+        stated = self._selection.columns.get(signal)
         if stated is not None:
             return self._stacked(self._written_out(stated), f"columns.{signal}")
         names = [self._known[name] for name in NAMES[signal].split() if name in self._known]
