@@ -184,9 +184,9 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         "rate": float,
         "repeated": REPEATED,
         "degrees": bool,
-        **dict.fromkeys(("gear", "torque_gain", "offset", "topic", "gravity"), _listed),
+        **dict.fromkeys(("gear", "torque_gain", "offset", "gravity"), _listed),
         "flip": names,
-        "pose_topic": str,
+        **dict.fromkeys(("topic", "pose_topic"), str),
         "compensated": ("nominal",),
         "mount": MOUNTS,
     }

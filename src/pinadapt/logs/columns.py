@@ -8,7 +8,6 @@ are alike, see ``match_joints``.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,7 +28,6 @@ NAMES = {
 }
 SIDES = ("q", "v", "tau")  # signals of the joints
 _FRAMES = ("x y z qx qy qz qw", "x y z", "px py pz", "x0 x1 x2", "x_0 x_1 x_2")
-_GAP = 3.0  # typical intervals, beyond which nothing is interpolated; 1.5 loses jittering samples
 
 Table = Mapping[str, np.ndarray]
 
@@ -42,7 +40,7 @@ class Selection:
         joints: names of the robot's joints.
         columns: signal -> names of its columns, or one with a ``*`` for each joint's name or index.
         rate: of samples without times, or with times that jitter [Hz]; None: they have times.
-        topics: signal -> its topic in a bag; without q the only one that fits.
+        topic: of the joint states in a bag; None: the only one.
         pose_topic: of the frame's pose in a bag; None: none.
         torques: whether they are needed; if not, they may be missing and are NaN then, and so may
             be the times, which count the samples then.
@@ -51,7 +49,7 @@ class Selection:
     joints: Sequence[str]
     columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
     rate: float | None = None
-    topics: Mapping[str, str] = field(default_factory=dict)
+    topic: str | None = None
     pose_topic: str | None = None
     torques: bool = True
 
@@ -79,41 +77,6 @@ def log_of_columns(table: Table, selection: Selection, source: str) -> Log:
     assumed = {"joints": own.matched} if own.matched else {}
     x, x_time = own.of_frame(), own.single("x_time")
     return Log(t, **found, joints=joints, x=x, x_time=x_time, source=source, assumed=assumed)
-
-
-def at_times(t: np.ndarray, values: np.ndarray, own: np.ndarray, where: str) -> np.ndarray:
-    """Return values (M, n) with times of their own (M) [s] at other times t (N).
-
-    They are interpolated linearly between two that are at most three of their typical intervals
-    apart (the median). Elsewhere they are NaN; a warning says how many.
-
-    Args:
-        t: (N) times of the positions [s].
-        values: (M, n) of another signal.
-        own: (M) their times [s], ascending.
-        where: bag and topic, for messages.
-
-    Raises:
-        LogError: times that do not ascend, or the two have no time in common.
-    """
-    if len(own) < 2 or (np.diff(own) < 0.0).any() or own[-1] < t[0] or own[0] > t[-1]:
-        raise LogError(
-            f"its times must ascend, and overlap with those of the positions, {t[0]:.6g} to "
-            f"{t[-1]:.6g} s.",
-            where=where,
-            hint="Record all signals by the same clock.",
-        )
-    found = np.column_stack([np.interp(t, own, column, np.nan, np.nan) for column in values.T])
-    after = np.searchsorted(own, t).clip(1, len(own) - 1)
-    longest = _GAP * float(np.median(np.diff(own)))
-    found[(own[after] - own[after - 1] > longest) & (own[after] != t)] = np.nan
-    if lost := np.count_nonzero(np.isnan(found).all(axis=1)):
-        warnings.warn(
-            f"{where}: interpolated at the times of the positions. {lost} of {len(t)} samples have "
-            f"no value: none were recorded around them within {1e3 * longest:.3g} ms.",
-            stacklevel=2,
-        )
-    return found
 
 
 class _Columns:

@@ -209,5 +209,5 @@ def _selection(intake: Intake, robot: Robot, *, torques: bool) -> Selection:
     """Return what is to be read from a file."""
     columns = {key: name_list(names, "columns", LogError) for key, names in intake.columns.items()}
     joints = intake.foreign(robot) or robot.joint_names
-    topics = intake.topics, intake.pose_topic
+    topics = intake.topic, intake.pose_topic
     return Selection(joints, columns, intake.rate, *topics, torques=torques)

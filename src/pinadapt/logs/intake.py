@@ -56,9 +56,7 @@ class Intake:
         torque_gain: torque for a unit of what was recorded, such as N m/A; or a matrix (n, n).
         flip: joints whose torque has the other sign; "q:NAME" for position and velocity.
         offset: added to the positions [rad or m].
-        topic: of a bag's joint states; or signal (q, v, tau) -> its topic, where they have several.
-            One without joint states has as many numbers as joints, in their order, in the field
-            after a colon, as "/states:tau_J".
+        topic: of a bag's joint states, where it has several.
         pose_topic: of the frame's position in a bag.
         compensated: "nominal" if the arm compensates its gravity and logs the rest only.
         gravity: (3) in the axes of the robot's base [m/s^2].
@@ -75,7 +73,7 @@ class Intake:
     torque_gain: ArrayLike | Mapping[str, float] | None = None
     flip: Sequence[str] = ()
     offset: ArrayLike | Mapping[str, float] | None = None
-    topic: str | Mapping[str, str] | None = None
+    topic: str | None = None
     pose_topic: str | None = None
     compensated: str | None = None
     gravity: ArrayLike | None = None
@@ -96,9 +94,8 @@ class Intake:
     def _check(self) -> None:
         for signal in mapping(self.columns, "columns"):
             word(signal, NAMES, "columns")
-        for signal, topic in self.topics.items():
-            word(signal, SIDES, "topic")
-            instance(topic, str, f"topic.{signal}")
+        for name in ("topic", "pose_topic"):
+            instance(getattr(self, name) or "", str, name)
         if self.rate is not None:
             positive(self.rate, "rate", error=InputError)
         word(self.repeated, REPEATED, "repeated")
@@ -152,20 +149,12 @@ class Intake:
         return path if path.is_file() else None
 
     def updated(self, **given: Any) -> Intake:
-        """Return it with other values, mappings merged; None leaves a value as it is."""
+        """Return it with other values, columns merged; None leaves a value as it is."""
         chosen = {name: value for name, value in given.items() if value is not None}
-        for name in ("columns", "topic"):
-            if isinstance(chosen.get(name), Mapping):
-                before = self.topics if name == "topic" else getattr(self, name)
-                chosen[name] = {**before, **chosen[name]}
+        chosen["columns"] = {**self.columns, **chosen.get("columns", {})}
         if "gravity" in chosen or "mount" in chosen:
             chosen = {"gravity": None, "mount": None, **chosen}
         return replace(self, **chosen)
-
-    @property
-    def topics(self) -> Mapping[str, str]:
-        """Signal -> its topic in a bag, of q alone where joint states have all of them."""
-        return {"q": self.topic} if isinstance(self.topic, str) else mapping(self.topic, "topic")
 
     def mounted(self, robot: Robot) -> Robot:
         """Return a robot with the stated gravity; on a wall it is not known here.
