@@ -48,16 +48,17 @@ def rows_of(columns, *, header=True):
     ("signals", "timed"),
     [("q v tau", True), ("q tau", True), ("q v tau", False)],
 )
-def test_a_file_without_header_is_recognised(tmp_path, robot, log, signals, timed):
+def test_columns_of_a_file_without_header_are_numbered(tmp_path, robot, log, signals, timed):
     path, signals = tmp_path / "a.csv", signals.split()
     path.write_text(rows_of([*([log.t] * timed), *(getattr(log, s) for s in signals)]))
     options = {} if timed else {"rate": 250.0}
-    with pytest.warns(UserWarning, match="has no header; its columns were taken for"):
-        found = pa.read_log(path, robot, intake=options)
-    assert same(found, log, ("t", *signals))
-    first = 1 + timed + 6 * signals.index("q")
-    assert found.assumed["columns"]["q"] == [f"{first}-{first + 5}"]
-    assert same(read(path, robot, **options, **found.assumed), log, ("t", *signals))
+    with pytest.raises(pa.LogError, match=r"no joint positions found.*without header q=2-8"):
+        pa.read_log(path, robot, intake=options)
+    columns = {"t": "1"} if timed else {}
+    for k, signal in enumerate(signals):
+        first = 1 + timed + 6 * k
+        columns[signal] = [f"{first}-{first + 5}"]
+    assert same(read(path, robot, columns=columns, **options), log, ("t", *signals))
 
 
 def test_a_rate_replaces_missing_or_jittering_times(tmp_path, robot, log):
@@ -69,12 +70,6 @@ def test_a_rate_replaces_missing_or_jittering_times(tmp_path, robot, log):
         assert same(read(path, robot, rate=250.0), log)
     with pytest.raises(pa.LogError, match=r"no times found.*--rate HZ"):
         pa.read_log(path, robot)
-    (tmp_path / "bare.csv").write_text(rows_of([log.q, log.v, log.tau]))
-    with (
-        pytest.raises(pa.LogError, match=r"no times found.*--rate HZ"),
-        pytest.warns(UserWarning, match="q 1-6, v 7-12, tau 13-18"),
-    ):
-        pa.read_log(tmp_path / "bare.csv", robot)
     assert same(read(replace(log, t=log.t**1.1), robot, rate=250.0), log)
     assert same(read(write_csv(tmp_path / "2.csv", jitter), robot), log, ("q", "v", "tau"))
 
@@ -130,8 +125,7 @@ def test_motor_signals_are_converted_by_their_gears(robot, log):
     assert np.allclose(power, np.sum(log.tau * log.v, axis=1))
     found = read(motors, robot, gear=GEAR.tolist(), torque_gain=gains, offset=zero)
     assert same(found, log)
-    sides = replace(log, tau=log.tau @ inverse)
-    assert same(read(sides, robot, gear=GEAR, motor_side=["tau"]), log)
+    assert same(read(replace(log, tau=log.tau @ inverse), robot, torque_gain=GEAR.T), log)
 
 
 def test_gains_signs_and_offsets_are_given_for_some_joints(robot, log):
@@ -196,13 +190,11 @@ def test_an_arm_is_mounted_as_stated(robot):
 def test_an_intake_is_written_and_read(tmp_path):
     full = Intake(
         columns={"t": "stamp", "q": ["a 1", 'b"2']},
-        files={"tau": "tau.csv"},
         joints=["a", "b"],
         rate=100.0,
         repeated="drop",
         degrees=True,
         gear=[[1.0, 0.0], [0.5, -2.0]],
-        motor_side=["tau"],
         torque_gain={"a": 2.0},
         flip=["q:a"],
         offset=[0.1, 0.2],
@@ -216,11 +208,8 @@ def test_an_intake_is_written_and_read(tmp_path):
     for intake in (full, Intake(), Intake(mount="wall", joints={"tau": ["a", "b"]})):
         path.write_text(intake.text(["What was assumed."]))
         found = Intake.of(path)
-        expected = {**intake.files} and {"tau": str(tmp_path / "tau.csv")}
         for one in fields(Intake):
             value, given = getattr(found, one.name), getattr(intake, one.name)
-            if one.name == "files":
-                given = expected or {}
             assert np.array_equal(value, given) or list(value) == list(given), one.name
 
 
@@ -239,6 +228,6 @@ def test_a_bag_of_several_topics_and_other_names_is_read(tmp_path, robot, log):
     assert found.assumed["joints"] == names
     assert same(read(alone, robot, topic="/joint_states", joints=names), log, ("q", "v", "tau"))
     path = write_bag(tmp_path / "b", "mcap", log, robot.joint_names, more={"/gripper": ["finger"]})
-    with pytest.warns(UserWarning, match=r"those of '/joint_states'; /gripper lack"):
-        found = pa.read_log(path, robot)
-    assert same(found, log, ("q", "v", "tau")) and found.assumed == {"topic": "/joint_states"}
+    with pytest.raises(pa.LogError, match=r"2 topics have joint states.*/gripper.*--topic NAME"):
+        pa.read_log(path, robot)
+    assert same(read(path, robot, topic="/joint_states"), log, ("q", "v", "tau"))

@@ -146,7 +146,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
         "no such file": None,
         "is not a log of a known format": ("a.xyz", "1"),
         "is empty": ("a.csv", "\n"),
-        "no header, and 18 columns for 6 joints": (
+        "no joint positions found among the columns": (
             "a.csv",
             "\n".join(line.rpartition(",")[0] for line in good[1:]),
         ),
@@ -188,8 +188,6 @@ def write_bag(
     effort=True,
     pose="geometry_msgs/msg/PoseStamped",
     more=None,
-    torques=None,
-    late=0.0,
 ):
     """Write a bag of joint states, including those of a gripper, and of a tracker's poses.
 
@@ -201,9 +199,6 @@ def write_bag(
         effort: whether the joint states have efforts.
         pose: message type of the tracker.
         more: topics of one joint state each, by the names of its joints.
-        torques: a log whose torques have topics of their own: joint states of efforts, /efforts,
-            and arrays without names and times, /currents.
-        late: how long the bag takes to receive a message [s].
     """
     typesys = pytest.importorskip("rosbags.typesys")
     from rosbags import rosbag1, rosbag2
@@ -242,19 +237,7 @@ def write_bag(
                 effort=np.array([0.0, *log.tau[k]]) if effort else np.zeros(0),
             )
             raw = pack(message, "sensor_msgs/msg/JointState")
-            writer.write(states, int((STAMP + t + late) * 1e9), raw)
-        if torques is not None:
-            state, array = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
-            efforts = writer.add_connection("/efforts", state, typestore=store)
-            currents = writer.add_connection("/currents", array, typestore=store)
-            layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-            nothing = np.zeros(0)
-            for k, t in enumerate(torques.t):
-                at, tau = int((STAMP + t + late) * 1e9), torques.tau[k]
-                header = stamped(store, ros, k, t)
-                message = types[state](header, names[::-1], nothing, nothing, tau[::-1].copy())
-                writer.write(efforts, at, pack(message, state))
-                writer.write(currents, at, pack(types[array](layout, tau), array))
+            writer.write(states, int((STAMP + t) * 1e9), raw)
         for k, (t, x) in enumerate(zip(log.x_time, log.x, strict=True)):
             point = types["geometry_msgs/msg/Point"](*map(float, x))
             turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)

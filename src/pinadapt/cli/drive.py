@@ -358,14 +358,12 @@ def replay(options: argparse.Namespace) -> int:
         (name, *(f"{value:.4g}" for value in values))
         for name, *values in zip(
             scenario.controller.kinematics.joint_names,
-            _rms(found.logged[at]),
-            _rms(found.torque[at]),
             found.difference,
             np.abs(found.torque[at] - found.logged[at]).max(axis=0),
             strict=True,
         )
     ]
-    header = ("[N m, N]", "logged, rms", "replayed, rms", "difference, rms", "largest")
+    header = ("[N m, N]", "difference, rms", "largest")
     print(Sheet(f"{len(log)} cycles of {options.log}", [Table(rows, header)]))
     if found.same:
         print("\nthe same torques, bit for bit")
@@ -373,10 +371,6 @@ def replay(options: argparse.Namespace) -> int:
         print("\nthe torques differ: other versions of the libraries, or another processor?")
         return DIVERGED
     return DONE
-
-
-def _rms(values: np.ndarray) -> np.ndarray:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
 # --- tell ---------------------------------------------------------------------------------------

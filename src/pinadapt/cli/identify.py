@@ -179,23 +179,14 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         help="columns of t, q, v, tau, x or x_time, in the robot's order; or one name in which * "
         "stands for the joint's name or index; in a file without header numbers, such as q=2-8",
     )
-    group.add_argument(
-        "--files",
-        type=assignment,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="SIGNAL=FILE",
-        help="other files with q, v or tau, relative to the log's folder",
-    )
     types = {
         "joints": _joint_names,
         "rate": float,
         "repeated": REPEATED,
         "degrees": bool,
-        **dict.fromkeys(("gear", "torque_gain", "offset", "topic", "gravity"), _listed),
-        **dict.fromkeys(("motor_side", "flip"), names),
-        "pose_topic": str,
+        **dict.fromkeys(("gear", "torque_gain", "offset", "gravity"), _listed),
+        "flip": names,
+        **dict.fromkeys(("topic", "pose_topic"), str),
         "compensated": ("nominal",),
         "mount": MOUNTS,
     }
@@ -245,9 +236,6 @@ def _listed(text: str) -> Any:
     return values[0] if len(values) == 1 else values
 
 
-_ELSEWHERE = ("columns", "files")  # fields of an intake that are lists of assignments here
-
-
 def _intake(options: argparse.Namespace) -> Intake | None:
     """Return how the logs are to be read; None: each by the file beside it.
 
@@ -255,8 +243,7 @@ def _intake(options: argparse.Namespace) -> Intake | None:
         InputError: options for several logs, of which others than the first have such a file.
     """
     given = {one.name: getattr(options, one.name) for one in fields(Intake)}
-    for name in _ELSEWHERE:
-        given[name] = dict(given[name]) or None
+    given["columns"] = dict(given["columns"]) or None
     logs = [*options.log, *options.test, *([options.empty] if options.empty else [])]
     beside = {log: place for log in logs if (place := Intake.beside(log)) is not None}
     stated = options.intake is not None or any(value is not None for value in given.values())

@@ -1,23 +1,19 @@
-"""Bags of ROS 1 and 2, and MCAP files: joint states, trajectories, arrays and poses."""
+"""Bags of ROS 1 and 2, and MCAP files: joint states, trajectories and poses."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import islice
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..exceptions import LogError, did_you_mean
-from .columns import SIDES, Selection, at_times
+from .columns import Selection
 from .log import Log, match_joints
 
 _STATES = ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
-_LOOKED_AT = 50  # messages of a topic, by which it is chosen; half as many miss a slow gripper's
 
 
 def _pose(position: Any, rotation: Any = None) -> list[float]:
@@ -40,42 +36,31 @@ def read_bag(path: Path, selection: Selection) -> Log:
 
     Times are those of the headers, or of the bag where these are not set. Messages are sorted by
     time, and repeated times are left out. Velocities and efforts that a message leaves out were not
-    measured. Those of a topic of their own are interpolated, see ``at_times``.
+    measured.
 
     Raises:
         LogError: it cannot be read, has no such topic, or lacks a joint.
     """
     with _opened(path) as bag:
-        places, assumed = _places(bag, selection, path)
-        found = {place: _series(bag, place, selection, path) for place in set(places.values())}
+        topic = _topic(bag, selection, path)
+        t, (q, v, tau), joints = _series(bag, topic, selection, path)
         frames = _frames(bag, selection.pose_topic, path)
-    main = found[places["q"]]
-    if main.joints and main.joints != list(selection.joints):
-        assumed["joints"] = main.joints
-    t, late = main.t, float(np.median(main.received - main.t))
-    parts = dict(zip(SIDES, main.parts, strict=True))
-    for signal, place in places.items():
-        if place != places["q"]:
-            own, both = found[place], main.stamped and found[place].stamped
-            times = own.t if both else own.received - late  # the bag's clock is that of both
-            values = own.parts[SIDES.index(signal)]
-            parts[signal] = at_times(t, values, times, f"{path}, {place}")
-    if selection.torques and not np.isfinite(parts["tau"]).any():
+    if selection.torques and not np.isfinite(tau).any():
         raise LogError(
-            f"'{places.get('tau', places['q'])}' has no efforts of the joints.",
+            f"'{topic}' has no efforts of the joints.",
             where=str(path),
-            hint="--topic tau=NAME, or tau=NAME:FIELD, names a topic that has them.",
+            hint="--topic names another.",
         )
     return Log(
         t - t[0],
-        parts["q"],
-        parts["tau"],
-        parts["v"] if np.isfinite(parts["v"]).any() else None,
-        tuple(selection.joints) if main.joints else (),
+        q,
+        tau,
+        v if np.isfinite(v).any() else None,
+        tuple(selection.joints),
         None if frames is None else frames[:, 1:],
         None if frames is None else frames[:, 0] - t[0],
         source=str(path),
-        assumed=assumed,
+        assumed={} if joints == list(selection.joints) else {"joints": joints},
     )
 
 
@@ -99,73 +84,30 @@ def _opened(path: Path) -> Iterator[Any]:
         raise LogError(f"cannot be read: {error}.", where=str(path)) from error
 
 
-def _places(bag: Any, selection: Selection, path: Path) -> tuple[dict[str, str], dict[str, Any]]:
-    """Return where q is, and v and tau if they are elsewhere; and what of this was assumed.
-
-    Places are written as TOPIC or TOPIC:FIELD, such as /states:tau_J. If q has none, it is that of
-    the one topic with positions and efforts of all joints, or of the one with the positions beside
-    one with the efforts.
+def _topic(bag: Any, selection: Selection, path: Path) -> str:
+    """Return the stated topic of joint states, or the only one.
 
     Raises:
-        LogError: a topic that does not exist, or several fit.
+        LogError: it does not exist, or none or several have joint states.
     """
-    stated = dict(selection.topics)
-    for signal, place in stated.items():
-        topic = place.partition(":")[0]
-        if topic not in bag.topics:
-            guess = did_you_mean(topic, list(bag.topics))
-            words = f"'{topic}' is not a topic of it. {_contents(bag)}{guess}"
-            raise LogError(words, where=f"{path}: {signal}")
-    if "q" in stated:
-        return stated, {}
     states = [name for name, info in bag.topics.items() if info.msgtype in _STATES]
-    filled = {name: _filled(bag, name, selection.joints) for name in states}
-    whole = {"q"} if "tau" in stated else {"q", "tau"}
-    fitting = [name for name in states if whole <= filled[name]]
-    options = {"q": fitting or states}
-    if not fitting and len(states) > 1:
-        options = {one: [name for name in states if one in filled[name]] for one in ("q", "tau")}
-    if any(len(names) != 1 for names in options.values()):
+    topic = selection.topic
+    if topic is not None and topic not in states:
+        words = f"'{topic}' is no topic of joint states. {_contents(bag)}"
+        raise LogError(words + did_you_mean(topic, states), where=str(path))
+    if topic is None and len(states) != 1:
         raise LogError(
-            f"not one topic fits, but {options}. {_contents(bag)}",
+            f"{len(states)} topics have joint states. {_contents(bag)}",
             where=str(path),
-            hint="Say which: --topic NAME, or --topic q=NAME,tau=NAME.",
+            hint="Say which: --topic NAME.",
         )
-    places = {signal: names[0] for signal, names in options.items()} | stated
-    if len(states) > 1:
-        words = " and ".join(f"those of '{name}'" for name in dict.fromkeys(places.values()))
-        lack = ", ".join(name for name in states if name not in places.values())
-        warnings.warn(
-            f"{path}: the joint states are {words}; {lack or 'no other'} lack joints or efforts. "
-            "--topic names others.",
-            stacklevel=2,
-        )
-    return places, {"topic": places["q"] if len(places) == 1 else places}
-
-
-def _filled(bag: Any, topic: str, joints: Sequence[str]) -> set[str]:
-    """Return which of q, v and tau the messages of a topic have for all joints."""
-    states = (state for _, message in _messages(bag, topic) for state in _states(message, ""))
-    found = set()
-    for state in islice(states, _LOOKED_AT):
-        if set(joints) <= set(state.joints):
-            sizes = zip(SIDES, map(len, state.parts), strict=True)
-            found |= {signal for signal, size in sizes if size == len(state.joints)}
-    return found
+    return topic or states[0]
 
 
 def _contents(bag: Any) -> str:
     """Return the topics of a bag in words."""
     topics = sorted((name, info.msgtype) for name, info in bag.topics.items())
     return f"Its topics: {', '.join(f'{name} ({kind})' for name, kind in topics)}."
-
-
-class _Time(NamedTuple):
-    """The time of a message [s], when the bag received it, and whether its header has the time."""
-
-    stamp: float
-    received: float
-    stamped: bool
 
 
 class _State(NamedTuple):
@@ -176,43 +118,20 @@ class _State(NamedTuple):
     since: float = 0.0
 
 
-class _Series(NamedTuple):
-    """The messages of one topic, sorted by time.
-
-    Attributes:
-        t: (N) times [s] of the headers, or of the bag where they have none.
-        received: (N) times of the bag [s].
-        stamped: whether the headers have times.
-        parts: (3, N, n) positions, velocities and efforts; the same numbers three times if they are
-            those of a field.
-        joints: names of the columns; none if the messages do not name joints.
-    """
-
-    t: np.ndarray
-    received: np.ndarray
-    stamped: bool
-    parts: np.ndarray
-    joints: list[str]
-
-
-def _messages(bag: Any, topic: str) -> Iterator[tuple[_Time, Any]]:
-    """Yield time and content of each message."""
+def _messages(bag: Any, topic: str) -> Iterator[tuple[float, Any]]:
+    """Yield time [s], of the header or else of the bag, and content of each message."""
     for connection, received, raw in bag.messages(bag.topics[topic].connections):
-        message, at = bag.deserialize(raw, connection.msgtype), 1e-9 * received
-        header = getattr(message, "header", None)
-        stamp = 0.0 if header is None else _seconds(header.stamp)
-        yield _Time(stamp if stamp > 0.0 else at, at, stamp > 0.0), message
+        message = bag.deserialize(raw, connection.msgtype)
+        yield _seconds(message.header.stamp) or 1e-9 * received, message
 
 
 def _seconds(stamp: Any) -> float:
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
-def _states(message: Any, field: str) -> Iterator[_State]:
-    """Yield the joint state of a message, of each point of a trajectory, or a field of numbers."""
-    if field:
-        yield _State((), (attrgetter(field)(message),) * 3)
-    elif hasattr(message, "points"):
+def _states(message: Any) -> Iterator[_State]:
+    """Yield the joint state of a message, or of each point of a trajectory."""
+    if hasattr(message, "points"):
         for one in message.points:
             parts = one.positions, one.velocities, one.effort
             yield _State(message.joint_names, parts, _seconds(one.time_from_start))
@@ -220,50 +139,32 @@ def _states(message: Any, field: str) -> Iterator[_State]:
         yield _State(message.name, (message.position, message.velocity, message.effort))
 
 
-def _fields(message: Any, size: int, prefix: str = "") -> Iterator[str]:
-    """Yield the names of the fields of a message that are a number of numbers, inner ones too."""
-    for name in getattr(message, "__dataclass_fields__", ()):
-        part = getattr(message, name)
-        if isinstance(part, np.ndarray) and part.shape == (size,) and part.dtype.kind in "fiu":
-            yield prefix + name
-        yield from _fields(part, size, f"{prefix}{name}.")
-
-
-def _series(bag: Any, place: str, selection: Selection, path: Path) -> _Series:
-    """Return the messages of a topic that have all joints, or the numbers of a field.
+def _series(
+    bag: Any, topic: str, selection: Selection, path: Path
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Return times (N) [s], positions, velocities and efforts (3, N, n) and names of the joints.
 
     Raises:
-        LogError: none has, or there is no such field.
+        LogError: no message has all joints.
     """
-    (topic, _, field), wanted = place.partition(":"), list(selection.joints)
-    where = f"{path}, {topic}"
-    if bag.topics[topic].msgtype not in _STATES:
-        fields = list(_fields(next((one for _, one in _messages(bag, topic)), None), len(wanted)))
-        field = field or (fields[0] if len(fields) == 1 else "")
-        if field not in fields:
-            raise LogError(
-                f"no field '{field}' of its messages has {len(wanted)} numbers, one for each "
-                f"joint; these have: {fields}.",
-                where=where,
-                hint="--topic SIGNAL=TOPIC:FIELD names it.",
-            )
-    orders: dict[tuple[str, ...], list[int] | None] = {(): list(range(len(wanted)))}
-    rows: dict[float, tuple[_Time, list[list[float]]]] = {}
+    wanted, where = list(selection.joints), f"{path}, {topic}"
+    orders: dict[tuple[str, ...], list[int] | None] = {}
+    rows: dict[float, list[list[float]]] = {}
     joints: list[str] = []
     for time, message in _messages(bag, topic):
-        for state in _states(message, field):
+        for state in _states(message):
             names = tuple(state.joints)
             if names not in orders:
                 exact = set(wanted) <= set(names)  # other names are matched once
                 orders[names] = match_joints(names, wanted, where) if exact or not joints else None
             if (order := orders[names]) is None:
                 continue
-            joints = joints or [names[k] for k in order if names]
+            joints = joints or [names[k] for k in order]
             values = [
                 [float(part[k]) for k in order] if len(part) > max(order) else [np.nan] * len(order)
                 for part in state.parts
             ]
-            rows.setdefault(time.stamp + state.since, (time, values))
+            rows.setdefault(time + state.since, values)
     if not rows:
         others = sorted({name for found in orders for name in found})
         raise LogError(
@@ -273,14 +174,7 @@ def _series(bag: Any, place: str, selection: Selection, path: Path) -> _Series:
             "joint_state_broadcaster, or name the log's: --joints A,B,....",
         )
     t = np.array(sorted(rows))
-    times = [rows[stamp][0] for stamp in t]
-    return _Series(
-        t,
-        t + np.array([time.received - time.stamp for time in times]),
-        all(time.stamped for time in times),
-        np.array([rows[stamp][1] for stamp in t]).swapaxes(0, 1),
-        joints,
-    )
+    return t, np.array([rows[time] for time in t]).swapaxes(0, 1), joints
 
 
 def _frames(bag: Any, topic: str | None, path: Path) -> np.ndarray | None:
@@ -294,6 +188,4 @@ def _frames(bag: Any, topic: str | None, path: Path) -> np.ndarray | None:
             where=str(path),
             hint=f"Positions are {', '.join(_POSES)}: --pose-topic NAME.",
         )
-    return np.array(
-        [[time.stamp, *_POSES[kind](message)] for time, message in _messages(bag, topic)]
-    )
+    return np.array([[time, *_POSES[kind](message)] for time, message in _messages(bag, topic)])

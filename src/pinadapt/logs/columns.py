@@ -8,7 +8,6 @@ are alike, see ``match_joints``.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,7 +28,6 @@ NAMES = {
 }
 SIDES = ("q", "v", "tau")  # signals of the joints
 _FRAMES = ("x y z qx qy qz qw", "x y z", "px py pz", "x0 x1 x2", "x_0 x_1 x_2")
-_GAP = 3.0  # typical intervals, beyond which nothing is interpolated; 1.5 loses jittering samples
 
 Table = Mapping[str, np.ndarray]
 
@@ -41,9 +39,8 @@ class Selection:
     Attributes:
         joints: names of the robot's joints.
         columns: signal -> names of its columns, or one with a ``*`` for each joint's name or index.
-        tables: signal -> columns of another file that has it, and that file's name.
         rate: of samples without times, or with times that jitter [Hz]; None: they have times.
-        topics: signal -> its topic in a bag; without q the only one that fits.
+        topic: of the joint states in a bag; None: the only one.
         pose_topic: of the frame's pose in a bag; None: none.
         torques: whether they are needed; if not, they may be missing and are NaN then, and so may
             be the times, which count the samples then.
@@ -51,9 +48,8 @@ class Selection:
 
     joints: Sequence[str]
     columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    tables: Mapping[str, tuple[Table, str]] = field(default_factory=dict)
     rate: float | None = None
-    topics: Mapping[str, str] = field(default_factory=dict)
+    topic: str | None = None
     pose_topic: str | None = None
     torques: bool = True
 
@@ -61,127 +57,30 @@ class Selection:
 def log_of_columns(table: Table, selection: Selection, source: str) -> Log:
     """Return the log in a table of columns (N) or arrays (N, n) by name.
 
-    Columns of a file without header, called 1, 2 and so on, are taken in the order t, q, v, tau.
-    Signals of other files are interpolated at the times of the positions.
-
     Raises:
         LogError: a needed signal has no columns, or a name in ``selection.columns`` is unknown.
     """
-    assumed: dict[str, Any] = {}
-    if all(name.isdecimal() for name in table) and not selection.columns:
-        assumed["columns"] = _in_order(table, selection, source)
-    columns = {**selection.columns, **assumed.get("columns", {})}
-    own = _Columns(table, selection, source, columns)
-    homes = {
-        signal: _Columns(_of_one(signal, other, selection), selection, name, columns, signal)
-        for signal, (other, name) in selection.tables.items()
-    }
-    found: dict[str, Any] = {name: homes.get(name, own).of_joints(name) for name in SIDES}
-    q, tau, times = found["q"], found["tau"], homes.get("q", own)
+    own = _Columns(table, selection, source)
+    found: dict[str, Any] = {name: own.of_joints(name) for name in SIDES}
+    q, tau = found["q"], found["tau"]
     if q is None:
-        raise times.missing("q")
-    t = times.times(len(q))
+        raise own.missing("q")
+    t = np.arange(len(q)) / selection.rate if selection.rate is not None else own.single("t")
     if selection.torques and (t is None or tau is None):
-        raise own.missing("t") if t is None else homes.get("tau", own).missing("tau")
+        raise own.missing("t" if t is None else "tau")
     t = np.arange(float(len(q))) if t is None else t
     found["tau"] = np.full(q.shape, np.nan) if tau is None else tau
-    for name, home in homes.items():
-        values = found[name]
-        if name != "q" and values is not None:
-            theirs = home.times(len(values))
-            theirs = t if theirs is None and len(values) == len(t) else theirs
-            if theirs is None:
-                words = f"{len(values)} rows without times, and the positions have {len(t)}."
-                raise LogError(words, where=home.source)
-            found[name] = at_times(t, values, theirs, f"{home.source}: {name}")
     stated = [table[name] for name in ("joint_names", "joints", "names") if name in table]
     joints = tuple(map(str, stated[0].ravel())) if stated and stated[0].dtype.kind in "US" else ()
     if not joints and own.by_name:
         joints = tuple(selection.joints)
-    if own.matched:
-        assumed["joints"] = own.matched
+    assumed = {"joints": own.matched} if own.matched else {}
     x, x_time = own.of_frame(), own.single("x_time")
     return Log(t, **found, joints=joints, x=x, x_time=x_time, source=source, assumed=assumed)
 
 
-def at_times(t: np.ndarray, values: np.ndarray, own: np.ndarray, where: str) -> np.ndarray:
-    """Return values (M, n) with times of their own (M) [s] at other times t (N).
-
-    They are interpolated linearly between two that are at most three of their typical intervals
-    apart (the median). Elsewhere they are NaN; a warning says how many.
-
-    Args:
-        t: (N) times of the positions [s].
-        values: (M, n) of another signal.
-        own: (M) their times [s], ascending.
-        where: file or topic, for messages.
-
-    Raises:
-        LogError: times that do not ascend, or the two have no time in common.
-    """
-    if len(own) < 2 or (np.diff(own) < 0.0).any() or own[-1] < t[0] or own[0] > t[-1]:
-        raise LogError(
-            f"its times must ascend, and overlap with those of the positions, {t[0]:.6g} to "
-            f"{t[-1]:.6g} s.",
-            where=where,
-            hint="Record all signals by the same clock.",
-        )
-    found = np.column_stack([np.interp(t, own, column, np.nan, np.nan) for column in values.T])
-    after = np.searchsorted(own, t).clip(1, len(own) - 1)
-    longest = _GAP * float(np.median(np.diff(own)))
-    found[(own[after] - own[after - 1] > longest) & (own[after] != t)] = np.nan
-    if lost := np.count_nonzero(np.isnan(found).all(axis=1)):
-        warnings.warn(
-            f"{where}: interpolated at the times of the positions. {lost} of {len(t)} samples have "
-            f"no value: none were recorded around them within {1e3 * longest:.3g} ms.",
-            stacklevel=2,
-        )
-    return found
-
-
-def _of_one(signal: str, table: Table, selection: Selection) -> Table:
-    """Return the columns of a file of one signal with names, if it has no header."""
-    timed = len(table) - len(selection.joints)
-    if timed not in (0, 1) or not all(name.isdecimal() for name in table):
-        return table
-    names = ["t"][:timed] + [f"{signal}{k}" for k in range(len(selection.joints))]
-    return dict(zip(names, table.values(), strict=True))
-
-
-def _in_order(table: Table, selection: Selection, source: str) -> dict[str, list[str]]:
-    """Return the columns of each signal in a file without header, and say so.
-
-    Raises:
-        LogError: they are not a multiple of the joints.
-    """
-    n, names = len(selection.joints), list(table)
-    timed = bool((np.diff(table[names[0]]) > 0.0).all())
-    blocks, left = divmod(len(names) - timed, n)
-    signals = {1: ["q"], 2: ["q", "tau"], 3: ["q", "v", "tau"]}.get(blocks, [])
-    if "tau" in selection.tables:
-        signals = ["q", "v"][:blocks]
-    if left or len(signals) != blocks:
-        raise LogError(
-            f"has no header, and {len(names)} columns for {n} joints: their meaning is ambiguous.",
-            where=source,
-            hint="State the numbers of the columns: --columns t=1 q=2-8 tau=16-22, or begin the "
-            "file with a line of names such as t,q0,q1,v0,v1,tau0,tau1.",
-        )
-    chosen = {"t": ["1"]} if timed else {}
-    for k, signal in enumerate(signals):
-        first = 1 + timed + k * n
-        chosen[signal] = [f"{first}-{first + n - 1}"]
-    words = ", ".join(f"{signal} {at[0]}" for signal, at in chosen.items())
-    warnings.warn(
-        f"{source} has no header; its columns were taken for {words}. --columns names others, such "
-        "as q=2-8.",
-        stacklevel=2,
-    )
-    return chosen
-
-
 class _Columns:
-    """The columns of a file, by signal and joint; ``only`` is what a file of one signal has.
+    """The columns of a file, by signal and joint.
 
     Attributes:
         source: of the columns, for messages.
@@ -189,24 +88,10 @@ class _Columns:
         by_name: whether columns were found by names of joints, so that they are in their order.
     """
 
-    def __init__(
-        self,
-        table: Table,
-        selection: Selection,
-        source: str,
-        columns: Mapping[str, Sequence[str]],
-        only: str = "",
-    ) -> None:
+    def __init__(self, table: Table, selection: Selection, source: str) -> None:
         self._table, self._selection, self.source = table, selection, source
-        self._stated_columns, self._only = columns, only
         self._known = {name.strip().lower(): name for name in reversed(list(table))}
         self.matched, self.by_name = list[str](), False
-
-    def times(self, count: int) -> np.ndarray | None:
-        """Return the times (N) [s] of ``count`` samples, None where there are none."""
-        if self._selection.rate is not None:
-            return np.arange(count) / self._selection.rate
-        return self.single("t")
 
     def single(self, signal: str) -> np.ndarray | None:
         """Return a signal of one column (N), None where there is none."""
@@ -224,7 +109,7 @@ class _Columns:
         if (whole := self._whole(signal, 2)) is not None:
             return whole
         labels, joints = self._labels(signal), [name.lower() for name in self._selection.joints]
-        if signal in ("q", self._only):  # a column may be called after its joint alone
+        if signal == "q":  # a column may be called after its joint alone
             labels = {name: name for name in joints if name in self._known} | labels
         if set(joints) & set(labels) and not set(joints) <= set(labels):
             lacking = next(name for name in joints if name not in labels)
@@ -247,17 +132,17 @@ class _Columns:
     def missing(self, signal: str) -> LogError:
         """Return the error of a signal that has no columns."""
         what = {"t": "times", "q": "joint positions", "tau": "joint torques"}[signal]
-        other = {"t": "--rate HZ if there are none", "tau": "--files tau=FILE for another file"}
+        other = ", or --rate HZ if there are none" if signal == "t" else ""
         return LogError(
             f"no {what} found among the columns {list(self._table)}.",
             where=self.source,
             hint=f"Usual names are {', '.join(NAMES[signal].split()[:3])}. Others are stated: "
-            f"--columns {signal}=NAME,...; {other.get(signal, '')}",
+            f"--columns {signal}=NAME,..., in a file without header {signal}=2-8{other}.",
         )
 
     def _whole(self, signal: str, dimensions: int) -> np.ndarray | None:
         """Return the columns that the user named for a signal, or an array called after it."""
-        stated = self._stated_columns.get(signal)
+        stated = self._selection.columns.get(signal)
         if stated is not None:
             return self._stacked(self._written_out(stated), f"columns.{signal}")
         names = [self._known[name] for name in NAMES[signal].split() if name in self._known]

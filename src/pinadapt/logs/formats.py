@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, name_list, word
+from .._checks import instance, name_list
 from .._output import read_as_data
 from ..exceptions import LogError
 from ..robot.robot import Robot
 from .bags import read_bag
-from .columns import SIDES, Selection, Table, log_of_columns
+from .columns import Selection, log_of_columns
 from .intake import Intake
 from .log import Log, check, repeated
 
@@ -41,7 +41,11 @@ def read_arrays(path: Path, selection: Selection) -> Log:
     Raises:
         LogError: it cannot be read, or lacks a signal.
     """
-    found = _arrays(path)
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            found = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise LogError(f"cannot be read: {error}.", where=str(path)) from error
     if not found.keys() >= _ROLLOUT:
         return log_of_columns(found, selection, str(path))
     about: Any = {}
@@ -59,19 +63,6 @@ def read_arrays(path: Path, selection: Selection) -> Log:
     return log.after(max((at for at in changes if at <= log.t[-1]), default=-math.inf))
 
 
-def _arrays(path: Path) -> Table:
-    """Return the arrays of an archive by name.
-
-    Raises:
-        LogError: it cannot be read.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise LogError(f"cannot be read: {error}.", where=str(path)) from error
-
-
 def read_text(path: Path, selection: Selection) -> Log:
     """Return the log in a text file, a row per sample; an empty cell was not measured.
 
@@ -81,15 +72,6 @@ def read_text(path: Path, selection: Selection) -> Log:
 
     Raises:
         LogError: rows of other lengths, or cells that are not numbers.
-    """
-    return log_of_columns(_text(path), selection, str(path))
-
-
-def _text(path: Path) -> Table:
-    """Return the columns (N) of a text file by name.
-
-    Raises:
-        LogError: as ``read_text``.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -119,7 +101,7 @@ def _text(path: Path) -> Table:
                     hint="Decimals need a point; an empty cell was not measured.",
                 )
             values[k, j] = _number(cell)
-    return dict(zip(header, values.T, strict=True))
+    return log_of_columns(dict(zip(header, values.T, strict=True)), selection, str(path))
 
 
 def _cells(line: str, mark: str) -> list[str]:
@@ -179,7 +161,7 @@ def read_log(
     if not isinstance(source, Log):
         path = Path(instance(source, Path | str, "log"))
         with read_as_data(path, LogError):
-            source = _reader(path)(_file_of(path), _selection(path, intake, robot, torques=torques))
+            source = _reader(path)(_file_of(path), _selection(intake, robot, torques=torques))
     elif intake.rate is not None:
         source = replace(source, t=np.arange(len(source.t)) / intake.rate)
     log = source.from_zero()
@@ -223,24 +205,9 @@ def _reader(path: Path) -> Callable[[Path, Selection], Log]:
     return found
 
 
-def _selection(path: Path, intake: Intake, robot: Robot, *, torques: bool) -> Selection:
-    """Return what is to be read from a file, and from others beside it."""
+def _selection(intake: Intake, robot: Robot, *, torques: bool) -> Selection:
+    """Return what is to be read from a file."""
     columns = {key: name_list(names, "columns", LogError) for key, names in intake.columns.items()}
-    tables = {}
-    for signal, name in intake.files.items():
-        file = path.parent / name
-        tables[word(signal, SIDES, "intake.files")] = _table(file), str(file)
     joints = intake.foreign(robot) or robot.joint_names
-    topics = intake.topics, intake.pose_topic
-    return Selection(joints, columns, tables, intake.rate, *topics, torques=torques)
-
-
-def _table(path: Path) -> Table:
-    """Return the columns of another file."""
-    readers: Mapping[Any, Callable[[Path], Table]] = {read_text: _text, read_arrays: _arrays}
-    read = readers.get(_reader(path))
-    if read is None:
-        words = "a signal of its own is read from text files and npz archives only."
-        raise LogError(words, where=str(path))
-    with read_as_data(path, LogError):
-        return read(path)
+    topics = intake.topic, intake.pose_topic
+    return Selection(joints, columns, intake.rate, *topics, torques=torques)

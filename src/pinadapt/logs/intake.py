@@ -3,7 +3,7 @@
 It holds what a log does not contain: columns, rate, names and order of the joints, units,
 gears, signs, and how the arm was mounted. It is applied in this order:
 
-1. columns and files give t, q, v and tau, ``rate`` the times, ``repeated`` leaves samples out;
+1. columns give t, q, v and tau, ``rate`` the times, ``repeated`` leaves samples out;
 2. ``joints`` puts the columns into the order of the robot;
 3. ``degrees``, then for motors with gears G, q_m = G q: q = G^-1 q_m, v = G^-1 v_m,
    tau = G^T K tau_m, with the torque gains K, such as N m/A;
@@ -45,21 +45,18 @@ class Intake:
         columns: signal (t, q, v, tau, x, x_time) -> names of its columns in the robot's order, or
             one with a ``*`` for each joint's name or index; a file without header has columns 1, 2
             and so on, also as ranges such as "2-8".
-        files: signal -> another file that has it, relative to the log's folder.
         joints: names of the log's joints in the order of the robot's; where the log has no names,
             those of the robot's joints in the order of its columns; or signal -> such names.
         rate: of the samples [Hz], for logs without times or with times that jitter.
         repeated: "refuse" a log with repeated samples, or "drop" these.
         degrees: whether angles and their velocities are in degrees.
         gear: turns of the motor for one of the joint, negative where it turns the other way; for
-            coupled joints a matrix G (n, n) of motor angles G q.
-        motor_side: signals (q, v, tau) that were measured before the gears; all by default.
+            coupled joints a matrix G (n, n) of motor angles G q. Where the torques alone are those
+            of the motors, ``torque_gain`` takes G^T.
         torque_gain: torque for a unit of what was recorded, such as N m/A; or a matrix (n, n).
         flip: joints whose torque has the other sign; "q:NAME" for position and velocity.
         offset: added to the positions [rad or m].
-        topic: of a bag's joint states; or signal (q, v, tau) -> its topic, where they have several.
-            One without joint states has as many numbers as joints, in their order, in the field
-            after a colon, as "/states:tau_J".
+        topic: of a bag's joint states, where it has several.
         pose_topic: of the frame's position in a bag.
         compensated: "nominal" if the arm compensates its gravity and logs the rest only.
         gravity: (3) in the axes of the robot's base [m/s^2].
@@ -68,17 +65,15 @@ class Intake:
     """
 
     columns: Mapping[str, str | Sequence[str]] = field(default_factory=dict)
-    files: Mapping[str, str] = field(default_factory=dict)
     joints: Sequence[str] | Mapping[str, Sequence[str]] = ()
     rate: float | None = None
     repeated: str = "refuse"
     degrees: bool = False
     gear: ArrayLike | Mapping[str, float] | None = None
-    motor_side: Sequence[str] = SIDES
     torque_gain: ArrayLike | Mapping[str, float] | None = None
     flip: Sequence[str] = ()
     offset: ArrayLike | Mapping[str, float] | None = None
-    topic: str | Mapping[str, str] | None = None
+    topic: str | None = None
     pose_topic: str | None = None
     compensated: str | None = None
     gravity: ArrayLike | None = None
@@ -97,19 +92,15 @@ class Intake:
             raise LogError(error.what, where=_at(error.where), hint=error.hint) from error
 
     def _check(self) -> None:
-        mapping(self.files, "files")
         for signal in mapping(self.columns, "columns"):
             word(signal, NAMES, "columns")
-        for signal, topic in self.topics.items():
-            word(signal, SIDES, "topic")
-            instance(topic, str, f"topic.{signal}")
+        for name in ("topic", "pose_topic"):
+            instance(getattr(self, name) or "", str, name)
         if self.rate is not None:
             positive(self.rate, "rate", error=InputError)
         word(self.repeated, REPEATED, "repeated")
         for name in ("degrees", "doubtful"):
             flag(getattr(self, name), name)
-        for side in name_list(self.motor_side, "motor_side"):
-            word(side, SIDES, "motor_side")
         name_list(self.flip, "flip")
         for signal, names in self._joint_lists():
             word(signal, SIDES, "joints")
@@ -140,10 +131,6 @@ class Intake:
                 table = read_toml(path)
             except InputError as error:
                 raise LogError(error.what, where=error.where, hint=error.hint) from error
-            files = table.get("files")
-            if isinstance(files, Mapping):
-                files = {name: str(path.parent / str(file)) for name, file in files.items()}
-                table = {**table, "files": files}
         known = [one.name for one in fields(cls)]
         for key in table:
             if key not in known:
@@ -162,20 +149,12 @@ class Intake:
         return path if path.is_file() else None
 
     def updated(self, **given: Any) -> Intake:
-        """Return it with other values, mappings merged; None leaves a value as it is."""
+        """Return it with other values, columns merged; None leaves a value as it is."""
         chosen = {name: value for name, value in given.items() if value is not None}
-        for name in ("columns", "files", "topic"):
-            if isinstance(chosen.get(name), Mapping):
-                before = self.topics if name == "topic" else getattr(self, name)
-                chosen[name] = {**before, **chosen[name]}
+        chosen["columns"] = {**self.columns, **chosen.get("columns", {})}
         if "gravity" in chosen or "mount" in chosen:
             chosen = {"gravity": None, "mount": None, **chosen}
         return replace(self, **chosen)
-
-    @property
-    def topics(self) -> Mapping[str, str]:
-        """Signal -> its topic in a bag, of q alone where joint states have all of them."""
-        return {"q": self.topic} if isinstance(self.topic, str) else mapping(self.topic, "topic")
 
     def mounted(self, robot: Robot) -> Robot:
         """Return a robot with the stated gravity; on a wall it is not known here.
@@ -205,7 +184,7 @@ class Intake:
         q, v, tau, sign = log.q, log.v, log.tau, self._signs("q", names)
         if self.torque_gain is not None:
             tau = tau @ _matrix(self.torque_gain, names, "torque_gain").T
-        if gears is not None and "tau" in self.motor_side:
+        if gears is not None:
             tau = tau @ gears
         log = replace(log, tau=tau * self._signs("tau", names))
         if gears is None and self.offset is None and not self.degrees and (sign > 0.0).all():
@@ -223,9 +202,7 @@ class Intake:
         parts: dict[str, Any] = {"q": q} if v is None else {"q": q, "v": v}
         for side, part in parts.items():
             part = part * scale
-            if inverse is not None and side in self.motor_side:
-                part = part @ inverse
-            parts[side] = part * sign
+            parts[side] = sign * (part if inverse is None else part @ inverse)
         if self.offset is not None:
             parts["q"] = parts["q"] + _per_joint(self.offset, names, "offset", 0.0)
         return replace(log, **parts)

@@ -7,10 +7,9 @@ import pinocchio as pin
 
 from ..exceptions import InputError, RobotError
 from ..records import Measurement
-from ..robot.changes import Friction
 from ..robot.motors import Actuators, Compensation
-from ..robot.robot import Robot, check_successor
-from .plant import SimulatedPlant, refuse_special_friction
+from ..robot.robot import Robot
+from .plant import SimulatedPlant, fitted_friction, refuse_special_friction
 
 
 class ElasticPlant(SimulatedPlant):
@@ -59,27 +58,14 @@ class ElasticPlant(SimulatedPlant):
             raise InputError("expected springs, got rigid joints.", where="actuators.stiffness")
         joints = actuators.of(robot)
         self._K, self._D = joints.stiffness, joints.damping
-        self._first = robot
-        self._take(robot)
         self.reset()
 
     def reset(self) -> None:
         """Return to the first robot at its home pose at rest, springs loaded by gravity, time 0."""
         super().reset()
-        if self.robot is not self._first:
-            self._take(self._first)
         self._t, self._links, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
         gravity = pin.computeGeneralizedGravity(self._model, self._data, self._links)
         self._d, self._w = gravity / self._K, np.zeros(self.nv)
-
-    def become(self, robot: Robot) -> None:
-        """Replace the robot in the same state; the springs stay.
-
-        Raises:
-            RobotError: it has another chain, frame or task, or a motor without inertia.
-        """
-        check_successor(self.robot, robot, "robot")
-        self._take(robot)
 
     def _take(self, robot: Robot) -> None:
         """Copy the model of a robot; its rotor inertias become those of the motors."""
@@ -92,7 +78,7 @@ class ElasticPlant(SimulatedPlant):
                 hint="Set it with Robot.changed(armature=...), in a scenario truth.armature.",
             )
         refuse_special_friction(robot, "elastic joints")
-        self.robot, self._B, self._friction = robot, rotors, robot.friction
+        self.robot, self._B = robot, rotors
         self._model = robot.model.copy()
         self._model.armature = np.zeros(self.nv)
         self._data = self._model.createData()
@@ -148,8 +134,8 @@ class ElasticPlant(SimulatedPlant):
         """
         M = pin.crba(self._model, self._data, q)
         bias = pin.nonLinearEffects(self._model, self._data, q, v)
-        F, inertia = _secant(self._friction, w), 2.0 / h * self._B
-        theta = _theta(h * F / self._B)
+        inertia = 2.0 / h * self._B
+        F, theta = fitted_friction(self.robot.friction, w, self._B, h)
         S = 0.5 * h * self._K + self._D
         E = inertia + S + 2.0 * theta * F
         pull = self._K * self._d
@@ -159,15 +145,3 @@ class ElasticPlant(SimulatedPlant):
         left.flat[:: self.nv + 1] += S * (E - S) / E
         v_mean = np.linalg.solve(left, right)
         return v_mean, (drive + S * v_mean) / E
-
-
-def _secant(friction: Friction, w: np.ndarray) -> np.ndarray:
-    """Return f(w) / w (nv), which is positive at rest too."""
-    x = np.maximum(np.abs(w) / friction.threshold, 1e-6)
-    return np.asarray(friction.viscous + friction.coulomb / friction.threshold * np.tanh(x) / x)
-
-
-def _theta(z: np.ndarray) -> np.ndarray:
-    """Return theta = 1 / (1 - exp(-z)) - 1 / z (nv) of ``FittedMidpoint``."""
-    safe = np.maximum(z, 1e-3)
-    return np.where(z < 1e-3, 0.5 + z / 12.0, -1.0 / np.expm1(-safe) - 1.0 / safe)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,19 +15,12 @@ from ..description.chain import configuration_from_angles, position_limits
 from ..exceptions import DivergedError, InputError, did_you_mean
 from ..records import Measurement
 from ..robot.motors import Actuators, Compensation
-from ..robot.robot import Robot, check_successor
+from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PoseTask
 from .plant import LONGEST_STEP, SimulatedPlant, refuse_special_friction
 
 if TYPE_CHECKING:
     import mujoco
-
-INTEGRATORS = {
-    "runge-kutta": "mjINT_RK4",
-    "implicitfast": "mjINT_IMPLICITFAST",
-    "implicit": "mjINT_IMPLICIT",
-    "euler": "mjINT_EULER",
-}
 
 
 class MujocoPlant(SimulatedPlant):
@@ -39,6 +31,8 @@ class MujocoPlant(SimulatedPlant):
     ``Friction``: it increases with the velocity at the same slope up to its full value. With a
     ``MujocoFile``, all parameters are those of the file; the robot defines joints, frame, task and
     home pose.
+
+    The method is the classical one of Runge and Kutta, or that of the file.
 
     q, v, x and xd are read from MuJoCo. Torques are written to ``qfrc_applied``; actuators are not
     used.
@@ -57,7 +51,6 @@ class MujocoPlant(SimulatedPlant):
         compensation: Compensation | None = None,
         actuators: Actuators | None = None,
         substeps: int | None = None,
-        integrator: str | None = None,
     ) -> None:
         """Build the MuJoCo model.
 
@@ -68,11 +61,10 @@ class MujocoPlant(SimulatedPlant):
             compensation: function of q (nq): torque that the arm adds to the command, or None.
             actuators: how a commanded torque comes to the links; None: ideal ones.
             substeps: integration steps per ``step``; None: chosen.
-            integrator: one of ``INTEGRATORS``; None: that of the file, "runge-kutta" without one.
 
         Raises:
-            InputError: MuJoCo is not installed, unknown integrator, less than one substep, elastic
-                actuators, or a file that does not match the robot.
+            InputError: MuJoCo is not installed, less than one substep, elastic actuators, or a file
+                that does not match the robot.
         """
         super().__init__(
             robot,
@@ -82,23 +74,15 @@ class MujocoPlant(SimulatedPlant):
             substeps=substeps,
         )
         mj = mujoco_module()
-        if integrator is not None and integrator not in INTEGRATORS:
-            raise InputError(
-                f"must be one of {list(INTEGRATORS)}, got {integrator!r}."
-                f"{did_you_mean(str(integrator), INTEGRATORS)}",
-                where="integrator",
-            )
-        self._first, self.described = robot, mjcf is None
+        self.described = mjcf is None
         self._chain = chain_of(robot) if mjcf is None else mjcf.match(robot)
         self.model = self._chain.model
         self.data = mj.MjData(self.model)
         joints = list(self._chain.joints)
         self._qpos, self._dofs = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
-        if mjcf is None or integrator is not None:
-            kind = INTEGRATORS[integrator or "runge-kutta"]
-            self.model.opt.integrator = mj.mjtIntegrator.__members__[kind]
+        if self.described:
+            self.model.opt.integrator = mj.mjtIntegrator.mjINT_RK4
         self.model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_AUTORESET)
-        self._take(robot)
         self.reset()
 
     def reset(self) -> None:
@@ -107,8 +91,6 @@ class MujocoPlant(SimulatedPlant):
         Everything else in a file returns to its initial state.
         """
         super().reset()
-        if self.robot is not self._first:
-            self._take(self._first)
         mujoco_module().mj_resetData(self.model, self.data)
         self.data.qpos[self._qpos] = self.robot.home_angles
         self._t = 0.0
@@ -126,8 +108,7 @@ class MujocoPlant(SimulatedPlant):
                 "the robot of a MuJoCo file cannot become another one during a motion.",
                 where="changes",
             )
-        check_successor(self.robot, robot, "robot")
-        self._take(robot)
+        super().become(robot)
         self._read()
 
     def measure(self) -> Measurement:
@@ -162,9 +143,7 @@ class MujocoPlant(SimulatedPlant):
             self.longest_step = min(LONGEST_STEP, self.model.opt.timestep)
             return
         write_robot(self.model, robot)
-        explicit = self.model.opt.integrator == mujoco_module().mjtIntegrator.mjINT_RK4
-        stiffest = fastest_decay(robot) if explicit else 0.0
-        self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, stiffest)
+        self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, fastest_decay(robot))
 
     def _read(self) -> None:
         """Read q and v, and update what depends on them."""
@@ -408,7 +387,6 @@ class MujocoFile:
         _check_joints(found, robot, names)
         if isinstance(robot.task, FrameTask):
             _check_frame(found, robot)
-        _warn_of_gravity(found, robot)
         return found
 
     def _read(self) -> Any:
@@ -558,17 +536,6 @@ def _check_frame(found: MujocoChain, robot: Robot) -> None:
             "relative to the description.",
             where="frame",
             hint="Add a site with the axes of the description's frame to the file.",
-        )
-
-
-def _warn_of_gravity(found: MujocoChain, robot: Robot) -> None:
-    """Warn if gravity in the file differs from the description."""
-    base = found.at(robot.home_angles).xmat[found.base].reshape(3, 3)
-    theirs, ours = base.T @ found.model.opt.gravity, robot.model.gravity.linear
-    if np.linalg.norm(theirs - ours) > 0.05 * np.linalg.norm(ours):
-        warnings.warn(
-            f"gravity in the file is {theirs.round(3)}, in the description {ours.round(3)} m/s^2.",
-            stacklevel=2,
         )
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from math import ceil, isfinite
 from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from .._checks import instance, whole
+from .._compiled import compiled
 from ..exceptions import DivergedError, InputError, RobotError
 from ..records import Measurement
+from ..robot.changes import Friction
 from ..robot.motors import (
     Actuators,
     CommandsUnderway,
@@ -20,7 +22,7 @@ from ..robot.motors import (
     compensation_of,
 )
 from ..robot.motors import torque_limits as limits_of
-from ..robot.robot import Robot
+from ..robot.robot import Robot, check_successor
 
 
 class Plant(ABC):
@@ -78,14 +80,14 @@ class Plant(ABC):
 
 
 _MOST_SUBSTEPS = 100_000
-_LONGEST_HOLD = 100.0  # [s] of one torque
 LONGEST_STEP = 1e-3  # [s]; integration errors stay below 0.1 % of the tracking error
 
 
 class SimulatedPlant(Plant):
     """A simulated robot that starts at its home pose at rest, with limited motor torques.
 
-    A subclass moves under a held torque, ``hold``; delay and bandwidth of the motors are here.
+    A subclass takes a robot, ``_take``, and moves under a held torque, ``hold``; delay and
+    bandwidth of the motors are here.
 
     Attributes:
         robot: the true robot as it is now; ``reset`` restores the first one.
@@ -124,7 +126,7 @@ class SimulatedPlant(Plant):
             InputError: not a robot, limits, compensation or actuators of a wrong size, springs that
                 this plant has not, or more than 100000 substeps.
         """
-        instance(robot, Robot, "robot")
+        self._first = instance(robot, Robot, "robot")
         if substeps is not None and whole(substeps, "substeps", 1) > _MOST_SUBSTEPS:
             raise InputError(f"must be at most {_MOST_SUBSTEPS}, got {substeps}.", where="substeps")
         self.torque_limits, self.substeps = limits_of(robot, torque_limits), substeps
@@ -144,8 +146,22 @@ class SimulatedPlant(Plant):
         self._underway: CommandsUnderway | None = None
 
     def reset(self) -> None:
-        """Forget the commands that have not arrived; a subclass returns home besides."""
+        """Return to the first robot; a subclass returns home besides, at rest, at time 0."""
         self._underway = None
+        self._take(self._first)
+
+    def become(self, robot: Robot) -> None:
+        """Replace the robot at the same q, v and time; torque limits and springs stay.
+
+        Raises:
+            RobotError: it has another chain, frame or task, or parameters that this plant has not.
+        """
+        check_successor(self.robot, robot, "robot")
+        self._take(robot)
+
+    @abstractmethod
+    def _take(self, robot: Robot) -> None:
+        """Move as a robot from now on."""
 
     @abstractmethod
     def hold(self, tau: np.ndarray, dt: float) -> None:
@@ -155,33 +171,22 @@ class SimulatedPlant(Plant):
         """Command a torque (nv) [N m or N], and move for dt [s] under what the motors apply.
 
         Raises:
-            InputError: a torque of another size, or dt not from 0 to 100 s.
+            InputError: a torque of another size.
             DivergedError: the torque is not finite.
         """
         tau = self.motors(torque)
-        if not isfinite(tau.dot(tau)) and not np.isfinite(tau).all():
+        if not math.isfinite(tau.dot(tau)) and not np.isfinite(tau).all():
             raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
             self.hold(tau, dt)
             return
-        self.steps_in(dt)  # refuses what is too long before anything is underway
         pieces, self._underway = self._late.after(self._underway, tau, dt, LONGEST_STEP)
         for applied, part in pieces:
             self.hold(applied, part)
 
     def steps_in(self, dt: float) -> int:
-        """Return the number of integration steps in dt [s].
-
-        Raises:
-            InputError: dt is longer than 100 s.
-        """
-        if dt > _LONGEST_HOLD:
-            raise InputError(
-                f"a torque is held for at most {_LONGEST_HOLD:g} s, got {dt:g} s.",
-                where="dt",
-                hint="Step several times.",
-            )
-        return self.substeps or max(ceil(dt / self.longest_step - 1e-9), 1)
+        """Return the number of integration steps in dt [s]."""
+        return self.substeps or max(math.ceil(dt / self.longest_step - 1e-9), 1)
 
     def motors(self, torque: np.ndarray) -> np.ndarray:
         """Return the torque (nv) that the motors are to apply for a commanded one (nv) [N m or N].
@@ -220,3 +225,36 @@ def refuse_special_friction(robot: Robot, simulator: str) -> None:
             where="friction",
             hint="Simulate rigid joints with Pinocchio, or take pa.Friction(viscous, coulomb).",
         )
+
+
+def fitted_friction(friction: Friction, v: np.ndarray, inertia: np.ndarray, h: float) -> np.ndarray:
+    """Return the secant D of friction at v (nv), and theta for a step of h [s]; rows of (2, nv).
+
+    The friction torque without its offset is D v; for theta see ``FittedMidpoint``.
+    """
+    fitted = np.empty((2, len(v)))
+    dry = friction.coulomb, friction.asymmetry, friction.shape
+    _fit(friction.viscous, *dry, inertia, v, h, fitted)
+    return fitted
+
+
+@compiled("void(f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:,:])")
+def _fit(
+    viscous: np.ndarray,
+    coulomb: np.ndarray,
+    asymmetry: np.ndarray,
+    shape: np.ndarray,
+    inertia: np.ndarray,
+    v: np.ndarray,
+    h: float,
+    fitted: np.ndarray,
+) -> None:
+    """Write D and theta, see ``fitted_friction``."""
+    for i in range(len(v)):
+        x = max(abs(v[i]) / shape[0, i], 1e-6)
+        sigma = math.tanh(x) * (1.0 + shape[1, i] * math.exp(-abs(v[i]) * shape[2, i]))
+        dry = coulomb[i] + asymmetry[i] * math.copysign(1.0, v[i])
+        D = viscous[i] + dry * sigma / (x * shape[0, i])
+        z = h * D / inertia[i]
+        fitted[0, i] = D
+        fitted[1, i] = 0.5 + z / 12.0 if z < 1e-3 else -1.0 / math.expm1(-z) - 1.0 / z

@@ -205,8 +205,7 @@ class PlantArm(Arm):
     """Any ``Plant`` as an arm in this process.
 
     Each ``read`` moves the plant on by one period, under the torque that was sent last; before the
-    first torque its brakes hold it. With a clock the plant keeps up with that instead: it then
-    moves by as many periods as have passed.
+    first torque its brakes hold it.
 
     Attributes:
         plant: the plant.
@@ -220,7 +219,6 @@ class PlantArm(Arm):
         *,
         sensors: Sensors | None = None,
         robot: Robot | None = None,
-        clock: Callable[[], float] | None = None,
         silence: float = _SILENT,
         seed: int = 0,
     ) -> None:
@@ -231,8 +229,6 @@ class PlantArm(Arm):
             period: of its cycle [s].
             sensors: through which it is seen; None for perfect ones.
             robot: whose joints it has; None: those of a ``SimulatedPlant``.
-            clock: seconds of some clock that the plant follows, such as ``time.monotonic``; None:
-                a read is a period.
             silence: time without a torque after which it stops by itself [s].
             seed: of the noise.
 
@@ -244,15 +240,13 @@ class PlantArm(Arm):
         self.facts = ArmFacts.of(
             robot,
             period=period,
-            paced=clock is None,
-            clock="simulated" if clock is None else "host",
+            clock="simulated",
             compensation=getattr(plant, "compensation", None),
             silence=silence,
         )
         self._sensors = (
             None if sensors is None else SimulatedSensors(robot, period, sensors, seed=seed)
         )
-        self._clock, self._start = clock, math.nan
         self._sent: np.ndarray | None = None
         self._given: np.ndarray | None = None
         self._count, self._quiet = -1, 0  # the first measurement is of time zero
@@ -260,33 +254,22 @@ class PlantArm(Arm):
         plant.reset()
 
     def read(self) -> Measurement:
-        """Move on to the present and return what the sensors say.
+        """Move on by a period and return what the sensors say.
 
         Raises:
             ArmError: the arm has stopped.
         """
-        for _ in range(self._due()):
-            self._count += 1
-            if self._sent is None or self.stopped:
-                continue
+        self._count += 1
+        if self._sent is not None and not self.stopped:
             self._quiet += 1
             if self._quiet * self.facts.period > self.facts.silence:
                 self.stop(f"no torque came for {self.facts.silence:g} s")
-                break
-            self.plant.step(self._sent.copy(), self.facts.period)
+            else:
+                self.plant.step(self._sent.copy(), self.facts.period)
         if self.stopped:
             raise ArmError(f"the arm has stopped: {self.stopped}.", where=self.facts.name)
         truth = self.plant.measure()._replace(t=self._count * self.facts.period)
         return truth if self._sensors is None else self._sensors.measure(truth, self._given)
-
-    def _due(self) -> int:
-        """Return by how many periods the plant is to move."""
-        if self._clock is None:
-            return 1
-        now = self._clock()
-        if math.isnan(self._start):
-            self._start = now
-        return max(int((now - self._start) / self.facts.period + 1e-6) - self._count, 0)
 
     def send(self, torque: np.ndarray) -> None:
         """Hold a torque (n) [N m or N] from now on.

@@ -61,7 +61,6 @@ class FrankaArm(Arm):
         forces: ArrayLike = FORCES,
         load: Payload | None = None,
         recover: bool = False,
-        enforce: bool = False,
         camera: Frames | None = None,
     ) -> None:
         """Connect; nothing moves.
@@ -75,7 +74,6 @@ class FrankaArm(Arm):
                 it too, see ``at_task_frame``. com and inertia are given in the axes of the flange.
                 None: nothing is set.
             recover: acknowledge the error of an earlier run.
-            enforce: refuse a kernel without real-time preemption.
             camera: returns x of a new frame and its time on the robot's clock [s], or None.
 
         Raises:
@@ -106,10 +104,8 @@ class FrankaArm(Arm):
             torque_rate=TORQUE_RATE,
             compensation=Gravity(robot),
         )
-        kinds = pylibfranka.RealtimeConfig
-        kernel = kinds.kEnforce if enforce else kinds.kIgnore
-        try:
-            self._robot: Any = pylibfranka.Robot(address, kernel)
+        try:  # any kernel: the loop says what the system denies
+            self._robot: Any = pylibfranka.Robot(address, pylibfranka.RealtimeConfig.kIgnore)
         except self._failures as error:
             raise InputError(
                 f"cannot be reached: {str(error).rstrip(chr(46))}.",

@@ -434,8 +434,9 @@ class RealtimeLoop:
         loop._tick, loop._last, loop._path = {}, deque(maxlen=1), self._path.shifted(aside)
         loop._checks = Checklist(self.safety, self._controller, self._facts)
         loop._state, loop._say, loop.result = state, lambda words: None, RunResult()
-        for k in range(_WARM_UPS):
-            loop._phase, loop._resting = Phase.RUNNING if k else Phase.DAMPING, False
+        for k in range(_WARM_UPS):  # damping last, as after it no controller goes on
+            loop._phase = Phase.RUNNING if k < _WARM_UPS - 1 else Phase.DAMPING
+            loop._resting = False
             loop._cycle(m._replace(t=m.t + k * self._period), self._period, 0.0)
             if m.tau is not None:  # the brakes hold the arm: it is not what is asked for
                 m = m._replace(tau=loop._given)
