@@ -40,6 +40,7 @@ class Leak(Wrapper):
     """
 
     sources = ("IoannouKokotovic1984",)
+    _parts = 1
 
     def __init__(self, inner: Adaptation, bandwidth: float) -> None:
         """Wrap an adaptation with a leak of rate lambda [1/s].
@@ -54,25 +55,9 @@ class Leak(Wrapper):
         """Return the rate of the leak [1/s] under a drive, lambda."""
         return self.bandwidth
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the inner adaptation's start; the memory holds a_0."""
-        estimate = self.inner.init(value)
-        return Estimate(estimate.value, (estimate.value.copy(), *estimate.memory))
-
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate at an announced value (p); the leak is towards ``start`` (p)."""
-        inner = self.inner.reset_to(self._inner(estimate), value, start)
-        return Estimate(inner.value, (start.copy(), *inner.memory))
-
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with the inner adaptation's memory of other data."""
-        inner = self.inner.informed(self._inner(estimate), H)
-        return Estimate(inner.value, (estimate.memory[0], *inner.memory))
-
-    def recorded(self, estimate: Estimate) -> Estimate:
-        """Return a_0 and what a record of the inner adaptation keeps."""
-        inner = self.inner.recorded(self._inner(estimate))
-        return Estimate(inner.value, (estimate.memory[0], *inner.memory))
+    def _own(self, start: np.ndarray) -> tuple:
+        """Return a_0."""
+        return (start.copy(),)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates, the value's with the leak."""
@@ -95,10 +80,6 @@ class Leak(Wrapper):
     def _leak(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return -lambda (a - a_0) (p)."""
         return np.asarray(self.leak_rate(drive) * (estimate.memory[0] - estimate.value))
-
-    def _inner(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with the inner adaptation's own memory."""
-        return Estimate(estimate.value, estimate.memory[1:])
 
 
 class ErrorLeak(Leak):

@@ -65,9 +65,8 @@ class Regressor:
         Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v - mean, self._zero)
         if Y.ndim == 1:
             Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
-        tau = empty(v.size)
-        kernels.polarised(Y_0, pi, Y, tau)
-        return Y, tau
+        Y -= Y_0
+        return Y, Y.dot(pi)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
