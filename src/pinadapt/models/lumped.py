@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -73,41 +72,19 @@ class LumpedBasis:
 
 
 def lumped_basis(model: pin.Model, translations: Sequence[Translation]) -> LumpedBasis:
-    """Return the base of a chain's dynamics for unknown translations; results are cached."""
-    bare = model.copy()
-    bare.armature, bare.name = np.zeros(model.nv), ""
-    for joint in range(1, model.njoints):
-        bare.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
-    parts = tuple(
-        (part.joint or 0, tuple(map(tuple, part.directions.tolist())), tuple(part.offset.tolist()))
-        for part in translations
-    )
-    placed = PlacedTranslations(bare, 0, translations)
-    placed.write(np.zeros(placed.size))
-    return _find(bare.saveToString(), parts)
+    """Return the base of a chain's dynamics for unknown translations.
 
-
-_Part = tuple[int, tuple[tuple[float, ...], ...], tuple[float, ...]]  # joint, directions, offset
-
-
-@lru_cache(maxsize=32)
-def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
-    """Return the base: of each random node the columns outside the span of the nodes before.
-
-    The search ends when further nodes add no column. A random node lies in the span with
-    probability one only if all nodes do.
+    Of each random node it has the columns outside the span of the nodes before. The search ends
+    when further nodes add no column: a random node lies in the span with probability one only if
+    all nodes do.
     """
-    model, rng = pin.Model(), np.random.default_rng(0)
-    model.loadFromString(description)
+    rng = np.random.default_rng(0)
     states = _random_states(model, rng)
-    translations = [
-        Translation("", joint, np.array(directions), np.array(offset), ())
-        for joint, directions, offset in parts
-    ]
     models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
     without_news = 0
     while without_news < _REPEATS:
         node = model.copy()
+        node.armature = np.zeros(model.nv)
         placed = PlacedTranslations(node, 0, translations)
         placed.write(rng.uniform(-1.0, 1.0, placed.size))
         regressor = Regressor(node)
