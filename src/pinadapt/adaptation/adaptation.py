@@ -356,13 +356,17 @@ class Wrapper(Adaptation):
         """Return what a record keeps: this one's parts and those of the inner adaptation."""
         return _after(estimate.memory[: self._parts], self.inner.recorded(self._inner(estimate)))
 
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
+        """Return the drive of the inner adaptation."""
+        return drive
+
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""
-        return self.inner.rate(estimate, drive)
+        return self.inner.rate(estimate, self._driven(estimate, drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
-        return self.inner.step(estimate, drive, dt)
+        return self.inner.step(estimate, self._driven(estimate, drive), dt)
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
@@ -373,8 +377,10 @@ class Wrapper(Adaptation):
         return self.inner.storage(self._inner(estimate), truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt."""
-        return self.inner.dissipation(estimate, drive, truth)
+        """Return what the inner adaptation adds to dV/dt, and da^T (g - g'), g' of its drive."""
+        driven = self._driven(estimate, drive)
+        removed = (estimate.value - truth) @ (drive.gradient - driven.gradient)
+        return float(removed) + self.inner.dissipation(estimate, driven, truth)
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p)."""

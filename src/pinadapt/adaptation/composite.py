@@ -79,23 +79,7 @@ class Composite(Wrapper):
         assert self._decay is not None
         return self._decay.at(W.dot(self.inner.gain_times(value, W.T)))
 
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under tracking and prediction error."""
-        return self.inner.rate(estimate, self._weighted(estimate, drive))
-
-    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the inner adaptation's estimate after dt [s] under both errors, held."""
-        return self.inner.step(estimate, self._weighted(estimate, drive), dt)
-
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return -r^T R r, and what the inner adaptation adds to dV/dt."""
-        own, weighted = 0.0, self._weighted(estimate, drive)
-        if weighted.W is not None and weighted.weight is not None:
-            predicted = weighted.W.dot(estimate.value - truth)
-            own = -float(predicted @ weighted.weight @ weighted.residual)
-        return own + self.inner.dissipation(estimate, weighted, truth)
-
-    def _weighted(self, estimate: Estimate, drive: Drive) -> Drive:
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
         W = drive.W
         return drive if W is None else drive.weighted(self.weight(estimate.value, W))

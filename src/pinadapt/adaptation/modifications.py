@@ -164,21 +164,7 @@ class DeadZone(Wrapper):
         self.size = None if size is None else _checked_size(size, "dead-zone")
         self.residual = None if residual is None else _checked_size(residual, "dead-zone")
 
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under the remaining errors."""
-        return self.inner.rate(estimate, self._remaining(drive))
-
-    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the inner adaptation's estimate after dt [s] under the remaining errors."""
-        return self.inner.step(estimate, self._remaining(drive), dt)
-
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt, and da^T (g - g_zone)."""
-        remaining = self._remaining(drive)
-        removed = (estimate.value - truth) @ (drive.gradient - remaining.gradient)
-        return float(removed) + self.inner.dissipation(estimate, remaining, truth)
-
-    def _remaining(self, drive: Drive) -> Drive:
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with the errors that remain outside the zone."""
         tracking = _share_outside(drive.e, self.size)
         return drive.scaled(tracking, _share_outside(drive.residual, self.residual))
@@ -224,21 +210,7 @@ class Normalised(Wrapper):
         super().__init__(inner)
         self.size = positive(size, "normalised")
 
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under the normalised drive."""
-        return self.inner.rate(estimate, self._normalised(estimate, drive))
-
-    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the inner adaptation's estimate after dt [s] under the normalised drive."""
-        return self.inner.step(estimate, self._normalised(estimate, drive), dt)
-
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt, and da^T (g - g / m^2)."""
-        normalised = self._normalised(estimate, drive)
-        removed = (estimate.value - truth) @ (drive.gradient - normalised.gradient)
-        return float(removed) + self.inner.dissipation(estimate, normalised, truth)
-
-    def _normalised(self, estimate: Estimate, drive: Drive) -> Drive:
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with each part divided by its m^2."""
         of_W = 1.0 if drive.W is None else self._factor(estimate.value, drive.W)
         return drive.scaled(self._factor(estimate.value, drive.Y), of_W)
