@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import empty
 
-from ._checks import instance, numbers, positive
+from ._checks import instance, positive
 from ._kernels import laws as kernels
 from .exceptions import InputError
 from .models.delay_compensation import SensedState
@@ -545,36 +545,3 @@ class FilteredRegressor:
             np.zeros(shares.shape),
             underway.still() if underway else (),
         )
-
-    def along(
-        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, tau: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return W (N, n, p) and y (N, n) of a recorded motion of N samples.
-
-        Args:
-            t: (N) times [s], ascending.
-            q: (N, nq) configurations.
-            v: (N, n) joint velocities [rad/s or m/s].
-            tau: (N, n) torques [N m or N], each held until the next sample.
-
-        Raises:
-            InputError: arrays that do not belong together, or times that do not ascend.
-        """
-        t, q, v, tau = (
-            numbers(given, name)
-            for given, name in zip((t, q, v, tau), ("t", "q", "v", "tau"), strict=True)
-        )
-        if t.ndim != 1 or not t.size or any(len(np.atleast_1d(x)) != t.size for x in (q, v, tau)):
-            raise InputError("expected N times with N rows of q, v and tau.", where="t")
-        if v.ndim != 2 or v.shape != tau.shape or q.ndim != 2:
-            raise InputError("expected one row of numbers per sample.", where="v")
-        steps = np.diff(t)
-        if not (steps > 0.0).all():
-            raise InputError("the times must ascend.", where="t")
-        state, found = self.init(q[0], v[0]), []
-        for k in range(t.size):
-            now = self.observe(state, q[k], v[k])
-            found.append(now)
-            if k < steps.size:
-                state = self.step(now, tau[k], float(steps[k]))
-        return np.array([now.W for now in found]), np.array([now.y for now in found])

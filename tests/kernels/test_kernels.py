@@ -33,10 +33,6 @@ def cones():
     return {
         "bodies": (bodies.adaptation_d.cone, bodies.dynamics.initial),
         "planar": (pa.adaptation.MatrixInequality(LMI), np.array([3.34, 1.2, 0.97])),
-        "offset": (
-            pa.adaptation.MatrixInequality(LMI, offset=0.3 * np.eye(2)),
-            np.array([3.34, 1.2, 0.97]),
-        ),
         "blocks": (
             pa.adaptation.MatrixInequality(LMI, blocks=2),
             np.array([3.34, 1.2, 0.97, 2.0, 0.3, 1.1]),
@@ -44,7 +40,7 @@ def cones():
     }
 
 
-@pytest.mark.parametrize("which", ["bodies", "planar", "offset", "blocks"])
+@pytest.mark.parametrize("which", ["bodies", "planar", "blocks"])
 @pytest.mark.parametrize("size", [1e-6, 3e-3, 1.0, 1e3])
 @pytest.mark.parametrize("most", [0.02, 1.0])
 def test_geodesics(which, size, most, rng):

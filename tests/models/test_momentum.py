@@ -74,7 +74,7 @@ def dynamics_of(name):
     robot = catalogue_robot(name).changed(viscous=0.3, coulomb=0.2, armature=0.1)
     bare = without_joint_effects(robot)
     inertial = [pa.models.BodyDynamics(bare, "all"), pa.models.BodyDynamics(bare, "payload")]
-    inertial.append(pa.models.LumpedDynamics(bare, [robot.joint_names[-1]], "payload"))
+    inertial.append(pa.models.LumpedDynamics(bare, [robot.joint_names[-1]]))
     if name == "planar_2r":
         inertial.append(pa.models.BasisDynamics(bare, BASIS))
     for block in inertial:
@@ -116,10 +116,19 @@ def recorded(name, dt, control=None, **truth):
     return robot, controller.dynamics, rollout
 
 
+def along(filters, run):
+    """Return W (N, n, p) and y (N, n) of a rollout of N samples."""
+    state, found = filters.init(run.q[0], run.v[0]), []
+    for q, v, tau, dt in zip(run.q, run.v, run.tau, np.append(np.diff(run.t), 0.0), strict=True):
+        found.append(filters.observe(state, q, v))
+        state = filters.step(found[-1], tau, float(dt))
+    return np.array([now.W for now in found]), np.array([now.y for now in found])
+
+
 def mismatch(name, dt, **truth):
     """Return |W a - y| along a sampled motion relative to |y|, at its largest."""
     robot, dynamics, run = recorded(name, dt, **truth)
-    W, y = pa.filters.FilteredRegressor(dynamics, 30.0).along(run.t, run.q, run.v, run.tau)
+    W, y = along(pa.filters.FilteredRegressor(dynamics, 30.0), run)
     assert not W[0].any() and not y[0].any()
     return np.abs(W @ dynamics.value(robot) - y).max() / np.abs(y).max()
 
@@ -146,7 +155,7 @@ def test_filtered_regressor_predicts_the_torque_of_declared_late_motors():
     errors = []
     for believed in (motors, None):
         filters = pa.filters.FilteredRegressor(dynamics, 30.0, believed)
-        W, y = filters.along(run.t, run.q, run.v, run.tau)
+        W, y = along(filters, run)
         errors.append(np.abs(W @ dynamics.value(robot) - y).max() / np.abs(y).max())
     assert errors[0] < 1e-4 and errors[1] > 1e-2
 

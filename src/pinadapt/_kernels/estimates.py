@@ -106,35 +106,35 @@ def fit(
 
 
 @compiled(
-    "void(f8[:], f8[:], i8, i8[:,:], f8[:], i8[:,:], f8[:], f8[:,:], f8, f8, f8[:])",
+    "void(f8[:], f8[:], i8, i8, i8[:,:], f8[:], i8[:,:], f8[:], f8, f8, f8[:])",
     allocates=True,
 )
 def follow_geodesic(
     a: np.ndarray,
     g: np.ndarray,
     p: int,
+    n: int,
     places: np.ndarray,
     F: np.ndarray,
     dual_places: np.ndarray,
     dual: np.ndarray,
-    offset: np.ndarray,
     h: float,
     most: float,
     after: np.ndarray,
 ) -> None:
     """Write the parameters (k p) of E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2.
 
-    Of each block of p parameters P (n, n) is the offset and the sum of a_i F_i, and L that of g_i
-    dual_i. F and dual are the entries that are not zero, at the places (i, row, column). Where h
+    Of each block of p parameters P (n, n) is the sum of a_i F_i, and L that of g_i dual_i. F and
+    dual are the entries that are not zero, at the places (i, row, column). Where h
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
-    n, k = len(offset), len(a) // p
+    k = len(a) // p
     P, A, L = np.empty((k, n, n)), np.zeros((k, n, n)), np.empty((n, n))
     E, B, square = np.empty((n, n)), np.empty((n, n)), 0.0
     for b in range(k):
         for r in range(n):
             for s in range(n):
-                P[b, r, s], L[r, s] = offset[r, s], 0.0
+                P[b, r, s] = L[r, s] = 0.0
         for e in range(len(F)):
             P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for e in range(len(dual)):

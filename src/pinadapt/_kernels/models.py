@@ -28,16 +28,6 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     return c
 
 
-@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:])", fills=2)
-def polarised(Y_0: np.ndarray, pi: np.ndarray, Y: np.ndarray, tau: np.ndarray) -> None:
-    """Take Y_0 off Y (n, p), and write tau = Y pi (n)."""
-    for i in range(len(tau)):
-        tau[i] = 0.0
-        for j in range(len(pi)):
-            Y[i, j] -= Y_0[i, j]
-            tau[i] += Y[i, j] * pi[j]
-
-
 @compiled(
     "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:], "
     "f8[:], f8[:], f8[:,:,:], f8[:,:,:], f8[:,:])",

@@ -299,9 +299,13 @@ class Frozen(Adaptation):
 class Wrapper(Adaptation):
     """An adaptation that modifies another one. Methods that it does not override are the inner's.
 
+    The memory is this one's parts, see ``_own``, and then the inner adaptation's.
+
     Attributes:
         inner: the wrapped adaptation.
     """
+
+    _parts = 0
 
     def __init__(self, inner: Adaptation) -> None:
         """Wrap any adaptation."""
@@ -310,13 +314,18 @@ class Wrapper(Adaptation):
         self.name, self.torque_bandwidth = inner.name, inner.torque_bandwidth
         self._size = inner._size
 
+    def _own(self, start: np.ndarray) -> tuple:
+        """Return this wrapper's parts of the memory, ``_parts``, for an initial value (p)."""
+        return ()
+
     def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
-        return estimate
+        return Estimate(estimate.value, estimate.memory[self._parts :])
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the inner adaptation's start, with the value validated by this one."""
-        return self.inner.init(value).with_value(self.validate(value))
+        inner = self.inner.init(self.validate(value))
+        return _after(self._own(inner.value), inner)
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return the initial value (p) validated by the inner adaptation."""
@@ -337,23 +346,27 @@ class Wrapper(Adaptation):
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the inner adaptation's estimate at an announced value (p)."""
-        return self.inner.reset_to(estimate, value, start)
+        return _after(self._own(start), self.inner.reset_to(self._inner(estimate), value, start))
 
     def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
         """Return the estimate with the inner adaptation's memory of other data."""
-        return self.inner.informed(estimate, H)
+        return _after(estimate.memory[: self._parts], self.inner.informed(self._inner(estimate), H))
 
     def recorded(self, estimate: Estimate) -> Estimate:
-        """Return what a record of the inner adaptation keeps."""
-        return self.inner.recorded(estimate)
+        """Return what a record keeps: this one's parts and those of the inner adaptation."""
+        return _after(estimate.memory[: self._parts], self.inner.recorded(self._inner(estimate)))
+
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
+        """Return the drive of the inner adaptation."""
+        return drive
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates."""
-        return self.inner.rate(estimate, drive)
+        return self.inner.rate(estimate, self._driven(estimate, drive))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
-        return self.inner.step(estimate, drive, dt)
+        return self.inner.step(estimate, self._driven(estimate, drive), dt)
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
@@ -364,8 +377,10 @@ class Wrapper(Adaptation):
         return self.inner.storage(self._inner(estimate), truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt."""
-        return self.inner.dissipation(estimate, drive, truth)
+        """Return what the inner adaptation adds to dV/dt, and da^T (g - g'), g' of its drive."""
+        driven = self._driven(estimate, drive)
+        removed = (estimate.value - truth) @ (drive.gradient - driven.gradient)
+        return float(removed) + self.inner.dissipation(estimate, driven, truth)
 
     def gain(self, value: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma (p, p)."""
@@ -382,6 +397,11 @@ class Wrapper(Adaptation):
     def references(self) -> tuple[str, ...]:
         """Return the sources of this wrapper and of the inner adaptation."""
         return self.sources + self.inner.references()
+
+
+def _after(own: tuple, inner: Estimate) -> Estimate:
+    """Return an inner adaptation's estimate with a wrapper's own parts before its memory."""
+    return Estimate(inner.value, (*own, *inner.memory))
 
 
 def _moved(part: Any, rate: Any, dt: float) -> Any:

@@ -79,29 +79,10 @@ class Composite(Wrapper):
         assert self._decay is not None
         return self._decay.at(W.dot(self.inner.gain_times(value, W.T)))
 
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under tracking and prediction error."""
-        return self.inner.rate(estimate, self._weighted(estimate, drive))
-
-    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the inner adaptation's estimate after dt [s] under both errors, held."""
-        return self.inner.step(estimate, self._weighted(estimate, drive), dt)
-
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return -r^T R r, and what the inner adaptation adds to dV/dt."""
-        own, weighted = 0.0, self._weighted(estimate, drive)
-        if weighted.W is not None and weighted.weight is not None:
-            predicted = weighted.W.dot(estimate.value - truth)
-            own = -float(predicted @ weighted.weight @ weighted.residual)
-        return own + self.inner.dissipation(estimate, weighted, truth)
-
-    def _weighted(self, estimate: Estimate, drive: Drive) -> Drive:
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
         W = drive.W
         return drive if W is None else drive.weighted(self.weight(estimate.value, W))
-
-
-_OWN = 4  # parts of the memory before those of the inner adaptation
 
 
 class CompositeMemory(Wrapper):
@@ -167,6 +148,7 @@ class CompositeMemory(Wrapper):
     """
 
     sources = ("Kreisselmeier1977", "PanYu2018", "FortescueKershenbaumYdstie1981")
+    _parts = 4
 
     def __init__(
         self,
@@ -220,8 +202,9 @@ class CompositeMemory(Wrapper):
         self._variance = self.noise * self.noise
 
     def init(self, value: np.ndarray) -> Estimate:
-        """Return the inner adaptation's start, with an empty memory."""
-        return self._empty(self.inner.init(value), value)
+        """Return the inner adaptation's start, with an empty memory and the prior at the value."""
+        inner = self.inner.init(value)
+        return Estimate(inner.value, (*self._own(value), *inner.memory))
 
     def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
         """Return the estimate with A = unit H and b = A a_hat.
@@ -232,19 +215,15 @@ class CompositeMemory(Wrapper):
         A = self.unit * H
         return Estimate(estimate.value, (A, A.dot(estimate.value), *estimate.memory[2:]))
 
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the inner adaptation's estimate at an announced value (p), the memory empty."""
-        return self._empty(self.inner.reset_to(self._inner(estimate), value, start), start)
-
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate without the memory, which V does not contain."""
         inner = self.inner.recorded(self._inner(estimate))
-        return Estimate(inner.value, (*[np.zeros(0)] * _OWN, *inner.memory))
+        return Estimate(inner.value, (*[np.zeros(0)] * self._parts, *inner.memory))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
-        (A, b, *_), inner = estimate.memory[:_OWN], self._inner(estimate)
-        still = [np.zeros(part.shape) for part in estimate.memory[:_OWN]]
+        (A, b, *_), inner = estimate.memory[: self._parts], self._inner(estimate)
+        still = [np.zeros(part.shape) for part in estimate.memory[: self._parts]]
         gradient, fading = self._recalled(estimate, drive)
         if gradient is not None:
             A_new, b_new = self._increment(estimate, drive)
@@ -254,7 +233,7 @@ class CompositeMemory(Wrapper):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        A, b, gradient, start = estimate.memory[:_OWN]
+        A, b, gradient, start = estimate.memory[: self._parts]
         inner, due = self._inner(estimate), start[0]
         if drive.W is None or drive.saturated:
             after = self.inner.step(inner, self._total(drive, None), dt)
@@ -295,7 +274,7 @@ class CompositeMemory(Wrapper):
         A_new, b_new = weighted(W), weighted(W.dot(estimate.value) - residual)
         if self.prior is not None:
             A_new += span * self.prior
-            b_new += span * estimate.memory[_OWN - 1][1:]
+            b_new += span * estimate.memory[3][1:]
         return A_new, b_new
 
     def _recalled(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray | None, float]:
@@ -325,13 +304,8 @@ class CompositeMemory(Wrapper):
         trust = (1.0 - fading / self._bandwidth) ** self.doubt
         return trust * self.share * solved[:, 0], fading
 
-    def _empty(self, estimate: Estimate, start: np.ndarray) -> Estimate:
-        """Return the inner adaptation's estimate with A = 0 and b = 0, its prior at ``start``."""
-        p = estimate.value.size
+    def _own(self, start: np.ndarray) -> tuple:
+        """Return A = 0, b = 0, no gradient, and the time to its next evaluation with Pi a_0."""
+        p = start.size
         told = np.zeros(p) if self.prior is None else self.prior.dot(start)
-        memory = np.zeros((p, p)), np.zeros(p), np.zeros(p), np.concatenate([[0.0], told])
-        return Estimate(estimate.value, (*memory, *estimate.memory))
-
-    def _inner(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with the inner adaptation's own memory."""
-        return Estimate(estimate.value, estimate.memory[_OWN:])
+        return np.zeros((p, p)), np.zeros(p), np.zeros(p), np.concatenate([[0.0], told])

@@ -32,13 +32,6 @@ def weight_of(checked: np.ndarray, n: int) -> np.ndarray:
     return checked if checked.ndim == 2 else np.diag(np.broadcast_to(checked, n))
 
 
-def _gradient(drive: Drive, R: np.ndarray) -> np.ndarray:
-    """Return Y^T e + W^T R r (p) of a drive with a prediction error, with the weight R (l, l)."""
-    assert drive.W is not None and drive.residual is not None
-    change = R if drive.weight is None else R - drive.weight
-    return np.asarray(drive.gradient + change.dot(drive.residual).dot(drive.W))
-
-
 class DecayWeight:
     """R = rate (W Gamma W^T + diag(floor))^-1: the prediction error r decays at one rate.
 
@@ -205,7 +198,7 @@ class LeastSquares(Adaptation):
         if constant is None:
             return np.zeros((m, m)), drive.gradient
         R = weight_of(constant, m)
-        return R, _gradient(drive, R)
+        return R, drive.weighted(R).gradient
 
     def size(self, P: np.ndarray) -> float:
         """Return |P|, the largest eigenvalue of P (p, p) relative to P(0)."""
@@ -221,7 +214,7 @@ class LeastSquares(Adaptation):
             return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
         R, P_W = self.weight(drive, P), P.dot(W.T)
         learned = P_W.dot(R).dot(P_W.T)
-        return Estimate(-P.dot(_gradient(drive, R)), (self._recovery(P) - learned,))
+        return Estimate(-P.dot(drive.weighted(R).gradient), (self._recovery(P) - learned,))
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return da/dt (p)."""
@@ -254,7 +247,7 @@ class LeastSquares(Adaptation):
         inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
         updated = P - P_W.dot(inner).dot(P_W.T)
         updated = 0.5 * (updated + updated.T)
-        value = estimate.value - dt * updated.dot(_gradient(drive, R))
+        value = estimate.value - dt * updated.dot(drive.weighted(R).gradient)
         return Estimate(value, (self._after_forgetting(P, updated, dt),))
 
     def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:

@@ -40,6 +40,7 @@ class Leak(Wrapper):
     """
 
     sources = ("IoannouKokotovic1984",)
+    _parts = 1
 
     def __init__(self, inner: Adaptation, bandwidth: float) -> None:
         """Wrap an adaptation with a leak of rate lambda [1/s].
@@ -54,25 +55,9 @@ class Leak(Wrapper):
         """Return the rate of the leak [1/s] under a drive, lambda."""
         return self.bandwidth
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the inner adaptation's start; the memory holds a_0."""
-        estimate = self.inner.init(value)
-        return Estimate(estimate.value, (estimate.value.copy(), *estimate.memory))
-
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate at an announced value (p); the leak is towards ``start`` (p)."""
-        inner = self.inner.reset_to(self._inner(estimate), value, start)
-        return Estimate(inner.value, (start.copy(), *inner.memory))
-
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with the inner adaptation's memory of other data."""
-        inner = self.inner.informed(self._inner(estimate), H)
-        return Estimate(inner.value, (estimate.memory[0], *inner.memory))
-
-    def recorded(self, estimate: Estimate) -> Estimate:
-        """Return a_0 and what a record of the inner adaptation keeps."""
-        inner = self.inner.recorded(self._inner(estimate))
-        return Estimate(inner.value, (estimate.memory[0], *inner.memory))
+    def _own(self, start: np.ndarray) -> tuple:
+        """Return a_0."""
+        return (start.copy(),)
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates, the value's with the leak."""
@@ -95,10 +80,6 @@ class Leak(Wrapper):
     def _leak(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return -lambda (a - a_0) (p)."""
         return np.asarray(self.leak_rate(drive) * (estimate.memory[0] - estimate.value))
-
-    def _inner(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with the inner adaptation's own memory."""
-        return Estimate(estimate.value, estimate.memory[1:])
 
 
 class ErrorLeak(Leak):
@@ -183,21 +164,7 @@ class DeadZone(Wrapper):
         self.size = None if size is None else _checked_size(size, "dead-zone")
         self.residual = None if residual is None else _checked_size(residual, "dead-zone")
 
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under the remaining errors."""
-        return self.inner.rate(estimate, self._remaining(drive))
-
-    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the inner adaptation's estimate after dt [s] under the remaining errors."""
-        return self.inner.step(estimate, self._remaining(drive), dt)
-
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt, and da^T (g - g_zone)."""
-        remaining = self._remaining(drive)
-        removed = (estimate.value - truth) @ (drive.gradient - remaining.gradient)
-        return float(removed) + self.inner.dissipation(estimate, remaining, truth)
-
-    def _remaining(self, drive: Drive) -> Drive:
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with the errors that remain outside the zone."""
         tracking = _share_outside(drive.e, self.size)
         return drive.scaled(tracking, _share_outside(drive.residual, self.residual))
@@ -243,21 +210,7 @@ class Normalised(Wrapper):
         super().__init__(inner)
         self.size = positive(size, "normalised")
 
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates under the normalised drive."""
-        return self.inner.rate(estimate, self._normalised(estimate, drive))
-
-    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the inner adaptation's estimate after dt [s] under the normalised drive."""
-        return self.inner.step(estimate, self._normalised(estimate, drive), dt)
-
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt, and da^T (g - g / m^2)."""
-        normalised = self._normalised(estimate, drive)
-        removed = (estimate.value - truth) @ (drive.gradient - normalised.gradient)
-        return float(removed) + self.inner.dissipation(estimate, normalised, truth)
-
-    def _normalised(self, estimate: Estimate, drive: Drive) -> Drive:
+    def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with each part divided by its m^2."""
         of_W = 1.0 if drive.W is None else self._factor(estimate.value, drive.W)
         return drive.scaled(self._factor(estimate.value, drive.Y), of_W)

@@ -36,7 +36,7 @@ _LONGEST = 0.02
 
 
 class MatrixInequality:
-    """Linear matrix inequality: the set of a with P_b(a) = F_0 + sum_i a_{b,i} F_i > 0 for k b.
+    """Linear matrix inequality: the set of a with P_b(a) = sum_i a_{b,i} F_i > 0 for k b.
 
     The blocks b share the matrices F. A user's own inequality has one block; the pseudo-inertias of
     a robot's bodies are k blocks.
@@ -47,12 +47,11 @@ class MatrixInequality:
         complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
     """
 
-    def __init__(self, F: ArrayLike, *, offset: ArrayLike | None = None, blocks: int = 1) -> None:
+    def __init__(self, F: ArrayLike, *, blocks: int = 1) -> None:
         """Make the inequality of ``blocks`` blocks.
 
         Args:
             F: (p, n, n) coefficient matrices of a block.
-            offset: (n, n) the constant F_0; None: zero.
             blocks: k.
 
         Raises:
@@ -80,19 +79,11 @@ class MatrixInequality:
             raise ParameterError(
                 "several blocks need coefficients that span all symmetric matrices.", where="LMI"
             )
-        self._offset = None if offset is None else numbers(offset, "LMI", error=ParameterError)
-        if self._offset is not None and (
-            self._offset.shape != self.F.shape[1:] or not np.allclose(self._offset, self._offset.T)
-        ):
-            raise ParameterError(
-                f"the offset must be a symmetric {self._n} x {self._n} matrix.", where="LMI"
-            )
         self._flat = flat
         self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i
         self._dual_T = np.ascontiguousarray(self._dual.T)
-        origin = np.zeros(self.F.shape[1:]) if self._offset is None else self._offset
         dual = _entries(self._dual.reshape(self.F.shape))
-        self._constants = (self._p, *_entries(self.F), *dual, origin)
+        self._constants = (self._p, self._n, *_entries(self.F), *dual)
 
     @classmethod
     def from_file(cls, path: Path) -> MatrixInequality:
@@ -116,13 +107,12 @@ class MatrixInequality:
 
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, n, n) at parameters a (k p)."""
-        P = a.reshape(self.blocks, self._p).dot(self._flat).reshape(self.blocks, self._n, self._n)
-        return P if self._offset is None else P + self._offset
+        return a.reshape(self.blocks, self._p).dot(self._flat).reshape(-1, self._n, self._n)
 
     def components(self, P: np.ndarray) -> np.ndarray:
-        """Return the coordinates (k p) of a change of P (k, n, n), which has no offset.
+        """Return the coordinates (k p) of P (k, n, n).
 
-        For l changes (l, k, n, n) the result holds their coordinates one after the other (l k p).
+        For l of them (l, k, n, n) the result holds their coordinates one after the other (l k p).
         """
         return P.reshape(-1, self._n * self._n).dot(self._dual_T).ravel()
 

@@ -18,7 +18,7 @@ from ..exceptions import RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
 from .projected_kinematics import OFF, ProjectedKinematics
-from .translations import PlacedTranslations, Translation
+from .translations import Translation
 
 CAMERA = "camera"
 _NEAR = 0.5  # of 1 / reach: change of the relative depth by a motion [1/m]
@@ -81,7 +81,7 @@ class CameraKinematics(ProjectedKinematics):
         if not isinstance(robot.task, ImageTask):
             return None
         model = robot.model
-        a = PlacedTranslations(model, self.robot.frame_id, self.translations).read()
+        a = self.nominal + self.displacement(model)
         a_k = self.parameters(robot.task, a)
         q = pin.integrate(model, self.robot.q0, np.linspace(0.1, 0.3, self.nv))
         self.update(a_k, q, self.still)

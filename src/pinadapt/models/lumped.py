@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,14 +19,13 @@ import pinocchio as pin
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from .bodies import ALL, InertialDynamics, InertialModel, chosen_bodies
-from .regressor import LABELS, PER_BODY, Regressor, inertial_parameters
+from .bodies import InertialDynamics, InertialModel
+from .regressor import LABELS, PER_BODY, Regressor
 from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
 
 _DEPENDENT = 1e-8  # relative residual of dependent columns: below 1e-12; of others: above 1e-4
 _ZERO = 1e-12  # relative size of columns that are zero up to rounding
 _REPEATS = 2  # random nodes in a row that must add no column before the search ends
-_NEGLIGIBLE = 1e-8  # relative residual of a dependent entry
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +49,6 @@ class LumpedBasis:
         """Number of lumped parameters."""
         return sum(len(columns) for columns in self.columns)
 
-    @property
-    def weights(self) -> np.ndarray:
-        """Size (p) of each parameter's column over the states, for comparison of parameters."""
-        return np.asarray(np.linalg.norm(self._R, axis=0))
-
     def fit(self, model: pin.Model, *, tolerance: float = 1e-8) -> np.ndarray | None:
         """Return the lumped vector (p) of a model without rotors; None if it has none.
 
@@ -77,55 +70,21 @@ class LumpedBasis:
             else None
         )
 
-    def of_bodies(self, model: pin.Model) -> np.ndarray:
-        """Return A (p, 10 n): A pi is the lumped vector of a chain with bodies pi.
-
-        Args:
-            model: with the lengths of the chain; its inertias are not used.
-        """
-        from scipy.linalg import solve_triangular
-
-        regressor = Regressor(model)
-        Y = np.vstack([regressor(*state) for state in self.states])
-        return np.asarray(solve_triangular(self._R, self._Q.T @ Y))
-
 
 def lumped_basis(model: pin.Model, translations: Sequence[Translation]) -> LumpedBasis:
-    """Return the base of a chain's dynamics for unknown translations; results are cached."""
-    bare = model.copy()
-    bare.armature, bare.name = np.zeros(model.nv), ""
-    for joint in range(1, model.njoints):
-        bare.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
-    parts = tuple(
-        (part.joint or 0, tuple(map(tuple, part.directions.tolist())), tuple(part.offset.tolist()))
-        for part in translations
-    )
-    placed = PlacedTranslations(bare, 0, translations)
-    placed.write(np.zeros(placed.size))
-    return _find(bare.saveToString(), parts)
+    """Return the base of a chain's dynamics for unknown translations.
 
-
-_Part = tuple[int, tuple[tuple[float, ...], ...], tuple[float, ...]]  # joint, directions, offset
-
-
-@lru_cache(maxsize=32)
-def _find(description: str, parts: tuple[_Part, ...]) -> LumpedBasis:
-    """Return the base: of each random node the columns outside the span of the nodes before.
-
-    The search ends when further nodes add no column. A random node lies in the span with
-    probability one only if all nodes do.
+    Of each random node it has the columns outside the span of the nodes before. The search ends
+    when further nodes add no column: a random node lies in the span with probability one only if
+    all nodes do.
     """
-    model, rng = pin.Model(), np.random.default_rng(0)
-    model.loadFromString(description)
+    rng = np.random.default_rng(0)
     states = _random_states(model, rng)
-    translations = [
-        Translation("", joint, np.array(directions), np.array(offset), ())
-        for joint, directions, offset in parts
-    ]
     models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
     without_news = 0
     while without_news < _REPEATS:
         node = model.copy()
+        node.armature = np.zeros(model.nv)
         placed = PlacedTranslations(node, 0, translations)
         placed.write(rng.uniform(-1.0, 1.0, placed.size))
         regressor = Regressor(node)
@@ -252,27 +211,17 @@ class LumpedModel(InertialModel):
 class LumpedDynamics(InertialDynamics):
     """Dynamics in products of lengths and inertial parameters, for unknown lengths of any chain.
 
-    The parameters generalise a_2 = m_2 l_1 l_c2 of Wang and Xie (2009), section 5. Bodies with
-    known inertias contribute products of known inertias and unknown lengths. If only some bodies
-    are ``unknown``, the parameters are the smallest set of entries that determines the whole lumped
-    vector, which is affine in them.
+    The parameters generalise a_2 = m_2 l_1 l_c2 of Wang and Xie (2009), section 5. The inertias of
+    all bodies are unknown.
 
     Attributes:
         translations: the unknown joint translations; the tool's has no effect on the dynamics.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        lengths: str | Sequence[str | Translation] = LENGTHS,
-        unknown: str | Sequence[str] = ALL,
-    ) -> None:
-        """Choose the unknown translations and bodies of a nominal robot.
+    complete = True
 
-        Args:
-            robot: the nominal robot.
-            lengths: as ``unknown_translations``.
-            unknown: bodies with unknown inertias, as ``chosen_bodies``.
+    def __init__(self, robot: Robot, lengths: str | Sequence[str | Translation] = LENGTHS) -> None:
+        """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:
             ParameterError: no joint translation is unknown, or their directions and offsets exclude
@@ -292,125 +241,30 @@ class LumpedDynamics(InertialDynamics):
         self._found = lumped_basis(robot.model, self.translations)
         self._regressor = LumpedRegressor(self._found)
         self._model = LumpedModel(self._found, self._regressor, self._armature)
-        names = [
+        self.names = tuple(
             f"{robot.joint_names[column // PER_BODY]}.{LABELS[column % PER_BODY]}#{node}"
             for node, columns in enumerate(self._found.columns, 1)
             for column in columns
-        ]
-        whole = self._found.fit(robot.model)
-        if whole is None:
+        )
+        initial = self._found.fit(robot.model)
+        if initial is None:
             raise ParameterError(
                 "the directions and offsets do not contain the placements of the nominal robot.",
                 where="unknown.translations",
                 hint="Use an offset on the line or plane of the nominal translation.",
             )
-        self._B, self._rest, rows = None, np.zeros(len(whole)), np.arange(len(whole))
-        self.bodies = chosen_bodies(robot, unknown)
-        if len(self.bodies) < robot.model.nv:
-            self._B, self._rest, rows = _affine_hull(
-                self._possible(robot, whole), self._found.weights
-            )
-        self._rows = rows
-        self.names = tuple(names[row] for row in rows)
-        self.size, self.initial = len(rows), whole[rows].copy()
-        self.load(self.initial)
+        self.bodies, self.size, self.initial = range(robot.model.nv), len(initial), initial
+        self.load(initial)
 
     def expand(self, a_d: np.ndarray) -> np.ndarray:
-        """Return the whole lumped vector at a_d (p)."""
-        return a_d if self._B is None else self._B.dot(a_d) + self._rest
+        """Return the lumped vector a_d (p)."""
+        return a_d
 
     def reduce(self, Y: np.ndarray) -> np.ndarray:
-        """Return the regressor (n, p) from that of the whole lumped vector."""
-        return Y if self._B is None else Y.dot(self._B)
+        """Return the regressor (n, p) of the lumped vector."""
+        return Y
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot; None if more than lengths and inertias differ."""
         robot = robot.in_base_axes
-        whole = self._found.fit(robot.model) if self.differs_only_in_bodies(robot) else None
-        if whole is None:
-            return None
-        a_d, weights = whole[self._rows], self._found.weights
-        residual = np.linalg.norm((self.expand(a_d) - whole) * weights)
-        return a_d if residual <= _NEGLIGIBLE * np.linalg.norm(whole * weights) else None
-
-    def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
-        """Return the parameters (N, p) of robots with other bodies and lengths.
-
-        They are linear in the bodies and polynomials of degree two in the lengths. So they follow
-        by interpolation between (k + 1) (k + 2) / 2 chains with lengths of the same size.
-
-        Args:
-            robot: with the chain's directions and offsets.
-            tens: (N, b, 10) parameters of ``bodies``.
-            lengths: (N, k) parameters of ``translations`` [m].
-        """
-        if self.value(robot) is None:
-            return None
-        pi = np.tile(inertial_parameters(robot.model), (len(tens), 1))
-        pi.reshape(len(tens), -1, PER_BODY)[:, self.bodies] = tens
-        chain = robot.model.copy()
-        placed = PlacedTranslations(chain, robot.frame_id, self.translations)
-        centre = placed.read()
-        scale = np.abs(lengths - centre).max(axis=0, initial=0.0)
-        scale = np.where(scale > 0.0, scale, 1.0)
-        nodes = _quadratic_nodes(placed.size)
-        shares = _monomials((lengths - centre) / scale) @ np.linalg.inv(_monomials(nodes))
-        values = np.zeros((len(tens), self.size))
-        for node, share in zip(nodes, shares.T, strict=True):
-            placed.write(centre + scale * node)
-            values += share[:, None] * (pi @ self._found.of_bodies(chain)[self._rows].T)
-        return values
-
-    def _possible(self, robot: Robot, whole: np.ndarray) -> np.ndarray:
-        """Return lumped vectors (N, P) at random lengths and inertias, the nominal one first."""
-        rng, model = np.random.default_rng(1), robot.model.copy()
-        placed = PlacedTranslations(model, robot.frame_id, self.translations)
-        samples = [whole]
-        for _ in range(len(whole) + 20):
-            placed.write(rng.uniform(-1.0, 1.0, placed.size))
-            for body in self.bodies:
-                model.inertias[body + 1] = _random_inertia(rng)
-            sample = self._found.fit(model)
-            assert sample is not None
-            samples.append(sample)
-        return np.array(samples)
-
-
-def _quadratic_nodes(k: int) -> np.ndarray:
-    """Return points ((k + 1) (k + 2) / 2, k) that determine a polynomial of degree two."""
-    unit = np.eye(k)
-    pairs = [unit[i] + unit[j] for i in range(k) for j in range(i)]
-    return np.vstack([np.zeros((1, k)), unit, -unit, *pairs])
-
-
-def _monomials(z: np.ndarray) -> np.ndarray:
-    """Return the monomials (N, (k + 1) (k + 2) / 2) up to degree two at points z (N, k)."""
-    first, second = np.triu_indices(z.shape[1])
-    return np.hstack([np.ones((len(z), 1)), z, z[:, first] * z[:, second]])
-
-
-def _random_inertia(rng: np.random.Generator) -> pin.Inertia:
-    """Return an inertia with ten random parameters, not necessarily physical."""
-    ten = rng.standard_normal(PER_BODY)
-    ten[0] = 1.0 + abs(ten[0])
-    return pin.Inertia.FromDynamicParameters(ten)
-
-
-def _affine_hull(
-    samples: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return B (P, p), b (P) and rows (p) with sample = B sample[rows] + b for all samples (N, P).
-
-    p is the smallest possible. The weights (P) scale the entries, so that rounding is small in all.
-    """
-    from scipy.linalg import qr  # here, because scipy is slow to import
-
-    changes = (samples[1:] - samples[0]) * weights
-    _, R, order = qr(changes, mode="economic", pivoting=True)
-    sizes = np.abs(np.diag(R))
-    rank = int(np.count_nonzero(sizes > _NEGLIGIBLE * sizes.max(initial=0.0)))
-    rows = np.sort(order[:rank])
-    B = np.linalg.lstsq(changes[:, rows], changes, rcond=None)[0].T
-    B[rows] = np.eye(rank)
-    B *= weights[rows] / weights[:, None]
-    return B, samples[0] - B @ samples[0][rows], rows
+        return self._found.fit(robot.model) if self.differs_only_in_bodies(robot) else None

@@ -69,10 +69,6 @@ class ProjectedKinematics(LinearKinematics):
         ]
         self._map(np.zeros(self._shape), places_of(entries), places_of(depths))
 
-    def lumped(self, p: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Return phi (4 + 3 k) at a position p (3) and r (3, k)."""
-        return np.append(np.concatenate([p, r.T.ravel()]) - self._home, 1.0)
-
     def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
         self.motion.update(q, v)

@@ -65,13 +65,12 @@ class Regressor:
         Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v - mean, self._zero)
         if Y.ndim == 1:
             Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
-        tau = empty(v.size)
-        kernels.polarised(Y_0, pi, Y, tau)
-        return Y, tau
+        Y -= Y_0
+        return Y, Y.dot(pi)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
-        return self._momentum._at(q, v)
+        return self._momentum(q, v)
 
     @cached_property
     def _momentum(self) -> MomentumRegressor:
@@ -149,10 +148,6 @@ class MomentumRegressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (nv, 10 N) at q (nq), v (nv)."""
-        return self._at(q, v)
-
-    def _at(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y_M and Y_0 of arrays that were checked."""
         pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
         Y_M, Y_0 = empty(self._shape), empty(self._shape)
         kernels.momentum_columns(

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from ..robot.robot import Robot
 from .projected_kinematics import OFF, ProjectedKinematics, orthonormal
-from .translations import PlacedTranslations, Translation
+from .translations import Translation
 
 TRACKER = "tracker"
 _WIDE = 0.5  # of the reach
@@ -176,7 +176,7 @@ class TrackerKinematics(ProjectedKinematics):
         None if no parameters give that robot's position, because other placements differ.
         """
         model, base = robot.model, self.robot.model.jointPlacements[1]
-        a = PlacedTranslations(model, self.robot.frame_id, self.translations).read()
+        a = self.nominal + self.displacement(model)
         a_k = self.parameters(Tracker(model.jointPlacements[1] * base.inverse(), a))
         q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 1.1, self.nv))
         self.update(a_k, q, self.still)

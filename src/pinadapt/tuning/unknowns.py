@@ -79,7 +79,8 @@ class Unknown:
         lengths: links whose length along its direction is unknown, by the names of their joints;
             True for all links, the tool included.
         bodies: unknown inertial parameters: "all", "payload" (the last body), "none", or the names
-            of the joints that carry the bodies.
+            of the joints that carry the bodies. With lengths that are lumped with inertias, the
+            products with all bodies are unknown.
         friction: whether the friction of the joints is unknown: True, False, or "viscous" or
             "coulomb" alone. None: it is with the law "separation", and known with published laws.
         armature: whether the rotor inertias are unknown; None: as for friction.
@@ -339,7 +340,7 @@ def nominal_dynamics(
     if unknown.basis is not None:
         inertial = BasisDynamics(carrier, unknown.basis)
     elif lengths:
-        inertial = LumpedDynamics(carrier, lengths, unknown.bodies)
+        inertial = LumpedDynamics(carrier, lengths)
     return StackedDynamics(inertial, JointEffects(robot, kinds)) if stacked else inertial
 
 
