@@ -307,4 +307,5 @@ def limited_torque(
     """
     x = np.where(np.isnan(torque), 0.0, torque)
     last = np.where(np.isnan(before), x, np.clip(before, -limit, limit))
-    return np.clip(np.clip(x, last - change, last + change), -limit, limit)
+    near = np.fmin(np.fmax(x, last - change), last + change)  # NaN, of two infinities, is no bound
+    return np.clip(near, -limit, limit)
