@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from .._checks import shown
 from .._output import check_writable, read_toml
 from .._version import __version__
 from ..exceptions import InputError
@@ -42,7 +43,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
 from ..scenario.tables import with_values
-from .cases import COPY, Case, Cases, Plan
+from .cases import COPY, Case, Plan
 from .table import (
     AGAIN,
     CRASHED,
@@ -533,8 +534,12 @@ def sweep(
     tables |= {"timeout": timeout, "reduce": reduce}
     if isinstance(cases, Mapping):
         tables["vary"] = dict(cases)
+    elif cases and all(isinstance(each, Mapping) for each in cases):
+        tables["case"] = list(cases)
     else:
-        tables["case"] = list(Cases.of(cases).listed)
+        raise InputError(
+            f"expected values by key, or a list of them, got {shown(cases)}.", where="cases"
+        )
     if callable(work):
         tables["function"] = work
     else:
@@ -601,7 +606,7 @@ def run_plan(
         if retry:
             store.join(without=AGAIN)
         done = store.done()
-        missing = (plan.cases[i] for i in range(len(plan.cases)) if i not in done)
+        missing = (case for case in plan.cases if case.number not in done)
         found = rows(work, missing, executor, plan.timeout)
         for row in _watched(found, plan, len(done), shown):
             store.add(row)

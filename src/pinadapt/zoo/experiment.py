@@ -30,7 +30,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import ACCURATE, BETTER
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
-from ..sweep.cases import Cases
+from ..sweep.cases import Plan
 from ..sweep.execution import FunctionWork, rows
 from ..sweep.table import DONE
 from ..trajectories.pose import PoseTrajectory, Swing
@@ -248,8 +248,8 @@ def run_zoo(
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     fixed = {"law": law, "task": task, "case_seed": seed}
-    cases = Cases.of([{"robot": name, **fixed} for name in longest_first])
-    for row in rows(FunctionWork(zoo_numbers), cases, processes):
+    plan = Plan(function=zoo_numbers, case=[{"robot": name, **fixed} for name in longest_first])
+    for row in rows(FunctionWork(zoo_numbers), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
         dropped = ("case", "seed", "case_seed", "status", "reason", "seconds", "converged")
