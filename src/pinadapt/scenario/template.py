@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import tomlkit
 
 from .._output import meanings
@@ -347,16 +346,11 @@ def _in_planes(robot: Robot, make: Callable[..., Robot]) -> Iterator[tuple[Robot
 
 def _further_out(robot: Robot) -> np.ndarray:
     """Return a tool (3) [m], in the frame's axes, that lengthens the arm in task coordinates."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.q0)
-    frame, seen = data.oMf[robot.frame_id], np.zeros(3)
+    frame, out = robot.placement(robot.q0), np.zeros(3)
     place = robot.frame_task.place if robot.task.positions else slice(None)
+    out[place] = frame.translation[place]
     length = _TOOL * robot.reach
-    for placement in reversed(list(data.oMi)):
-        seen[place] = (frame.translation - placement.translation)[place]
-        if np.linalg.norm(seen) > 0.1 * length:
-            break
-    tool = frame.rotation.T @ seen * (length / np.linalg.norm(seen))
+    tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
 

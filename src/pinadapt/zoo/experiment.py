@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ..controller.controller import Controller
 from ..controller.limits import Limits
@@ -23,6 +22,7 @@ from ..laws import DEFAULT
 from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Friction, Payload
 from ..robot.loading import load
+from ..robot.motors import overloaded
 from ..robot.robot import Robot
 from ..robot.workspace import WorkspaceCircle, find_circle
 from ..rollout.recording import extreme
@@ -44,7 +44,6 @@ TOOL_ERROR = 0.05  # relative to the reach
 LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
 FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
 SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
-_AROUND, _SAMPLES = 0.3, 30  # [rad or m] largest distance from home, number of poses
 _TURNS = 4.0  # least number of turns of a run
 _SETTLED = 9.0  # [s] after which a run without adaptation repeats itself
 _LEAST_DURATION = 30.0  # [s]; its last 10 % is a whole turn of the fastest circle, 3 s
@@ -73,18 +72,12 @@ class ZooCase:
 
     @property
     def efforts_suffice(self) -> bool:
-        """Whether the effort limits of the description suffice to hold the true robot near home.
+        """Whether the effort limits of the description suffice to hold the true robot at home.
 
         They do not for PR2's arms, which have counterbalance springs, and for the underwater arm
         Bravo 7.
         """
-        model, rng = self.true.model, np.random.default_rng(0)
-        data, efforts = model.createData(), effort_limits(self.true.model)
-        around = rng.uniform(-_AROUND, _AROUND, (_SAMPLES, model.nv))
-        return all(
-            (np.abs(pin.computeGeneralizedGravity(model, data, q)) < efforts).all()
-            for q in (pin.integrate(model, self.true.q0, step) for step in around)
-        )
+        return overloaded(self.true, effort_limits(self.true.model)) is None
 
     @property
     def repeating(self) -> float:
