@@ -7,7 +7,6 @@ process with it, is a row with its reason.
 
 from __future__ import annotations
 
-import gc
 import importlib
 import os
 import pickle
@@ -35,7 +34,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .._checks import shown
-from .._output import check_writable, read_toml
+from .._output import check_writable, collect_seldom, read_toml
 from .._version import __version__
 from ..exceptions import InputError
 from ..rollout.recording import extreme
@@ -62,7 +61,6 @@ Work = Callable[[Case], Mapping[str, Any]]
 Ended = tuple[Case, "Future[dict[str, Any]]"]
 
 _KEPT = 4  # robots and controllers that a worker keeps; half: made again more often; twice: memory
-_GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
 _AHEAD = 2  # cases for each worker of a given executor; one: workers wait; four: nothing is gained
 _IMPORTABLE = (
     "A function must stand at the top of a module that all workers can import, not in a shell, a "
@@ -302,7 +300,7 @@ def _unpacked(packed: bytes) -> Work:
 def _begin() -> None:
     """Prepare a new process: it ends with its parent, and leaves Ctrl-C to that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    gc.set_threshold(*_GARBAGE)
+    collect_seldom()
     threadpool_limits(1, "blas")
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -155,14 +155,12 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
-_LEAST_JOINTS = 6  # for a pose task
-_RECORD_EVERY = 10
 _UNKNOWN = Unknown(friction=True, armature=True)  # the true robot has friction, the model has none
 
 
 def zoo_names(task: str = POSITION) -> list[str]:
     """Return the names of the robots of the catalogue for a task, "position" or "pose"."""
-    least = _LEAST_JOINTS if task == POSE else 0
+    least = 6 if task == POSE else 0  # position and orientation
     return [name for name, entry in catalogue().items() if entry.joints >= least]
 
 
@@ -272,7 +270,7 @@ def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
         case.motion,
         duration=duration,
         engine=Engine(torque_limits=case.efforts_suffice),
-        record_every=_RECORD_EVERY,
+        record_every=10,
         progress=False,
     )
 
