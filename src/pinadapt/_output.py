@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import shutil
@@ -22,9 +23,15 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as toml
 
+_GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
 UNFINISHED = ".unfinished-"  # prefix of files and folders that are being written
 _ABANDONED = 3600.0  # [s]; an older one was left by a process that was killed
 _PROBE = bytes(4096)  # written to test whether a folder is writable
+
+
+def collect_seldom() -> None:
+    """Search seldom for garbage, in a process of our own in which nearly all objects stay."""
+    gc.set_threshold(*_GARBAGE)
 
 
 def read_toml(path: Path) -> dict[str, Any]:

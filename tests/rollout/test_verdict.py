@@ -51,7 +51,6 @@ def test_the_grade_depends_on_the_error_relative_to_the_path(rollout, last, grad
     assert "up to < 0.001 mm, < 0.001 % of" in tiny.verdict and "< 0.001 mm" in str(tiny)
     row = comparison_table([judged]).splitlines()[-1]
     assert row.endswith(grade) and " ok" not in row and f"{100 * last / 0.05:.2f}" in row
-    assert ("try" in judged.verdict) == (grade != FOLLOWS)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +91,7 @@ def test_a_motion_that_turns_nan_ends_the_run_with_its_rollout(mode, part):
         engine=pa.Engine(continuous=mode == "continuous"),
     )
     assert rollout.diverged == pytest.approx(0.02, abs=1.1e-3) and 20 <= len(rollout.t) <= 21
-    assert rollout.reason.startswith("desired") and "gamma" not in rollout.verdict
+    assert rollout.reason.startswith("desired")
     assert "\n" not in rollout.verdict and np.isfinite(rollout.tau).all()
     path.radius = -1.0
     with pytest.raises(pa.InputError, match="desired"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.sweep import Cases, Plan
+from pinadapt.sweep import Plan
 from pinadapt.sweep.cases import Values
 
 SCENARIO = """
@@ -15,6 +15,11 @@ friction = { viscous = [0.1, 0.2], coulomb = 0.0 }
 [simulation]
 duration = 0.02
 """
+
+
+def cases_of(vary, **options):
+    """Return the cases of a function."""
+    return Plan.of({"function": dict, "vary": vary, **options}).cases
 
 
 @pytest.fixture
@@ -43,7 +48,7 @@ def test_lists_and_ranges(given, axis):
 
 
 def test_a_grid_with_samples_and_repetitions_is_their_product_in_order():
-    cases = Cases.of({"a": [1, 2], "b": "uniform(0, 1)", "c": [5, 6, 7]}, samples=4, repeat=2)
+    cases = cases_of({"a": [1, 2], "b": "uniform(0, 1)", "c": [5, 6, 7]}, samples=4, repeat=2)
     assert len(cases) == 2 * 3 * 4 * 2 == len(list(cases))
     found = [(case.values["a"], case.values["c"]) for case in cases]
     assert found[:8] == [(1, 5)] * 8 and found[8] == (1, 6) and found[-1] == (2, 7)
@@ -55,10 +60,10 @@ def test_a_grid_with_samples_and_repetitions_is_their_product_in_order():
 
 
 def test_a_case_follows_from_its_number_alone():
-    cases = Cases.of({"a": "normal(1, 2)"}, samples=50, seed=3)
+    cases = cases_of({"a": "normal(1, 2)"}, samples=50, seed=3)
     assert [cases[i] for i in range(49, -1, -1)] == list(cases)[::-1]
-    assert cases[7] == Cases.of({"a": "normal(1, 2)"}, samples=90, seed=3)[7]
-    assert cases[7] != Cases.of({"a": "normal(1, 2)"}, samples=50, seed=4)[7]
+    assert cases[7] == cases_of({"a": "normal(1, 2)"}, samples=90, seed=3)[7]
+    assert cases[7] != cases_of({"a": "normal(1, 2)"}, samples=50, seed=4)[7]
 
 
 @pytest.mark.parametrize("method", ["random", "lhs", "sobol"])
@@ -69,7 +74,7 @@ def test_distributions_have_the_stated_moments(method):
         "n": "normal(5, 2)",
         "c": "choice(['a', 'b'])",
     }
-    values = [case.values for case in Cases.of(given, samples=1024, method=method)]
+    values = [case.values for case in cases_of(given, samples=1024, method=method)]
     u = np.array([each["u"] for each in values])
     assert u.shape == (1024, 2) and (u >= [0, 10]).all() and (u <= [1, 20]).all()
     close = 0.1 if method == "random" else 0.02
@@ -83,7 +88,7 @@ def test_distributions_have_the_stated_moments(method):
 @pytest.mark.parametrize("method", ["lhs", "sobol"])
 def test_a_design_has_one_point_in_each_stratum(method):
     drawn = [
-        case.values["a"] for case in Cases.of({"a": "uniform(0, 64)"}, samples=64, method=method)
+        case.values["a"] for case in cases_of({"a": "uniform(0, 64)"}, samples=64, method=method)
     ]
     assert sorted(int(each) for each in drawn) == list(range(64))
 
@@ -129,11 +134,11 @@ def test_a_sweep_file_and_its_copy_define_the_same_sweep(scenario, tmp_path):
         "[[case]]\ntrajectory.radius = 0.05\n[[case]]\ntrajectory.radius = 0.06\n"
     )
     found = Plan.read(file)
-    assert len(found.cases) == 6 and found.cases.method == "lhs"
+    assert len(found.cases) == 6 and found.method == "lhs"
     assert found.scenario["simulation"] == {"duration": 0.02, "seed": 2}
     (tmp_path / "out").mkdir()
     found.save(tmp_path / "out")
     again = Plan.load(tmp_path / "out")
-    assert not found.differs(again) and list(again.cases) == list(found.cases)
+    assert not found.differs(again) and again.cases == found.cases
     other = Plan.read(file, ["trajectory.period=[3.0]"], seed=5)
     assert set(other.differs(again)) == {"vary", "seed"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import io
 import signal
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from .._output import collect_seldom
 from .._version import __version__
 from ..exceptions import InputError, PinadaptError
 
@@ -57,7 +57,6 @@ _SHARED = {
     "calibrate": "identify",
     "robots": "command_line",
 }
-_GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
 _ENDING = [
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 ]
@@ -71,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     _replace_unprintable_characters()
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
-        gc.set_threshold(*_GARBAGE)
+        collect_seldom()
     shown, warnings.showwarning = warnings.showwarning, _Told()
     try:
         with stopped_by_signals():

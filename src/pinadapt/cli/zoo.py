@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .._output import check_writable, columns, number, write_text
+from .._output import check_writable, columns, write_text
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
@@ -17,7 +17,6 @@ from ..zoo.experiment import CONVERGED, POSE, run_zoo, zoo_names
 from .command_line import DONE, INTERRUPTED, add_out, add_seed, names, not_negative
 
 TABLE = "zoo.json"
-_DEGREES = 180.0 / math.pi
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,32 +87,34 @@ def zoo(options: argparse.Namespace) -> int:
     return status
 
 
-_COLUMNS = {  # key -> title, factor, digits
-    "radius": ("radius [m]", 1.0, 3),
-    "unadapted": ("unadapted [mm]", 1e3, 2),
-    "adapted": ("adapted [mm]", 1e3, 3),
-    "unadapted_angle": ("unadapted [deg]", _DEGREES, 3),
-    "adapted_angle": ("adapted [deg]", _DEGREES, 3),
-    "min_eig_M_hat": ("min eig M_hat", 1.0, 4),
-    "min_singular_J_hat": ("min sing J_hat", 1.0, 4),
+_COLUMNS = {  # key -> title
+    "radius": "radius [m]",
+    "unadapted": "unadapted [mm]",
+    "adapted": "adapted [mm]",
+    "unadapted_angle": "unadapted [deg]",
+    "adapted_angle": "adapted [deg]",
+    "min_eig_M_hat": "min eig M_hat",
+    "min_singular_J_hat": "min sing J_hat",
 }
 
 
 def zoo_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a row for each robot; errors are the largest of the last 10 % of the duration."""
-    shown = {
-        key: column
-        for key, column in _COLUMNS.items()
-        if "angle" not in key or any(row.get("task") == POSE for row in rows)
-    }
+    posed = any(row.get("task") == POSE for row in rows)
+    titles = {key: title for key, title in _COLUMNS.items() if posed or "angle" not in key}
     cells = [
         [
             row["robot"],
             str(row.get("joints") or "-"),
-            *(number(row.get(key), scale=k, digits=n) for key, (_, k, n) in shown.items()),
+            *(_shown(row.get(key), title) for key, title in titles.items()),
             row.get("verdict", ""),
         ]
         for row in rows
     ]
-    titles = [title for title, _, _ in shown.values()]
-    return columns(["robot", "joints", *titles, "verdict"], cells)
+    return columns(["robot", "joints", *titles.values(), "verdict"], cells)
+
+
+def _shown(value: float | None, title: str) -> str:
+    """Return a number in SI units in the unit of its column."""
+    scale = 1e3 if "[mm]" in title else 180.0 / math.pi if "[deg]" in title else 1.0
+    return "-" if value is None else f"{scale * value:.3g}"

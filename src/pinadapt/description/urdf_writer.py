@@ -26,7 +26,6 @@ from .urdf import ENTRIES, Origin, Urdf, child, xml_text
 from .xacro import Packages
 
 _SAME = 1e-9  # [m], of an entry of a rotation, or relative of inertias: a difference by rounding
-_LEAST_RADIUS = 1e-3  # [m] of gyration, of a link that never moves
 _UNLIMITED = 1e9  # [rad or m], written for a joint without position limits
 
 
@@ -94,8 +93,8 @@ class _Edited:
                     if float(stated.get(attribute, "nan")) != value:
                         stated[attribute] = digits(value)
         for link in self.links.values():
-            if not link.joint:
-                link.mend()
+            if not (link.joint or link.possible):
+                link.clear()
         _find_files(self.root, self.packages)
         return self.root
 
@@ -122,9 +121,8 @@ class _Edited:
     def _write_inertia(self, index: int, name: str) -> None:
         """Write the inertia of a body to its first link, less that of the links fixed to it.
 
-        If that is not physical, the others keep only half of their inertia, then a quarter and so
-        on. As the total is physical, this ends. MuJoCo refuses links with an impossible inertia:
-        they get another one, and the first link takes the difference.
+        Where that, or the inertia of one of these, is not physical, which MuJoCo refuses, they lose
+        theirs: the first link has the whole.
 
         Raises:
             RobotError: the total is not physical.
@@ -132,8 +130,8 @@ class _Edited:
         ten = np.array(self.robot.model.inertias[index].toDynamicParameters())
         main = self.links[name]
         others = [link for link in self.links.values() if link.joint == index and link is not main]
-        before = main.read() + sum((link.read() for link in others), np.zeros(10))
-        same = np.allclose(before, ten, rtol=_SAME, atol=_SAME * np.abs(ten).max())
+        rest = sum((link.read() for link in others), np.zeros(10))
+        same = np.allclose(main.read() + rest, ten, rtol=_SAME, atol=_SAME * np.abs(ten).max())
         if not is_physical(ten):
             if same:
                 return
@@ -143,16 +141,14 @@ class _Edited:
                 where="urdf",
                 hint='The adaptation "natural" keeps all bodies physical.',
             )
-        if not any([link.mend() for link in others]) and same:
+        possible = all(link.possible for link in others)
+        if same and possible:
             return
-        parts, share = [link.read() for link in others], 1.0
-        rest = sum(parts, np.zeros(10))
-        while not is_physical(ten - share * rest):
-            share /= 2.0
-        main.write(ten - share * rest)
-        for link, part in zip(others, parts, strict=True):
-            if share < 1.0 and part.any():
-                link.write(share * part)
+        if not (possible and is_physical(ten - rest)):
+            rest = np.zeros(10)
+            for link in others:
+                link.clear()
+        main.write(ten - rest)
 
 
 def _same(one: pin.SE3, other: pin.SE3) -> bool:
@@ -211,16 +207,16 @@ class Link:
         for name, entry in zip(ENTRIES, body.inertia[np.triu_indices(3)], strict=True):
             child(inertial, "inertia").set(name, digits(entry))
 
-    def mend(self) -> bool:
-        """Give it a small possible inertia, if it has mass and no body has its; return if so."""
+    @property
+    def possible(self) -> bool:
+        """Whether it has no mass, or a body has its inertia."""
         ten = self.read()
-        if not ten[0] > 0.0 or is_physical(ten):
-            return False
-        body = pin.Inertia.FromDynamicParameters(ten)
-        moment = max(np.abs(np.diag(body.inertia)).max(), body.mass * _LEAST_RADIUS**2)
-        body.inertia = moment * np.eye(3)
-        self.write(body.toDynamicParameters())
-        return True
+        return not ten[0] > 0.0 or is_physical(ten)
+
+    def clear(self) -> None:
+        """Take its inertia away."""
+        for inertial in self.element.findall("inertial"):
+            self.element.remove(inertial)
 
 
 def _skeleton(robot: Any) -> Origin:

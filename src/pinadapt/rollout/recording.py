@@ -20,7 +20,7 @@ from ..plants.pinocchio_plant import PinocchioPlant
 from ..robot.robot import EARLY, Robot, Succession
 from ..tasks.frame import ImageTask
 from ..tasks.task import Task
-from .limit_excess import LimitExcess, reference_motion
+from .limit_excess import LimitExcess
 
 
 class Evaluation(NamedTuple):
@@ -508,13 +508,10 @@ class Recording:
 
     @cached_property
     def limits(self) -> LimitExcess:
-        """How far motion and desired motion of each joint exceeded the description's limits."""
-        run = self.evaluated()
-        robot = run.true.robots[0]
+        """How far the motion of each joint exceeded the description's limits."""
+        robot = self.evaluated().true.robots[0]
         q = self.q[:, [joint.idx_q for joint in robot.model.joints[1:]]]
-        return LimitExcess.of(
-            robot, (q, self.v, self.tau), reference_motion(robot, [s.desired for s in run.samples])
-        )
+        return LimitExcess.of(robot, q, self.v, self.tau)
 
     @cached_property
     def effort_limits(self) -> np.ndarray:

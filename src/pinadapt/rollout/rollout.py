@@ -61,7 +61,7 @@ class Rollout(Recording):
 
     @property
     def verdict(self) -> str:
-        """The outcome of the run in one line: error, limits exceeded, what to try."""
+        """The outcome of the run in one line: error, limits exceeded, ringing."""
         return str(self.numbers["verdict"])
 
     @cached_property

@@ -15,7 +15,7 @@ from .._output import Sheet, Table, number, percent, read_as_data, whole_file, w
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
-from ..laws import DEFAULT, LAWS
+from ..laws import LAWS
 from ..models.excited import names_together
 from ..tasks.frame import IMAGE, TASKS, ImageTask
 from ..tasks.task import DISPLAYS, Display, JointTask, Task
@@ -86,7 +86,6 @@ def summary(run: Recording) -> dict[str, Any]:
             "limits": str(run.limits),
             "strongest": run.joint_names[strongest],
             "torque_unit": "N" if run.limits.slides[strongest] else "N m",
-            "damped": float(np.mean(run.damping > 0.0)) if len(run.t) else 0.0,
             "late": None if run.path_time is None else float(run.t[-1] - run.path_time[-1]),
         },
         "version": __version__,
@@ -244,13 +243,12 @@ def _task(numbers: dict[str, Any], coordinates: int) -> Task:
     return JointTask(name, tuple(numbers["joint_names"]), tuple(numbers["recorded"]["continuous"]))
 
 
-# The outcome in one line: accuracy, limits exceeded, what to try
+# The outcome in one line: accuracy, limits exceeded
 
 ACCURATE, ROUGH = 0.02, 0.2  # errors in the last 10 %, relative to the path's extent
 BETTER = 0.2  # error relative to that without adaptation, above which adaptation hardly helps
 FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
 TURN = 0.2  # [rad] taken as the extent of a change of orientation
-_OFTEN = 0.05  # share of the samples; half or twice: other advice for runs that fail in two ways
 
 
 def error_share(run: Recording) -> float | None:
@@ -281,14 +279,15 @@ def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
     if found is not None and run.diverged is None:
         shares = percent(found["share_last"]), percent(found["share_first"])
         predicted = "torques predicted to {}, at first {}".format(*shares)
+    saturated = f"the motors were at their limit {numbers['saturated'] or 0.0:.0%} of the time"
     parts = (
         str(run.reason or "").rstrip("."),
         _error(run, numbers),
         f"path slowed {_slowed_words(numbers)}" if run.slowed else "",
         numbers["recorded"]["limits"],
         predicted,
+        saturated if grade(run) != FOLLOWS and numbers["saturated"] else "",
         "" if rings is None else ringing_words(rings, run.law),
-        _advice(run, numbers),
     )
     return f"{grade(run)}: {'; '.join(part for part in parts if part)}."
 
@@ -346,32 +345,3 @@ def _slowed_words(numbers: dict[str, Any]) -> str:
         f"by {longest['cause']} (rate down to {longest['least_rate']:.2g}), "
         f"{_short(late or 0.0, 2)} s late at the end"
     )
-
-
-def _advice(run: Recording, numbers: dict[str, Any]) -> str:
-    """Return the most likely remedy for a run that went badly, or nothing."""
-    if run.interrupted is not None or grade(run) == FOLLOWS or run.ringing is not None:
-        return ""
-    if str(run.reason).startswith("desired"):  # the motion ended the loop
-        return ""
-    law = LAWS.get(run.law)
-    if run.adaptation == "none" or (law is not None and not law.adapts):
-        return 'nothing was adapted: try controller.adaptation = "natural", or another law'
-    if (numbers["saturated"] or 0.0) > _OFTEN:
-        return (
-            f"the motors were at their limit {numbers['saturated']:.0%} of the time: try a longer "
-            "trajectory.period, a smaller path, or a smaller load"
-        )
-    if run.diverged is not None:
-        return (
-            "try a fifth of controller.gamma_k or gamma_d, a longer trajectory.period, or a "
-            "shorter controller.dt"
-        )
-    if numbers["recorded"]["damped"] > _OFTEN:
-        return "the path comes close to a singularity: try another robot.q0 or a smaller path"
-    if law is not None and law.set_point:
-        return (
-            "this law does not adapt the kinematics: measure the tool, take a set point inside "
-            f'the workspace, or set controller.law = "{DEFAULT}", which adapts'
-        )
-    return "try a longer simulation.duration, or controller.gamma_d three times as large"

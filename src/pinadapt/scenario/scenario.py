@@ -14,7 +14,7 @@ import numpy as np
 from .._checks import located
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
-from ..exceptions import InputError, MeasurementError, ScenarioError
+from ..exceptions import MeasurementError, ScenarioError
 from ..plants.mujoco_plant import MujocoFile
 from ..records import Sensors
 from ..robot.loading import load
@@ -31,7 +31,6 @@ from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from .tables import KEYS, TABLES, Tables, at_folder, motion, parts, read, read_tables
 
-_CHAIN = tuple(f"robot.{key}" for key in ("source", "frame", "task", "locked"))
 _OF_PICTURES = ("center", "radius", "amplitude", "points", "point", "cosine", "sine")
 
 
@@ -83,22 +82,7 @@ class Scenario:
         Raises:
             InputError: the file, the robot or the gains cannot be used.
         """
-        path = Path(path)
-        tables = read_tables(path, settings)
-        changed = [text.partition("=")[0].strip() for text in settings]
-        changed = [key for key in changed if key in _CHAIN]
-        try:
-            return cls.build(tables, path.parent)
-        except InputError as error:
-            if not changed or error.where in changed:
-                raise
-            hint = (
-                f"--set has changed {', '.join(changed)}, and the file has numbers of another "
-                "chain: set robot.q0, and what else has one number per joint or coordinate; or "
-                f"write a new file: `pinadapt init {tables['robot'].get('source')}`."
-            )
-            before = f"{error.hint} " if error.hint else ""
-            raise type(error)(error.what, where=error.where, hint=before + hint) from error
+        return cls.build(read_tables(Path(path), settings), Path(path).parent)
 
     @classmethod
     def build(cls, tables: Tables, folder: Path, kept: Kept | None = None) -> Scenario:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import tomlkit
 
 from .._output import meanings
@@ -36,12 +35,11 @@ from ..tuning.unknowns import Unknown
 from .tables import KEYS, MOTIONS
 
 _AWAY, _ASIDE = 2.0, (0.25, 0.2)  # reaches to a camera; its way aside, relative to that before
-_FOCAL, _CENTRE = 1000.0, [640.0, 480.0]  # [pixels] of an ordinary camera
-_SMALLER = 0.8  # radius of the circle in a picture, relative to that of the circle in space
+_FOCAL = 1000.0  # [pixels] of an ordinary camera
 _TOOL = 0.05  # length of the unknown tool, relative to the reach
 _PAYLOAD = 0.05  # mass of the unknown payload, relative to the moving mass
 _FRICTION = 0.5  # unknown friction, relative to what is typical for a robot of this size
-_TURN, _PLACE = [0.0, 0.0, 2.1], (0.8, -0.5, 0.3)  # [rad]; of the reach: base as a tracker sees it
+_PLACE = (0.8, -0.5, 0.3)  # of the reach: the base as a tracker sees it, which is turned by 2 rad
 _WIDTH, _SHOWN = 98, 12  # largest width of a comment, and number of names in it
 
 
@@ -182,7 +180,7 @@ class Template:
         E, (first, second) = np.eye(6), ("xyz".index(axis) for axis in path.plane)
         out = cos(path.phase) * E[first, :3] + sin(path.phase) * E[second, :3]
         u, v, _ = H[:, :3] @ out
-        radius = float(f"{_SMALLER * path.radius / self._covered:.2g}")
+        radius = float(f"{path.radius / self._covered:.2g}")
         return radius, round(float(np.arctan2(v, u)), 3)
 
     @property
@@ -259,10 +257,10 @@ class Template:
             found["tool_translation"] = _numbers(self.tool)
         if self.tracker:
             place = _numbers(reach * np.array(_PLACE), 2)
-            found["tracker"] = {"rotation": _TURN, "translation": place}
+            found["tracker"] = {"rotation": [0.0, 0.0, 2.0], "translation": place}
         if self.filmed:
             position = _numbers(self.camera)
-            found["camera"] = [{"position": position, "focal": _FOCAL, "centre": _CENTRE}]
+            found["camera"] = [{"position": position, "focal": _FOCAL}]
         found["payload"] = {
             "mass": float(f"{_PAYLOAD * self.robot.mass:.3g}"),
             "com": _numbers(com),
@@ -347,16 +345,11 @@ def _in_planes(robot: Robot, make: Callable[..., Robot]) -> Iterator[tuple[Robot
 
 def _further_out(robot: Robot) -> np.ndarray:
     """Return a tool (3) [m], in the frame's axes, that lengthens the arm in task coordinates."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, robot.q0)
-    frame, seen = data.oMf[robot.frame_id], np.zeros(3)
+    frame, out = robot.placement(robot.q0), np.zeros(3)
     place = robot.frame_task.place if robot.task.positions else slice(None)
+    out[place] = frame.translation[place]
     length = _TOOL * robot.reach
-    for placement in reversed(list(data.oMi)):
-        seen[place] = (frame.translation - placement.translation)[place]
-        if np.linalg.norm(seen) > 0.1 * length:
-            break
-    tool = frame.rotation.T @ seen * (length / np.linalg.norm(seen))
+    tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
     return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
 

@@ -1,5 +1,4 @@
 from .cases import Case as Case
-from .cases import Cases as Cases
 from .cases import Plan as Plan
 from .execution import EngineError as EngineError
 from .execution import numbers_of as numbers_of

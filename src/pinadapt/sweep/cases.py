@@ -20,7 +20,7 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -47,7 +47,6 @@ from ..scenario.tables import (
 from .table import plain
 
 METHODS = ("random", "lhs", "sobol")
-_CHECKED = 1000  # values of an axis that are checked before the first case; twice: a later start
 _OWN = {"case", "status", "reason", "seconds"}  # columns that no argument of a function may have
 _EDGE = 2.0**-53  # least distance of a quantile from 0 and 1, where normal ones are infinite
 _DESIGN = 1  # spawn key of the design's random numbers; cases have (0, number)
@@ -129,19 +128,26 @@ class Values:
         found = _SPACES[self.kind](a, b, u).tolist()
         return found[0] if self.size is None else found
 
-    def each(self, size: int) -> Values:
-        """Return the same with a number of its own for each of n joints.
+    def by_joint(self, names: tuple[str, ...]) -> Values:
+        """Return "KEY.*" as KEY with a number of its own for each of n joints; others as they are.
 
         Raises:
             InputError: the bounds are lists of another length.
         """
-        if self.kind not in _SPACES or self.size == size:
+        key = self.key.removesuffix(".*")
+        if key == self.key:
             return self
-        if self.size is not None:
+        if self.size not in (None, len(names)):
             raise InputError(
-                f"there are {size} numbers, the bounds are lists of {self.size}.", where=self.key
+                f"there are {len(names)} numbers, the bounds are lists of {self.size}.",
+                where=self.key,
             )
-        return replace(self, arguments=tuple([bound] * size for bound in self.arguments))
+        arguments = self.arguments
+        if self.kind in _SPACES and self.size is None:
+            arguments = tuple([bound] * len(names) for bound in arguments)
+        # these keys hold a table of joints, where others hold a list
+        by_name = key.endswith(("inertial_scale", "link_translation"))
+        return replace(self, key=key, arguments=arguments, names=names if by_name else ())
 
     def used(self, value: Any) -> Any:
         """Return what the scenario gets for a value of the axis or of the distribution."""
@@ -203,138 +209,22 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     return kind, given
 
 
-@dataclass(frozen=True)
-class Cases:
-    """The cases of a sweep: ``len``, iteration and indexing; none is kept.
+def _seed_of(seed: int, number: int) -> int:
+    """Return the seed of a case, below 2**63."""
+    child = np.random.SeedSequence(seed, spawn_key=(0, number))
+    return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
-    Attributes:
-        values: what is varied.
-        listed: explicit cases, with which the others are combined; empty: none.
-        samples: number of samples of the distributions.
-        method: of the design: "random", "lhs" or "sobol".
-        repeat: how often each case is repeated, with another seed.
-        seed: of the sweep.
-    """
 
-    values: tuple[Values, ...] = ()
-    listed: tuple[Mapping[str, Any], ...] = ()
-    samples: int | None = None
-    method: str = "random"
-    repeat: int = 1
-    seed: int = 0
+def _design(method: str, seed: int, count: int, d: int) -> np.ndarray:
+    """Return quantiles (count, d): random numbers, a Latin hypercube, or Sobol's sequence."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_DESIGN,)))
+    if method == "random" or not d:
+        return rng.random((count, d))
+    from scipy.stats import qmc
 
-    def __post_init__(self) -> None:
-        """Check that the parts fit together."""
-        word(self.method, METHODS, "method")
-        for name, least in (("samples", 1), ("repeat", 1), ("seed", 0)):
-            if getattr(self, name) is not None:
-                whole(getattr(self, name), name, least=least)
-        drawn = [each.key for each in self.values if each.drawn]
-        if drawn and self.samples is None:
-            raise InputError(
-                f"{', '.join(drawn)} {'is' if len(drawn) == 1 else 'are'} random, but the "
-                "number of samples is missing.",
-                where="samples",
-                hint="State it: --samples 100, or samples=100.",
-            )
-        if not drawn and self.samples is not None:
-            raise InputError(
-                "nothing is drawn.",
-                where="samples",
-                hint="Give a distribution such as uniform(0.5, 2.0), or use repeat.",
-            )
-        keys = [*dict.fromkeys(key for case in self.listed for key in case)]
-        keys += [each.key for each in self.values]
-        if len(set(keys)) < len(keys):
-            raise InputError(f"something is varied twice: {', '.join(keys)}.", where="vary")
-        for key in _OWN & set(keys):
-            raise InputError(
-                "is a column of every table.", where=key, hint="Give the argument another name."
-            )
-
-    @classmethod
-    def of(
-        cls,
-        given: Mapping[str, Any] | Sequence[Mapping[str, Any]] | Cases | None,
-        **options: Any,
-    ) -> Cases:
-        """Return cases from values by key, or from a list of explicit cases.
-
-        Raises:
-            InputError: they cannot be used.
-        """
-        if isinstance(given, Cases):
-            return given
-        if given is None:
-            return cls(**options)
-        if isinstance(given, Mapping):
-            return cls(tuple(Values.of(str(key), each) for key, each in given.items()), **options)
-        if not given or not all(isinstance(each, Mapping) for each in given):
-            raise InputError(
-                f"expected values by key, or a list of them, got {shown(given)}.", where="cases"
-            )
-        return cls(listed=tuple(dict(each) for each in given), **options)
-
-    def __len__(self) -> int:
-        """Number of cases."""
-        return math.prod(self._shape)
-
-    @property
-    def _shape(self) -> tuple[int, ...]:
-        """Sizes: listed cases, axes, samples, repetitions."""
-        axes = [len(each.arguments) for each in self.values if not each.drawn]
-        return (max(1, len(self.listed)), *axes, self.samples or 1, self.repeat)
-
-    @property
-    def keys(self) -> list[str]:
-        """The keys that are varied, in order."""
-        listed = dict.fromkeys(key for case in self.listed for key in case)
-        return [*listed, *(each.key for each in self.values)]
-
-    def __getitem__(self, index: int) -> Case:
-        """Return a case by its number.
-
-        Raises:
-            IndexError: there is no such case.
-        """
-        if not 0 <= index < len(self):
-            raise IndexError(f"there are {len(self)} cases, from 0 to {len(self) - 1}.")
-        first, *axes, sample, _ = (int(each) for each in np.unravel_index(index, self._shape))
-        values: dict[str, Any] = dict(self.listed[first]) if self.listed else {}
-        column, grid = 0, iter(axes)
-        for each in self.values:
-            if not each.drawn:
-                values[each.key] = each.used(each.arguments[next(grid)])
-                continue
-            size = each.size or 1
-            values[each.key] = each.used(each.at(self._design[sample, column : column + size]))
-            column += size
-        return Case(index, self._seed_of(index), values)
-
-    def __iter__(self) -> Iterator[Case]:
-        """Yield the cases in order."""
-        return (self[index] for index in range(len(self)))
-
-    def _seed_of(self, index: int) -> int:
-        """Return the seed of a case, below 2**63."""
-        child = np.random.SeedSequence(self.seed, spawn_key=(0, index))
-        return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
-
-    @cached_property
-    def _design(self) -> np.ndarray:
-        """Quantiles (samples, d) of all numbers that are drawn, in the order of their keys."""
-        d = sum(each.size or 1 for each in self.values if each.drawn)
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(_DESIGN,)))
-        count = self.samples or 1
-        if self.method == "random":
-            return rng.random((count, d))
-        from scipy.stats import qmc
-
-        if self.method == "lhs":
-            return np.asarray(qmc.LatinHypercube(d, seed=rng).random(count))
-        sequence = qmc.Sobol(d, seed=rng)
-        whole = sequence.random_base2(math.ceil(math.log2(count))) if count > 1 else None
-        return np.asarray(sequence.random(1) if whole is None else whole[:count])
+    if method == "lhs":
+        return np.asarray(qmc.LatinHypercube(d, seed=rng).random(count))
+    return np.asarray(qmc.Sobol(d, seed=rng).random_base2(math.ceil(math.log2(count)))[:count])
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -405,7 +295,29 @@ class Plan:
         if self.timeout is not None:
             positive(self.timeout, "timeout", error=InputError)
         condition(self.success)
-        len(self.cases)
+        word(self.method, METHODS, "method")
+        for name, least in (("samples", 1), ("repeat", 1), ("seed", 0)):
+            if getattr(self, name) is not None:
+                whole(getattr(self, name), name, least=least)
+        drawn = [each.key for each in self.values if each.drawn]
+        if bool(drawn) != (self.samples is not None):
+            raise InputError(
+                f"{', '.join(drawn) or 'nothing'}: values are drawn from distributions if and only "
+                "if the number of samples is given.",
+                where="samples",
+                hint="State it: --samples 100, or samples=100; a distribution is uniform(0.5, 2).",
+            )
+        if len(set(self.keys)) < len(self.keys):
+            raise InputError(f"something is varied twice: {', '.join(self.keys)}.", where="vary")
+        for key in _OWN & set(self.keys):
+            raise InputError(
+                "is a column of every table.", where=key, hint="Give the argument another name."
+            )
+        ordinary = self.cases[0].values
+        self._scenario(ordinary)
+        for each in self.values:
+            for value in () if each.drawn else each.arguments:
+                self._scenario(ordinary | {each.key: each.used(value)})
 
     @classmethod
     def read(
@@ -461,16 +373,53 @@ class Plan:
         found: Plan = made(cls, tables, "sweep file")
         return found
 
-    @cached_property
-    def cases(self) -> Cases:
-        """What is varied.
+    def _scenario(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the tables of the scenario with other values; empty for a function.
 
         Raises:
-            InputError: it does not fit together, or the scenario has no such keys or values.
+            InputError: the scenario has no such keys or values.
         """
-        options = {key: getattr(self, key) for key in ("samples", "method", "repeat", "seed")}
-        cases = Cases.of(self.vary, listed=tuple(self.case), **options)
-        return cases if self.scenario is None else _bound(cases, dict(self.scenario), self.folder)
+        if self.scenario is None:
+            return {}
+        tables = at_folder(with_values(deepcopy(dict(self.scenario)), values), Path(self.folder))
+        parts(tables)
+        return tables
+
+    @cached_property
+    def values(self) -> tuple[Values, ...]:
+        """What is varied beside the listed cases; "KEY.*" has a number for each joint."""
+        values = [Values.of(str(key), each) for key, each in self.vary.items()]
+        if self.scenario is None or not any(each.key.endswith(".*") for each in values):
+            return tuple(values)
+        names = tuple(described_robot(self._scenario(dict(*self.case[:1]))).joint_names)
+        return tuple(each.by_joint(names) for each in values)
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys that are varied, in order."""
+        listed = dict.fromkeys(key for case in self.case for key in case)
+        return [*listed, *(each.key for each in self.values)]
+
+    @cached_property
+    def cases(self) -> list[Case]:
+        """The product of listed cases, grid, samples and repetitions, the last changing fastest."""
+        axes = [each for each in self.values if not each.drawn]
+        drawn = [each for each in self.values if each.drawn]
+        order = [*axes, *drawn]
+        sizes = [each.size or 1 for each in drawn]
+        places = list(zip(drawn, np.cumsum(sizes), sizes, strict=True))
+        samples = [
+            [each.at(u[end - size : end]) for each, end, size in places]
+            for u in _design(self.method, self.seed, self.samples or 1, sum(sizes))
+        ]
+        grid = product(*(each.arguments for each in axes))
+        points = product(self.case or [{}], grid, samples, range(self.repeat))
+        found = []
+        for number, (listed, point, sample, _) in enumerate(points):
+            values = {each.key: value for each, value in zip(order, (*point, *sample), strict=True)}
+            varied = {each.key: each.used(values[each.key]) for each in self.values}
+            found.append(Case(number, _seed_of(self.seed, number), {**listed, **varied}))
+        return found
 
     def tables(self) -> dict[str, Any]:
         """Return the keys of a sweep file that says the same."""
@@ -583,31 +532,3 @@ def _root(path: Path) -> Path:
     while (folder / "__init__.py").is_file():
         folder = folder.parent
     return folder
-
-
-def _bound(cases: Cases, raw: dict[str, Any], folder: str) -> Cases:
-    """Return cases with what follows from the scenario, after checks of every key and list.
-
-    Raises:
-        InputError: a key or value is not allowed in the scenario.
-    """
-    first: dict[str, Any] = dict(*cases.listed[:1])
-    tables = at_folder(with_values(deepcopy(raw), first), Path(folder))
-    parts(tables)
-    names: tuple[str, ...] = ()
-    if any(each.key.endswith(".*") for each in cases.values):
-        names = tuple(described_robot(tables).joint_names)
-    values = []
-    for each in cases.values:
-        if (key := each.key.removesuffix(".*")) != each.key:
-            # these keys hold a table of joints, where others hold a list
-            by_name = key.endswith(("inertial_scale", "link_translation"))
-            each = replace(each.each(len(names)), key=key, names=names if by_name else ())
-        values.append(each)
-    found = replace(cases, values=tuple(values))
-    ordinary = found[0].values
-    for each in values:
-        axis = [] if each.drawn else each.arguments[:_CHECKED]
-        for used in [ordinary, *(ordinary | {each.key: each.used(value)} for value in axis)]:
-            parts(at_folder(with_values(deepcopy(raw), used), Path(folder)))
-    return found

@@ -7,7 +7,6 @@ process with it, is a row with its reason.
 
 from __future__ import annotations
 
-import gc
 import importlib
 import os
 import pickle
@@ -34,7 +33,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._output import check_writable, read_toml
+from .._checks import shown
+from .._output import check_writable, collect_seldom, read_toml
 from .._version import __version__
 from ..exceptions import InputError
 from ..rollout.recording import extreme
@@ -42,7 +42,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import FOLLOWS
 from ..scenario.scenario import Scenario
 from ..scenario.tables import with_values
-from .cases import COPY, Case, Cases, Plan
+from .cases import COPY, Case, Plan
 from .table import (
     AGAIN,
     CRASHED,
@@ -61,7 +61,6 @@ Work = Callable[[Case], Mapping[str, Any]]
 Ended = tuple[Case, "Future[dict[str, Any]]"]
 
 _KEPT = 4  # robots and controllers that a worker keeps; half: made again more often; twice: memory
-_GARBAGE = (100_000, 50, 100)  # as of the command line: how seldom to search for it
 _AHEAD = 2  # cases for each worker of a given executor; one: workers wait; four: nothing is gained
 _IMPORTABLE = (
     "A function must stand at the top of a module that all workers can import, not in a shell, a "
@@ -301,7 +300,7 @@ def _unpacked(packed: bytes) -> Work:
 def _begin() -> None:
     """Prepare a new process: it ends with its parent, and leaves Ctrl-C to that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    gc.set_threshold(*_GARBAGE)
+    collect_seldom()
     threadpool_limits(1, "blas")
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -533,8 +532,12 @@ def sweep(
     tables |= {"timeout": timeout, "reduce": reduce}
     if isinstance(cases, Mapping):
         tables["vary"] = dict(cases)
+    elif cases and all(isinstance(each, Mapping) for each in cases):
+        tables["case"] = list(cases)
     else:
-        tables["case"] = list(Cases.of(cases).listed)
+        raise InputError(
+            f"expected values by key, or a list of them, got {shown(cases)}.", where="cases"
+        )
     if callable(work):
         tables["function"] = work
     else:
@@ -601,7 +604,7 @@ def run_plan(
         if retry:
             store.join(without=AGAIN)
         done = store.done()
-        missing = (plan.cases[i] for i in range(len(plan.cases)) if i not in done)
+        missing = (case for case in plan.cases if case.number not in done)
         found = rows(work, missing, executor, plan.timeout)
         for row in _watched(found, plan, len(done), shown):
             store.add(row)

@@ -126,7 +126,7 @@ class Report:
 
     def _is_varied(self, name: str) -> bool:
         """Return whether a column is one of what is varied."""
-        keys = [key.removesuffix(".*") for key in self.plan.cases.keys]
+        keys = [key.removesuffix(".*") for key in self.plan.keys]
         return any(name == key or name.startswith((f"{key}[", f"{key}.")) for key in keys)
 
     @cached_property

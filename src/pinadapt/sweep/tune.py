@@ -16,7 +16,7 @@ from .._output import Sheet, Table, percent
 from ..exceptions import InputError
 from ..scenario.tables import parts, with_values
 from ..simulation.simulate import watched
-from .cases import Cases, Plan, Values
+from .cases import Plan, Values
 from .execution import rows, work_of
 from .sweep_report import Rate, percentile, rate
 from .table import DONE, CaseTable
@@ -140,25 +140,25 @@ def tune(
         plan = Plan.of({**plan.tables(), "vary": {**plan.vary, **vary}})
     found = searched(gains, plan)
     positive(share, "share", most=1.0, error=InputError)
-    trials, cases = whole(trials, "trials", 1), plan.cases
+    trials = whole(trials, "trials", 1)
     more: dict[str, Any] = {}
     if validation is not None:
-        more["samples" if cases.samples else "repeat"] = validation
+        more["samples" if plan.samples else "repeat"] = validation
 
-    def judge(chosen: Mapping[str, Any], cases: Cases) -> Judged:
+    def judge(chosen: Mapping[str, Any], plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
-        changed = (replace(case, values=case.values | dict(chosen)) for case in cases)
+        changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
         rows_ = rows(work_of(plan), changed, executor, plan.timeout)
         return _judged(chosen, CaseTable.of(list(rows_)), objective, share)
 
-    study = _study(cases.seed)
-    default, tried = judge({}, cases), []
+    study = _study(plan.seed)
+    default, tried = judge({}, plan), []
     for _ in watched(range(trials), None, "tune"):
         trial = study.ask()
-        tried.append(judge(_suggested(trial, found), cases))
+        tried.append(judge(_suggested(trial, found), plan))
         study.tell(trial, tried[-1].objective)
     best = min(tried, key=lambda each: each.objective)
-    other = replace(cases, seed=cases.seed + 1, **more)
+    other = replace(plan, seed=plan.seed + 1, **more)
     compared = judge({}, other), judge(best.gains, other)
     words = f"{share:.0%} percentile of {objective}"
     return Tuned(words, default, best, *compared, tuple(tried), *verdict(*compared))
@@ -199,7 +199,7 @@ def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
             values = replace(values, kind="choice")
         if values.size is not None or values.kind == "normal":
             raise InputError("give one uniform, loguniform or choice.", where=key)
-        if key in plan.cases.keys:
+        if key in plan.keys:
             raise InputError("is varied by the sweep already.", where=key)
         if plan.scenario is not None:
             parts(with_values(plan.tables()["scenario"], {key: values.at(np.array([0.5]))}))

@@ -19,7 +19,6 @@ import numpy as np
 from .._checks import positive
 from .._output import write_text
 from ..controller.controller import Controller
-from ..models.excited import names_together
 from ..robot.robot import Succession
 from ..tasks.frame import ImageTask
 from .drawing import TRUE, Keyframes, Window, framed, ghost, solid
@@ -69,34 +68,6 @@ def task_curves(
     if known and kinematics.size and kinematics.calibrated:
         off = np.linalg.norm(a_k - np.array(truths)[robots.index(t)], axis=1)
         found[Curve("error of tool and length estimates", "mm")] = 1e3 * off
-    return found
-
-
-def torque_curves(rollout: Any, samples: np.ndarray, window: Window) -> Curves:
-    """Return the errors of dynamic estimates since the last event; note what is not excited.
-
-    Args:
-        rollout: the run.
-        samples: (k) indices of the samples.
-        window: receives the note.
-    """
-    torques, run = rollout.motion_torques(), rollout.evaluated()
-    if torques is None:
-        return {}
-    excited = torques.excited
-    still = [name for name, no in zip(excited.names, excited.still, strict=True) if no]
-    if still:
-        count = f"{len(still)} of {len(excited.names)} parameters"
-        window.note("still", still={"count": count, "which": names_together(still)})
-    since = max((at for at, _ in rollout.marks), default=-np.inf)
-    truth = run.controller.dynamics.value(run.true.robots[-1])
-    estimates = [rollout.a_d[k] if rollout.t[k] >= since else None for k in samples]
-    shares = [np.nan if a is None else 100.0 * torques.share(a) for a in estimates]
-    found = {Curve("error of predicted torque", "%"): np.array(shares)}
-    if truth is not None:
-        left = [None if a is None else torques.left(a, truth) for a in estimates]
-        percent = 100.0 * np.array(left, dtype=float)
-        found[Curve("error of identifiable parameters", "% of start")] = percent
     return found
 
 
@@ -280,7 +251,6 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
         scene.add_path("true", traced.tip, 0.005, solid(TRUE))
         window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
         curves = task_curves(robots, run.controller, t, x, x_d, a_k)
-        curves |= torque_curves(rollout, frames, window)
         for reading in readings(t, curves):
             window.note(("reading", reading["t"]), reading=reading)
         keys.play(scene.root)

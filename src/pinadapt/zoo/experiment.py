@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ..controller.controller import Controller
 from ..controller.limits import Limits
@@ -23,6 +22,7 @@ from ..laws import DEFAULT
 from ..models.joint_effects import typical_coefficients
 from ..robot.changes import Friction, Payload
 from ..robot.loading import load
+from ..robot.motors import overloaded
 from ..robot.robot import Robot
 from ..robot.workspace import WorkspaceCircle, find_circle
 from ..rollout.recording import extreme
@@ -30,7 +30,7 @@ from ..rollout.rollout import Rollout
 from ..rollout.summary import ACCURATE, BETTER
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
-from ..sweep.cases import Cases
+from ..sweep.cases import Plan
 from ..sweep.execution import FunctionWork, rows
 from ..sweep.table import DONE
 from ..trajectories.pose import PoseTrajectory, Swing
@@ -44,7 +44,6 @@ TOOL_ERROR = 0.05  # relative to the reach
 LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
 FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
 SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
-_AROUND, _SAMPLES = 0.3, 30  # [rad or m] largest distance from home, number of poses
 _TURNS = 4.0  # least number of turns of a run
 _SETTLED = 9.0  # [s] after which a run without adaptation repeats itself
 _LEAST_DURATION = 30.0  # [s]; its last 10 % is a whole turn of the fastest circle, 3 s
@@ -73,18 +72,12 @@ class ZooCase:
 
     @property
     def efforts_suffice(self) -> bool:
-        """Whether the effort limits of the description suffice to hold the true robot near home.
+        """Whether the effort limits of the description suffice to hold the true robot at home.
 
         They do not for PR2's arms, which have counterbalance springs, and for the underwater arm
         Bravo 7.
         """
-        model, rng = self.true.model, np.random.default_rng(0)
-        data, efforts = model.createData(), effort_limits(self.true.model)
-        around = rng.uniform(-_AROUND, _AROUND, (_SAMPLES, model.nv))
-        return all(
-            (np.abs(pin.computeGeneralizedGravity(model, data, q)) < efforts).all()
-            for q in (pin.integrate(model, self.true.q0, step) for step in around)
-        )
+        return overloaded(self.true, effort_limits(self.true.model)) is None
 
     @property
     def repeating(self) -> float:
@@ -162,14 +155,12 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
-_LEAST_JOINTS = 6  # for a pose task
-_RECORD_EVERY = 10
 _UNKNOWN = Unknown(friction=True, armature=True)  # the true robot has friction, the model has none
 
 
 def zoo_names(task: str = POSITION) -> list[str]:
     """Return the names of the robots of the catalogue for a task, "position" or "pose"."""
-    least = _LEAST_JOINTS if task == POSE else 0
+    least = 6 if task == POSE else 0  # position and orientation
     return [name for name, entry in catalogue().items() if entry.joints >= least]
 
 
@@ -248,8 +239,8 @@ def run_zoo(
     """
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     fixed = {"law": law, "task": task, "case_seed": seed}
-    cases = Cases.of([{"robot": name, **fixed} for name in longest_first])
-    for row in rows(FunctionWork(zoo_numbers), cases, processes):
+    plan = Plan(function=zoo_numbers, case=[{"robot": name, **fixed} for name in longest_first])
+    for row in rows(FunctionWork(zoo_numbers), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
         dropped = ("case", "seed", "case_seed", "status", "reason", "seconds", "converged")
@@ -279,7 +270,7 @@ def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
         case.motion,
         duration=duration,
         engine=Engine(torque_limits=case.efforts_suffice),
-        record_every=_RECORD_EVERY,
+        record_every=10,
         progress=False,
     )
 
