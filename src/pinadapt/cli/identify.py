@@ -123,13 +123,6 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
             "robot's base)"
         ),
     )
-    parser.add_argument(
-        "--encoder",
-        type=float,
-        default=0.0,
-        metavar="RAD",
-        help="standard deviation of the noise of the joint positions, rad or m (default: 0)",
-    )
     _add_intake(parser)
     add_description(parser)
     add_out(parser, "out/ and the log's name and -calibrated")
@@ -333,7 +326,6 @@ def calibrate(options: argparse.Namespace) -> int:
         robot,
         unknown=options.unknown,
         tracker=options.tracker,
-        encoder=options.encoder,
         intake=_intake(options),
     )
     try:

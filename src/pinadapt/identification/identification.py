@@ -202,7 +202,6 @@ def identify(
         online=estimate_online(estimator, samples, len(first_log.t)),
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
-        for_load=torque_fit(names, physical, learned_from) if empty is None else None,
         check=check,
         intake=intakes[0].updated(**first_log.assumed),
     )

@@ -175,7 +175,7 @@ def sheet(found: IdentifiedModel, compared: Mapping[str, Robot] | None = None) -
         gains = gains or [("none lowers the error in cross-validation", "", "")]
         tables.append(Table(gains, (what, "lowers the squared error by", "")))
     if of["payload"] is not None:
-        tables += of["payload"].tables()
+        tables.append(of["payload"].table())
     tables += [_parameter_table(of[kind]) for kind in ("kinematic", "dynamic") if of[kind]]
     logs = [name for name in log.source.split(", ") if name not in found.tested]
     tested = f", tested on {', '.join(found.tested)}" if found.tested else ""
