@@ -342,7 +342,7 @@ def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | No
     place = options.intake or place_beside(source)
     robot, _ = _robot_and_unknown(options)
     intake = Intake.of(Intake.beside(source)) if intake is None else intake
-    log, described = log_and_robot(source, robot, intake, None)
+    log, described = log_and_robot(source, robot, intake)
     check = check_torques(log, described)
     about = [
         f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}.",

@@ -16,7 +16,13 @@ from ..controller.state import ControllerState
 from ..exceptions import LogError, MeasurementError
 from ..information.information import Excitation, Information
 from ..information.measured_motion import Averages, MeasuredMotion
-from ..information.payload import ArmPrior, PayloadEstimate, payload_estimate
+from ..information.payload import (
+    ArmPrior,
+    PayloadEstimate,
+    described_robot,
+    payload_estimate,
+    payload_of_uncertain_arm,
+)
 from ..logs.intake import Intake
 from ..logs.log import Log
 from ..records import Measurement
@@ -141,12 +147,11 @@ class IdentifiedModel:
         """
         if self.load is not None:
             return self.load
-        controller, robot = self.estimator.controller, self.described
-        dynamics, found = controller.dynamics, self.dynamic
-        if dynamics.per_body and len(dynamics.bodies) == len(robot.joint_names):
-            prior = ArmPrior.likeliest(robot, dynamics, found)
-        else:
-            prior = ArmPrior.of(robot, dynamics, 0.0)
+        controller, found = self.estimator.controller, self.dynamic
+        dynamics = controller.dynamics
+        if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):
+            return payload_of_uncertain_arm(controller, dynamics, found)
+        prior = ArmPrior.of(described_robot(controller), dynamics, 0.0)
         return payload_estimate(controller, found, prior)
 
     def excitation(self) -> Excitation:

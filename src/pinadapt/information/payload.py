@@ -70,8 +70,16 @@ class PayloadEstimate:
         cls, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0
     ) -> PayloadEstimate:
         """Take mass, centre of mass and inertia (10), and their uncertainties (10)."""
-        parts = [(float(each[0]), each[1:4], each[4:]) for each in (value, deviation)]
-        return cls(*(one for both in zip(*parts, strict=True) for one in both), explained=explained)
+        (mass, *com), (mass_known_to, *com_known_to) = value[:4].tolist(), deviation[:4].tolist()
+        return cls(
+            mass,
+            mass_known_to,
+            np.array(com),
+            np.array(com_known_to),
+            value[4:],
+            deviation[4:],
+            explained,
+        )
 
     def payload(self) -> Payload:
         """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
@@ -140,6 +148,33 @@ def payload_estimate(
     deviation = load.deviation(np.hstack([gradient, np.zeros((PER_BODY, len(joints)))]))
     share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
     return PayloadEstimate.of(value, deviation, share)
+
+
+def payload_of_uncertain_arm(
+    controller: Controller, dynamics: Dynamics, found: Information
+) -> PayloadEstimate:
+    """Return the load on the arm as described; its uncertainty covers an arm that is not.
+
+    That is the uncertainty with the likeliest prior of the arm, combined with the distance between
+    the estimates with and without it.
+
+    Args:
+        controller: that adapted.
+        dynamics: of all bodies, see ``whole_arm``.
+        found: information of the run about all of them.
+
+    Raises:
+        ParameterError: as ``payload_estimate``.
+    """
+    robot = described_robot(controller)
+    plain = payload_estimate(controller, found, ArmPrior.of(robot, dynamics, 0.0))
+    other = payload_estimate(controller, found, ArmPrior.likeliest(robot, dynamics, found))
+    return replace(
+        plain,
+        mass_known_to=float(np.hypot(other.mass_known_to, other.mass - plain.mass)),
+        com_known_to=np.hypot(other.com_known_to, other.com - plain.com),
+        inertia_known_to=np.hypot(other.inertia_known_to, other.inertia - plain.inertia),
+    )
 
 
 def _restricted(change: Information, part: list[int]) -> tuple[Information, float]:
@@ -214,20 +249,19 @@ class ArmPrior:
         Raises:
             ParameterError: the description has bodies without inertia.
         """
-        mean, covariance = dynamics.value(robot), prior_covariance(robot, dynamics)
-        if mean is None or (share and covariance is None):
+        mean, size = dynamics.value(robot), dynamics.inertial.size
+        covariance = prior_covariance(robot, dynamics) if share else np.zeros((size, size))
+        if mean is None or covariance is None:
             raise ParameterError(
                 "the description has bodies without inertia, of which an uncertainty cannot be "
                 "stated as a share.",
                 where="arm",
                 hint="State the robot's mass when it is loaded, or leave arm out.",
             )
-        size = dynamics.inertial.size
-        values, vectors = np.linalg.eigh(
-            np.zeros((size, size)) if covariance is None else covariance
-        )
-        root = np.zeros((dynamics.size, size))
-        root[:size] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
+        values, vectors = np.linalg.eigh(covariance)
+        root = np.zeros((dynamics.size, size + 1))
+        root[:size, :size] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
+        root[:size, size] = share * mean[:size]  # all bodies together, such as a wrong total mass
         return cls(mean, root, slice(size, dynamics.size))
 
     @classmethod

@@ -25,6 +25,7 @@ from ..information.payload import (
     PayloadEstimate,
     described_robot,
     payload_estimate,
+    payload_of_uncertain_arm,
     whole_arm,
     whole_arm_information,
 )
@@ -223,14 +224,15 @@ class Rollout(Recording):
         controller = self.evaluated().controller
         whole, described = whole_arm(controller), described_robot(controller)
         found = self._whole_arm_information(whole)
+        found = found.refined() if refined else found
         if empty is not None:
             without_load = instance(empty, Rollout, "empty")._whole_arm_information(whole)
             prior = ArmPrior.of(described, whole, arm or INERTIA).after(without_load.refined())
         elif arm:
             prior = ArmPrior.of(described, whole, arm)
         else:
-            prior = ArmPrior.likeliest(described, whole, found)
-        return payload_estimate(controller, found.refined() if refined else found, prior)
+            return payload_of_uncertain_arm(controller, whole, found)
+        return payload_estimate(controller, found, prior)
 
     def _whole_arm_information(self, dynamics: Dynamics) -> Information:
         """Return the information of the run about all bodies of an arm."""
