@@ -5,7 +5,7 @@ logs in the folder that the environment variable ``REAL_LOGS`` names. Errors of 
 the last quarter of a log, which nothing was learned from: root mean squares over time and all
 joints of averages over windows. Of each log are measured
 
-* check: factors and correlations of the torques with those of the description, and gravity;
+* check: factors and correlations of the torques with those of the description;
 * identified: ``pinadapt.identify`` from the first three quarters, the description as it is, and
   base parameters by ordinary and by weighted least squares with the same effects of the joints; the
   sample by sample estimates of an ``Estimator`` after the first three quarters;
@@ -110,7 +110,7 @@ def measure(log: str, what: str) -> dict[str, Any]:
             check = check_torques(pa.read_log(file, robot), robot)
             judged = [(one.factor, one.correlation) for one in check.joints if one.judged]
             factors = ", ".join(f"{factor:.2f} ({close:.2f})" for factor, close in judged)
-            return {"factors": factors, "gravity": check.gravity}
+            return {"factors": factors}
         options: dict[str, Any] = {}
         if what == "viscous and Coulomb":
             options["unknown"] = pa.Unknown(friction=True, armature=True)

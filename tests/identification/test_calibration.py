@@ -49,9 +49,7 @@ def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
     task, rng = TASKS["pose"], np.random.default_rng(0)
     q = pin.integrate(robot.model, robot.q0, rng.uniform(-1.0, 1.0, robot.model.nv))
     x = TASKS["pose"].of(robot.placement(q))
-    seen = _MeasuredFrames(
-        task, q[None], np.zeros((1, robot.model.nv)), x[None], np.zeros(robot.model.nv)
-    )
+    seen = _MeasuredFrames(task, q[None], x[None])
     parts = _unknown_placements(robot, ALL, task, None)
 
     def moved(step):
@@ -61,15 +59,12 @@ def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
         return np.concatenate([at.translation, pin.log3(at.rotation @ matrix(x[3:]).T)])
 
     geometry = _Geometry(robot, parts, pin.SE3.Identity())
-    r, W, J = geometry.rows(seen)
+    r, W = geometry.rows(seen)
     assert np.abs(r).max() < 1e-12 and len(parts.names) == 6 * (robot.model.nv + 1)
     for k, name in enumerate(parts.names):
         step = np.eye(len(parts.names))[k]
         slope = derivative(lambda h, step=step: moved(h * step))
         assert np.abs(W[0, :, k] - slope).max() < 1e-9, name
-        if name.endswith("offset"):
-            joint = robot.joint_names.index(name.removesuffix(".offset"))
-            assert np.abs(W[0, :, k] - J[0, :, joint]).max() < 1e-12
 
 
 @pytest.mark.parametrize(("name", "told"), [("ur5", 4 * 6 + 3), ("scara", 4 * 3 + 2 + 3)])
@@ -113,20 +108,7 @@ def test_the_tracker_may_stand_anywhere_and_measure_poses():
         calibrate(log, catalogue_robot("ur5"))
 
 
-def test_noise_of_encoders_is_separated_from_that_of_the_tracker():
-    robot, rng = catalogue_robot("ur5"), np.random.default_rng(4)
-    angles = random_angles(robot, rng, 100)
-    log = measured(robot, angles, rng, noise=NOISE)
-    log = replace(log, q=angles + 2e-3 * rng.standard_normal(angles.shape))
-    plain, stated = calibrate(log, robot), calibrate(log, robot, encoder=2e-3)
-    assert plain.noise[0] > 3.0 * NOISE
-    assert stated.noise[0] == pytest.approx(NOISE, rel=0.5)
-    exact = recorded("ur5", 30, seed=2, noise=0.0)
-    exact = measured(robot, exact.q, rng)
-    assert np.mean(true_errors(stated, exact)) < np.mean(true_errors(plain, exact))
-
-
-def test_frames_of_another_clock_are_named():
+def test_frames_of_another_clock_are_not_trusted():
     robot = catalogue_robot("ur5")
     t = np.arange(0.0, 10.0, 0.04)
     rates = 0.7 + 0.23 * np.arange(6)
@@ -134,7 +116,6 @@ def test_frames_of_another_clock_are_named():
     log = replace(measured(robot, angles, np.random.default_rng(0)), t=t)
     late = replace(log, x=np.vstack([log.x[:1], log.x[:-1]]))
     found = calibrate(late, robot)
-    assert not found.trusted and "ms before their time stamps would explain more" in found.verdict
-    assert found.late[0] == pytest.approx(0.04, rel=0.1)
+    assert not found.trusted and "timed on the clock of q" in found.verdict
     timed = calibrate(replace(late, x=late.x[1:], x_time=t[:-1]), robot)
     assert timed.after.position < 1e-6

@@ -109,9 +109,9 @@ def test_torques_without_gravity_are_detected_and_compensated():
     plain = pa.identify(left_out, robot, unknown=viscous, intake={"doubtful": True})
     assert not plain.trusted and plain.verdict.startswith("NOT TO BE TRUSTED")
     payload = pa.Unknown(tool=False, bodies="payload", **TOLD)
-    whole = pa.identify(left_out, robot, unknown=payload, compensated="nominal")
+    whole = pa.identify(left_out, robot, unknown=payload, intake={"compensated": "nominal"})
     assert whole.torque_errors.gain > 100.0 and whole.trusted
-    by_intake, _ = log_and_robot(left_out, robot, pa.logs.Intake(compensated="nominal"), None)
+    by_intake, _ = log_and_robot(left_out, robot, pa.logs.Intake(compensated="nominal"))
     assert np.array_equal(by_intake.tau, whole.log.tau)
 
 

@@ -123,13 +123,6 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
             "robot's base)"
         ),
     )
-    parser.add_argument(
-        "--encoder",
-        type=float,
-        default=0.0,
-        metavar="RAD",
-        help="standard deviation of the noise of the joint positions, rad or m (default: 0)",
-    )
     _add_intake(parser)
     add_description(parser)
     add_out(parser, "out/ and the log's name and -calibrated")
@@ -320,7 +313,6 @@ def calibrate(options: argparse.Namespace) -> int:
         robot,
         unknown=options.unknown,
         tracker=options.tracker,
-        encoder=options.encoder,
         intake=_intake(options),
     )
     try:
@@ -337,7 +329,7 @@ def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | No
     place = options.intake or place_beside(source)
     robot, _ = _robot_and_unknown(options)
     intake = Intake.of(Intake.beside(source)) if intake is None else intake
-    log, described = log_and_robot(source, robot, intake, None)
+    log, described = log_and_robot(source, robot, intake)
     check = check_torques(log, described)
     about = [
         f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}.",

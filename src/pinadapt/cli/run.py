@@ -70,12 +70,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def load_words(rollout: Rollout) -> str:
-    """Return a line about the load that a run found; nothing where it is not certain."""
+    """Return a line about the load that a run found; nothing where it may be zero."""
     try:
         load = rollout.payload(refined=True)
     except InputError:  # the last body was not adapted, or no estimate is finite
         return ""
-    if not load.certain or load.mass < 2.0 * load.mass_known_to:
+    if load.mass < 2.0 * load.mass_known_to:
         return ""
     com = ", ".join(
         f"{value:.4f} +- {known_to:.2g}"

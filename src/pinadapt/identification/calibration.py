@@ -31,16 +31,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from .._checks import flag, name_list, positive, vector
+from .._checks import flag, name_list, positive
 from .._output import Sheet, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError, did_you_mean
-from ..information.information import Information, gauss_newton
+from ..information.information import gauss_newton
 from ..information.measured_motion import at_times
-from ..information.tracker import CERTAIN, LEAST_NOISE, LEAST_WAY, check_axes
+from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.intake import Intake
 from ..logs.log import Log
 from ..models.linear_kinematics import SHIFT, TURN, axes_of
@@ -109,7 +108,6 @@ class Calibration:
             described arm seen by the tracker that fits best.
         after: error of the robot that was calibrated without the held-out part, there.
         motion: rms distance of the frames from their mean [m].
-        late: estimated age of the frames beyond their times [s], and its deviation.
         source: of the log.
     """
 
@@ -128,7 +126,6 @@ class Calibration:
     before: FrameErrors
     after: FrameErrors
     motion: float
-    late: tuple[float, float]
     source: str
 
     @property
@@ -157,21 +154,16 @@ class Calibration:
     def verdict(self) -> str:
         """The result in one line."""
         words = f"error of held-out frames: {self.before.words()} -> {self.after.words()} (rms)"
-        late, known = self.late
-        clock = ""
-        if abs(late) > CERTAIN * known:
-            early = f"{1e3 * abs(late):.2g} ms {'before' if late > 0.0 else 'after'}"
-            clock = f" Frames taken {early} their time stamps would explain more."
         if self.after.position > _WORST * self.motion:
             return (
                 f"NOT TO BE TRUSTED: {words}, in a motion of {1e3 * self.motion:.3g} mm. Is x of "
-                f"this frame, of this robot, and timed on the clock of q?{clock}"
+                "this frame, of this robot, and timed on the clock of q?"
             )
         if self.after.position > _AS_GOOD * self.before.position:
-            return f"NOT TO BE TRUSTED: {words}, WORSE than described. Record more frames.{clock}"
+            return f"NOT TO BE TRUSTED: {words}, WORSE than described. Record more frames."
         if self.before.position < _AS_GOOD * self.after.position:
-            return f"{words}: the description is as good.{clock}"
-        return f"{words}.{clock}"
+            return f"{words}: the description is as good."
+        return f"{words}."
 
     def __repr__(self) -> str:
         """Return the report."""
@@ -232,7 +224,6 @@ def calibrate(
     *,
     unknown: str | Sequence[str] = ALL,
     tracker: bool = False,
-    encoder: ArrayLike = 0.0,
     held_out: float = 0.25,
     intake: Intake | Mapping[str, Any] | Path | str | None = None,
 ) -> Calibration:
@@ -252,8 +243,6 @@ def calibrate(
             "tool", or names of joints; "offsets" for the encoders alone.
         tracker: whether x is in axes of its own, anywhere; the placement of the first joint is then
             identified only relative to these, and stays as described.
-        encoder: standard deviation of the noise of the joint positions, one number or (n)
-            [rad or m].
         held_out: share of the frames, at most a half.
         intake: how logs are to be read, as of ``identify``.
 
@@ -268,15 +257,12 @@ def calibrate(
     if share > 0.5:
         raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
     words = name_list(unknown, "unknown", InputError)
-    noise = vector(encoder, described.model.nv, "encoder", error=InputError)
-    if (noise < 0.0).any():
-        raise InputError(f"must not be negative, got {noise.tolist()}.", where="encoder")
     logs = []
     for source in log if isinstance(log, list | tuple) else (log,):
         way = Intake.of(Intake.beside(source) if intake is None else intake)
         logs.append(log_of(source, described, intake=way, torques=False))
     name = ", ".join(one.source for one in logs)
-    seen = _seen(logs, described, noise, name)
+    seen = _seen(logs, described, name)
     start = _start(described, seen, name, tracker=flag(tracker, "tracker"))
     parts = _unknown_placements(described, words, seen.task, start if tracker else None)
 
@@ -307,7 +293,6 @@ def calibrate(
         before=errors[0],
         after=errors[1],
         motion=_rms_distance(seen.x[:, : seen.task.positions]),
-        late=fit.late,
         source=name,
     )
 
@@ -325,29 +310,24 @@ class _MeasuredFrames(NamedTuple):
     Attributes:
         task: coordinates of x: those of a position, or a pose.
         q: (M, nq) configurations when they were taken.
-        v: (M, nv) joint velocities then [rad/s or m/s].
         x: (M, m) coordinates.
-        encoder: (nv) standard deviations of the noise of q.
     """
 
     task: FrameTask
     q: np.ndarray
-    v: np.ndarray
     x: np.ndarray
-    encoder: np.ndarray
 
     def only(self, chosen: np.ndarray) -> _MeasuredFrames:
         """Return the frames of a mask (M)."""
-        return self._replace(q=self.q[chosen], v=self.v[chosen], x=self.x[chosen])
+        return self._replace(q=self.q[chosen], x=self.x[chosen])
 
 
-def _seen(logs: Sequence[Log], robot: Robot, encoder: np.ndarray, where: str) -> _MeasuredFrames:
+def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
     """Return the frames of logs, with the configurations when they were taken.
 
     Args:
         logs: with x.
         robot: as described.
-        encoder: (nv) standard deviations of the noise of q.
         where: of the logs, for messages.
 
     Raises:
@@ -358,9 +338,9 @@ def _seen(logs: Sequence[Log], robot: Robot, encoder: np.ndarray, where: str) ->
         times, frames = log.frames()
         known = log.configurations(robot)
         finite = np.isfinite(known).all(axis=1)
-        within, q, v = at_times(robot.model, log.t[finite], known[finite], times)
+        within, q, _ = at_times(robot.model, log.t[finite], known[finite], times)
         if within.any():
-            parts.append((q, v, frames[within]))
+            parts.append((q, frames[within]))
     if not parts:
         raise LogError(
             "has no positions or poses of the frame at the times of q.",
@@ -368,20 +348,20 @@ def _seen(logs: Sequence[Log], robot: Robot, encoder: np.ndarray, where: str) ->
             hint="Record x, y, z in metres, or with a quaternion xyzw; --columns x=NAME,... names "
             "them.",
         )
-    size = parts[0][2].shape[1]
+    size = parts[0][1].shape[1]
     task = {3: TASKS["xyz"], 7: TASKS["pose"]}.get(size, robot.task)
     if (
         not isinstance(task, FrameTask)
         or task.coordinates != size
-        or any(part[2].shape[1] != size for part in parts)
+        or any(part[1].shape[1] != size for part in parts)
     ):
         raise LogError(
             f"frames of {size} coordinates are neither positions (3) nor poses (7) in all logs.",
             where=f"{where}: x",
         )
-    q, v, x = (np.concatenate(part) for part in zip(*parts, strict=True))
+    q, x = (np.concatenate(part) for part in zip(*parts, strict=True))
     chosen = np.unique(np.linspace(0, len(x) - 1, _MOST).astype(int))
-    return _MeasuredFrames(task, q[chosen], v[chosen], x[chosen], encoder)
+    return _MeasuredFrames(task, q[chosen], x[chosen])
 
 
 def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) -> pin.SE3:
@@ -583,23 +563,22 @@ class _Geometry:
         """Return the placement of the base in the axes of x, the first joint as described."""
         return self.model.jointPlacements[FIRST] * self._first.inverse()
 
-    def rows(self, seen: _MeasuredFrames) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def rows(self, seen: _MeasuredFrames) -> tuple[np.ndarray, np.ndarray]:
         """Return measured less modelled coordinates of frames, and their regressors.
 
         Returns:
-            (M, m), (M, m, p) by the parameters, (M, m, nv) by the joint positions. Orientations are
-            compared by the vector phi of a turn, exp(phi) R = R_measured, in the axes of x.
+            (M, m), and (M, m, p) by the parameters. Orientations are compared by the vector phi of
+            a turn, exp(phi) R = R_measured, in the axes of x.
         """
         model, data, rows = self.model, self.data, seen.task.rows
         shape = len(seen.q), 6
-        r, J = np.zeros(shape), np.empty((*shape, model.nv))
+        r = np.zeros(shape)
         K = np.empty((*shape, 6 * model.njoints))
         pose, place = seen.task.size > seen.task.positions, seen.task.place
         K[:, :, -6:] = 0.0
         for k, (q, x) in enumerate(zip(seen.q, seen.x, strict=True)):
             pin.computeJointJacobians(model, data, q)
             at = pin.updateFramePlacement(model, data, self.frame)
-            J[k] = pin.getFrameJacobian(model, data, self.frame, pin.LOCAL_WORLD_ALIGNED)
             K[k, :, :-6] = pin.computeFrameKinematicRegressor(
                 model, data, self.frame, pin.LOCAL_WORLD_ALIGNED
             )
@@ -610,7 +589,7 @@ class _Geometry:
         columns = np.zeros((model.njoints, 6, len(self.columns.names)))
         columns[self.columns.joints - 1, :, np.arange(columns.shape[2])] = self.columns.motions.T
         columns = columns.reshape(6 * model.njoints, -1)
-        return r[:, rows], (K @ columns)[:, rows], J[:, rows]
+        return r[:, rows], (K @ columns)[:, rows]
 
 
 # The fit
@@ -618,7 +597,6 @@ class _Geometry:
 _LEAST = 1.5  # equations for each identified combination
 _HUBER, _OUTLIER = 3.0, 6.0  # deviations from which a frame counts less, and not at all
 _MOST_OUTLIERS = 0.2  # share of the frames
-_LEAST_SHARE = 0.3  # of the variance, below which the noise of a tracker is found slowly
 
 
 class _GeometryFit(NamedTuple):
@@ -629,14 +607,12 @@ class _GeometryFit(NamedTuple):
         rows: (N, p) of the used frames, in units of their noise.
         deviations: (p) standard deviations [m or rad].
         noise: of a coordinate of the position [m], and of the orientation [rad] of poses.
-        late: age of the frames at their times [s], and its deviation.
     """
 
     kept: np.ndarray
     rows: np.ndarray
     deviations: np.ndarray
     noise: np.ndarray
-    late: tuple[float, float]
 
 
 def _fitted(
@@ -662,33 +638,24 @@ def _fitted(
     m, s, count = seen.task.size, geometry.columns.prior, len(seen.x)
     groups = [group.rows for group in seen.task.groups]
     least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: len(groups)]
-    kept, robust = np.ones(count, dtype=bool), known is None
-    explained, noise = 0.0, least if known is None else known
-    if robust:
-        r, _, _ = geometry.rows(seen)
-        noise = np.array([math.sqrt(float(np.median(r[:, part] ** 2))) for part in groups])
-        noise = np.maximum(noise, least)
+    kept, robust, explained = np.ones(count, dtype=bool), known is None, 0.0
+    noise = least.copy() if known is None else known
 
-    def whitened() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return slopes (M, m, p), residuals, and effects of lateness (M, m)."""
-        nonlocal noise
-        r, W, J = geometry.rows(seen)
-        roots, share = _inverse_roots(J, groups, noise, seen.encoder)
-        if known is None:
-            b = (roots @ r[:, :, None])[:, :, 0]
-            for g, part in enumerate(groups):
-                squares, size = np.sum(b[:, part] ** 2, axis=1), part.stop - part.start
-                usual = float(np.median(squares)) / float(chdtri(size, 0.5))
-                if not robust:
-                    usual = float(np.mean(squares[kept])) / size / (1.0 - explained)
-                noise[g] *= usual ** (0.5 / max(share[g], _LEAST_SHARE))
-            noise = np.maximum(noise, least)
-            roots, _ = _inverse_roots(J, groups, noise, seen.encoder)
-        A, b, late = (roots @ part for part in (W * s, r[:, :, None], J @ -seen.v[:, :, None]))
-        return A, b[:, :, 0], late[:, :, 0]
+    def whitened() -> tuple[np.ndarray, np.ndarray]:
+        """Return slopes (M, m, p) and residuals (M, m) in units of the noise."""
+        r, W = geometry.rows(seen)
+        for g, part in enumerate(groups if known is None else ()):
+            squares, size = np.sum(r[:, part] ** 2, axis=1), part.stop - part.start
+            if robust:
+                variance = float(np.median(squares)) / float(chdtri(size, 0.5))
+            else:
+                variance = float(np.mean(squares[kept])) / size / (1.0 - explained)
+            noise[g] = max(math.sqrt(variance), least[g])
+        sigma = np.repeat(noise, [part.stop - part.start for part in groups])
+        return W * s / sigma[:, None], r / sigma
 
     def rows(geometry: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        A, b, _ = whitened()
+        A, b = whitened()
         off = np.sqrt(np.mean(b**2, axis=1))
         weights = np.minimum(1.0, _HUBER / np.maximum(off, 1.0)) if robust else kept
         counted = np.sqrt(weights)[:, None]
@@ -700,7 +667,7 @@ def _fitted(
 
     while True:
         gauss_newton(rows, moved, geometry, np.ones(len(s)))
-        A, b, late = whitened()
+        A, b = whitened()
         R = np.linalg.qr(np.vstack([A[kept].reshape(-1, len(s)), np.eye(len(s))]), mode="r")
         deviations = np.linalg.norm(np.linalg.inv(R), axis=1)
         rank, used = len(s) - float(np.sum(deviations**2)), m * np.count_nonzero(kept)
@@ -724,36 +691,8 @@ def _fitted(
             hint="Is x of this frame, of this robot, and timed on the clock of q? Lost frames of a "
             "tracker are NaN, not 0.",
         )
-    A, b, late = A[kept], b[kept], late[kept]
-    fit = Information.of_rows(geometry.columns.names, geometry.value() / s, A, b, prior=1.0)
-    scaled = A.reshape(-1, len(s)) / s
-    return _GeometryFit(kept, scaled, s * deviations, noise, fit.beside(A, b, late))
-
-
-def _inverse_roots(
-    J: np.ndarray, groups: Sequence[slice], noise: np.ndarray, encoder: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return matrices (M, m, m) that turn rows of frames into units of their noise.
-
-    Args:
-        J: (M, m, nv) by which the noise of the encoders moves the frame.
-        groups: coordinates with a common noise of the tracker.
-        noise: one for each of these [m or rad].
-        encoder: (nv) standard deviations [rad or m].
-
-    Returns:
-        The matrices, and the share of the variance of each group that is the tracker's.
-    """
-    sigma = np.empty(J.shape[1])
-    for part, size in zip(groups, noise, strict=True):
-        sigma[part] = size
-    if not encoder.any():
-        return np.tile(np.diag(1.0 / sigma), (len(J), 1, 1)), np.ones(len(groups))
-    scaled = J * encoder
-    covariance = np.diag(sigma**2) + scaled @ scaled.swapaxes(1, 2)
-    roots = np.linalg.inv(np.linalg.cholesky(covariance))
-    shares = np.mean(np.sum((roots * sigma) ** 2, axis=1), axis=0)
-    return roots, np.array([float(np.mean(shares[part])) for part in groups])
+    scaled = A[kept].reshape(-1, len(s)) / s
+    return _GeometryFit(kept, scaled, s * deviations, noise)
 
 
 # What the motion identifies
@@ -806,7 +745,7 @@ def _identified(
 
 def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:
     """Return how far frames are from those of a geometry."""
-    r, _, _ = geometry.rows(seen)
+    r, _ = geometry.rows(seen)
     distances = np.linalg.norm(r[:, : seen.task.positions], axis=1)
     turns = np.linalg.norm(r[:, seen.task.positions :], axis=1)
     turn = float(np.sqrt(np.mean(turns**2))) if seen.task.size > seen.task.positions else None

@@ -26,7 +26,7 @@ from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, payload_of
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
-from ..models.physical_fit import GAMMA, PhysicalSet, physical_fit
+from ..models.physical_fit import PhysicalSet, physical_fit
 from ..models.regressor import LABELS, PER_BODY, Momentum
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
@@ -49,8 +49,6 @@ def torque_fit(
     names: Sequence[str],
     physical: PhysicalSet,
     windows: Windows,
-    gamma: float = GAMMA,
-    blocks: Sequence[np.ndarray] = (),
 ) -> Information:
     """Return the physical least-squares estimate of all dynamic parameters with its information.
 
@@ -62,9 +60,6 @@ def torque_fit(
         names: of the parameters.
         physical: the set of physical ones.
         windows: the rows.
-        gamma: weight of the description.
-        blocks: of windows that are left out in turn, for the ``spread`` of the estimate; an error
-            of the model that some of them show and others do not shows in it. By default none.
     """
     noise, least = noise_levels(windows.tau)
     a, rows, near = physical.center, windows.y.size, None
@@ -73,43 +68,13 @@ def torque_fit(
     physical = weighted(physical, windows)
     for _ in range(_ROUNDS):
         A, b = windows.whitened(noise)
-        near = a = physical_fit(A, b, physical, gamma=gamma, near=near)
+        near = a = physical_fit(A, b, physical, gamma=WEIGHT, near=near)
         rank = min(np.linalg.matrix_rank(A, tol=1e-8 * np.linalg.norm(A)), rows - 1)
-        residual, last = windows.residual(a), noise
+        residual = windows.residual(a)
         deviation = np.sqrt(np.mean(residual**2, axis=0) / (1.0 - rank / rows))
         noise = np.maximum(deviation, least)
-    spread = jackknife(physical, windows, last, gamma, blocks, a) if blocks else None
     noise = np.maximum(deviation * np.sqrt(_repetition(residual)), least)
-    return replace(Information.of_rows(names, a, windows.W, residual, noise), spread=spread)
-
-
-def jackknife(
-    physical: PhysicalSet,
-    windows: Windows,
-    noise: np.ndarray,
-    gamma: float,
-    blocks: Sequence[np.ndarray],
-    a: np.ndarray,
-) -> np.ndarray:
-    """Return the spread (B, p) of estimates without one of B blocks of windows each.
-
-    Its squares sum to the jackknife's variance, (B - 1) / B sum_b (a_b - mean)^2, times the squared
-    ratio of the two-sided 95 % points of Student's distribution with B - 1 degrees of freedom and
-    of the normal one, as the variance is itself estimated from B numbers. ``a`` (p) is the estimate
-    with all windows.
-    """
-    from scipy.special import stdtrit  # here, because scipy is slow to import
-
-    count = len(blocks)
-    parts = [np.concatenate([one for k, one in enumerate(blocks) if k != b]) for b in range(count)]
-    found = np.array(
-        [
-            physical_fit(*windows.only(part).whitened(noise), physical, gamma=gamma, near=a)
-            for part in parts
-        ]
-    )
-    few = float(stdtrit(count - 1, 0.975)) / 1.96
-    return np.asarray(few * np.sqrt((count - 1) / count) * (found - found.mean(axis=0)))
+    return Information.of_rows(names, a, windows.W, residual, noise)
 
 
 def load_fit(
@@ -117,8 +82,6 @@ def load_fit(
     physical: PhysicalSet,
     both: tuple[Windows, Windows],
     robot: Robot,
-    gamma: float,
-    blocks: tuple[Sequence[np.ndarray], Sequence[np.ndarray]],
 ) -> PayloadEstimate:
     """Return the load that an arm carries in one log and not in another.
 
@@ -130,8 +93,6 @@ def load_fit(
         physical: the set of its physical parameters.
         both: windows of the log with the load, and of that without.
         robot: as described, with its task frame.
-        gamma: weight of the description.
-        blocks: of windows of both logs, left out in turn for the uncertainty.
 
     Raises:
         ParameterError: the last body is not among the parameters.
@@ -146,8 +107,6 @@ def load_fit(
     load = np.concatenate([own, np.zeros((len(both[1].t), *own.shape[1:]))])
     W = np.concatenate([W[:, :, :size], load, W[:, :, size:]], axis=2)
     t, y, tau = (np.concatenate([getattr(w, part) for w in both]) for part in ("t", "y", "tau"))
-    shift = len(loaded.t)
-    turns = [np.concatenate([one, other + shift]) for one, other in zip(*blocks, strict=False)]
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
@@ -155,7 +114,7 @@ def load_fit(
         body_weights=np.append(np.ones(physical.bodies), _FREE),
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
-    found = torque_fit(names, whole, Windows(t, W, y, tau, loaded.length), gamma, turns)
+    found = torque_fit(names, whole, Windows(t, W, y, tau, loaded.length))
     return payload_of(found, slice(size, size + PER_BODY), robot)
 
 

@@ -22,7 +22,7 @@ from ..logs.log import Log, joined, starts_of
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST, PlacedTranslations
 from ..robot.loading import load
-from ..robot.motors import Compensation, compensation_of
+from ..robot.motors import compensation_of
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched
@@ -30,7 +30,6 @@ from ..tasks.task import JointTask
 from ..tuning.make_controller import make_estimator
 from ..tuning.unknowns import Unknown
 from .fits import (
-    WEIGHT,
     Frames,
     PositionRows,
     Windows,
@@ -42,7 +41,7 @@ from .fits import (
 from .identified_model import estimate_online, measurements
 from .logged_motion import motion_of_log
 from .report import Identification
-from .selection import blocks_of, choose_effects
+from .selection import choose_effects
 from .torque_check import TorqueCheck, check_torques, on_wall
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
@@ -58,7 +57,6 @@ def identify(
     empty: Any = None,
     unknown: Unknown | str | Sequence[str] | None = None,
     adaptation: str | Adaptation = "natural-memory",
-    compensated: Compensation | str | None = None,
     held_out: float = 0.25,
     intake: Intake | Mapping[str, Any] | Path | str | None = None,
     progress: Progress | bool | None = None,
@@ -85,8 +83,6 @@ def identify(
             them. Those effects are not chosen but taken as given with ``armature``, and with
             ``friction`` or ``effects``.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
-        compensated: torque that the arm adds by itself and the log leaves out: "nominal" for the
-            description's gravity, or a callable of q (nq) that returns the torque (n).
         held_out: share of the log that is held out, at most a half.
         intake: how all logs are to be read, an ``Intake``, its fields or a TOML file; by default,
             each by the file beside it.
@@ -112,7 +108,7 @@ def identify(
     logs, intakes = list[Log](), list[Intake]()
     for source in (*sources, *tests, *extra):
         intakes.append(Intake.of(Intake.beside(source) if intake is None else intake))
-        one, described = log_and_robot(source, described, intakes[-1], compensated)
+        one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
     logs, without = logs[: len(sources) + len(tests)], logs[len(sources) + len(tests) :]
     first_log, found, unknown = logs[0], joined(logs, _PAUSE), Unknown.of(unknown)
@@ -173,14 +169,12 @@ def identify(
     windows = Windows.of(motion, model, found.period, held=found.held, inertial=bodies)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows
-    blocks = blocks_of(len(learned_from.t))
     load_estimate = None
     for one in without:
         bare = Windows.of(motion_of_log(nominal, one), model, one.period, held=one.held)
-        turns = blocks, blocks_of(len(bare.t))
         both = learned_from, bare
-        load_estimate = load_fit(model, physical_set(model, nominal), both, nominal, WEIGHT, turns)
-    dynamic = torque_fit(names, physical, learned_from, WEIGHT, blocks)
+        load_estimate = load_fit(model, physical_set(model, nominal), both, nominal)
+    dynamic = torque_fit(names, physical, learned_from)
     next(bar, None)
     recorded = measurements(motion_of_log(nominal, first_log), frames, held=first_log.held)
     steps = watched(range(len(first_log.t)), progress, "online")
@@ -195,14 +189,13 @@ def identify(
         split=split,
         dynamic=dynamic,
         kinematic=located,
-        before_split=torque_fit(names, physical, first, WEIGHT).estimate,
+        before_split=torque_fit(names, physical, first).estimate,
         unknown=options["unknown"].with_joints(),
         effects=effects,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
         online=estimate_online(estimator, samples, len(first_log.t)),
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
-        for_load=torque_fit(names, physical, learned_from) if empty is None else None,
         check=check,
         intake=intakes[0].updated(**first_log.assumed),
     )
@@ -248,9 +241,7 @@ def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> To
     )
 
 
-def log_and_robot(
-    source: Any, robot: Robot, intake: Intake, compensated: Compensation | str | None
-) -> tuple[Log, Robot]:
+def log_and_robot(source: Any, robot: Robot, intake: Intake) -> tuple[Log, Robot]:
     """Return the log of a path, a ``Log`` or a ``Rollout``, and the robot as it was mounted.
 
     Raises:
@@ -260,7 +251,13 @@ def log_and_robot(
     log = log_of(source, robot, intake=intake)
     if intake.mount == "wall":
         robot = on_wall(log, robot)
-    return _compensated(log, robot, compensated or intake.compensated), robot
+    added = compensation_of(robot, intake.compensated)
+    if added is None:
+        return log, robot
+    q, tau = log.configurations(robot), log.tau.copy()
+    for k in np.flatnonzero(np.isfinite(q).all(axis=1)):
+        tau[k] += added(q[k])
+    return replace(log, tau=tau), robot
 
 
 def _placed(
@@ -273,17 +270,6 @@ def _placed(
     model = robot.model.copy()
     PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
     return _estimator(replace(robot, model=model), options)
-
-
-def _compensated(log: Log, robot: Robot, compensated: Compensation | str | None) -> Log:
-    """Return a log whose torques include what the arm adds by itself."""
-    added = compensation_of(robot, compensated)
-    if added is None:
-        return log
-    q, tau = log.configurations(robot), log.tau.copy()
-    for k in np.flatnonzero(np.isfinite(q).all(axis=1)):
-        tau[k] += added(q[k])
-    return replace(log, tau=tau)
 
 
 def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, Robot]:

@@ -16,7 +16,13 @@ from ..controller.state import ControllerState
 from ..exceptions import LogError, MeasurementError
 from ..information.information import Excitation, Information
 from ..information.measured_motion import Averages, MeasuredMotion
-from ..information.payload import PayloadEstimate, explanations_of, payload_estimate
+from ..information.payload import (
+    ArmPrior,
+    PayloadEstimate,
+    described_robot,
+    payload_estimate,
+    payload_of_uncertain_arm,
+)
 from ..logs.intake import Intake
 from ..logs.log import Log
 from ..records import Measurement
@@ -85,8 +91,6 @@ class IdentifiedModel:
             ``make_controller(found.robot, unknown=found.unknown)``.
         effects: of the joints, as cross-validation chose them; None where the caller named them.
         tested: names of the logs that were held out; empty where it is the last part of one log.
-        for_load: the dynamic parameters with hardly any weight of the description, from which the
-            load follows; None: ``dynamic``.
         load: estimated from this log and one without it; None without such a log.
         check: the comparison of the torques with the description, None where none were needed.
         intake: how the log was read.
@@ -108,7 +112,6 @@ class IdentifiedModel:
     effects: ChosenEffects | None = None
     tested: tuple[str, ...] = ()
     load: PayloadEstimate | None = None
-    for_load: Information | None = None
     check: TorqueCheck | None = None
     intake: Intake = field(default_factory=Intake)
 
@@ -144,12 +147,12 @@ class IdentifiedModel:
         """
         if self.load is not None:
             return self.load
-        controller = self.estimator.controller
+        controller, found = self.estimator.controller, self.dynamic
         dynamics = controller.dynamics
-        whole = dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names)
-        found = self.for_load or self.dynamic
-        others = explanations_of(controller, dynamics, found) if whole else ()
-        return payload_estimate(controller, found, others=others)
+        if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):
+            return payload_of_uncertain_arm(controller, dynamics, found)
+        prior = ArmPrior.of(described_robot(controller), dynamics, 0.0)
+        return payload_estimate(controller, found, prior)
 
     def excitation(self) -> Excitation:
         """Return which parameters the motion can identify, and how well."""

@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -48,12 +47,11 @@ _LEAST = 0.4  # correlation, and share of a joint's torque, from where on a rela
 # friction hides everything else, twice as much overlooks light joints.
 _VISIBLE = 0.05
 _CLOSE = 0.2  # of the torques of judged joints, that a good explanation leaves; it changes words
-_TURNED = math.cos(math.radians(25.0))  # of gravity's turn; tilts of half as much are found as well
 # In log(residual^2): the price of a chosen number, and by how much a mistake must be likelier than
 # none. Quarters of real logs gain up to 0.8 by mistakes nobody made; the least visible one that
 # somebody made gains 1.2, so half refuses good logs and twice as much accepts a wrong sign.
 _PRICE, _SURELY = 0.15, 1.0
-_LOAD_NUMBERS, _RARE = 4, 8  # numbers of a load; for which a rare mistake counts
+_LOAD_NUMBERS = 4  # of a load
 # Of the robot's mass: a load. Half as much refuses rated loads, twice as much takes a UR10 for a
 # loaded UR5. A usual one has this share of mass and reach, a weak prior.
 _HEAVIEST = 1.0 / 3.0
@@ -107,14 +105,12 @@ class TorqueCheck:
     Attributes:
         source: of the log.
         joints: (n) factors and correlations.
-        gravity: (3) gravity as the log shows it [m/s^2], in the axes of the base; NaN if it cannot.
         causes: likely ones of torques that do not fit, the likeliest first; none: they fit.
         notes: other findings, which do no harm.
     """
 
     source: str
     joints: tuple[JointFactor, ...]
-    gravity: np.ndarray
     causes: tuple[Cause, ...]
     notes: tuple[str, ...] = ()
 
@@ -174,41 +170,32 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     """
     motion = _averages(log, robot)
     if not len(motion.q):
-        return TorqueCheck(log.source, (), np.full(3, np.nan), ())
+        return TorqueCheck(log.source, (), ())
     return _Comparison(motion, robot, named=bool(log.joints)).result(log.source)
 
 
 def on_wall(log: Log, robot: Robot) -> Robot:
-    """Return a robot that hangs on a wall, with down where the torques of a log show it.
+    """Return a robot that hangs on a wall, with down along that axis which its torques show.
 
     Args:
         log: checked, its columns in the order of the joints.
         robot: as described, the third axis of its base normal to the wall.
 
     Raises:
-        LogError: the torques show no gravity of the right size, or none across the wall.
+        LogError: the torques fit no direction of gravity, or one along the third axis best.
     """
-    seen = _Comparison(_averages(log, robot), robot).gravity
-    size = float(np.linalg.norm(robot.model.gravity.linear))
-    across = np.append(seen[:2], 0.0)
-    strength = float(np.linalg.norm(across)) / size
-    if not (_FACTORS[0] < strength < _FACTORS[1] and abs(seen[2]) < _FACTORS[0] * size):
+    likeliest = min(
+        _Comparison(_averages(log, robot), robot).mountings(), key=lambda one: one.score
+    )
+    if not likeliest.fits or likeliest.gravity[2]:
         raise LogError(
-            f"the torques show a gravity of ({', '.join(f'{x:.2f}' for x in seen)}) m/s^2 in the "
-            "axes of the base, which is not that of an arm on a wall.",
+            "the torques are not those of an arm on a wall.",
             where="mount",
-            hint="--gravity x,y,z states it.",
+            hint="--gravity x,y,z states the gravity in the axes of the base.",
         )
     model = robot.model.copy()
-    model.gravity.linear = size * _snapped(across / (strength * size))
+    model.gravity.linear = likeliest.gravity
     return replace(robot, model=model)
-
-
-def _snapped(direction: np.ndarray) -> np.ndarray:
-    """Return a direction (3), or the axis that it is close to."""
-    axes = np.vstack([np.eye(3), -np.eye(3)])
-    nearest = axes[np.argmax(axes @ direction)]
-    return np.asarray(nearest if nearest @ direction > _TURNED else direction)
 
 
 class _Motion(NamedTuple):
@@ -220,10 +207,10 @@ class _Motion(NamedTuple):
     tau: np.ndarray
     signs: np.ndarray
 
-    def turned(self, scale: np.ndarray, offset: np.ndarray | float = 0.0) -> _Motion:
-        """Return it scaled by factors (n), positions then shifted, the torques as they are."""
+    def turned(self, scale: np.ndarray) -> _Motion:
+        """Return it scaled by factors (n), the torques as they are."""
         q, v, a = (part * scale for part in self[:3])
-        return _Motion(q + offset, v, a, self.tau, self.signs * np.sign(scale))
+        return _Motion(q, v, a, self.tau, self.signs * np.sign(scale))
 
     @property
     def friction(self) -> np.ndarray:
@@ -308,6 +295,7 @@ class _Explanation(NamedTuple):
         cause: None without a mistake.
         bare, loaded: the fits without and with a load that is not described.
         mass: of that load [kg].
+        gravity: (3) of the base [m/s^2].
         fits: whether all joints are as described, without or with a load that an arm can carry.
         score: the smaller one of both.
     """
@@ -316,6 +304,7 @@ class _Explanation(NamedTuple):
     bare: _Fit
     loaded: _Fit
     mass: float
+    gravity: np.ndarray
     fits: bool
     score: float
 
@@ -350,7 +339,7 @@ class _Comparison:
                 f"the torques fit {only} with a load of {plain.mass:.2f} kg behind the last joint, "
                 "in addition to what is described there."
             )
-        return TorqueCheck(source, joints, self.gravity, causes, tuple(notes))
+        return TorqueCheck(source, joints, causes, tuple(notes))
 
     def _states(self, motion: _Motion) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield configuration, velocity and acceleration of each window."""
@@ -362,27 +351,6 @@ class _Comparison:
         """Return the described torques (K, n) of a motion under a gravity (3)."""
         self._model.gravity.linear = gravity
         return np.array([pin.rnea(self._model, self._data, *each) for each in self._states(motion)])
-
-    @cached_property
-    def _parts(self) -> tuple[np.ndarray, np.ndarray]:
-        """Described torques without gravity (K, n), and for a unit of gravity (K, n, 3)."""
-        D = self._torques(self._motion, np.zeros(3))
-        G = [self._torques(self._motion, axis) - D for axis in np.eye(3)]
-        return D, np.stack(G, axis=2)
-
-    @cached_property
-    def gravity(self) -> np.ndarray:
-        """Gravity (3) as all joints show it together, with one factor of the inertia."""
-        motion, (D, G) = self._motion, self._parts
-        weight = np.linalg.norm(G, axis=(0, 2))
-        heavy = np.flatnonzero(weight > _VISIBLE * weight.max())
-        columns = motion.without_friction(np.dstack([G, D, motion.tau]))[:, heavy]
-        columns = columns / np.maximum(np.linalg.norm(columns[..., 4], axis=0), _EPS)[:, None]
-        rows = columns.reshape(-1, 5)
-        spread = np.linalg.svd(rows[:, :3], compute_uv=False)
-        if not spread[-1:].sum() > _VISIBLE * spread[:1].sum():
-            return np.full(3, np.nan)
-        return np.asarray(np.linalg.lstsq(rows[:, :4], rows[:, 4], rcond=None)[0][:3])
 
     def _load(
         self, motion: _Motion, rest: np.ndarray, gravity: np.ndarray, noise: np.ndarray
@@ -431,8 +399,9 @@ class _Comparison:
         """Yield all mistakes that are considered, undone."""
         motion, n, names, explained = self._motion, self._n, self._names, self._explained
         yield from self._gains(plain)
-        yield from self._gravities()
-        added = self._parts[1] @ self._down
+        yield from self.mountings()
+        rest = np.zeros_like(motion.v)
+        added = self._torques(motion._replace(v=rest, a=rest), self._down)
         words = "they are without gravity, which the arm adds by itself"
         yield explained(Cause(words, "--compensated nominal"), 0, added=added)
         slides = np.array(list(self._robot.slides.values()))
@@ -452,17 +421,8 @@ class _Comparison:
             yield explained(cause, 1, motion._replace(tau=motion.tau[:, order]))
         for j, name in enumerate(names):
             sign = np.where(np.arange(n) == j, -1.0, 1.0)
-            turned = motion.turned(sign)
             words = f"the position of {name} has the wrong sign"
-            yield explained(Cause(words, f"--flip q:{name}"), 1, turned)
-            words, option = f"{name} turns the other way", f"--flip q:{name},tau:{name}"
-            yield explained(Cause(words, option), _RARE, turned, gains=sign)
-            for quarter in (1, -1, 2) if not slides[j] else ():
-                shift = 0.5 * math.pi * quarter
-                words = f"the zero of {name} is {-90 * quarter} degrees from the described one, if "
-                words += "this is not the log of another robot"
-                cause = Cause(words, f"--offset {name}={shift:.6g}")
-                yield explained(cause, _RARE, motion.turned(sign**2, shift * (sign < 0.0)))
+            yield explained(Cause(words, f"--flip q:{name}"), 1, motion.turned(sign))
 
     def _explained(
         self,
@@ -488,7 +448,7 @@ class _Comparison:
         loaded = _fit(motion, tau - torque, d, sizes)
         fits = bare.fits.all() or (whole and loaded.fits.all())
         score = min(bare.score, loaded.score + _PRICE * _LOAD_NUMBERS) + _PRICE * numbers
-        return _Explanation(cause, bare, loaded, mass, bool(fits), score)
+        return _Explanation(cause, bare, loaded, mass, gravity, bool(fits), score)
 
     def _gains(self, plain: _Fit) -> Iterator[_Explanation]:
         """Yield explanations by signs of the torques, and by a common factor."""
@@ -523,24 +483,17 @@ class _Comparison:
         cause = Cause(f"{words}. {_UNITS}", f"{option}, or rather the data sheet's gains,")
         yield self._explained(cause, off.size, gains=gains)
 
-    def _gravities(self) -> Iterator[_Explanation]:
-        """Yield the explanation by another mounting, if the log shows one."""
+    def mountings(self) -> Iterator[_Explanation]:
+        """Yield the explanations by gravity along another axis of the base."""
         size = float(np.linalg.norm(self._down))
-        strength = float(np.linalg.norm(self.gravity)) / size if size else np.nan
-        if not _FACTORS[0] < strength < _FACTORS[1]:  # also for NaN
-            return
-        seen = self.gravity / (strength * size)
-        if seen @ self._down / size > _TURNED:
-            return
-        direction = _snapped(seen)
-        places = {-1.0: "upright", 1.0: "upside down", 0.0: "on a wall"}
-        place = places.get(float(direction[2]), "tilted")
-        mount = {"upside down": " or --mount ceiling", "on a wall": " or --mount wall"}
-        arrow = ", ".join(f"{x + 0.0:.2f}" for x in direction)
-        vector = ",".join(f"{size * x + 0.0:.3g}" for x in direction)
-        words = f"the base is mounted {place}: the torques show a gravity along ({arrow}) of it"
-        cause = Cause(words, f"--gravity={vector}{mount.get(place, '')}")
-        yield self._explained(cause, 1, gravity=size * direction)
+        for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
+            if not size or np.allclose(gravity, self._down, atol=0.1 * size):
+                continue
+            side = "upright" if gravity[2] < 0.0 else "upside down" if gravity[2] else "on a wall"
+            mount = {"upside down": " or --mount ceiling", "on a wall": " or --mount wall"}
+            option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in gravity)}{mount.get(side, '')}"
+            cause = Cause(f"the base is mounted {side}", option)
+            yield self._explained(cause, 1, gravity=gravity)
 
     def _unexplained(self, plain: _Fit) -> Cause:
         """Return the cause of a log that no single mistake explains."""

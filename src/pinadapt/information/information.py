@@ -48,9 +48,6 @@ class Information:
         score: (p) W^T S^-1 r of the residuals r = y - W a: zero at the least-squares estimate.
         noise: (n) standard deviation of the residual of each measured signal, in its unit.
         rows: N.
-        spread: (B, p) differences of estimates from parts of the data, whose squares sum to the
-            variances of the estimate as far as errors last: those of a jackknife over blocks of
-            time. None where rows are independent.
     """
 
     names: tuple[str, ...]
@@ -59,7 +56,6 @@ class Information:
     score: np.ndarray
     noise: np.ndarray
     rows: int
-    spread: np.ndarray | None = None
 
     @classmethod
     def of_rows(
@@ -180,14 +176,11 @@ class Information:
         """Return the uncertainty (k) of quantities whose gradients are the rows of (k, p).
 
         The root of variance plus squared correction; infinite for a quantity that changes along a
-        direction that was not excited. The variance is the larger one of that of the rows and of
-        ``spread``.
+        direction that was not excited.
         """
         excited, scaled = self._eigen[1][:, : self.rank], gradient / self.scale
         outside = np.linalg.norm(scaled - scaled @ excited @ excited.T, axis=1)
         variance = np.einsum("ki,ij,kj->k", gradient, self.covariance, gradient)
-        if self.spread is not None:
-            variance = np.maximum(variance, np.sum((gradient @ self.spread.T) ** 2, axis=1))
         total = np.sqrt(np.maximum(variance, 0.0) + (gradient @ self.correction) ** 2)
         return np.where(outside <= _OUTSIDE * np.linalg.norm(scaled, axis=1), total, np.inf)
 

@@ -5,26 +5,18 @@ be the information of a run about all bodies. Marginalised over d, the informati
 change of the bodies, such as a load, is (H^-1 + P)^-1. A run of the same arm without load reduces P
 to (P^-1 + H_0)^-1 around another mean, by Bayes' rule for normal distributions.
 
-The same change of the bodies may have other explanations: all inertias scaled, or links that are
-wrong. Each is a model in which the bodies differ from their description by D = G theta, theta
-normal with mean zero and unit covariance, the coefficients of the joints free. With R the square
-root of the information of a run, c = R D of the least-squares estimate, both less what the
-coefficients explain, and M = R G, the evidence for it is normal too:
+Without a stated P, each body is off by the same share of its inertia, and the share is the one of
+largest evidence beside a load of usual size (D. J. C. MacKay, *Bayesian interpolation*, Neural
+Computation 4, 1992, 415-447). With R the square root of H, c = R D of the least-squares change D,
+both less what the coefficients of the joints explain, and M = R (load, L), it is
 
     log p = -(c^T (1 + M M^T)^-1 c + log det(1 + M M^T)) / 2.
-
-The determinant penalises models that could explain many different changes. A load on an arm as
-described has ten parameters and leaves all other combinations unchanged, which wrong links would
-do only by coincidence. All inertias scaled by one number have the smallest penalty. The prior
-probability of a load on the arm as described is 0.9. D. J. C. MacKay, *Bayesian interpolation*,
-Neural Computation 4 (1992) 415-447.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -33,7 +25,7 @@ from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
-from ..models.bodies import ALL, COEFFICIENTS, UNCERTAINTY, BodyDynamics, ten_parameters
+from ..models.bodies import ALL, COEFFICIENTS, BodyDynamics, ten_parameters
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.physical_fit import PhysicalSet
 from ..models.regressor import LABELS, PER_BODY
@@ -42,92 +34,10 @@ from ..robot.robot import Robot
 from ..tuning.defaults import INERTIA, prior_covariance
 from .information import Information, dynamic_information, known_to
 
-AS_DESCRIBED = "the arm as described"  # first words of the plain explanation
-LEAST_NOISE = 1e-4  # of a torque, where explanations are compared: no model is better
-_SCALE = 0.5  # standard deviation of a common factor of all inertias
-_OFF = (0.003, 0.01, 0.03, 0.1, 0.3)  # shares by which bodies may be off, each by its own
-_PLAIN = 0.9  # prior probability that the arm is as described
-_SURE = 0.95  # probability from which on there is a load
+LEAST_NOISE = 1e-4  # of a torque, of which no model of an arm explains more
+_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # by which the bodies of an arm may be off
 _USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is expected
 _ENTRIES = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """One explanation of the change of the bodies.
-
-    Attributes:
-        words: the explanation in words.
-        probability: of it, relative to the others.
-        explained: share, from 0 to 1, of the change that it accounts for.
-        loaded: whether a load is part of it.
-        load: (10) parameters of the load in the axes of the last joint; zero without one.
-        covariance: (10, 10) of the load's parameters.
-    """
-
-    words: str
-    probability: float
-    explained: float
-    loaded: bool
-    load: np.ndarray
-    covariance: np.ndarray
-
-    @property
-    def mass(self) -> float:
-        """Mass of the load [kg]."""
-        return float(self.load[0])
-
-
-def explanations(found: Information, prior: ArmPrior, load: np.ndarray) -> tuple[Explanation, ...]:
-    """Return the explanations of a change of the bodies, the most probable one first.
-
-    Args:
-        found: information about k bodies, ten parameters each, and then the joints' coefficients.
-        prior: of bodies that are off by 30 %, each by its own.
-        load: (10, 10) root of the covariance of a load, in the axes of the last joint.
-    """
-    free, p = prior.coefficients, len(found.names)
-    R, c = found.marginalised(free=free).equations
-    c = c + R @ (found.estimate - prior.mean)
-    on_last = np.zeros((p, PER_BODY))
-    on_last[free.start - PER_BODY : free.start] = load
-    common = _SCALE * prior.mean[:, None]
-    common[free] = 0.0
-    others = (1.0 - _PLAIN) / 4.0
-    cases = [(AS_DESCRIBED, common[:, :0], True, _PLAIN)]
-    for loaded in (True, False):
-        cases.append(("", common, loaded, others))
-        for share in _OFF:
-            root = share / UNCERTAINTY * prior.root
-            words = f"each body off by some {100.0 * share:g} %"
-            cases.append((words, root, loaded, others / len(_OFF)))
-    made, evidence = [], []
-    for words, root, loaded, before in cases:
-        G = np.hstack([on_last, root]) if loaded else root
-        U, s, Vt = np.linalg.svd(R @ G)
-        g, shrunk, variances = U.T @ c, np.ones(p), np.ones(len(Vt))
-        shrunk[: len(s)] = variances[: len(s)] = 1.0 / (1.0 + s**2)
-        theta = Vt[: len(s)].T @ (s * shrunk[: len(s)] * g[: len(s)])
-        covariance = (Vt.T * variances) @ Vt
-        evidence.append(np.log(before) - 0.5 * float(shrunk @ g**2 - np.sum(np.log(shrunk))))
-        whole = float(g @ g)
-        explained = 1.0 - float(np.sum((shrunk * g) ** 2)) / whole if whole > 0.0 else 1.0
-        if not words:
-            factor = 1.0 + _SCALE * theta[-1]
-            words = f"all inertias {factor:.2f} times the described ones"
-        words += ", and a load" if loaded else ", and no load"
-        own = load if loaded else np.zeros((PER_BODY, 0))
-        k = own.shape[1]
-        part = own @ theta[:k], own @ covariance[:k, :k] @ own.T
-        made.append(Explanation(words, 0.0, explained, loaded, *part))
-    odds = np.exp(np.array(evidence) - max(evidence))
-    ordered = sorted(zip(odds / odds.sum(), made, strict=True), key=lambda each: -each[0])
-    return tuple(replace(one, probability=float(share)) for share, one in ordered)
-
-
-def sure(given: tuple[Explanation, ...]) -> bool:
-    """Return whether some load is part of what explains the change; True without explanations."""
-    return not given or sum(one.probability for one in given if one.loaded) >= _SURE
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,11 +54,7 @@ class PayloadEstimate:
         inertia, inertia_known_to: (6) Ixx Ixy Iyy Ixz Iyz Izz about the centre of mass [kg m^2].
         explained: share, from 0 to 1, of the change of all bodies that a load on the last body
             accounts for. If it is not nearly one, estimates still move, or the arm is not as
-            described; in the latter case the uncertainties are too small, unless other explanations
-            are compared.
-        explanations: what else explains the change of the bodies, the most probable first, see
-            ``explanations``; their loads are part of the uncertainties. Empty where an uncertainty
-            of the arm was stated, or its bodies are unknown.
+            described.
     """
 
     mass: float
@@ -158,18 +64,22 @@ class PayloadEstimate:
     inertia: np.ndarray
     inertia_known_to: np.ndarray
     explained: float = 1.0
-    explanations: tuple[Explanation, ...] = ()
 
     @classmethod
-    def of(cls, value: np.ndarray, deviation: np.ndarray, *rest: Any) -> PayloadEstimate:
+    def of(
+        cls, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0
+    ) -> PayloadEstimate:
         """Take mass, centre of mass and inertia (10), and their uncertainties (10)."""
-        parts = [(float(each[0]), each[1:4], each[4:]) for each in (value, deviation)]
-        return cls(*(one for both in zip(*parts, strict=True) for one in both), *rest)
-
-    @property
-    def certain(self) -> bool:
-        """Whether some load explains the data with a probability of at least 95 %."""
-        return sure(self.explanations)
+        (mass, *com), (mass_known_to, *com_known_to) = value[:4].tolist(), deviation[:4].tolist()
+        return cls(
+            mass,
+            mass_known_to,
+            np.array(com),
+            np.array(com_known_to),
+            value[4:],
+            deviation[4:],
+            explained,
+        )
 
     def payload(self) -> Payload:
         """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
@@ -188,12 +98,10 @@ class PayloadEstimate:
 
     def _sheet(self) -> Sheet:
         note = f"A load on the last body accounts for {self.explained:.3%} of the change."
-        if not self.certain:
-            note += " It is not certain that there is a load."
-        return Sheet("Load", self.tables(), note)
+        return Sheet("Load", [self.table()], note)
 
-    def tables(self) -> list[Table]:
-        """Return the load with its uncertainty, and what else explains the data."""
+    def table(self) -> Table:
+        """Return the load with its uncertainty."""
         names = ("mass", "centre x", "centre y", "centre z", *_ENTRIES)
         values = [self.mass, *self.com, *self.inertia]
         known = [self.mass_known_to, *self.com_known_to, *self.inertia_known_to]
@@ -202,67 +110,71 @@ class PayloadEstimate:
             (name, f"{value:.4g}", known_to(deviation), unit)
             for name, value, deviation, unit in zip(names, values, known, units, strict=True)
         ]
-        others = [
-            (one.words, f"{one.explained:.3%}", f"{one.probability:.3f}", f"{one.mass:.4g} kg")
-            for one in self.explanations[:5]
-        ]
-        header = ("explanation of the data", "explains", "probability", "load")
-        tables = [Table(rows, ("load", "value", "known to", "unit"))]
-        return [*tables, *([Table(others, header)] if others else [])]
+        return Table(rows, ("load", "value", "known to", "unit"))
 
 
 def payload_estimate(
-    controller: Controller,
-    found: Information,
-    prior: ArmPrior | None = None,
-    others: tuple[Explanation, ...] = (),
+    controller: Controller, found: Information, prior: ArmPrior
 ) -> PayloadEstimate:
     """Return the load that best explains the change of the bodies, estimated less known.
 
     Let D be that change and H its information. The load is the d that minimises
     (D - E d)^T H (D - E d), where E d changes the last body and the coefficients of the joints.
     If only the last body was unknown, d = D. What neither load nor arm explain is taken for noise
-    and increases the uncertainty. To the variance come, by the probability of each explanation but
-    that of a load on the arm as described, its own variance and the square of its distance.
+    and increases the uncertainty.
 
     Args:
         controller: that adapted.
-        found: information of the run at an estimate; of all bodies if there is a prior.
-        prior: of the arm; None: the arm is as described.
-        others: explanations of the same data, which widen the uncertainties.
+        found: information of the run at an estimate, of the bodies of the prior.
+        prior: of the arm.
 
     Raises:
         ParameterError: the last body is not among the parameters.
     """
     robot, names = described_robot(controller), list(found.names)
     last = [f"{robot.joint_names[-1]}.{label}" for label in LABELS]
-    known = (
-        controller.dynamics.value(robot) if set(last) <= set(controller.dynamics.names) else None
-    )
-    if known is None:
+    if not set(last) <= set(controller.dynamics.names):
         raise ParameterError(
             "the last body was not adapted, so there is no estimate of a load.",
             where="payload",
             hint='Adapt it: dynamic = "all" or "payload".',
         )
-    joints = [i for i, name in enumerate(names) if name.rpartition(".")[2] not in LABELS]
+    joints = list(range(prior.coefficients.start, prior.coefficients.stop))
     part = [*(names.index(name) for name in last), *joints]
-    change = replace(found, estimate=found.estimate - (known if prior is None else prior.mean))
-    if prior is not None:
-        change = change.marginalised(prior.root)
+    change = replace(found, estimate=found.estimate - prior.mean).marginalised(prior.root)
     load, rest = _restricted(change, part)
     _, rest_without_load = _restricted(change, joints)
     value, gradient = _of_load(robot, load.estimate[:PER_BODY])
     deviation = load.deviation(np.hstack([gradient, np.zeros((PER_BODY, len(joints)))]))
-    for one in others:
-        if not one.words.startswith(AS_DESCRIBED):
-            apart = gradient @ (one.load - load.estimate[:PER_BODY])
-            own = np.maximum(np.einsum("mi,ij,mj->m", gradient, one.covariance, gradient), 0.0)
-            deviation = np.sqrt(deviation**2 + one.probability * (apart**2 + own))
-    if not sure(others):
-        deviation[1:] = np.inf  # of what is perhaps not there
     share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
-    return PayloadEstimate.of(value, deviation, share, others)
+    return PayloadEstimate.of(value, deviation, share)
+
+
+def payload_of_uncertain_arm(
+    controller: Controller, dynamics: Dynamics, found: Information
+) -> PayloadEstimate:
+    """Return the load on the arm as described; its uncertainty covers an arm that is not.
+
+    That is the uncertainty with the likeliest prior of the arm, combined with the distance between
+    the estimates with and without it.
+
+    Args:
+        controller: that adapted.
+        dynamics: of all bodies, see ``whole_arm``.
+        found: information of the run about all of them.
+
+    Raises:
+        ParameterError: as ``payload_estimate``.
+    """
+    robot = described_robot(controller)
+    plain = payload_estimate(controller, found, ArmPrior.of(robot, dynamics, 0.0))
+    other = payload_estimate(controller, found, ArmPrior.likeliest(robot, dynamics, found))
+    return replace(
+        plain,
+        mass_known_to=float(np.hypot(other.mass_known_to, other.mass - plain.mass)),
+        com_known_to=np.hypot(other.com_known_to, other.com - plain.com),
+        inertia_known_to=np.hypot(other.inertia_known_to, other.inertia - plain.inertia),
+    )
 
 
 def _restricted(change: Information, part: list[int]) -> tuple[Information, float]:
@@ -278,30 +190,6 @@ def _restricted(change: Information, part: list[int]) -> tuple[Information, floa
     variance = max(squared / max(change.rank - start.rank, 1), 1.0)  # in parts of the noise's
     score = (change.score + change.H @ rest)[part]
     return replace(start, estimate=fitted, H=H / variance, score=score / variance), squared
-
-
-def explanations_of(
-    controller: Controller, dynamics: Dynamics, found: Information
-) -> tuple[Explanation, ...]:
-    """Return what explains the change of an arm's bodies; none where the description is lacking.
-
-    A load is expected to have about a tenth of the robot's mass, within a tenth of its reach from
-    the task frame.
-
-    Args:
-        controller: that adapted.
-        dynamics: of all bodies, see ``whole_arm``.
-        found: information about all of them.
-    """
-    robot = described_robot(controller)
-    try:
-        arm = ArmPrior.of(robot, dynamics, INERTIA)
-    except ParameterError:
-        return ()
-    expected = _USUAL * robot.mass * np.diag([*[(_USUAL * robot.reach) ** 2] * 3, 1.0])
-    ten = ten_parameters(expected)
-    root = PhysicalSet(1, ten).local(ten)[0]
-    return explanations(found, arm, np.linalg.solve(_to_task_frame(robot), root))
 
 
 def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate:
@@ -361,8 +249,9 @@ class ArmPrior:
         Raises:
             ParameterError: the description has bodies without inertia.
         """
-        mean, covariance = dynamics.value(robot), prior_covariance(robot, dynamics)
-        if covariance is None or mean is None:
+        mean, size = dynamics.value(robot), dynamics.inertial.size
+        covariance = prior_covariance(robot, dynamics) if share else np.zeros((size, size))
+        if mean is None or covariance is None:
             raise ParameterError(
                 "the description has bodies without inertia, of which an uncertainty cannot be "
                 "stated as a share.",
@@ -370,14 +259,49 @@ class ArmPrior:
                 hint="State the robot's mass when it is loaded, or leave arm out.",
             )
         values, vectors = np.linalg.eigh(covariance)
-        root = np.zeros((dynamics.size, len(values)))
-        root[: len(values)] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
-        return cls(mean, root, slice(len(values), dynamics.size))
+        root = np.zeros((dynamics.size, size + 1))
+        root[:size, :size] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
+        root[:size, size] = share * mean[:size]  # all bodies together, such as a wrong total mass
+        return cls(mean, root, slice(size, dynamics.size))
+
+    @classmethod
+    def likeliest(cls, robot: Robot, dynamics: Dynamics, found: Information) -> ArmPrior:
+        """Return the prior whose share has the largest evidence in a run with an unknown load.
+
+        A load is expected to have about a tenth of the robot's mass, within a tenth of its reach
+        from the task frame. The share is zero where the description has bodies without inertia.
+
+        Args:
+            robot: as described.
+            dynamics: of all bodies, see ``whole_arm``.
+            found: information of the run about all of them.
+        """
+        plain = cls.of(robot, dynamics, 0.0)
+        if prior_covariance(robot, dynamics) is None:
+            return plain
+        ten = ten_parameters(
+            _USUAL * robot.mass * np.diag([*[(_USUAL * robot.reach) ** 2] * 3, 1.0])
+        )
+        load, last = np.zeros((dynamics.size, PER_BODY)), plain.coefficients.start
+        load[last - PER_BODY : last] = np.linalg.solve(
+            _to_task_frame(robot), PhysicalSet(1, ten).local(ten)[0]
+        )
+        R, c = plain._equations(found)
+        root, evidence = cls.of(robot, dynamics, 1.0).root, []
+        for share in _SHARES:
+            U, s, _ = np.linalg.svd(R @ np.hstack([load, share * root]), full_matrices=False)
+            explained = s**2 / (1.0 + s**2)
+            evidence.append(float(explained @ (U.T @ c) ** 2 - np.sum(np.log1p(s**2))))
+        return replace(plain, root=_SHARES[int(np.argmax(evidence))] * root)
+
+    def _equations(self, found: Information) -> tuple[np.ndarray, np.ndarray]:
+        """Return R and c = R (change of the bodies), less what the joints' coefficients explain."""
+        R, c = found.marginalised(free=self.coefficients).equations
+        return R, c + R @ (found.estimate - self.mean)
 
     def after(self, found: Information) -> ArmPrior:
         """Return the posterior after a run without load, whatever the joints' coefficients are."""
-        R, c = found.marginalised(free=self.coefficients).equations
-        c = c + R @ (found.estimate - self.mean)
+        R, c = self._equations(found)
         _, s, Vt = np.linalg.svd(R @ self.root)
         root = self.root @ Vt.T
         root[:, : len(s)] /= np.sqrt(1.0 + s**2)
@@ -406,7 +330,6 @@ def whole_arm_information(
     dynamics: Dynamics,
     samples: Sequence[Sample],
     state: ControllerState,
-    **options: float,
 ) -> Information:
     """Return the information of a run on all bodies; those not adapted are as described.
 
@@ -415,14 +338,13 @@ def whole_arm_information(
         dynamics: of all bodies, see ``whole_arm``.
         samples: of the run.
         state: whose estimates are taken.
-        options: of ``dynamic_information``.
     """
     robot = described_robot(controller)
     adapted = dict(zip(controller.dynamics.names, state.a_d, strict=True))
     value = dynamics.value(robot)
     described = dynamics.initial if value is None else value
     a = [adapted.get(name, each) for name, each in zip(dynamics.names, described, strict=True)]
-    return dynamic_information(dynamics, robot.model, samples, np.array(a), **options)
+    return dynamic_information(dynamics, robot.model, samples, np.array(a), LEAST_NOISE)
 
 
 def described_robot(controller: Controller) -> Robot:

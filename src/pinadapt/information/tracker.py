@@ -133,13 +133,12 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         sigma = _noise(seen.rows(kinematics.parameters(tracker))[1], len(names), reach)
         H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
         tracker, told = kinematics.explaining_tracker(H, score, tracker)
-    a, G = kinematics.parameters(tracker), kinematics.slopes(tracker)
-    _, left, rate = seen.rows(a)
+    a = kinematics.parameters(tracker)
+    _, left, _ = seen.rows(a)
     information = Information(
         names, np.zeros(len(names)), told, np.zeros(len(names)), left[0], len(p)
     )
-    late = information.beside(X @ G / sigma, left / sigma, -rate / sigma)
-    seen.check("tracker", left, sigma, motion, late)
+    seen.check("tracker", left, sigma, motion)
     deviations = information.deviations
     known = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
     return FoundTracker(
@@ -187,8 +186,8 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     _, left, rate = seen.rows(a)
     told = Information.of_rows(kinematics.names, a, W, r, prior=known, off=off)
     sigma = _noise(left, len(a), reach)
+    seen.check("camera", left, sigma, motion)
     late = told.beside(W, r, -rate / sigma)
-    seen.check("camera", left, sigma, motion, late)
     if abs(late[0]) > max(_LATE, CERTAIN * late[1]):
         raise LogError(
             "the frames have another clock than q: frames taken about "
@@ -245,9 +244,7 @@ class _Seen(NamedTuple):
         X_k, left, rates = (np.array(column) for column in zip(*kept, strict=True))
         return X_k, left, rates
 
-    def check(
-        self, what: str, left: np.ndarray, sigma: float, motion: float, late: tuple[float, float]
-    ) -> None:
+    def check(self, what: str, left: np.ndarray, sigma: float, motion: float) -> None:
         """Refuse frames of which something else than noise is left (N, m_p).
 
         What a tracker cannot explain changes with the motion; noise changes from frame to frame.
@@ -258,13 +255,9 @@ class _Seen(NamedTuple):
         size, alike = float(np.vdot(left, left)), float(np.vdot(left[1:], left[:-1]))
         if sigma * math.sqrt(max(alike, 0.0) / size if size else 0.0) <= _WORST * motion:
             return
-        cause = ""
-        if abs(late[0]) > CERTAIN * late[1]:
-            early = f"{1e3 * late[0]:.2g} ms"
-            cause = f"; frames taken about {early} before their time stamps would explain more"
         raise LogError(
             f"no {what} explains these frames: they are off by {sigma:.3g} (rms) in a motion of "
-            f"{motion:.3g}{cause}.",
+            f"{motion:.3g}.",
             hint="Is x of this frame, of this robot, and timed on the clock of q?",
         )
 

@@ -21,13 +21,11 @@ from ..information.information import (
     torque_information,
 )
 from ..information.payload import (
-    LEAST_NOISE,
     ArmPrior,
-    Explanation,
     PayloadEstimate,
     described_robot,
-    explanations_of,
     payload_estimate,
+    payload_of_uncertain_arm,
     whole_arm,
     whole_arm_information,
 )
@@ -213,6 +211,7 @@ class Rollout(Recording):
                 the last online estimate, which still moves.
             arm: standard deviation of the arm's bodies around their description, adapted or not, as
                 a share of their inertia: 0.05 for 5 %. It is part of the uncertainty of the load.
+                Zero: that share, up to 30 %, which explains the data best.
             empty: a run of the same arm without load, from which the arm's bodies are estimated
                 first, starting from the prior ``arm``, or 30 % where that is zero.
 
@@ -222,33 +221,18 @@ class Rollout(Recording):
             InputError: as ``learned``, or a share that is negative.
         """
         arm = positive(arm, "arm", zero=True, error=InputError)
-        evaluation, samples = self.evaluated(), self.samples_since_last_mark()
-        controller, state = evaluation.controller, evaluation.last_state
-        if not arm and empty is None:
-            found = torque_information(controller, samples, state)
-            others = self._explanations()
-            return payload_estimate(
-                controller, found.refined() if refined else found, others=others
-            )
-        whole = whole_arm(controller)
-        prior = ArmPrior.of(described_robot(controller), whole, arm or INERTIA)
+        controller = self.evaluated().controller
+        whole, described = whole_arm(controller), described_robot(controller)
+        found = self._whole_arm_information(whole)
+        found = found.refined() if refined else found
         if empty is not None:
             without_load = instance(empty, Rollout, "empty")._whole_arm_information(whole)
-            prior = prior.after(without_load.refined())
-        found = self._whole_arm_information(whole)
-        return payload_estimate(controller, found.refined() if refined else found, prior)
-
-    def _explanations(self) -> tuple[Explanation, ...]:
-        """Return what explains the change of the bodies; none where these are not estimated."""
-        evaluation = self.evaluated()
-        controller = evaluation.controller
-        if not controller.dynamics.per_body:
-            return ()
-        dynamics, samples = whole_arm(controller), self.samples_since_last_mark()
-        found = whole_arm_information(
-            controller, dynamics, samples, evaluation.last_state, least_noise=LEAST_NOISE
-        )
-        return explanations_of(controller, dynamics, found)
+            prior = ArmPrior.of(described, whole, arm or INERTIA).after(without_load.refined())
+        elif arm:
+            prior = ArmPrior.of(described, whole, arm)
+        else:
+            return payload_of_uncertain_arm(controller, whole, found)
+        return payload_estimate(controller, found, prior)
 
     def _whole_arm_information(self, dynamics: Dynamics) -> Information:
         """Return the information of the run about all bodies of an arm."""
