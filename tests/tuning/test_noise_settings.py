@@ -172,6 +172,6 @@ def test_samples_at_rest_show_their_noise():
 def test_sensors_that_are_worse_than_declared_are_found_before_a_run():
     controller = pa.make_controller(catalogue_robot("ur5"))
     coarse = pa.Sensors(encoder=2.0 * np.pi / 2**12, camera=pa.Camera(rate=30.0)).quality(6, 1e-3)
-    words = [str(finding) for finding in sensor_findings(controller, coarse)]
-    assert ["velocity noise" in words[0], "age of a frame" in words[1]] == [True, True]
+    (words,) = (str(finding) for finding in sensor_findings(controller, coarse))
+    assert "velocity noise" in words
     assert sensor_findings(controller, controller.senses.quality) == []

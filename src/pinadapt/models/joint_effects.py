@@ -142,6 +142,10 @@ class JointEffects:
         state = {**self.__dict__, "_data": None if self._data is None else self._model}
         return _restored, (state,)
 
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
+        return self.added(self._values, q, v, a, 1.0, self.nothing, np.zeros(self._n))[0]
+
     def added(
         self,
         values: np.ndarray,

@@ -206,7 +206,6 @@ def sensor_findings(controller: Controller, quality: SensorQuality) -> list[Find
         for what, given, own, unit in (
             ("the velocity noise", quality.v, made_for.v, "rad/s or m/s"),
             ("the noise of x", quality.x, made_for.x, "m"),
-            ("the age of a frame", quality.age, made_for.age, "s"),
         )
         if controller.motion is not None and given > _WORSE * own
     ]
