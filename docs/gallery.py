@@ -12,6 +12,7 @@ import os
 import sys
 import warnings
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -28,6 +29,7 @@ ROBOTS = (
 )
 DURATION = 10.0  # [s]
 SIZE = 900, 600  # [pixels]
+LONGEST = 60.0  # [s] for a picture; a page that takes longer has none
 LAYOUT = """
   document.head.insertAdjacentHTML("beforeend", `<style>
     .panel, .dg.main { display: none }
@@ -77,9 +79,9 @@ def show(name: str) -> str:
         without, adapted = simulated(case, "none"), simulated(case, "natural")
     page = adapted.animate().save(FOLDER / f"{name}.html")
     if installed_browser():
-        with browser(page) as address:
-            (picture,) = asyncio.run(frames(address, [DURATION], SIZE, LAYOUT))
-        picture.save(FOLDER / f"{name}.png")
+        with browser(page) as address, suppress(asyncio.TimeoutError):
+            drawn = asyncio.wait_for(frames(address, [DURATION], SIZE, LAYOUT), LONGEST)
+            asyncio.run(drawn)[0].save(FOLDER / f"{name}.png")
     last = (run.distance[run.t >= DURATION - 1.0].max() for run in (without, adapted))
     first, second = (number(float(error), "mm", scale=1e3) for error in last)
     radius = number(case.radius, "mm", scale=1e3, digits=0)

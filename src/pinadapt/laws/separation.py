@@ -98,8 +98,8 @@ class Separation(Law):
                   (s - s_f)), s_f = s through the low pass lambda_s / (lambda_s + p), in torque and
                   adaptation alike: exact below lambda_s, free of noise above it, where M dqd/dt
                   dominates what is left out. A low pass of qd delays it by the ``lead``, so qd +
-                lead qdd_r takes its place in s, or the arm would follow a reference that is as
-                late. dV/dt is then no equality.
+                  lead qdd_r takes its place in s, or the arm would follow a reference that is as
+                  late. dV/dt is then no equality.
     Joints:       nothing is observed or predicted: Slotine and Li's law with this K_D and d.
     Assumptions:  constant parameters; J_hat of full row rank; with a lag M_hat > 0, which natural
                   adaptation keeps. Needed are q, qd and x: no task velocity, no acceleration.
