@@ -284,8 +284,10 @@ def controller_of(contender: str, robot: pa.Robot, **options: Any) -> pa.Control
 case_of = cache(zoo_case)
 
 
-def simulated(robot: str, case: Reality, contender: str, seed: int, axis: str) -> pa.Rollout:
-    """Return a run; see ``measure``."""
+def simulated(
+    robot: str, case: Reality, contender: str, seed: int, axis: str
+) -> tuple[pa.Controller, pa.Rollout]:
+    """Return the controller and its run; see ``measure``."""
     zoo, unknown, n = case_of(robot, seed), pa.Unknown(), case.duration
     true, model, own = zoo.true, zoo.estimated, zoo.true.friction
     actuators = pa.robot.Actuators(delay=case.late)
@@ -319,7 +321,7 @@ def simulated(robot: str, case: Reality, contender: str, seed: int, axis: str) -
         limits=pa.Limits(guards={"velocity": False}),
     )
     plant = partial(ElasticArm if elastic else RigidArm, case=case, seed=seed, axis=axis)
-    return pa.simulate(
+    return controller, pa.simulate(
         cooler.pop(0.0),
         controller,
         zoo.motion,
@@ -330,6 +332,18 @@ def simulated(robot: str, case: Reality, contender: str, seed: int, axis: str) -
         seed=seed,
         progress=False,
     )
+
+
+def weights(controller: pa.Controller, a_d: np.ndarray, true: pa.Robot) -> np.ndarray:
+    """Return how heavy the arm is in the estimates (N, p), at home, relative to its weight (N).
+
+    That is g^T g_hat / g^T g of the gravity torques. A sum of masses would hold what no motion
+    shows.
+    """
+    still = np.zeros(true.model.nv)
+    g = pin.computeGeneralizedGravity(true.model, true.model.createData(), true.q0)
+    columns = g @ controller.dynamics.regressor(true.q0, still, still)
+    return np.asarray(a_d @ columns / (g @ g))
 
 
 def measure(
@@ -363,18 +377,18 @@ def measure(
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of descriptions with unphysical bodies, and of ringing
-        rollout = simulated(robot, case, contender, case_seed, axis or AXES[case_seed % len(AXES)])
+        given = robot, case, contender, case_seed, axis or AXES[case_seed % len(AXES)]
+        controller, rollout = simulated(*given)
     t, error, start = rollout.t, rollout.distance, 0.5 * case.duration
     last, late = t > case.duration - 0.5 * zoo.period, t >= start + PUSHED
     found = dict.fromkeys(FIGURES) | {"first": float(error[t <= 1.0].max())}
     if rollout.diverged is not None or not error[last].max() < zoo.radius:
         return found | {"status": "diverged", "reason": f"lost after {t[-1]:.1f} s"}
-    masses = [name.endswith(".m") for name in rollout.dynamic_names]
-    mass = rollout.a_d[:, masses].sum(axis=1) / zoo.true.mass
+    weight = weights(controller, rollout.a_d, zoo.true)
     change = np.diff(rollout.tau[last], axis=0) / effort_limits(zoo.true.model)
     found |= {
         "error": float(error[last].max()) / zoo.radius,
-        "mass": float(mass[-1]),
+        "weight": float(weight[-1]),
         "chatter": float(np.sqrt(np.mean(change**2))),
     }
     if case.push:
@@ -383,8 +397,9 @@ def measure(
         found |= {
             "pushed": float(error[(t >= start) & (t < start + 2.0 * PUSHED)].max()),
             "back": float(away[-1] - start - PUSHED) if away.size else 0.0,
-            "before": float(mass[before][-1]),
-            "after": float(mass[late][0]),
+            "before": float(weight[before][-1]),
+            "after": float(weight[late][0]),
+            "second": float(weight[t >= start + PUSHED + 1.0][0]),
         }
     return found
 
@@ -397,19 +412,21 @@ FIGURES = {
     "first": ("first second [mm]", 1e3),
     "pushed": ("pushed [mm]", 1e3),
     "back": ("back after [s]", 1.0),
-    "before": ("mass before", 1.0),
-    "after": ("after", 1.0),
-    "mass": ("at the end", 1.0),
+    "before": ("weight before", 1.0),
+    "after": ("at its end", 1.0),
+    "second": ("1 s later", 1.0),
+    "weight": ("at the end", 1.0),
     "chatter": ("chatter [%]", 100.0),
 }
 IN_TABLE = "error", "first", "chatter"
-OF_PUSH = "pushed", "back", "before", "after", "mass"
+WEIGHTS = "before", "after", "second", "weight"
+OF_PUSH = "pushed", "back", *WEIGHTS
 
 
 def cells(rows: Iterable[Mapping[str, Any]], keys: Iterable[str]) -> list[str]:
     """Return how many runs are lost, and median / worst of figures of the others.
 
-    The worst mass is the one that is farthest from the true one, as a factor.
+    The worst weight is the one that is farthest from the true one, as a factor.
     """
     rows = list(rows)
     held = [row for row in rows if row["error"] is not None]
@@ -417,7 +434,7 @@ def cells(rows: Iterable[Mapping[str, Any]], keys: Iterable[str]) -> list[str]:
     for key in keys:
         values = sorted(FIGURES[key][1] * row[key] for row in held if row[key] is not None)
         ends = values[-1:]
-        if values and key in ("before", "after", "mass"):
+        if values and key in WEIGHTS:
             ends = [max(values[0], values[-1], key=lambda x: max(x, 1.0 / max(x, 1e-9)))]
         both = [f"{value:.2g}" for value in (*([median(values)] if values else []), *ends)]
         found.append(" / ".join(dict.fromkeys(both)))
