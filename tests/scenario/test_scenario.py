@@ -274,7 +274,7 @@ def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion
         ),
         (
             "trajectory={ kind = 'waypoints', relative = true, points = [[0.1, 0.1, 0.1]] }",
-            "trajectory.points",
+            "trajectory",
         ),
         (
             "trajectory={ kind = 'waypoints', points = [[1, 1, 1], [1, 1, 2]] }",

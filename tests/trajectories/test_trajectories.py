@@ -83,8 +83,6 @@ def test_a_fourier_series_is_the_sum_of_its_harmonics():
     expected += 0.3 * np.sin(w * t) - 0.4 * np.sin(2 * w * t)
     assert np.isclose(series.at(t).x_d[0], expected) and series.harmonics == 2
     assert np.allclose(series.at(t + 4.0).x_d, series.at(t).x_d)
-    path = series.positions(np.linspace(0.0, 4.0, 4001))
-    assert series.extent == pytest.approx(0.5 * np.ptp(path), rel=1e-3)
 
 
 def test_waypoints_stop_at_every_point_and_hold_the_last():

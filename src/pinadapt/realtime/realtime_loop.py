@@ -232,9 +232,6 @@ class _Ramp(TimeLaw):
         """Return the time t [s] at which the path's time is s [s], moving."""
         return self._begin + s - self._place
 
-    def repeats(self, since: float, period: float) -> None:
-        """Return None: it does not repeat."""
-
 
 class RealtimeLoop:
     """A controller on an arm, cycle by cycle, until the time is over or it is stopped.

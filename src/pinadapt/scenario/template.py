@@ -286,7 +286,8 @@ class Template:
         if self.filmed:
             radius, phase = self.picture
             return {"kind": "circle", "radius": radius, "period": path.period, "phase": phase}
-        given = {"radius": path.radius, "period": path.period, "plane": path.plane}
+        plane = path.motion(self.robot.task.positions).plane
+        given = {"radius": path.radius, "period": path.period, "plane": plane}
         return {"kind": "circle", **given, "phase": float(f"{path.phase:.12g}")}
 
     def _across(self) -> tuple[np.ndarray, float]:

@@ -129,7 +129,7 @@ def usable_trajectory(
     """
     kinematics, law = getattr(controller, "kinematics", None), getattr(controller, "law", None)
     trajectory = as_trajectory(given, None if kinematics is None else kinematics.task)
-    if law is None or not law.set_point or trajectory.at_rest_from(duration) is not None:
+    if law is None or not law.set_point or _comes_to_rest(trajectory, duration):
         return trajectory
     raise InputError(
         f"the law '{law.name}' is for a set point, and the desired motion does not come to rest.",
@@ -137,6 +137,14 @@ def usable_trajectory(
         hint='Take "hold" or "waypoints" (Hold, Waypoints, or a motion of your own that ends at '
         f"rest), or the law '{DEFAULT}', which follows motions.",
     )
+
+
+def _comes_to_rest(motion: Trajectory, duration: float | None) -> bool:
+    """Return whether a motion rests in the end: at the end of a duration [s], or of a minute."""
+    if motion.settles is not None:
+        return True
+    last = motion.at(60.0 if duration is None else duration)
+    return max(np.abs(last.xd_d).max(), np.abs(last.xdd_d).max()) < 1e-6
 
 
 def _array(value: ArrayLike | None, name: str) -> np.ndarray | None:

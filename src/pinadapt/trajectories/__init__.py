@@ -12,7 +12,6 @@ from .pose import FixedOrientation as FixedOrientation
 from .pose import PoseCircle as PoseCircle
 from .pose import PoseTrajectory as PoseTrajectory
 from .pose import Swing as Swing
-from .trajectory import AsGiven as AsGiven
 from .trajectory import Hold as Hold
 from .trajectory import Retimed as Retimed
 from .trajectory import SlowedTime as SlowedTime

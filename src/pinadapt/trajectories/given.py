@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from numbers import Real
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, numbers, positive, shown
+from .._checks import arithmetic, numbers, positive, shown, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.task import JointTask, Task
@@ -49,34 +48,19 @@ class Function(Trajectory):
         *,
         difference: Difference = np.subtract,
         step: float = STEP,
-        extent: float | None = None,
-        settles: float | None = None,
     ) -> None:
-        """Take the function and what is known of the motion.
+        """Take the function.
 
         Args:
             f: t [s] -> x_d, or (x_d, xd_d, xdd_d), or ``Desired``; a pose may be a ``pin.SE3``.
             difference: (x, x_0) -> (m), how far x is from x_0; ``Task.error`` of a task.
             step: h [s].
-            extent: see ``Trajectory.extent``.
-            settles: see ``Trajectory.settles``.
 
         Raises:
             InputError: a step that is not positive.
         """
         self._f, self._difference = f, difference
         self._h = positive(step, "step", error=InputError)
-        self._extent, self._settles = extent, settles
-
-    @property
-    def extent(self) -> float | None:
-        """As given."""
-        return self._extent
-
-    @property
-    def settles(self) -> float | None:
-        """As given."""
-        return self._settles
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s].
@@ -89,49 +73,35 @@ class Function(Trajectory):
 
     def _differences(self, t: float, x_d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the first two derivatives (m) at t of the polynomial through the nodes."""
-        before = min(_NODES // 2, int(t / self._h)) if t >= 0.0 else _NODES // 2
+        before = min(_NODES // 2, int(max(t, 0.0) / self._h))
         others = np.array([k for k in range(-before, _NODES - before) if k])
-        away = np.array([self._from(x_d, t + k * self._h) for k in others.tolist()])
+        others_x = [_coordinates(self._f(t + k * self._h), t)[0] for k in others.tolist()]
+        away = np.array([self._difference(x, x_d) for x in others_x])
         c = np.linalg.solve(np.vander(others, _NODES, increasing=True)[:, 1:], away)
         return c[0] / self._h, 2.0 * c[1] / self._h**2
 
-    def _from(self, x_d: np.ndarray, t: float) -> np.ndarray:
-        """Return how far (m) the motion at time t [s] is from x_d."""
-        x = _coordinates(self._f(t), t)[0]
-        if x.shape != x_d.shape:
-            raise InputError(
-                f"the function returned {x_d.size} coordinates before and {x.size} at t = {t:g} s.",
-                where="trajectory",
-            )
-        return np.asarray(self._difference(x, x_d))
-
 
 def _coordinates(value: Any, t: float) -> list[np.ndarray]:
-    """Return [x_d] or [x_d, xd_d, xdd_d] of what a function returned, as new arrays of floats."""
-    if isinstance(value, np.ndarray):
-        several = value.ndim == 2 and len(value) == 3
-    else:
-        several = isinstance(value, tuple | list) and len(value) == 3
-        several = several and all(isinstance(x, pin.SE3) or np.ndim(x) == 1 for x in value)
-    return [_vector(part, value, t) for part in (value if several else [value])]
+    """Return [x_d] or [x_d, xd_d, xdd_d] of what a function returned at t [s], as new arrays.
 
-
-def _vector(part: Any, value: Any, t: float) -> np.ndarray:
-    if isinstance(part, pin.SE3):
-        return np.asarray(pin.SE3ToXYZQUAT(part))
+    Raises:
+        InputError: it is neither.
+    """
+    several = isinstance(value, tuple | list | np.ndarray) and len(value) == 3
+    if not (several and (np.ndim(value[0]) == 1 or isinstance(value[0], pin.SE3))):
+        value = (value,)
     try:
-        array = np.asarray(part)
-    except ValueError:  # ragged
-        array = np.zeros((0, 0))
-    if array.dtype.kind not in "fiu" or array.ndim > 1:
+        return [
+            np.asarray(pin.SE3ToXYZQUAT(part))
+            if isinstance(part, pin.SE3)
+            else vector(part, None, "trajectory")
+            for part in value
+        ]
+    except InputError as error:
         raise InputError(
-            f"expected coordinates x_d or (x_d, xd_d, xdd_d) at t = {t:g} s, got {shown(value)}.",
+            f"expected coordinates x_d or (x_d, xd_d, xdd_d) at t = {t:g} s; {error.what}",
             where="trajectory",
-        )
-    return array.astype(float).reshape(-1)
-
-
-_DEGREE = 5
+        ) from error
 
 
 class Spline(Trajectory):
@@ -172,7 +142,7 @@ class Spline(Trajectory):
 
         still = [(order, np.zeros(self.x.shape[1])) for order in (1, 2)]
         with arithmetic("trajectory.t"):
-            spline = make_interp_spline(self.t, self.x, _DEGREE, bc_type=(still, still))
+            spline = make_interp_spline(self.t, self.x, 5, bc_type=(still, still))
             self._parts = spline, spline.derivative(1), spline.derivative(2)
 
     @property
@@ -226,17 +196,10 @@ def _continuous(q: np.ndarray) -> np.ndarray:
     Raises:
         InputError: one of another length, by more than 1 %.
     """
-    if q.shape[1] != 4:
-        raise InputError(
-            f"expected positions that end in a quaternion xyzw, got {q.shape[1]} columns.",
-            where="trajectory.x",
-        )
     lengths = np.linalg.norm(q, axis=1)
-    if (off := np.abs(lengths - 1.0) > 0.01).any():
-        k = int(np.argmax(off))
+    if q.shape[1] != 4 or (np.abs(lengths - 1.0) > 0.01).any():
         raise InputError(
-            f"row {k} has a quaternion xyzw of length {lengths[k]:.4g} instead of 1.",
-            where="trajectory.x",
+            "expected positions that end in a quaternion xyzw of length 1.", where="trajectory.x"
         )
     q = q / lengths[:, None]
     opposite = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
@@ -291,7 +254,8 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
     elif task is None:
         motion = converted(given)
     else:
-        motion = converted(given, _difference(task), task.coordinates > task.size, _turns(task))
+        turning = task.continuous if isinstance(task, JointTask) else ()
+        motion = converted(given, task.error, task.coordinates > task.size, turning)
     _check_start(motion, task)
     return motion
 
@@ -313,53 +277,22 @@ def converted(
     Raises:
         InputError: another kind of object, or samples that do not make a spline.
     """
-    if not isinstance(given, type):
-        if callable(at := getattr(given, "at", None)):
-            extent, settles = (_number(given, name) for name in ("extent", "settles"))
-            return Function(at, difference=difference, extent=extent, settles=settles)
-        if callable(given):
-            return Function(given, difference=difference)
-    if isinstance(given, tuple) and len(given) == 2:
-        t, x = given
-    elif isinstance(given, np.ndarray) and given.ndim == 2:
-        t, x = given[:, 0], given[:, 1:]
-    else:
+    function = getattr(given, "at", given)
+    if callable(function) and not isinstance(given, type):
+        return Function(function, difference=difference)
+    if isinstance(given, np.ndarray) and given.ndim == 2:
+        given = given[:, 0], given[:, 1:]
+    if not isinstance(given, tuple) or len(given) != 2:
         raise InputError(
-            f"expected a trajectory, got {shown(given)}.", where="trajectory", hint=_hint(given)
+            f"expected a trajectory, got {shown(given)}.",
+            where="trajectory",
+            hint="Give an object with at(t), a function t -> x_d, or a pair (t, x) of times and "
+            "positions; Hold(x_d) stays at a point.",
         )
-    if any(turning):
-        x = np.array(x, dtype=float)
-        endless = [k for k, turns in enumerate(turning) if turns and x.ndim == 2 and k < x.shape[1]]
-        x[:, endless] = np.unwrap(x[:, endless], axis=0)
+    t, x = given
+    if any(turning) and np.shape(x)[1:] == (len(turning),):
+        x = np.where(turning, np.unwrap(x, axis=0), x)
     return Spline(t, x, quaternion=quaternion)
-
-
-def _difference(task: Task) -> Difference:
-    """Return ``task.error``, or plain differences for vectors of another size.
-
-    The check of the start then refuses that size with a clear message.
-    """
-    return lambda x, x_0: task.error(x, x_0) if x.size == task.coordinates else x - x_0
-
-
-def _turns(task: Task) -> tuple[bool, ...]:
-    return task.continuous if isinstance(task, JointTask) else ()
-
-
-def _number(given: Any, name: str) -> float | None:
-    """Return an attribute if it is a number, else None."""
-    value = getattr(given, name, None)
-    return float(value) if isinstance(value, Real) else None
-
-
-def _hint(given: Any) -> str:
-    if isinstance(given, type):
-        return f"This is the class {given.__name__}; give an object of it."
-    if isinstance(given, Desired) or (isinstance(given, np.ndarray) and given.ndim == 1):
-        return "Hold(x_d) stays at a point."
-    return (
-        "Give an object with at(t), a function t -> x_d, or a pair (t, x) of times and positions."
-    )
 
 
 def _check_start(motion: Trajectory, task: Task | None) -> None:
@@ -371,38 +304,22 @@ def _check_start(motion: Trajectory, task: Task | None) -> None:
     """
     try:
         start = motion.at(0.0)
+        if task is not None and np.size(start.x_d) != task.coordinates:
+            raise InputError(
+                f"the desired motion has {np.size(start.x_d)} coordinates, the task '{task.name}' "
+                f"{task.coordinates}.",
+                where="trajectory",
+            )
+        sizes: Any = (None,) * 3 if task is None else (task.coordinates, task.size, task.size)
+        for name, size in zip(Desired._fields, sizes, strict=True):
+            vector(getattr(start, name), size, f"trajectory.{name}", fills=False)
     except InputError:
         raise
     except Exception as reason:
         raise InputError(
             f"the desired motion failed at time 0: {type(reason).__name__}: {reason}",
             where="trajectory",
-            hint="It must be callable with one argument, the time in s.",
+            hint="at(t) must return a Desired; a function of t [s] the coordinates x_d.",
         ) from reason
-    if not isinstance(start, Desired):
-        raise InputError(
-            f"at(0.0) of {type(motion).__name__} returned {shown(start)} instead of a Desired.",
-            where="trajectory",
-            hint="Return Desired(x_d, xd_d, xdd_d).",
-        )
-    sizes = [np.size(part) for part in start]
-    if task is not None and sizes[0] != task.coordinates:
-        raise InputError(
-            f"the desired motion has {sizes[0]} coordinates, the task '{task.name}' "
-            f"{task.coordinates}.",
-            where="trajectory",
-            hint="PoseTrajectory adds an orientation to a motion of three coordinates."
-            if (sizes[0], task.name) == (3, "pose")
-            else None,
-        )
-    rows = sizes[0] if task is None else task.size
-    names = ("x_d", "xd_d", "xdd_d")
-    for name, part, size in zip(names, start, sizes, strict=True):
-        if name != "x_d" and task is not None and size != rows:
-            raise InputError(f"expected {rows} numbers, got {size}.", where=f"trajectory.{name}")
-        if not np.isfinite(part).all():
-            raise InputError(
-                f"the desired motion is not finite at time 0: {part}.", where=f"trajectory.{name}"
-            )
-        if name == "x_d" and task is not None and (flaw := task.flaw(part)):
-            raise InputError(f"the desired motion {flaw} at time 0.", where="trajectory.x_d")
+    if task is not None and (flaw := task.flaw(start.x_d)):
+        raise InputError(f"the desired motion {flaw} at time 0.", where="trajectory.x_d")

@@ -10,18 +10,14 @@ import numpy as np
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import numbers, positive, vector
+from .._checks import numbers, positive, vector, word
 from .._compiled import compiled
 from ..exceptions import InputError
 from ..records import Desired
-from ..tasks.task import Task
-from .trajectory import Trajectory, half_diagonal
+from .trajectory import Trajectory
 
 PLANES = ("xy", "yz", "xz")
 FROM_REST = -math.pi / 2.0  # [rad] phase of a sine that starts at rest, at its lowest
-
-_MOST_TURNS, _RATIONAL = 60, 1e-9  # of the slowest motion; deviation of a ratio of periods
-_EXTENT_SAMPLES = 40  # of each period of the fastest harmonic
 
 _Motion = TypeVar("_Motion", bound="_Centered")
 
@@ -44,7 +40,7 @@ class _Centered(Trajectory):
             return np.zeros(size)
         return vector(center, None, "trajectory.center")
 
-    def placed(self: _Motion, start: np.ndarray, task: Task | None = None) -> _Motion:
+    def placed(self: _Motion, start: np.ndarray) -> _Motion:
         """Return the motion that begins at ``start`` (m), if it has no centre of its own."""
         if self._unplaced is None:
             return self
@@ -65,7 +61,7 @@ class Circle(_Centered):
         center: (m) [m].
         radius: [m].
         period: of a turn [s].
-        plane: the two axes u_1, u_2.
+        plane: the two axes u_1, u_2; "xy" for two coordinates, whatever these are.
         phase: angle at time 0 [rad].
     """
 
@@ -79,12 +75,11 @@ class Circle(_Centered):
     ) -> None:
         """Take centre (m) [m], radius [m], period [s], plane ("xy", "yz", "xz") and phase [rad].
 
-        Without a centre the circle begins where the robot is; the plane of a planar task may then
-        also have the name of the task.
+        Without a centre the circle begins where the robot is.
 
         Raises:
-            InputError: a centre that has not 2 or 3 coordinates, a plane that these do not span,
-                numbers that are not finite, or a radius or period that is not positive.
+            InputError: a centre that has not 2 or 3 coordinates, an unknown plane, numbers that are
+                not finite, or a radius or period that is not positive.
         """
         self.center = self._placed(
             center, 3, radius=radius, period=period, plane=plane, phase=phase
@@ -93,34 +88,13 @@ class Circle(_Centered):
         self.period = positive(period, "trajectory.period")
         self.phase = float(vector(phase, 1, "trajectory.phase")[0])
         self.plane = plane
-        self._axes = self.radius * plane_axes(plane, self.center.size)
+        self._axes = self.radius * _plane_axes(plane, self.center.size)
         self._w = 2 * math.pi / self.period
-
-    def placed(self, start: np.ndarray, task: Task | None = None) -> Circle:
-        """Return the circle that begins at ``start`` (m), if it has no centre of its own.
-
-        Raises:
-            InputError: the task has no such plane.
-        """
-        if self._unplaced is not None and start.size == 2:
-            if self.plane not in ("xy", getattr(task, "name", None)):
-                raise InputError(
-                    f"must be '{getattr(task, 'name', 'xy')}', as the task, got '{self.plane}'.",
-                    where="trajectory.plane",
-                )
-            self = copy(self)
-            self._unplaced = {**(self._unplaced or {}), "plane": "xy"}
-        return super().placed(start, task)
 
     @property
     def extent(self) -> float:
         """The radius [m]."""
         return self.radius
-
-    @property
-    def repeats(self) -> tuple[float, float]:
-        """From the start, with its period [s]."""
-        return 0.0, self.period
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
@@ -130,21 +104,17 @@ class Circle(_Centered):
         return Desired(x_d, xd_d, xdd_d)
 
 
-def plane_axes(plane: str, size: int) -> np.ndarray:
+def _plane_axes(plane: str, size: int) -> np.ndarray:
     """Return the two unit vectors (2, m) of a plane named by its world axes.
 
-    Two coordinates have one plane, called "xy".
-
     Raises:
-        InputError: an unknown plane, or one that the coordinates do not span.
+        InputError: a plane that the coordinates do not span, or neither 2 nor 3 of these.
     """
     if size not in (2, 3):
         raise InputError(
             f"a circle needs 2 or 3 coordinates, got {size}.", where="trajectory.center"
         )
-    if not isinstance(plane, str) or plane not in PLANES or (size == 2 and plane != "xy"):
-        allowed = ["xy"] if size == 2 else list(PLANES)
-        raise InputError(f"must be one of {allowed}, got {plane!r}.", where="trajectory.plane")
+    word(plane, PLANES if size == 3 else ("xy",), "trajectory.plane")
     return np.eye(size)[["xyz".index(axis) for axis in plane]]
 
 
@@ -182,13 +152,6 @@ class _Sines(_Centered):
     def extent(self) -> float:
         """Half the diagonal of the box that the amplitudes span [m or rad]."""
         return float(np.linalg.norm(self.amplitude))
-
-    @property
-    def repeats(self) -> tuple[float, float] | None:
-        """From the start, with the common period [s] of all coordinates that move, if any."""
-        moving = np.abs(self._w[self.amplitude != 0.0])
-        period = common_period(2.0 * math.pi / moving[moving > 0.0])
-        return None if period is None else (0.0, period)
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
@@ -290,22 +253,18 @@ class FourierSeries(_Centered):
         Raises:
             InputError: sizes that differ, numbers that are not finite, or a period not positive.
         """
-        self.cosine = _table(cosine, "trajectory.cosine")
-        self.sine = _table(sine, "trajectory.sine")
-        if self.cosine.shape != self.sine.shape:
+        self.cosine = numbers(cosine, "trajectory.cosine")
+        self.sine = numbers(sine, "trajectory.sine")
+        if self.cosine.ndim != 2 or not self.cosine.size or self.cosine.shape != self.sine.shape:
             raise InputError(
-                f"expected as many as of cosines, {self.cosine.shape}, got {self.sine.shape}.",
-                where="trajectory.sine",
+                "expected a list of coefficients for each coordinate, as many of sines as of "
+                f"cosines, got shapes {self.cosine.shape} and {self.sine.shape}.",
+                where="trajectory.cosine",
             )
-        self.center = self._placed(
-            center, len(self.cosine), cosine=cosine, sine=sine, period=period
-        )
-        if self.center.shape != (len(self.cosine),):
-            raise InputError(
-                f"expected {len(self.cosine)} numbers, one for each row of coefficients, got shape "
-                f"{self.center.shape}.",
-                where="trajectory.center",
-            )
+        given = {"cosine": cosine, "sine": sine, "period": period}
+        size = len(self.cosine)
+        self.center = self._placed(center, size, **given)
+        vector(self.center, size, "trajectory.center")
         self.period = positive(period, "trajectory.period")
         self._w = 2.0 * math.pi / self.period * np.arange(1.0, self.cosine.shape[1] + 1.0)
         # (2 K, 3 m): what cosines and sines of all angles add to position, velocity, acceleration
@@ -318,17 +277,6 @@ class FourierSeries(_Centered):
         """Number K of harmonics."""
         return len(self._w)
 
-    @property
-    def repeats(self) -> tuple[float, float]:
-        """From the start, with its period [s]."""
-        return 0.0, self.period
-
-    @property
-    def extent(self) -> float:
-        """Half the diagonal of the box around the motion [m or rad]."""
-        count = _EXTENT_SAMPLES * self.harmonics
-        return half_diagonal(self.positions(np.linspace(0.0, self.period, count, endpoint=False)))
-
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         angles = self._w * t
@@ -336,28 +284,3 @@ class FourierSeries(_Centered):
             np.concatenate([np.cos(angles), np.sin(angles)]).dot(self._parts).reshape(3, -1)
         )
         return Desired(self.center + x, xd, xdd)
-
-
-def common_period(periods: ArrayLike) -> float | None:
-    """Return the shortest common multiple of periods (k) [s], at most 60 times the longest."""
-    each = np.asarray(periods, dtype=float)
-    for turns in range(1, _MOST_TURNS + 1):
-        period = turns * float(each.max(initial=0.0))
-        if period and np.abs(period / each - np.rint(period / each)).max() < _RATIONAL:
-            return period
-    return None
-
-
-def _table(value: ArrayLike, name: str) -> np.ndarray:
-    """Return coefficients (m, K), a row for each coordinate.
-
-    Raises:
-        InputError: another shape, or none.
-    """
-    table = numbers(value, name)
-    if table.ndim != 2 or not table.size:
-        raise InputError(
-            f"expected a list of coefficients for each coordinate, got shape {table.shape}.",
-            where=name,
-        )
-    return table

@@ -15,7 +15,7 @@ from ..records import Desired
 from ..tasks.frame import matrix, rotation_between, turned
 from ..tasks.task import Task
 from .given import TrajectoryLike, as_trajectory, converted
-from .periodic import Circle, common_period
+from .periodic import Circle
 from .trajectory import Trajectory
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -41,10 +41,6 @@ class FixedOrientation(Trajectory):
     def settles(self) -> float:
         """Zero: it is at rest from the start."""
         return 0.0
-
-    def shifted(self, by: ArrayLike) -> FixedOrientation:
-        """Return the orientation turned by the rotation vector (3) [rad], world axes."""
-        return FixedOrientation(turned(self.quaternion, vector(by, 3, "by", fills=False)))
 
     def at(self, t: float) -> Desired:
         """Return the quaternion xyzw (4), at rest."""
@@ -90,21 +86,9 @@ class Swing(Trajectory):
         own = UPRIGHT if quaternion is None else quaternion
         self.quaternion = unit_quaternion(own, "orientation.quaternion")
 
-    def placed(self, start: np.ndarray, task: Task | None = None) -> Trajectory:
+    def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion that begins at the quaternion ``start`` (4), if it has none."""
         return self if self._own else self.starting_at(start)
-
-    @property
-    def repeats(self) -> tuple[float, float]:
-        """From the start, with its period [s]."""
-        return 0.0, self.period
-
-    def shifted(self, by: ArrayLike) -> Swing:
-        """Return the same motion turned by the rotation vector (3) [rad], world axes."""
-        other = copy(self)
-        other._own = True
-        other.quaternion = turned(self.quaternion, vector(by, 3, "by", fills=False))
-        return other
 
     def at(self, t: float) -> Desired:
         """Return quaternion (4), angular velocity (3) and acceleration (3) at time t [s]."""
@@ -157,10 +141,9 @@ class PoseTrajectory(Trajectory):
             )
         self.orientation = Swing() if orientation is None else _orientation(orientation)
 
-    def placed(self, start: np.ndarray, task: Task | None = None) -> Trajectory:
+    def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion whose parts without a place of their own begin at a pose (7)."""
-        position = self.position.placed(start[:3])
-        return type(self)(position, self.orientation.placed(start[3:]))
+        return self._of(self.position.placed(start[:3]), self.orientation.placed(start[3:]))
 
     @property
     def extent(self) -> float | None:
@@ -173,22 +156,15 @@ class PoseTrajectory(Trajectory):
         place, turn = self.position.settles, self.orientation.settles
         return None if place is None or turn is None else max(place, turn)
 
-    @property
-    def repeats(self) -> tuple[float, float] | None:
-        """From when and with which period [s] both do so, one of them perhaps at rest; or None."""
-        both = [part for part in (self.position, self.orientation) if part.settles is None]
-        found = [part.repeats for part in both]
-        rests = [part.settles or 0.0 for part in (self.position, self.orientation)]
-        if not found or None in found:
-            return None
-        since, periods = zip(*(each for each in found if each is not None), strict=True)
-        period = common_period(periods)
-        return None if period is None else (max(*since, *rests), period)
-
     def shifted(self, by: ArrayLike) -> PoseTrajectory:
         """Return the same motion displaced by by[:3] [m] and turned by by[3:] [rad], world axes."""
         by = vector(by, 6, "by", fills=False)
-        return type(self)(self.position.shifted(by[:3]), self.orientation.shifted(by[3:]))
+        return self._of(self.position.shifted(by[:3]), self.orientation.shifted(by[3:]))
+
+    def _of(self, position: Trajectory, orientation: Trajectory) -> PoseTrajectory:
+        other = copy(self)
+        other.position, other.orientation = position, orientation
+        return other
 
     def at(self, t: float) -> Desired:
         """Return pose (7), velocity (6) and acceleration (6) at time t [s]."""
@@ -211,9 +187,11 @@ def placed_trajectory(given: TrajectoryLike, task: Task, start: np.ndarray) -> T
         InputError: as ``as_trajectory``.
     """
     if isinstance(given, Trajectory):
+        exact = given.exact
         if task.coordinates > task.size and given.at(0.0).x_d.size == 3:
             given = PoseTrajectory(given, None)
-        given = given.placed(start, task)
+        given = given.placed(start)
+        given = given.as_given() if exact else given
     return as_trajectory(given, task)
 
 
@@ -272,30 +250,14 @@ def _orientation(given: Any) -> Trajectory:
     Raises:
         InputError: it has not the sizes of one, is not finite, or starts at no unit quaternion.
     """
-    where = "orientation"
     if isinstance(given, Trajectory):
         motion = given
-    elif callable(given) or hasattr(given, "at") or _is_samples(given):
-        motion = converted(given, _turn_between, quaternion=True)
-    else:
+    elif isinstance(given, list | tuple | np.ndarray) and np.ndim(given[0]) == 0:
         return FixedOrientation(given)
-    q, omega, alpha = as_trajectory(motion).at(0.0)
-    unit_quaternion(q, where)
-    if omega.shape != (3,) or alpha.shape != (3,):
-        raise InputError(
-            "expected an angular velocity and acceleration of 3 numbers each, got "
-            f"{omega.size} and {alpha.size}.",
-            where=where,
-        )
+    else:
+        motion = converted(given, rotation_between, quaternion=True)
+    start = as_trajectory(motion).at(0.0)
+    unit_quaternion(start.x_d, "orientation")
+    for rates in start[1:]:
+        vector(rates, 3, "orientation", fills=False)
     return motion
-
-
-def _is_samples(given: Any) -> bool:
-    return (isinstance(given, tuple) and len(given) == 2) or (
-        isinstance(given, np.ndarray) and given.ndim == 2
-    )
-
-
-def _turn_between(q: np.ndarray, q_0: np.ndarray) -> np.ndarray:
-    """Return phi (3) [rad] with exp(phi) R_0 = R; of what is no quaternion the difference."""
-    return rotation_between(q, q_0) if q.size == 4 else q - q_0

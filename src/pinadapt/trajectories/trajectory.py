@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from copy import copy
 
 import numpy as np
 import pinocchio as pin
@@ -13,17 +13,14 @@ from .._checks import flag, instance, numbers, positive, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import rotation_between, turned
-from ..tasks.task import Task
 
-_HORIZON = 60.0  # [s] of a run without end that is checked
-_LOOKS, _RESTING = 400, 20  # instants that are checked, and how many of the last are at rest
-_AT_REST = 1e-6  # speed and acceleration, in SI units
-
-_START, _LOOKS_AT_START = 5.0, 250  # [s] of the motion that are looked at for its start
-_RESTS = 1e-3  # share of its largest speed and acceleration at which a motion starts at rest
-_STEEPEST = 1.875  # slope of the smooth start's rate, times the ramp
-_RAMP, _RAMPS = 1.0, (0.1, 5.0)  # [s] of a motion without acceleration; least and largest
-_UNIFORM = 1e-3  # [1/s] acceleration relative to the speed, below which there is none
+# Of a motion whose start is looked at: for how long [s], and at how many instants.
+_START, _LOOKS = 5.0, 250
+# Share of its largest speed and acceleration at which a motion starts at rest; half or twice of it
+# changes nothing for the motions of this package, which start at rest or at full speed.
+_RESTS = 1e-3
+_AT_REST = 1e-6  # the same in SI units, above the rounding of numbers near 1
+_RAMPS = (0.1, 5.0)  # [s] least and largest; motions faster or slower than any arm's reach them
 
 
 class Trajectory(ABC):
@@ -36,7 +33,12 @@ class Trajectory(ABC):
     ``at`` gives derivatives with respect to its own argument. The same path with another time law
     s(t) is therefore x_d(s(t)), with velocity x_d' ds/dt and acceleration x_d'' (ds/dt)^2 + x_d'
     d^2s/dt^2: ``Retimed``, of which ``from_rest`` is the most frequent case.
+
+    Attributes:
+        exact: whether the motion is taken exactly as it is, see ``as_given``.
     """
+
+    exact: bool = False
 
     @abstractmethod
     def at(self, t: float) -> Desired:
@@ -59,26 +61,6 @@ class Trajectory(ABC):
         """Time from which the motion is at rest [s]; None: never, or the class does not know it."""
         return None
 
-    @property
-    def repeats(self) -> tuple[float, float] | None:
-        """From when and with which period [s] the motion repeats itself; None: not, or unknown."""
-        return None
-
-    def at_rest_from(self, duration: float | None = None) -> float | None:
-        """Return the time from which the motion is at rest [s]; None if it does not come to rest.
-
-        That is ``settles`` if it is known. Otherwise velocity and acceleration are evaluated at 400
-        instants of the duration [s], of one minute for None, and must vanish in its last 5 %.
-        """
-        if self.settles is not None:
-            return self.settles
-        times = np.linspace(0.0, _HORIZON if duration is None else duration, _LOOKS)
-        for k in reversed(range(_LOOKS)):
-            _, xd_d, xdd_d = self.at(float(times[k]))
-            if max(np.abs(xd_d).max(), np.abs(xdd_d).max()) > _AT_REST:
-                return float(times[k + 1]) if k < _LOOKS - _RESTING else None
-        return 0.0
-
     def from_rest(self, ramp: float | None = None, *, duration: float | None = None) -> Trajectory:
         """Return the same path, begun at rest: ``Retimed`` by a ``SmoothStart``.
 
@@ -88,24 +70,24 @@ class Trajectory(ABC):
 
         Args:
             ramp: duration of the start [s]. None: 1.875 times the largest speed of the first five
-                seconds over their largest acceleration, but from 0.1 s to 5 s; then the rate asks
-                for no more acceleration than the motion. 1 s if it has no acceleration.
+                seconds over their largest acceleration, but from 0.1 s to 5 s; then the rate, whose
+                slope is at most 1.875 / ramp, asks for no more acceleration than the motion.
             duration: of the run [s]; the motion is not looked at beyond. None: unknown.
 
         Raises:
             InputError: a ramp that is not positive.
         """
-        if ramp is not None:
-            positive(ramp, "ramp", error=InputError)
+        if self.exact:
+            return self
         span = _START if duration is None else min(_START, duration)
-        looks = list(_looks(self, np.linspace(0.0, span, _LOOKS_AT_START)))
+        looks = [self.at(float(t))[1:] for t in np.linspace(0.0, span, _LOOKS)]
         speeds, rates = np.linalg.norm(looks, axis=2).T
         v, a = float(speeds.max()), float(rates.max())
         if speeds[0] <= max(_AT_REST, _RESTS * v) and rates[0] <= max(_AT_REST, _RESTS * a):
             return self
         if ramp is None:
-            within = min(max(_STEEPEST * v / a, _RAMPS[0]), _RAMPS[1]) if a > 0.0 else _RAMP
-            ramp = within if a > _UNIFORM * v else _RAMP
+            shortest, longest = _RAMPS
+            ramp = longest if 1.875 * v > longest * a else max(1.875 * v / a, shortest)
         return Retimed(self, SmoothStart(ramp))
 
     def as_given(self) -> Trajectory:
@@ -113,7 +95,9 @@ class Trajectory(ABC):
 
         ``simulate`` then neither starts it from rest nor lets the robot approach its first point.
         """
-        return AsGiven(self)
+        motion = copy(self)
+        motion.exact = True
+        return motion
 
     def shifted(self, by: ArrayLike) -> Trajectory:
         """Return the same motion displaced by (m): [m or rad], rotations about world axes [rad]."""
@@ -133,40 +117,17 @@ class Trajectory(ABC):
         turn = rotation_between(start[n:], here[n:])
         return self.shifted(np.append(start[:n] - here[:n], turn))
 
-    def placed(self, start: np.ndarray, task: Task | None = None) -> Trajectory:
-        """Return the motion that begins at ``start``, if it has no place of its own.
-
-        Args:
-            start: where the robot is.
-            task: of these coordinates.
-        """
+    def placed(self, start: np.ndarray) -> Trajectory:
+        """Return the motion that begins where the robot is, ``start``, if it has no place yet."""
         return self
 
     def positions(self, times: np.ndarray) -> np.ndarray:
-        """Return the coordinates x_d, one row for each of the times (N) [s]."""
-        found = [self.at(float(t)).x_d for t in times]
-        return np.stack(found) if found else np.zeros((0, self.at(0.0).x_d.size))
-
-
-def _looks(motion: Trajectory, times: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield velocity and acceleration (m) at the first of these times (N) [s], while there are any.
-
-    An error in a user's motion ends the run at its time, and does not prevent the start.
-    """
-    for t in times:
-        try:
-            _, xd_d, xdd_d = motion.at(float(t))
-        except Exception:
-            if t == times[0]:
-                raise
-            return
-        if not (np.isfinite(xd_d).all() and np.isfinite(xdd_d).all()):
-            return
-        yield xd_d, xdd_d
+        """Return the coordinates x_d, one row for each of the times (N) [s], N >= 1."""
+        return np.stack([self.at(float(t)).x_d for t in times])
 
 
 class Derived(Trajectory):
-    """A motion made of another one; its extent, rest and repetition are those of the other.
+    """A motion made of another one; its extent and rest are those of the other.
 
     Attributes:
         motion: the other one.
@@ -184,17 +145,12 @@ class Derived(Trajectory):
         """That of the other motion [s], or None."""
         return self.motion.settles
 
-    @property
-    def repeats(self) -> tuple[float, float] | None:
-        """That of the other motion [s], or None."""
-        return self.motion.repeats
-
 
 class _Shifted(Derived):
     """A motion displaced by a constant."""
 
     def __init__(self, motion: Trajectory, by: np.ndarray) -> None:
-        self.motion, self._by = motion, by
+        self.motion, self._by, self.exact = motion, by, motion.exact
 
     def __repr__(self) -> str:
         """Return the kind of the motion that is displaced."""
@@ -242,25 +198,9 @@ class Retimed(Derived):
         settled = self.motion.settles
         return None if settled is None else self.law.when(settled)
 
-    @property
-    def repeats(self) -> tuple[float, float] | None:
-        """From when and with which period [s] both path and law repeat themselves, or None."""
-        found = self.motion.repeats
-        return None if found is None else self.law.repeats(*found)
-
-    def from_rest(self, ramp: float | None = None, *, duration: float | None = None) -> Trajectory:
-        """As of any motion; one that has a smooth start already gets the new ramp instead."""
-        if ramp is not None and isinstance(self.law, SmoothStart):
-            return self.motion.from_rest(ramp, duration=duration)
-        return super().from_rest(ramp, duration=duration)
-
-    def placed(self, start: np.ndarray, task: Task | None = None) -> Retimed:
+    def placed(self, start: np.ndarray) -> Retimed:
         """Return the same time law along the placed motion."""
-        return Retimed(self.motion.placed(start, task), self.law)
-
-    def shifted(self, by: ArrayLike) -> Retimed:
-        """Return the same motion displaced by (m): [m or rad], rotations about world axes [rad]."""
-        return Retimed(self.motion.shifted(by), self.law)
+        return Retimed(self.motion.placed(start), self.law)
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
@@ -269,42 +209,6 @@ class Retimed(Derived):
             return self.motion.at(s)
         x_d, xd_d, xdd_d = self.motion.at(s)
         return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
-
-
-class AsGiven(Derived):
-    """A motion to be taken exactly as it is, although it starts at speed or beside the robot.
-
-    Attributes:
-        motion: the same.
-    """
-
-    def __init__(self, motion: Trajectory) -> None:
-        """Take the motion."""
-        self.motion = motion
-
-    def __repr__(self) -> str:
-        """Return the motion, and that it is as given."""
-        return f"{self.motion!r}, as given"
-
-    def from_rest(self, ramp: float | None = None, *, duration: float | None = None) -> Trajectory:
-        """Return itself; with a ramp, the motion from rest after all."""
-        return self if ramp is None else self.motion.from_rest(ramp, duration=duration)
-
-    def as_given(self) -> AsGiven:
-        """Return itself."""
-        return self
-
-    def placed(self, start: np.ndarray, task: Task | None = None) -> AsGiven:
-        """Return the placed motion, as given."""
-        return AsGiven(self.motion.placed(start, task))
-
-    def shifted(self, by: ArrayLike) -> AsGiven:
-        """Return the same motion displaced by (m): [m or rad], rotations about world axes [rad]."""
-        return AsGiven(self.motion.shifted(by))
-
-    def at(self, t: float) -> Desired:
-        """Return position, velocity and acceleration at time t [s]."""
-        return self.motion.at(t)
 
 
 class Hold(Trajectory):
@@ -324,7 +228,7 @@ class Hold(Trajectory):
         self.point = vector(np.zeros(3) if point is None else point, None, "trajectory.point")
         self._rest = np.zeros(self.point.size)
 
-    def placed(self, start: np.ndarray, task: Task | None = None) -> Hold:
+    def placed(self, start: np.ndarray) -> Hold:
         """Return the motion that holds ``start``, if it has no point of its own."""
         return self if self._own else Hold(start)
 
@@ -338,10 +242,6 @@ class Hold(Trajectory):
         """Zero: it is at rest from the start."""
         return 0.0
 
-    def shifted(self, by: ArrayLike) -> Hold:
-        """Return the point displaced by (m) [m or rad]."""
-        return Hold(self.point + vector(by, self.point.size, "by"))
-
     def at(self, t: float) -> Desired:
         """Return the point, at rest."""
         return Desired(self.point, self._rest, self._rest)
@@ -350,8 +250,8 @@ class Hold(Trajectory):
 class Waypoints(Trajectory):
     """Minimum-jerk segments from point to point, at rest in each; the last point is held.
 
-    T. Flash, N. Hogan, *The coordination of arm movements*, J. Neuroscience 1985: s(u) = 10 u^3 -
-    15 u^4 + 6 u^5.
+    T. Flash, N. Hogan, *The coordination of arm movements*, J. Neuroscience 1985; see
+    ``minimum_jerk``.
 
     Attributes:
         points: (k, m) [m or rad].
@@ -384,20 +284,10 @@ class Waypoints(Trajectory):
             )
         self.segment = positive(segment, "trajectory.segment")
 
-    def placed(self, start: np.ndarray, task: Task | None = None) -> Waypoints:
-        """Return the motion that begins at ``start`` (m), if its points are offsets.
-
-        Raises:
-            InputError: the points have another number of coordinates.
-        """
-        if not self._relative:
-            return self
-        if self.points.shape[1] != start.size:
-            raise InputError(
-                f"every point needs {start.size} coordinates, as many as the task.",
-                where="trajectory.points",
-            )
-        return Waypoints(self.points + start, self.segment)
+    def placed(self, start: np.ndarray) -> Trajectory:
+        """Return the motion that begins at ``start`` (m), if its points are offsets."""
+        fits = start.size == self.points.shape[1]  # else a check of the start refuses the motion
+        return self.starting_at(start) if self._relative and fits else self
 
     @property
     def extent(self) -> float:
@@ -409,20 +299,21 @@ class Waypoints(Trajectory):
         """When it reaches the last point [s]."""
         return self.segment * (len(self.points) - 1)
 
-    def shifted(self, by: ArrayLike) -> Waypoints:
-        """Return the same motion displaced by (m) [m or rad]."""
-        return Waypoints(self.points + vector(by, self.points.shape[1], "by"), self.segment)
-
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         last = len(self.points) - 2
         k = int(min(max(t // self.segment, 0), last))
         u, T = min(max(t / self.segment - k, 0.0), 1.0), self.segment
         start, move = self.points[k], self.points[k + 1] - self.points[k]
-        s = u**3 * (10 - 15 * u + 6 * u * u)
-        sd = 30 * u * u * (1 - u) ** 2 / T
-        sdd = 60 * u * (1 - u) * (1 - 2 * u) / T**2
-        return Desired(start + s * move, sd * move, sdd * move)
+        s, sd, sdd = minimum_jerk(u)
+        return Desired(start + s * move, sd / T * move, sdd / T**2 * move)
+
+
+def minimum_jerk(u: float) -> tuple[float, float, float]:
+    """Return s(u) = 10 u^3 - 15 u^4 + 6 u^5 with its first two derivatives, u from 0 to 1."""
+    square, rest = u * u, 1.0 - u
+    s = square * u * (10.0 - 15.0 * u + 6.0 * square)
+    return s, 30.0 * square * rest * rest, 60.0 * u * rest * (rest - u)
 
 
 def half_diagonal(path: np.ndarray) -> float:
@@ -442,24 +333,14 @@ class TimeLaw(ABC):
 
     @abstractmethod
     def when(self, s: float) -> float:
-        """Return the time t [s] at which the path's time is s [s], the latest one if it rests."""
-
-    @abstractmethod
-    def repeats(self, since: float, period: float) -> tuple[float, float] | None:
-        """Return from when and with which period a motion repeats itself under this law [s].
-
-        Args:
-            since: when it begins to repeat itself by its own time [s].
-            period: of the motion by its own time [s].
-        """
+        """Return a time t [s] from which the path's time is s [s] or later."""
 
 
 class SmoothStart(TimeLaw):
     """The rate ds/dt rises from 0 to 1 within a ramp, and s = t - ramp / 2 afterwards.
 
-    ds/dt = 10 u^3 - 15 u^4 + 6 u^5 with u = t / ramp, so ds/dt and its first two derivatives are
-    continuous, at both ends of the ramp too; its slope is at most 1.875 / ramp. Before time 0 the
-    motion rests at its first point.
+    The rate is ``minimum_jerk`` of t / ramp, so it and its first two derivatives are continuous, at
+    both ends of the ramp too. Before time 0 the motion rests at its first point.
 
     Attributes:
         ramp: [s].
@@ -482,28 +363,13 @@ class SmoothStart(TimeLaw):
         T = self.ramp
         if t >= T:
             return t - 0.5 * T, 1.0, 0.0
-        if t <= 0.0:
-            return 0.0, 0.0, 0.0
-        u = t / T
-        square = u * u
-        cube, rest = square * u, 1.0 - u
-        s = T * cube * u * (2.5 - 3.0 * u + square)
-        return s, cube * (10.0 - 15.0 * u + 6.0 * square), 30.0 * square * rest * rest / T
+        u = max(t, 0.0) / T
+        rate, slope, _ = minimum_jerk(u)
+        return T * u**4 * (2.5 - 3.0 * u + u * u), rate, slope / T
 
     def when(self, s: float) -> float:
-        """Return the time t [s] at which the path's time is s [s]."""
-        T = self.ramp
-        if s >= 0.5 * T:
-            return s + 0.5 * T
-        early, late = 0.0, T
-        while late - early > 1e-12 * T:
-            middle = 0.5 * (early + late)
-            early, late = (middle, late) if self.at(middle)[0] <= s else (early, middle)
-        return early
-
-    def repeats(self, since: float, period: float) -> tuple[float, float]:
-        """Return the later one of the ramp's end and of ``since``, and the same period [s]."""
-        return max(self.ramp, self.when(since)), period
+        """Return a time t [s], after the ramp, from which the path's time is s [s] or later."""
+        return max(s, 0.5 * self.ramp) + 0.5 * self.ramp
 
 
 class SlowedTime(TimeLaw):
@@ -511,21 +377,24 @@ class SlowedTime(TimeLaw):
 
     Attributes:
         slowness: factor on all times, at least 1.
+        cause: what asks for it, in words.
     """
 
-    def __init__(self, slowness: float) -> None:
-        """Take the factor.
+    def __init__(self, slowness: float, cause: str = "as asked") -> None:
+        """Take the factor and its cause.
 
         Raises:
             InputError: it is below 1.
         """
-        self.slowness = positive(slowness, "slowness", error=InputError)
+        self.slowness, self.cause = positive(slowness, "slowness", error=InputError), cause
         if self.slowness < 1.0:
             raise InputError(f"must be at least 1, got {slowness}.", where="slowness")
 
     def __repr__(self) -> str:
-        """Return the factor in words."""
-        return f"slower by {self.slowness:.3g}"
+        """Return how much and why the motion is slower."""
+        if self.slowness == 1.0:
+            return "not slowed"
+        return f"slowed to {100 / self.slowness:.3g} % ({self.cause})"
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return s [s], ds/dt and d^2s/dt^2 [1/s] at time t [s]."""
@@ -534,7 +403,3 @@ class SlowedTime(TimeLaw):
     def when(self, s: float) -> float:
         """Return the time t [s] at which the path's time is s [s]."""
         return s * self.slowness
-
-    def repeats(self, since: float, period: float) -> tuple[float, float]:
-        """Return both times [s] in the slower time."""
-        return since * self.slowness, period * self.slowness
