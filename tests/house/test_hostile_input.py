@@ -44,8 +44,6 @@ def refused(folder, capsys, text, *settings):
             "truth.payload.mass: is too large to compute with, over 1e.30",
         ),
         ("simulation.duration=1e300", "simulation.duration: is too large"),
-        ("simulation.duration=1e29", "simulation.duration: .* samples; at most 1e.10 are run"),
-        ("simulation.duration=1e6", r"simulation.duration: 1000000000 samples .* GB, there are"),
         ("controller.dt=1e-300", "controller.dt: is too small to compute with, under 1e-30"),
         ("robot.gravity=[0.0,0.0,1e200]", "robot.gravity: is too large"),
         ("engine.substeps=1000000000", "engine.substeps: must be at most 100000"),

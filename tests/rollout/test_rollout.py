@@ -97,7 +97,6 @@ def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, un
         assert np.array_equal(getattr(loaded, name), getattr(rollout, name)), name
     assert loaded.summary() == json.loads(json.dumps(rollout.summary()))
     assert str(loaded) == str(rollout) and loaded.task == rollout.task
-    assert np.array_equal(loaded.damping_share, rollout.damping_share)
     if make is not run:  # of a pose and of joints; of positions they are drawn above
         assert len(loaded.plot(tmp_path / "plots")) == 3
     with pytest.raises(pa.InputError, match="no robots"):

@@ -102,10 +102,9 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
 def torque_figure(run: Drawable) -> Picture:
     """Return the figure of motor torques, shares of the limits, disturbance, and an eigenvalue.
 
-    The limits are those of the description. The disturbance is drawn where the law observes it,
-    with what noise of the sensors explains, one standard deviation, as a band. The eigenvalue is
-    the smallest of the estimated mass matrix. Shading marks a torque at its limit, and a damped
-    inverse of the Jacobian.
+    The limits are those of the description. The disturbance is drawn where the law observes it.
+    The eigenvalue is the smallest of the estimated mass matrix. Shading marks a torque at its
+    limit.
     """
     bounds, names = run.effort_limits, run.joint_names
     limited = np.flatnonzero(np.isfinite(bounds))
@@ -120,13 +119,8 @@ def torque_figure(run: Drawable) -> Picture:
         axes[1].axhline(-100.0, color="black", ls="-.")
     if run.disturbance is not None:
         curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
-        if run.disturbance_noise is not None:
-            band = run.disturbance_noise.max(axis=1)
-            axes[-2].fill_between(run.t, -band, band, color="0.8", label="largest by noise")
-            legend(axes[-2])
     eigenvalue = run.min_eig_M_hat[:, None]
     curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
-    shade(axes[-1], run.t, run.damping > 0.0, "C0", r"$\hat J$ damped")
     finish(figure, axes, run)
     return figure
 

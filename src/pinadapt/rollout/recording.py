@@ -50,20 +50,17 @@ class Evaluation(NamedTuple):
             raise ParameterError("the last estimates are not finite.", where="rollout")
         return state
 
+    def true_values(
+        self, value: Callable[[Robot], np.ndarray | None], samples: Sequence[Sample]
+    ) -> np.ndarray | None:
+        """Return a value (p) of the true robot at each sample (N, p), None where one has none."""
+        found = [value(robot) for robot in self.true.robots] if self.true.known else [None]
+        rows = _rows(found)
+        return None if rows is None else np.asarray(rows[self.robots_at(samples)])
+
     def robots_at(self, samples: Sequence[Sample]) -> np.ndarray:
-        """Return the index of the true robot at each of the samples (k)."""
+        """Return the index of the true robot at each of the samples (N)."""
         return self.true.index(np.array([sample.t for sample in samples]))
-
-    def of_robots(self, value: Callable[[Robot], np.ndarray | None]) -> np.ndarray | None:
-        """Return a value (p) of each true robot (k, p), None where one has none."""
-        return _rows([value(robot) for robot in self.true.robots]) if self.true.known else None
-
-    def in_time(self, value: Callable[[Robot], np.ndarray | None]) -> np.ndarray | None:
-        """Return the one value (p), or those of all samples (N, p) where there are several."""
-        values = self.of_robots(value)
-        if values is None or len(values) == 1:
-            return None if values is None else values[0]
-        return np.asarray(values[self.robots_at(self.samples)])
 
     @np.errstate(all="ignore")  # a loop that diverges overflows
     def storage(self, samples: Sequence[Sample]) -> np.ndarray | None:
@@ -72,13 +69,13 @@ class Evaluation(NamedTuple):
         NaN at a sample that the controller had to bridge.
         """
         controller, V = self.controller, []
-        true_k = self.of_robots(controller.kinematics.value)
-        true_d = self.of_robots(controller.dynamics.value)
+        true_k = self.true_values(controller.kinematics.value, samples)
+        true_d = self.true_values(controller.dynamics.value, samples)
         if true_k is None or true_d is None or not samples:
             return None
         plants = [PinocchioPlant(robot) for robot in self.true.robots]
-        for sample, k in zip(samples, self.robots_at(samples), strict=True):
-            plant, a_k, a_d = plants[k], true_k[k], true_d[k]
+        robots = self.robots_at(samples)
+        for sample, k, a_k, a_d in zip(samples, robots, true_k, true_d, strict=True):
             parts = controller.parameter_storage(sample.state, a_k, a_d)
             if parts is None:
                 return None
@@ -87,7 +84,7 @@ class Evaluation(NamedTuple):
             except ImplausibleError:
                 V.append(np.nan)
                 continue
-            truth = truth_at(plant, sample, a_k, a_d)
+            truth = truth_at(plants[k], sample, a_k, a_d)
             V.append(parts + controller.law.storage(signals, truth))
         return np.array(V)
 
@@ -98,7 +95,7 @@ def truth_at(
     """Return the quantities of the true robot at one sample on which a law's V depends."""
     q, v = sample.measurement.q, sample.measurement.v
     M, C = plant.mass_matrix(q), plant.coriolis_matrix(q, v)
-    return Truth(a_k_true, a_d_true, M, C, plant.friction_at(q))
+    return Truth(a_k_true, a_d_true, M, C, plant.robot.friction_at(q))
 
 
 class Slowdown(NamedTuple):
@@ -116,12 +113,6 @@ class Slowdown(NamedTuple):
     least_rate: float
 
 
-def path_times(samples: Sequence[Sample]) -> np.ndarray | None:
-    """Return the time of the path at each of the samples (N) [s], None without a governor."""
-    paths = [(sample.t, sample.state.path) for sample in samples]
-    return _rows([None if path is None else path.at(t) for t, path in paths])
-
-
 def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
     """Return the intervals in which the path was slowed by more than 1 %, in order."""
     paths = [path for sample in samples if (path := sample.state.path) is not None]
@@ -137,8 +128,9 @@ def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
 
 
 _FEWEST = 64  # samples of a spectrum; half or twice: of shorter or only of longer records
-_SLOWEST = 3.0  # [Hz] of ringing, where no bandwidth is known
-# Share of the joint's torque that rings, and of this share that has one frequency.
+_SLOWEST = 3.0  # [Hz] of ringing where no bandwidth is known; half or twice: slower or faster tones
+# Share of the joint's torque that rings, and of this share that has one frequency: half or twice,
+# weaker or only stronger oscillations ring; less pure ones are the noise of sensors.
 _RINGS, _PURE = 0.05, 0.85
 
 
@@ -178,25 +170,24 @@ def ringing(
     from scipy.signal import welch  # here, because scipy is slow to import
 
     finite = np.isfinite(tau).all(axis=1)
-    count = len(t) if finite.all() else int(np.argmin(finite))
-    if count < _FEWEST:
+    t, tau = t[finite], tau[finite]
+    if len(t) < _FEWEST:
         return None
-    rate = 1.0 / float(np.median(np.diff(t[:count])))
-    length = min(count, max(_FEWEST, round(rate)))
-    tau = tau[min(count // 2, count - length) : count]
+    rate = 1.0 / float(np.median(np.diff(t)))
+    length = min(len(t), max(_FEWEST, round(rate)))
+    tau = tau[min(len(t) // 2, len(t) - length) :]
     f, power = welch(tau, rate, nperseg=length, detrend="linear", axis=0)
-    step, power = f[1], f[1] * power[f >= slowest]  # the sum over f is the mean square
-    f = f[f >= slowest]
-    if len(f) < 8:  # any oscillation would be near the strongest
-        return None
-    fast, size = np.sqrt(power.sum(axis=0)), np.sqrt(np.mean(tau**2, axis=0))
+    step, fast = f[1], f >= slowest
+    f, power = f[fast], f[1] * power[fast]  # the sum over f is the mean square
     found = []
-    for joint, name in enumerate(joints):
-        own, peak = power[:, joint], int(np.argmax(power[:, joint]))
+    for name, own, size in zip(joints, power.T, np.sqrt(np.mean(tau**2, axis=0)), strict=True):
+        peak = int(np.argmax(own)) if own.size else 0
+        if peak < 2:  # no edge of the motion's own spectrum
+            continue
         near = np.abs(f - f[peak]) <= max(0.15 * f[peak], 2.0 * step)
-        pure = peak >= 2 and own[near].sum() > _PURE * own.sum()  # no edge of the motion's own
-        if pure and fast[joint] > _RINGS * size[joint]:
-            found.append(Ringing(name, float(f[peak]), float(fast[joint] / size[joint])))
+        share = float(np.sqrt(own.sum()) / size)
+        if own[near].sum() > _PURE * own.sum() and share > _RINGS:
+            found.append(Ringing(name, float(f[peak]), share))
     return max(found, key=lambda each: each.share, default=None)
 
 
@@ -219,14 +210,14 @@ class Transient(NamedTuple):
     Attributes:
         at: time of the mark [s].
         what: its words.
-        worst: largest error until the next mark or the end [m or rad].
+        worst: largest finite error until the next mark or the end [m or rad]; None: there is none.
         back: time from the mark after which the error stays below ``CLOSE`` [s]; zero where it
             never exceeds that, None where it does not come back before the next mark or the end.
     """
 
     at: float
     what: str
-    worst: float
+    worst: float | None
     back: float | None
 
 
@@ -345,7 +336,7 @@ class Recording:
             if far.size:
                 last = far[-1] == part[-1]
                 back = None if last else round(float(self.t[far[-1] + 1] - at), 6)
-            found.append(Transient(at, what, float(distance[part].max()), back))
+            found.append(Transient(at, what, extreme(np.max, distance[part]), back))
         return found
 
     @cached_property
@@ -354,8 +345,7 @@ class Recording:
 
         Of each sample (N, p_k) where the true robot changes during the run.
         """
-        run = self.evaluated()
-        return run.in_time(run.controller.kinematics.value)
+        return self._true(lambda controller: controller.kinematics)
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
@@ -363,8 +353,15 @@ class Recording:
 
         Of each sample (N, p_d) where the true robot changes during the run.
         """
+        return self._true(lambda controller: controller.dynamics)
+
+    def _true(self, model: Callable[[Controller], Any]) -> np.ndarray | None:
+        """Return the true parameters of the kinematics or the dynamics of a controller."""
         run = self.evaluated()
-        return run.in_time(run.controller.dynamics.value)
+        rows = run.true_values(model(run.controller).value, run.samples)
+        if rows is None or not len(rows) or len(run.true.robots) > 1:
+            return rows
+        return np.asarray(rows[0])
 
     @cached_property
     def prediction(self) -> TorquePrediction | None:
@@ -385,8 +382,8 @@ class Recording:
         torques = self.motion_torques()
         if torques is None:
             return ()
-        excited = torques.excited
-        return tuple(n for n, alone in zip(excited.names, excited.alone, strict=True) if not alone)
+        names, alone = np.array(torques.excited.names), np.array(torques.excited.alone)
+        return tuple(names[~alone].tolist())
 
     def motion_torques(self) -> MotionTorques | None:
         """Return the torques since the last mark, and what of the parameters they depend on.
@@ -439,35 +436,15 @@ class Recording:
 
     @cached_property
     @np.errstate(all="ignore")
-    def singular_J_hat(self) -> np.ndarray:
-        """Singular values (N, m) of the estimated Jacobian, descending; NaN where not finite."""
-        run = self.evaluated()
+    def min_singular_J_hat(self) -> np.ndarray:
+        """Smallest singular value (N) of the estimated Jacobian; NaN where that is not finite."""
+        run, found = self.evaluated(), np.full(len(self.t), np.nan)
         kinematics = run.controller.kinematics
-        found = np.full((len(self.t), min(kinematics.J.shape)), np.nan)
         for k, sample in enumerate(run.samples):
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
             if np.isfinite(kinematics.J).all():
-                found[k] = np.linalg.svd(kinematics.J, compute_uv=False)
+                found[k] = np.linalg.svd(kinematics.J, compute_uv=False)[-1]
         return found
-
-    @property
-    def min_singular_J_hat(self) -> np.ndarray:
-        """Smallest singular value (N) of the estimated Jacobian."""
-        return self.singular_J_hat.min(axis=1, initial=np.inf)
-
-    @cached_property
-    @np.errstate(all="ignore")
-    def damping(self) -> np.ndarray:
-        """The mu^2 (N) of the estimated Jacobian's ``RightInverse``, zero where that is exact."""
-        threshold = self.evaluated().controller.limits.singular
-        s_squared = 1.0 / np.sum(self.singular_J_hat**-2.0, axis=1)
-        return np.maximum(0.5 * (threshold**2 - s_squared), 0.0)
-
-    @property
-    def damping_share(self) -> np.ndarray:
-        """The largest share (N) of a task motion that damping takes, mu^2 / (s_min^2 + mu^2)."""
-        whole = self.min_singular_J_hat**2 + self.damping
-        return self.damping / np.maximum(whole, np.finfo(float).tiny)
 
     @cached_property
     @np.errstate(all="ignore")
@@ -478,14 +455,14 @@ class Recording:
         """
         if not isinstance(self.task, ImageTask) or not len(self.t):
             return None
-        run = self.evaluated()
-        if not run.true.known:
+        true, last = self.evaluated().true, window(np.arange(len(self.t)), False)
+        if not true.known:
             return None
-        last, found = window(np.arange(len(self.t)), False), []
+        found = []
         for k in last[:: max(1, len(last) // 100)]:
-            robot = run.true.robots[int(run.true.index(self.t[k]))]
-            assert isinstance(robot.task, ImageTask)
-            found.append(robot.task.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
+            robot = true.robots[int(true.index(self.t[k]))]
+            tool: Any = robot.task
+            found.append(tool.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
         return extreme(np.max, np.array(found))
 
     @cached_property
@@ -496,15 +473,6 @@ class Recording:
         """
         run = self.evaluated()
         return _rows([run.controller.disturbance(sample.state) for sample in run.samples])
-
-    @cached_property
-    def disturbance_noise(self) -> np.ndarray | None:
-        """The deviation (N, nv) [N m or N] of ``disturbance`` by the declared noise of sensors.
-
-        None where there is no disturbance, or no period.
-        """
-        controller = self.evaluated().controller
-        return _rows([controller.disturbance_noise(q, controller.period) for q in self.q])
 
     @cached_property
     def limits(self) -> LimitExcess:

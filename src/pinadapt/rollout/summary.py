@@ -26,25 +26,24 @@ Run = TypeVar("Run", bound=Recording)
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
-    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "disturbance_noise"),
-    *("min_eig_M_hat", "singular_J_hat", "damping"),
+    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "effort_limits"),
+    *("min_eig_M_hat", "min_singular_J_hat"),
 )
 # What ``load`` needs of a run beside these: as in the summary, and what people do not read.
 _NAMED = (
     *("title", "robot", "law", "adaptation", "diverged", "reason", "interrupted"),
     *("joint_names", "kinematic_names", "dynamic_names"),
 )
-_KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "slowed", "not_identified")
+_KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_identified")
 
 
 def summary(run: Recording) -> dict[str, Any]:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
     found = run.prediction
-    prediction = found and asdict(found) | {
-        "share_first": found.share_first,
-        "share_last": found.share_last,
-    }
-    strongest = int(np.argmax(np.nan_to_num(np.abs(run.tau)).max(axis=0, initial=0.0)))
+    prediction = None
+    if found is not None:
+        shares = {"share_first": found.share_first, "share_last": found.share_last}
+        prediction = {**asdict(found), **shares}
     numbers = {
         "verdict": "",  # follows from the others
         "error_share": error_share(run),
@@ -56,8 +55,6 @@ def summary(run: Recording) -> dict[str, Any]:
         "tau_max": extreme(np.max, np.abs(run.tau)),
         "min_eig_M_hat": extreme(np.min, run.min_eig_M_hat),
         "min_singular_J_hat": extreme(np.min, run.min_singular_J_hat),
-        "max_damping": extreme(np.max, run.damping),
-        "max_damping_share": extreme(np.max, run.damping_share),
         "saturated": extreme(np.mean, run.saturated),
         "limits": run.limits.summary(),
         "steps": len(run.t),
@@ -66,28 +63,13 @@ def summary(run: Recording) -> dict[str, Any]:
         "kinematic_base": run.kinematic_base,
         "torque_prediction": prediction,
         "changes": [
-            {
-                "at": at,
-                "what": what,
-                "max_error": worst if np.isfinite(worst) else None,
-                "time_back": back,
-            }
+            {"at": at, "what": what, "max_error": worst, "time_back": back}
             for at, what, worst, back in run.transients
         ],
-        "slowed": [
-            dict(zip(("from", "to", "cause", "least_rate"), each, strict=True))
-            for each in run.slowed
-        ],
+        "slowed": [each._asdict() for each in run.slowed],
         "ringing": run.ringing and run.ringing._asdict(),
         "bridged": run.bridged._asdict(),
-        "recorded": {
-            **{name: getattr(run, name) for name in _KEPT},
-            "effort_limits": [x if np.isfinite(x) else None for x in run.effort_limits],
-            "limits": str(run.limits),
-            "strongest": run.joint_names[strongest],
-            "torque_unit": "N" if run.limits.slides[strongest] else "N m",
-            "late": None if run.path_time is None else float(run.t[-1] - run.path_time[-1]),
-        },
+        "recorded": {name: getattr(run, name) for name in _KEPT},
         "version": __version__,
     }
     if isinstance(run.task, JointTask):
@@ -110,32 +92,28 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
 
 
 def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
-    """Return a table of the main numbers, which ``summary`` has made."""
+    """Return a table of the main numbers, which ``summary`` has made; zeros are left out."""
     shown, angle = run.task.groups[0].shown, DISPLAYS["rad"]
-    kept, sizes = numbers["recorded"], [len(run.kinematic_names), len(run.dynamic_names)]
     cells = [
-        ("max_error_first", "error, first 10 % (max)", shown),
-        ("max_error_last", "error, last 10 % (max)", shown),
-        ("rms_error_last", "error, last 10 % (rms)", shown),
-        ("max_tool_error_last", "tool error, from the picture, last 10 % (max)", DISPLAYS["m"]),
-        ("max_angle_first", "angle, first 10 % (max)", angle),
-        ("max_angle_last", "angle, last 10 % (max)", angle),
-        ("tau_max", f"largest torque, {kept['strongest']}", Display(kept["torque_unit"], 1.0)),
-        ("min_eig_M_hat", "smallest eigenvalue of M_hat", Display("kg m^2", 1.0)),
-        ("min_singular_J_hat", "smallest singular value of J_hat", Display("", 1.0)),
+        ("error, first 10 % (max)", "max_error_first", shown),
+        ("error, last 10 % (max)", "max_error_last", shown),
+        ("error, last 10 % (rms)", "rms_error_last", shown),
+        ("tool error, from the picture, last 10 % (max)", "max_tool_error_last", DISPLAYS["m"]),
+        ("angle, first 10 % (max)", "max_angle_first", angle),
+        ("angle, last 10 % (max)", "max_angle_last", angle),
+        ("largest torque", "tau_max", Display("N m or N", 1.0)),
+        ("torque at its limit", "saturated", Display("% of the time", 100.0)),
+        ("smallest eigenvalue of M_hat", "min_eig_M_hat", Display("kg m^2", 1.0)),
+        ("smallest singular value of J_hat", "min_singular_J_hat", Display("", 1.0)),
+        ("controller step (mean)", "step_time_us", Display("us", 1.0)),
     ]
-    some = [
-        ("step_time_us", "controller step (mean)", Display("us", 1.0)),
-        ("saturated", "torque at its limit", Display("% of the time", 100.0)),
-        ("max_damping_share", "task motion lost near a singularity, up to", Display("%", 100.0)),
-    ]
+    sizes = len(run.kinematic_names), len(run.dynamic_names)
     rows = [
         ("robot", f"{run.robot}, {numbers['nv']} joints"),
         ("law", run.law),
         ("adaptation", "{}: {} kinematic, {} dynamic".format(run.adaptation, *sizes)),
-        *((words, _shown(numbers[key], unit)) for key, words, unit in cells if key in numbers),
+        *((words, _shown(numbers[key], unit)) for words, key, unit in cells if numbers.get(key)),
         *_prediction_rows(numbers),
-        *((words, _shown(numbers[key], unit)) for key, words, unit in some if numbers[key]),
         ("samples", f"{numbers['steps']} in {run.wall_time:.1f} s"),
     ]
     for change in numbers["changes"]:
@@ -201,16 +179,11 @@ def load(folder: Path, kind: type[Run]) -> Run:
     Raises:
         InputError: the files are missing, broken, or of another version of pinadapt.
     """
-    if folder.is_file():
-        raise InputError(
-            "is a file of a run.", where=str(folder), hint=f"Give the folder: {folder.parent}."
-        )
     for name in ("summary.json", "rollout.npz"):
         if not (folder / name).is_file():
             raise InputError(
-                f"has no {name}.",
+                f"has no {name}; `rollout.save` and `pinadapt run` write one into a folder.",
                 where=str(folder),
-                hint="`rollout.save` and `pinadapt run` write one.",
             )
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
@@ -223,8 +196,7 @@ def load(folder: Path, kind: type[Run]) -> Run:
                 "numbers": numbers,
                 "ringing": None if ringing is None else Ringing(**ringing),
                 "bridged": Bridged(**numbers["bridged"]),
-                "slowed": tuple(Slowdown(*row) for row in kept["slowed"]),
-                "effort_limits": np.array(kept["effort_limits"], dtype=float),
+                "slowed": tuple(Slowdown(**row) for row in numbers["slowed"]),
                 "evaluation": None,
             }
         )
@@ -245,10 +217,13 @@ def _task(numbers: dict[str, Any], coordinates: int) -> Task:
 
 # The outcome in one line: accuracy, limits exceeded
 
-ACCURATE, ROUGH = 0.02, 0.2  # errors in the last 10 %, relative to the path's extent
-BETTER = 0.2  # error relative to that without adaptation, above which adaptation hardly helps
+# Errors in the last 10 %, relative to the path's extent, and the change of an orientation [rad]
+# that is taken as its extent: half or twice of them, and half or twice as large errors follow.
+ACCURATE, ROUGH, TURN = 0.02, 0.2, 0.2
+# Error relative to that without adaptation, above which it hardly helps; half or twice: fewer or
+# more robots of the zoo do.
+BETTER = 0.2
 FOLLOWS, ROUGHLY, LOST = "follows", "follows roughly", "does not follow"
-TURN = 0.2  # [rad] taken as the extent of a change of orientation
 
 
 def error_share(run: Recording) -> float | None:
@@ -263,32 +238,33 @@ def grade(run: Recording) -> str:
         return f"diverged at {run.diverged:.3f} s"
     if run.interrupted is not None:
         return f"interrupted at {run.interrupted:.3f} s"
-    errors = [run.distance / (run.extent or CLOSE / ACCURATE)]
-    errors += [] if run.angle is None else [run.angle / TURN]
-    worst = [extreme(np.max, window(error, False)) for error in errors]
-    if None in worst:
+    errors = run.distance / (run.extent or CLOSE / ACCURATE)
+    if run.angle is not None:
+        errors = np.maximum(errors, run.angle / TURN)
+    worst = extreme(np.max, window(errors, False))
+    if worst is None:
         return "no finite error"
-    largest = max(error for error in worst if error is not None)
-    return FOLLOWS if largest <= ACCURATE else ROUGHLY if largest <= ROUGH else LOST
+    return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
 
 def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
     """Return the verdict in one line."""
-    found, rings = numbers["torque_prediction"], run.ringing
-    predicted = ""
+    found = numbers["torque_prediction"]
+    parts = [str(run.reason or "").rstrip("."), _error(run, numbers)]
+    if run.slowed:
+        longest = max(run.slowed, key=lambda each: each.end - each.start)
+        parts.append(
+            f"path slowed {len(run.slowed)} times, longest from {_short(longest.start)} to "
+            f"{_short(longest.end)} s by {longest.cause}"
+        )
+    parts.append(str(run.limits))
     if found is not None and run.diverged is None:
         shares = percent(found["share_last"]), percent(found["share_first"])
-        predicted = "torques predicted to {}, at first {}".format(*shares)
-    saturated = f"the motors were at their limit {numbers['saturated'] or 0.0:.0%} of the time"
-    parts = (
-        str(run.reason or "").rstrip("."),
-        _error(run, numbers),
-        f"path slowed {_slowed_words(numbers)}" if run.slowed else "",
-        numbers["recorded"]["limits"],
-        predicted,
-        saturated if grade(run) != FOLLOWS and numbers["saturated"] else "",
-        "" if rings is None else ringing_words(rings, run.law),
-    )
+        parts.append("torques predicted to {}, at first {}".format(*shares))
+    if numbers["saturated"] and grade(run) != FOLLOWS:
+        parts.append(f"the motors were at their limit {numbers['saturated']:.0%} of the time")
+    if run.ringing is not None:
+        parts.append(ringing_words(run.ringing, run.law))
     return f"{grade(run)}: {'; '.join(part for part in parts if part)}."
 
 
@@ -300,15 +276,18 @@ def _error(run: Recording, numbers: dict[str, Any]) -> str:
     (unit, scale), turn = run.task.groups[0].shown, DISPLAYS["rad"]
     text = f"error of the last 10 % up to {_short(scale * error)} {unit}"
     if share is not None:
-        of = f"{_short(scale * run.extent)} {unit}"
-        text += f", {_short(100 * share, 2)} % of the path's {of}"
+        text += f", {percent(share)} of the path's {_short(scale * run.extent)} {unit}"
     if numbers.get("max_tool_error_last") is not None:
         text += f", {_short(1e3 * numbers['max_tool_error_last'])} mm at the tool"
     if numbers.get("max_angle_last") is not None:
         text += f", and {_short(turn.scale * numbers['max_angle_last'])} {turn.unit}"
-    if run.unadapted is not None:
-        more, less = run.unadapted / max(error, 1e-300), error / max(run.unadapted, 1e-300)
-        ratio = f"{less:.0%} of" if less > BETTER else f"{_short(more, 2)} times less than"
+    if run.unadapted and error:
+        times = run.unadapted / error
+        ratio = (
+            f"{_short(times, 2)} times less than"
+            if times * BETTER > 1.0
+            else (f"{percent(1.0 / times)} of")
+        )
         text += f", {ratio} the {_short(scale * run.unadapted)} {unit} without adaptation"
     return text
 
@@ -334,14 +313,3 @@ def _short(value: float, digits: int = 3) -> str:
         return "< 0.001"
     whole = 10.0**digits <= value < 1e6
     return f"{value:.0f}" if whole else f"{value:.{digits}g}"
-
-
-def _slowed_words(numbers: dict[str, Any]) -> str:
-    """Return when a governor slowed the path most, and why, and how late the path is at the end."""
-    slowed, late = numbers["slowed"], numbers["recorded"]["late"]
-    longest = max(slowed, key=lambda each: each["to"] - each["from"])
-    return (
-        f"{len(slowed)} times, longest from {_short(longest['from'])} to {_short(longest['to'])} s "
-        f"by {longest['cause']} (rate down to {longest['least_rate']:.2g}), "
-        f"{_short(late or 0.0, 2)} s late at the end"
-    )

@@ -177,8 +177,7 @@ class Scenario:
                 hint="Change the model file, or remove this table.",
             )
         with located("simulation", KEYS["simulation"][1], TABLES):
-            dt = self.engine.period(self.controller)
-            check_options(self.duration, dt, self.record_every, self.seed, self.title)
+            check_options(self.duration, self.record_every, self.seed, self.title)
         with located("engine", KEYS["engine"][1], TABLES):
             plant = self.engine.make(self.true, self.controller)
         with warnings.catch_warnings():

@@ -16,18 +16,13 @@ from ..exceptions import InputError, ParameterError
 from ..laws import DEFAULT
 from ..plants.plant import SimulatedPlant
 from ..records import Sensors
-from ..robot.home import conditioning
 from ..robot.motors import Actuators, overloaded
 from ..robot.robot import Robot
-from ..tasks.frame import FrameTask
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight, sensor_findings
 
-_STARTS = {"a_k": "start.a_k", "a_d": "start.a_d"}
-_INFORMATION = ("information", "information_k")
-
-_SINGULAR = 1e-6
+_START = ("a_k", "a_d", "information", "information_k")
 
 
 @arithmetic("simulation")
@@ -52,16 +47,14 @@ def prepare(
     """
     _check_same_shape(plant.robot, controller)
     usable_trajectory(controller, trajectory, duration)
-    _check_not_singular(plant.robot)
     if isinstance(start, LearnedParameters):
         start = start.start(controller)
-    given = dict(mapping(start, "start"))
-    rows = {name: given.pop(name) for name in _INFORMATION if name in given}
-    estimates: dict[str, Any] = {
-        word(name, (*_STARTS, *_INFORMATION), "start"): _array(value, _STARTS[name])
-        for name, value in given.items()
-    }
-    return controller.init(plant.measure(), **rows, **estimates)
+    given: dict[str, Any] = dict(mapping(start, "start"))
+    for name, value in given.items():
+        word(name, _START, "start")
+        if name in ("a_k", "a_d") and value is not None:
+            given[name] = vector(value, None, f"start.{name}", error=ParameterError)
+    return controller.init(plant.measure(), **given)
 
 
 def findings(
@@ -91,25 +84,16 @@ def findings(
     return words if held is None else [*words, held]
 
 
-def check_options(
-    duration: float,
-    dt: float,
-    record_every: int,
-    seed: int,
-    title: str,
-) -> None:
+def check_options(duration: float, record_every: int, seed: int, title: str) -> None:
     """Refuse options that make no run.
 
     Raises:
-        InputError: an unknown word, or an invalid number.
+        InputError: a duration [s] that is not positive, no whole numbers, or no text.
     """
-    if positive(duration, "duration") < 0.5 * positive(dt, "dt"):
-        raise InputError(
-            f"must be at least one period of {dt} s, got {duration}.", where="duration"
-        )
+    positive(duration, "duration", error=InputError)
     whole(record_every, "record_every", 1)
-    instance(title, str, "title")
     whole(seed, "seed", 0)
+    instance(title, str, "title")
 
 
 def usable_trajectory(
@@ -145,23 +129,6 @@ def _comes_to_rest(motion: Trajectory, duration: float | None) -> bool:
         return True
     last = motion.at(60.0 if duration is None else duration)
     return max(np.abs(last.xd_d).max(), np.abs(last.xdd_d).max()) < 1e-6
-
-
-def _array(value: ArrayLike | None, name: str) -> np.ndarray | None:
-    return None if value is None else vector(value, None, name, error=ParameterError)
-
-
-def _check_not_singular(true: Robot) -> None:
-    task, model = true.task, true.model
-    if not isinstance(task, FrameTask):
-        return
-    if conditioning(model, model.createData(), true.frame_id, task.rows, true.q0)[1] < _SINGULAR:
-        raise InputError(
-            f"the robot starts in a singularity: at {true.home_angles.round(4).tolist()} it cannot "
-            "move all of its task.",
-            where="robot.q0",
-            hint="Bend a joint, or leave q0 out to have a pose searched.",
-        )
 
 
 def _check_same_shape(true: Robot, controller: Controller) -> None:

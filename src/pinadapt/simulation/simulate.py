@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any
@@ -30,12 +29,7 @@ from ..records import Sensors
 from ..reference import Wiggle, starting_from
 from ..robot.motors import Actuators
 from ..robot.robot import Robot, Succession
-from ..rollout.recording import (
-    Evaluation,
-    path_times,
-    ringing_of,
-    slowdowns,
-)
+from ..rollout.recording import Evaluation, ringing_of, slowdowns
 from ..rollout.rollout import Rollout
 from ..tasks.task import JointTask
 from ..trajectories.given import TrajectoryLike
@@ -44,31 +38,6 @@ from ..tuning.make_controller import make_controller
 from .engine import Engine
 from .loop import Events, run, run_continuous, sample_indices
 from .prepare import check_options, findings, prepare
-
-_OBJECTS = 1800  # [B] a sample, besides the numbers
-_PER_JOINT = 20  # numbers per sample
-
-
-def check_memory(controller: Controller, samples: int, record_every: int) -> None:
-    """Refuse a run whose samples do not fit into the memory that there is.
-
-    Raises:
-        InputError: they do not.
-    """
-    kept = -(-samples // record_every)
-    parameters = controller.kinematics.size + controller.dynamics.size
-    joints = len(controller.kinematics.joint_names)
-    needed = kept * (_OBJECTS + 8 * (parameters + _PER_JOINT * joints))
-    room = sys.maxsize
-    with suppress(OSError, ValueError, AttributeError):  # not every system has these names
-        room = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > room:
-        raise InputError(
-            f"{kept} samples to keep take about {needed / 1e9:.3g} GB, there are {room / 1e9:.3g}.",
-            where="duration",
-            hint="Take a shorter duration or a longer dt; in Python record_every keeps fewer.",
-        )
-
 
 Progress = Callable[[range], Iterable[int]]
 
@@ -151,9 +120,10 @@ def simulate(
     """
     instance(true, Robot, "true")
     instance(controller, Controller, "controller")
-    engine, events = Engine.of(engine), Events() if events is None else events
+    engine = Engine.of(engine)
+    events = instance(Events() if events is None else events, Events, "events")
     dt, motors = engine.period(controller), engine.motors(true)
-    check_options(duration, dt, record_every, seed, title)
+    check_options(duration, record_every, seed, title)
     sensors = controller.sensors if sensors is None else sensors
     simulated = SimulatedSensors(true, dt, sensors, seed=seed)
     if engine.continuous and not sensors.perfect:
@@ -166,7 +136,7 @@ def simulate(
         controller = controller.limited(motors)
     started = perf_counter()
     plant = engine.make(true, controller)
-    if instance(events, Events, "events").changes and not plant.described:
+    if events.changes and not plant.described:
         raise InputError(
             "the robot of a model file does not change while it moves.", where="changes"
         )
@@ -180,12 +150,10 @@ def simulate(
     state = prepare(plant, controller, trajectory, start, duration)
     believed = controller.kinematics.seen(state.a_k)
     trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
-    check_memory(controller, len(indices), record_every)
     robots = replace(Succession.of(true, events.changes), known=plant.described)
     events.check(controller, state)
     if late := events.after(duration):
         warnings.warn(f"the run ends before the events at {late} s.", stacklevel=3)
-    loop = plant, controller, trajectory
     options: dict[str, Any] = {
         "dt": dt,
         "state": state,
@@ -197,19 +165,31 @@ def simulate(
     else:
         for finding in findings(true, controller, dt, sensors, motors, engine.actuators):
             warnings.warn(finding, stacklevel=3)
-        stream = run(*loop, sensors=None if sensors.perfect else simulated, **options)
-    live = progress == "live"
-    shown = {"duration": duration, "changes": events.changes, "title": title} if live else None
-    steps = watched(indices, None if live else progress, title or true.name)
-    with np.errstate(all="ignore"), _shown_live(stream, loop, shown) as samples:  # may overflow
-        kept = record(samples, steps, controller, record_every)
+        options["sensors"] = None if sensors.perfect else simulated
+        stream = run(plant, controller, trajectory, **options)
+    live, name = progress == "live", title or true.name
+    steps = watched(indices, None if live else progress, name)
+    with ExitStack() as stack, np.errstate(all="ignore"):  # a loop that diverges overflows
+        if live:
+            from ..view.live import LiveView  # here, because it brings a server
+
+            view = LiveView(
+                true,
+                controller,
+                trajectory,
+                duration=duration,
+                changes=events.changes,
+                title=title,
+            )
+            stream = stack.enter_context(view).watch(stream)
+        kept = record(stream, steps, controller, record_every)
     rollout = rollout_of(
         kept,
         plant,
         controller,
         robots,
         announced=events.announcements,
-        title=title or true.name,
+        title=name,
         wall_time=perf_counter() - started,
         extent=trajectory.extent,
     )
@@ -223,7 +203,6 @@ def wiggled(
     controller: Controller,
     dt: float,
     sensors: SimulatedSensors | None = None,
-    duration: float = 2.0,
 ) -> dict[str, np.ndarray]:
     """Return the estimates to start from that a ``Wiggle`` of all joints of a plant shows.
 
@@ -237,25 +216,22 @@ def wiggled(
         controller: with an unknown tracker or camera.
         dt: period [s].
         sensors: through which the plant is seen; None for perfect ones.
-        duration: of the motion [s].
 
     Raises:
         LogError: the frames show none, see ``find_tracker`` and ``find_camera``.
         DivergedError: the motion diverged.
     """
-    robot = controller.kinematics.robot
-    joints = replace(robot, task=JointTask.of_chain(robot.model))
-    seen = controller.sensors
+    robot, seen = controller.kinematics.robot, controller.sensors
     noise = {name: seen.noise[name] for name in ("q", "v") if name in seen.noise}
     own = make_controller(
-        joints,
+        replace(robot, task=JointTask.of_chain(robot.model)),
         dt=dt,
         sensors=Sensors(encoder=seen.encoder, noise=noise),
         limits=Limits(torque=controller.limits.torque),
     )
-    motion = Wiggle(robot, duration)
+    motion = Wiggle(robot)
     late = 0.0 if seen.camera is None else seen.camera.delay
-    loop = run(plant, own, motion, dt=dt, duration=duration + late, sensors=sensors)
+    loop = run(plant, own, motion, dt=dt, duration=motion.duration + late, sensors=sensors)
     samples = list(loop)
     plant.reset()
     measurements = [sample.measurement for sample in samples]
@@ -267,21 +243,6 @@ def wiggled(
     if own.dynamics.names == controller.dynamics.names:
         found["a_d"] = samples[-1].state.a_d
     return found
-
-
-@contextmanager
-def _shown_live(
-    stream: Iterator[Sample], loop: tuple[Any, Any, Any], shown: Mapping[str, Any] | None
-) -> Iterator[Iterator[Sample]]:
-    """Give a stream, shown in a live view with these options unless they are None."""
-    if shown is None:
-        yield stream
-        return
-    from ..view.live import LiveView
-
-    plant, controller, trajectory = loop
-    with LiveView(plant.robot, controller, trajectory, **shown) as view:
-        yield view.watch(stream)
 
 
 @dataclass(eq=False)
@@ -313,8 +274,8 @@ def record(
     The last state is kept whole, the others as ``Controller.recorded`` returns them. Samples so far
     are kept if the loop diverges or a ``KeyboardInterrupt`` stops it.
     """
-    kept, last = Record(), 0.0
-    samples, before = kept.samples, None
+    kept, last, before = Record(), 0.0, None
+    samples = kept.samples
     try:
         for k, sample in zip(indices, stream, strict=False):
             kept.steps, last = kept.steps + 1, sample.t
@@ -364,24 +325,27 @@ def rollout_of(
         """Return a number of the samples' arrays as one (N, size)."""
         return np.array([of(sample) for sample in samples], dtype=float).reshape(len(samples), size)
 
-    tau, x_d = column(lambda s: s.torque, n), column(lambda s: s.desired.x_d, coordinates)
+    t, tau = np.array([sample.t for sample in samples]), column(lambda s: s.torque, n)
+    lags = [path.lag for sample in samples if (path := sample.state.path) is not None]
+    words = {time: what for time, what in robots.words}
+    for time in announced:
+        words[time] = f"{words[time]}, announced" if time in words else "announced"
+    adapted = controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
     return Rollout(
         title=title,
         robot=robot.name,
         law=controller.law.name,
-        adaptation=(
-            controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
-        ).name,
+        adaptation=adapted.name,
         task=robot.task,
         joint_names=tuple(robot.joint_names),
         kinematic_names=controller.kinematics.names,
         dynamic_names=controller.dynamics.names,
-        t=np.array([sample.t for sample in samples]),
+        t=t,
         q=column(lambda s: s.truth.q, robot.model.nq),
         v=column(lambda s: s.truth.v, n),
         tau=tau,
         x=column(lambda s: s.truth.x, coordinates),
-        x_d=x_d,
+        x_d=column(lambda s: s.desired.x_d, coordinates),
         a_k=column(lambda s: s.state.a_k, controller.kinematics.size),
         a_d=column(lambda s: s.state.a_d, controller.dynamics.size),
         saturated=_saturated(tau, plant.torque_limits, controller.limits.torque),
@@ -390,22 +354,14 @@ def rollout_of(
         wall_time=wall_time,
         step_time=kept.step_time / max(kept.steps, 1),
         evaluation=Evaluation(controller, robots, samples),
-        marks=_marks(robots, announced),
+        marks=tuple(sorted(words.items())),
         interrupted=kept.interrupted,
         bridged=samples[-1].state.bridged if samples else Bridged(),
         path_extent=extent,
-        path_time=path_times(samples),
+        path_time=t - np.array(lags) if samples and len(lags) == len(samples) else None,
         slowed=slowdowns(samples),
-        ringing=ringing_of(np.array([sample.t for sample in samples]), tau, controller),
+        ringing=ringing_of(t, tau, controller),
     )
-
-
-def _marks(robots: Succession, announced: Iterable[float]) -> tuple[tuple[float, str], ...]:
-    """Return when something happened [s] and what, in order."""
-    words = {time: [what] for time, what in robots.words}
-    for time in announced:
-        words.setdefault(time, []).append("announced")
-    return tuple((time, ", ".join(words[time])) for time in sorted(words))
 
 
 def _saturated(tau: np.ndarray, *limits: np.ndarray | None) -> np.ndarray:

@@ -184,7 +184,9 @@ def numbers_of(rollout: Rollout) -> dict[str, Any]:
     if rollout.angle is not None:
         found["max_angle_last"] = extreme(np.max, rollout.angle[-len(last) :])
     if t:
-        found["worst_after_change"] = extreme(np.max, np.array([each.worst for each in t]))
+        found["worst_after_change"] = extreme(
+            np.max, np.array([each.worst for each in t], dtype=float)
+        )
         found["time_back"] = (
             None if None in back else max(each for each in back if each is not None)
         )
