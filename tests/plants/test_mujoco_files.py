@@ -90,25 +90,26 @@ def test_the_adaptive_controller_tracks_a_robot_that_differs_from_its_descriptio
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "where"),
     [
-        ({"joints": {}}, r"'panda_joint1' is not in .*own\.xml.*Did you mean 'joint1'"),
-        ({"joints": {**TABLE, "panda_jont1": "x"}}, "Did you mean 'panda_joint1'"),
-        ({"joints": {**TABLE, "panda_joint1": "joint2"}}, r"several joints .* \['joint2'\]"),
-        ({"joints": {**TABLE, "panda_joint1": "finger"}}, "'finger' .* different types"),
-        (
-            {"joints": {**TABLE, "panda_joint2": "joint4", "panda_joint4": "joint2"}},
-            "'joint4' .* 'panda_joint2' .* different axes",
-        ),
-        ({"frame": "flang"}, "Did you mean 'flange'"),
-        ({"frame": "ball"}, "frame: at home"),
-        ({"base": None}, r"different axes at home.*base"),
-        ({"base": "link3"}, "'link3' moves"),
-        ({"base": "stnd"}, "Did you mean 'stand'"),
+        ({"joints": {}}, "joints"),
+        ({"joints": {**TABLE, "panda_jont1": "x"}}, "joints"),
+        ({"joints": {**TABLE, "panda_joint1": "joint2"}}, "joints"),
+        ({"joints": {**TABLE, "panda_joint1": "finger"}}, "joints"),
+        ({"joints": {**TABLE, "panda_joint2": "joint4", "panda_joint4": "joint2"}}, "joints"),
+        ({"frame": "ball"}, "frame"),
+        ({"base": None}, "joints"),
+        ({"base": "link3"}, "base"),
+        ({"base": "stnd"}, "base"),
     ],
 )
-def test_mismatches_are_named(path, options, words):
-    with pytest.raises(pa.InputError, match=words):
-        pa.plants.MujocoPlant(
-            load("panda"), mjcf=pa.plants.MujocoFile(path, **{**MATCH, **options})
-        )
+def test_mismatches_are_named(path, options, where):
+    mjcf = pa.plants.MujocoFile(path, **{**MATCH, **options})
+    with pytest.raises(pa.InputError) as error:
+        pa.plants.MujocoPlant(load("panda"), mjcf=mjcf)
+    assert error.value.where == where
+
+
+def test_a_file_that_is_missing_is_named(tmp_path):
+    with pytest.raises(pa.InputError, match=r"none\.xml"):
+        pa.plants.MujocoPlant(load("panda"), mjcf=pa.plants.MujocoFile(tmp_path / "none.xml"))

@@ -101,7 +101,8 @@ def test_identities_on_random_chains(robot):
 def test_plant_robot_and_estimated_kinematics_agree():
     robot = pose_robot("kinova")
     q, v, _ = random_state(robot, np.random.default_rng(4))
-    x, xd = pa.plants.PinocchioPlant(robot).task_motion(q, v)
+    seen = pa.plants.PinocchioPlant(robot).measurement(q, v)
+    x, xd = seen.x, seen.xd
     believed = pa.models.FrameKinematics(robot, ["tool"])
     believed.update(believed.initial, q, v)
     assert np.allclose(POSE.error(x, robot.position(q)), 0.0, atol=1e-12)

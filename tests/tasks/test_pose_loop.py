@@ -135,7 +135,8 @@ def test_a_tracker_needs_no_angular_velocity():
         circle(robot).at(0.2),
     )
     v = np.linspace(-0.3, 0.4, 7)
-    x, xd = pa.plants.PinocchioPlant(robot).task_motion(robot.q0, v)
+    seen = pa.plants.PinocchioPlant(robot).measurement(robot.q0, v)
+    x, xd = seen.x, seen.xd
     state = controller.init(pa.Measurement(0.0, robot.q0, v, x, xd=xd))
     blind = np.concatenate([xd[:3], np.full(3, 9.0)])
     torques = [

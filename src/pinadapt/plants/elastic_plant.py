@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
 from ..exceptions import InputError, RobotError
 from ..records import Measurement
-from ..robot.motors import Actuators, Compensation
+from ..robot.motors import Actuators
 from ..robot.robot import Robot
 from .plant import SimulatedPlant, fitted_friction, refuse_special_friction
 
@@ -27,33 +29,18 @@ class ElasticPlant(SimulatedPlant):
     A step is the implicit midpoint rule in d, v and w, with M, C v + g and the secant of the
     friction at the midpoint: of second order, without numerical energy gain, stable for any
     stiffness. Friction is weighted as in ``FittedMidpoint``, so it never accelerates a motor.
-
     """
 
     springs = True
 
-    def __init__(
-        self,
-        robot: Robot,
-        *,
-        actuators: Actuators,
-        torque_limits: np.ndarray | None = None,
-        compensation: Compensation | None = None,
-        substeps: int | None = None,
-    ) -> None:
-        """Take the robot, its springs and the properties of its motors.
+    def __init__(self, robot: Robot, *, actuators: Actuators, **options: Any) -> None:
+        """Take the robot, its springs and the other options of ``SimulatedPlant``.
 
         Raises:
-            InputError: actuators without springs, springs or limits of a wrong size.
+            InputError: actuators without springs, or as of ``SimulatedPlant``.
             RobotError: a motor without inertia.
         """
-        super().__init__(
-            robot,
-            torque_limits=torque_limits,
-            compensation=compensation,
-            actuators=actuators,
-            substeps=substeps,
-        )
+        super().__init__(robot, actuators=actuators, **options)
         if not actuators.elastic:
             raise InputError("expected springs, got rigid joints.", where="actuators.stiffness")
         joints = actuators.of(robot)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from .._checks import word
 from ..description.chain import configuration_from_angles, position_limits
-from ..exceptions import DivergedError, InputError, did_you_mean
+from ..exceptions import InputError
 from ..records import Measurement
-from ..robot.motors import Actuators, Compensation
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PoseTask
 from .plant import LONGEST_STEP, SimulatedPlant, refuse_special_friction
@@ -42,37 +42,19 @@ class MujocoPlant(SimulatedPlant):
         data: its ``mujoco.MjData``; both can be shown in the viewer of MuJoCo.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        *,
-        mjcf: MujocoFile | None = None,
-        torque_limits: np.ndarray | None = None,
-        compensation: Compensation | None = None,
-        actuators: Actuators | None = None,
-        substeps: int | None = None,
-    ) -> None:
+    def __init__(self, robot: Robot, *, mjcf: MujocoFile | None = None, **options: Any) -> None:
         """Build the MuJoCo model.
 
         Args:
             robot: the true robot, or the description that the file is matched with.
             mjcf: model file to simulate in place of the robot, or None.
-            torque_limits: (nv) limits of the motor torques [N m or N], or None.
-            compensation: function of q (nq): torque that the arm adds to the command, or None.
-            actuators: how a commanded torque comes to the links; None: ideal ones.
-            substeps: integration steps per ``step``; None: chosen.
+            options: of ``SimulatedPlant``.
 
         Raises:
-            InputError: MuJoCo is not installed, less than one substep, elastic actuators, or a file
-                that does not match the robot.
+            InputError: MuJoCo is not installed, a file that does not match the robot, or as of
+                ``SimulatedPlant``.
         """
-        super().__init__(
-            robot,
-            torque_limits=torque_limits,
-            compensation=compensation,
-            actuators=actuators,
-            substeps=substeps,
-        )
+        super().__init__(robot, **options)
         mj = mujoco_module()
         self.described = mjcf is None
         self._chain = chain_of(robot) if mjcf is None else mjcf.match(robot)
@@ -122,14 +104,8 @@ class MujocoPlant(SimulatedPlant):
         return Measurement(self._t, self._q, self._v, x, None, xd)
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
-        """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N].
-
-        Raises:
-            DivergedError: the torque is not finite.
-        """
+        """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
         count = self.steps_in(dt)
-        if not np.isfinite(tau).all():  # MuJoCo would write a log file
-            raise DivergedError("the torque is not finite.", self._t)
         self.data.qfrc_applied[self._dofs] = tau
         self.model.opt.timestep = dt / count
         mujoco_module().mj_step(self.model, self.data, count)
@@ -156,11 +132,11 @@ class MujocoPlant(SimulatedPlant):
         mj.mj_comVel(model, data)
 
 
-# Constraints in MuJoCo are spring-dampers with a time constant [s] and a damping ratio (solref),
-# and a share of the ideal force (solimp). With these values a joint at 1 rad/s or 1 m/s exceeds
-# its limit by about 1 mrad or 1 mm.
 # The MuJoCo model
 
+# Constraints in MuJoCo are spring-dampers with a time constant [s] and a damping ratio (solref),
+# and a share of the ideal force (solimp). With these values a joint at 1 rad/s or 1 m/s exceeds
+# its limit by about 1 mrad or 1 mm; with half or twice of the time constant by half or twice of it.
 STIFF = [0.004, 1.0]
 HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
 
@@ -168,11 +144,6 @@ HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
 # its body, which must not happen here. These positions [m] and quaternions wxyz are others.
 _MASS = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
 _SITE = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
-
-_FASTEST = 0.002  # [s], least time constant: MuJoCo needs two of its steps
-_SOFTEST = 0.1  # least share of the ideal force
-FARTHEST = 0.3  # largest distance of the frames of file and description, relative to the arm length
-WIDEST = np.cos(np.radians(30.0))  # largest angle between axes of file and description, as cosine
 _FRAME = "pinadapt task frame"
 
 
@@ -202,22 +173,15 @@ class MujocoChain(NamedTuple):
     def placement(self, data: mujoco.MjData) -> pin.SE3:
         """Return the placement of the task frame in the base."""
         frame = pin.SE3(data.site_xmat[self.site].reshape(3, 3), data.site_xpos[self.site])
-        if not self.base:
-            return frame
-        return self._base_placement(data).actInv(frame)
+        base = pin.SE3(data.xmat[self.base].reshape(3, 3), data.xpos[self.base])
+        return base.actInv(frame)
 
     def velocity(self, data: mujoco.MjData) -> pin.Motion:
         """Return the velocity of the task frame at its origin, in the axes of the base."""
         mj, twist = mujoco_module(), np.empty(6)
-        kind = mj.mjtObj.mjOBJ_SITE
-        mj.mj_objectVelocity(self.model, data, kind, self.site, twist, 0)
-        if self.base:
-            turn = self._base_placement(data).rotation.T
-            return pin.Motion(turn @ twist[3:], turn @ twist[:3])
-        return pin.Motion(twist[3:], twist[:3])
-
-    def _base_placement(self, data: mujoco.MjData) -> pin.SE3:
-        return pin.SE3(data.xmat[self.base].reshape(3, 3), data.xpos[self.base])
+        mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_SITE, self.site, twist, 0)
+        turn = data.xmat[self.base].reshape(3, 3).T
+        return pin.Motion(turn @ twist[3:], turn @ twist[:3])
 
 
 def mujoco_module() -> ModuleType:
@@ -246,31 +210,25 @@ def chain_of(robot: Robot) -> MujocoChain:
     mj, chain = mujoco_module(), robot.model
     spec = mj.MjSpec()
     spec.modelname, spec.compiler.degree = robot.name, False
-    bodies = [spec.worldbody]
+    bodies, (low, high) = [spec.worldbody], position_limits(chain)
     for i, (axis, slides) in enumerate(joint_axes(robot), start=1):
         name = str(chain.names[i])
         body = bodies[chain.parents[i]].add_body(
             name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **_MASS
         )
-        body.add_joint(
+        joint = body.add_joint(
             name=name,
             type=mj.mjtJoint.mjJNT_SLIDE if slides else mj.mjtJoint.mjJNT_HINGE,
             axis=axis,
-            **_limits(robot, chain.joints[i].idx_v),
         )
+        limits = low[i - 1], high[i - 1]
+        joint.limited = bool(np.isfinite(limits).all())
+        if joint.limited:
+            joint.range, joint.solref_limit, joint.solimp_limit = limits, STIFF, HARD
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
     carrier.add_site(name=robot.frame, **_SITE)
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
-
-
-def _limits(robot: Robot, joint: int) -> dict[str, Any]:
-    """Return the position limits of a joint as arguments for MuJoCo."""
-    lower, upper = (bounds[joint] for bounds in position_limits(robot.model))
-    if not np.isfinite([lower, upper]).all():
-        return {"limited": False}
-    limits = [float(lower), float(upper)]
-    return {"limited": True, "range": limits, "solref_limit": STIFF, "solimp_limit": HARD}
 
 
 def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
@@ -310,10 +268,9 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     friction = robot.friction
     for i in np.flatnonzero(friction.coulomb):
         product = 2.0 * friction.threshold[i] / (model.dof_invweight0[i] * friction.coulomb[i])
-        constant = max(_FASTEST, product / (1.0 - _SOFTEST))
-        share = 1.0 - product / constant
+        constant = max(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
         model.dof_solref[i] = [constant, 1.0]
-        model.dof_solimp[i, :2] = share
+        model.dof_solimp[i, :2] = 1.0 - product / constant
 
 
 def joint_axes(robot: Robot, q: np.ndarray | None = None) -> list[tuple[np.ndarray, bool]]:
@@ -373,14 +330,20 @@ class MujocoFile:
             InputError: no such file, not a model, or joints or frames that are missing or do not
                 match: other types, another order, other axes at the home pose.
         """
-        spec = self._read()
-        names = self._names(robot, [str(joint.name) for joint in spec.joints])
-        site = self._site(spec, robot, names[-1])
-        model = self._compiled(spec)
-        if free := _other_joints(model, [model.joint(name).id for name in names]):
-            self._hold(spec, model, free)
-            model = self._compiled(spec)
-        model.opt.disableflags |= int(mujoco_module().mjtDisableBit.mjDSBL_ACTUATION)
+        mj, path = mujoco_module(), str(self.path)
+        try:
+            spec = mj.MjSpec.from_file(path)
+            names = self._names(robot, [str(joint.name) for joint in spec.joints])
+            site = self._site(spec, robot, names[-1])
+            model = spec.compile()
+            if free := _other_joints(model, [model.joint(name).id for name in names]):
+                self._hold(spec, model, free)
+                model = spec.compile()
+        except InputError:
+            raise
+        except ValueError as error:
+            raise InputError(f"MuJoCo cannot read it: {error}", where=path) from error
+        model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_ACTUATION)
         model.body_gravcomp[:] = 0.0
         joints = tuple(int(model.joint(name).id) for name in names)
         found = MujocoChain(model, joints, int(model.site(site).id), self._base(model))
@@ -389,32 +352,15 @@ class MujocoFile:
             _check_frame(found, robot)
         return found
 
-    def _read(self) -> Any:
-        path = Path(self.path)
-        if not path.is_file():
-            raise InputError("no such file.", where=str(path))
-        try:
-            return mujoco_module().MjSpec.from_file(str(path))
-        except ValueError as error:
-            raise InputError(f"MuJoCo cannot read it: {error}", where=str(path)) from error
-
     def _names(self, robot: Robot, there: Sequence[str]) -> list[str]:
         """Return the names of the robot's joints in the file."""
         for name in self.joints:
-            _known(name, robot.joint_names, "joints", "the chain")
+            word(name, robot.joint_names, "joints")
         names = [self.joints.get(name, name) for name in robot.joint_names]
         for name in names:
-            _known(
-                name,
-                there,
-                "joints",
-                str(self.path),
-                "Give joints={name in the description: name in the file}.",
-            )
-        if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise InputError(
-                f"several joints of the chain are matched with {twice}.", where="joints"
-            )
+            word(name, there, "joints")
+        if len(set(names)) < len(names):
+            raise InputError(f"two joints of the chain have one name in {names}.", where="joints")
         return names
 
     def _site(self, spec: Any, robot: Robot, last: str) -> str:
@@ -425,19 +371,12 @@ class MujocoFile:
         if self.frame is None and not isinstance(robot.task, FrameTask):
             spec.joint(last).parent.add_site(name=_FRAME)
             return _FRAME
-        name = self.frame or robot.frame
-        sites, bodies = [str(site.name) for site in spec.sites], [str(b.name) for b in spec.bodies]
-        _known(name, [*sites, *bodies], "frame", str(self.path), "Name one of its sites or bodies.")
+        sites, bodies = ([str(each.name) for each in all] for all in (spec.sites, spec.bodies))
+        name = word(self.frame or robot.frame, [*sites, *bodies], "frame")
         if name in sites:
             return name
         spec.body(name).add_site(name=_FRAME)
         return _FRAME
-
-    def _compiled(self, spec: Any) -> mujoco.MjModel:
-        try:
-            return spec.compile()
-        except ValueError as error:
-            raise InputError(f"MuJoCo cannot compile it: {error}", where=str(self.path)) from error
 
     def _hold(self, spec: Any, model: mujoco.MjModel, joints: Sequence[int]) -> None:
         """Hold the joints of the arm that are not part of the chain at their reference position."""
@@ -446,10 +385,8 @@ class MujocoFile:
             name = str(model.joint(joint).name)
             kind = mj.mjtJoint(model.jnt_type[joint])
             if not name or kind not in (mj.mjtJoint.mjJNT_HINGE, mj.mjtJoint.mjJNT_SLIDE):
-                body = str(model.body(model.jnt_bodyid[joint]).name)
                 raise InputError(
-                    f"the joint '{name}' of body '{body}' is not part of the chain and cannot be "
-                    "held.",
+                    f"the joint '{name}' is not part of the chain and cannot be held.",
                     where=str(self.path),
                     hint="Give it a name if it is a hinge or slide; else remove it.",
                 )
@@ -457,11 +394,11 @@ class MujocoFile:
             spec.add_equality(type=equality, objtype=held, name1=name, solref=STIFF, solimp=HARD)
 
     def _base(self, model: mujoco.MjModel) -> int:
+        """Return the id of the base; 0, the world, if there is none."""
         if self.base is None:
             return 0
         names = [str(model.body(i).name) for i in range(model.nbody)]
-        _known(self.base, names, "base", str(self.path))
-        base = names.index(self.base)
+        base = names.index(word(self.base, names, "base"))
         if model.body_weldid[base]:
             raise InputError(f"the body '{self.base}' moves; the base must be fixed.", where="base")
         return base
@@ -477,33 +414,28 @@ def _other_joints(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
     ]
 
 
+# Between file and description: largest angle of axes and frames, as its cosine, and largest
+# distance of the frames relative to the arm's length. Half of them refuse some true arms that
+# differ, twice accept an axis that is another joint's.
+WIDEST, FARTHEST = np.cos(np.radians(30.0)), 0.3
+
+
 def _check_joints(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None:
     """Refuse joints that do not match those of the robot.
 
     Raises:
-        InputError: other types, another order, or other axes at the home pose.
+        InputError: other types, or other axes at the home pose.
     """
     mj, model, data = mujoco_module(), found.model, found.at(robot.home_angles)
     turn = data.xmat[found.base].reshape(3, 3)
-    previous = 0
-    described = joint_axes(robot, robot.q0)
-    for joint, name, ours, (axis, slides) in zip(
-        found.joints, names, robot.joint_names, described, strict=True
-    ):
+    rows = zip(found.joints, names, robot.joint_names, joint_axes(robot, robot.q0), strict=True)
+    for joint, name, ours, (axis, slides) in rows:
         kind = mj.mjtJoint.mjJNT_SLIDE if slides else mj.mjtJoint.mjJNT_HINGE
-        pair = f"joint '{name}' of the file and '{ours}' of the description"
-        if model.jnt_type[joint] != kind:
-            raise InputError(f"{pair} are of different types.", where="joints")
-        if not _carries(model, previous, int(model.jnt_bodyid[joint])):
-            raise InputError(
-                f"{pair}: in the file it does not come after the previous joint of the chain.",
-                where="joints",
-            )
-        previous = int(model.jnt_bodyid[joint])
         theirs = turn.T @ data.xaxis[joint]
-        if axis @ theirs < WIDEST:
+        if model.jnt_type[joint] != kind or axis @ theirs < WIDEST:
             raise InputError(
-                f"{pair} have different axes at home, {theirs.round(3)} and {axis.round(3)}.",
+                f"joint '{name}' of the file and '{ours}' of the description differ in type or in "
+                f"axis at home, {theirs.round(3)} and {axis.round(3)}.",
                 where="joints",
                 hint="Correct the axis or the reference position in the file, or name as `base` "
                 "the body whose frame is the world frame of the description.",
@@ -522,37 +454,11 @@ def _check_frame(found: MujocoChain, robot: Robot) -> None:
     parts = [*model.jointPlacements, model.frames[robot.frame_id].placement]
     length = sum(float(np.linalg.norm(part.translation)) for part in parts)
     away = float(np.linalg.norm(theirs.translation - ours.translation))
-    if away > FARTHEST * length:
+    turned = np.cos(np.linalg.norm(pin.log3(ours.rotation.T @ theirs.rotation))) < WIDEST
+    if away > FARTHEST * length or (turned and isinstance(robot.task, PoseTask)):
         raise InputError(
-            f"at home the frame is at {theirs.translation.round(3)} m in the file, but at "
-            f"{ours.translation.round(3)} m in the description.",
+            f"at home the frame is elsewhere in the file than in the description:\n{theirs}{ours}",
             where="frame",
-            hint="Name as `base` the body whose frame is the world frame of the description.",
-        )
-    angle = float(np.linalg.norm(pin.log3(ours.rotation.T @ theirs.rotation)))
-    if isinstance(robot.task, PoseTask) and np.cos(angle) < WIDEST:
-        raise InputError(
-            f"at home the frame in the file is rotated by {np.degrees(angle):.0f} degrees "
-            "relative to the description.",
-            where="frame",
-            hint="Add a site with the axes of the description's frame to the file.",
-        )
-
-
-def _carries(model: mujoco.MjModel, carrier: int, body: int) -> bool:
-    """Return whether a body is a descendant of another one; 0 is the world."""
-    while body != carrier and body != 0:
-        body = int(model.body_parentid[body])
-    return body == carrier
-
-
-def _known(
-    name: str, allowed: Iterable[str], where: str, place: str, hint: str | None = None
-) -> None:
-    allowed = [other for other in allowed if other]
-    if name not in allowed:
-        raise InputError(
-            f"'{name}' is not in {place}; it has {sorted(allowed)}.{did_you_mean(name, allowed)}",
-            where=where,
-            hint=hint,
+            hint="Name as `base` the body whose frame is the world frame of the description, as "
+            "`frame` a site with the axes of the description's.",
         )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ..exceptions import DivergedError
 from ..records import Measurement
-from ..robot.changes import Friction
-from ..robot.motors import Actuators, Compensation
 from ..robot.robot import Robot
 from .plant import SimulatedPlant, fitted_friction
 
@@ -84,34 +83,13 @@ class PinocchioPlant(SimulatedPlant):
     do not depend on it.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        *,
-        torque_limits: np.ndarray | None = None,
-        compensation: Compensation | None = None,
-        actuators: Actuators | None = None,
-        substeps: int | None = None,
-    ) -> None:
-        """Copy the model of the true robot.
-
-        Args:
-            robot: the true robot.
-            torque_limits: (nv) limits of the motor torques [N m or N], or None.
-            compensation: function of q (nq): torque that the arm adds to the command, or None.
-            actuators: how a commanded torque comes to the links; None: ideal ones.
-            substeps: integration steps per ``step``; None: chosen.
+    def __init__(self, robot: Robot, **options: Any) -> None:
+        """Copy the model of the true robot; the options are those of ``SimulatedPlant``.
 
         Raises:
-            InputError: less than one substep, or elastic actuators.
+            InputError: as of ``SimulatedPlant``.
         """
-        super().__init__(
-            robot,
-            torque_limits=torque_limits,
-            compensation=compensation,
-            actuators=actuators,
-            substeps=substeps,
-        )
+        super().__init__(robot, **options)
         self.reset()
 
     def reset(self) -> None:
@@ -149,7 +127,7 @@ class PinocchioPlant(SimulatedPlant):
         Raises:
             DivergedError: M - feedthrough is singular.
         """
-        M, friction = self.mass_matrix(q), self.friction_at(q).torque(v)
+        M, friction = self.mass_matrix(q), self.robot.friction_at(q).torque(v)
         M = M if feedthrough is None else M - feedthrough
         bias = pin.nonLinearEffects(self._model, self._data, q, v)
         try:
@@ -158,10 +136,6 @@ class PinocchioPlant(SimulatedPlant):
             raise DivergedError(
                 "the algebraic loop of torque and acceleration became singular."
             ) from error
-
-    def task_motion(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true task coordinates x and velocity xd at q, v; see ``Task``."""
-        return self._motion(q, v)
 
     def measurement(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> Measurement:
         """Return what ideal sensors measure at q (nq), v (nv) and time t [s]."""
@@ -174,10 +148,6 @@ class PinocchioPlant(SimulatedPlant):
         for d, shaft in zip(friction.directions, friction.shafts, strict=True):
             M += shaft.armature * np.outer(d, d)
         return M
-
-    def friction_at(self, q: np.ndarray) -> Friction:
-        """Return the friction at configuration q (nq), under the gravity torque there."""
-        return self.robot.friction_at(q)
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the true C(q, v) (nv, nv), dM/dt = C + C^T."""

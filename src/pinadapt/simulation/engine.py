@@ -124,11 +124,11 @@ class Engine:
             compensation=controller.compensation,
             substeps=self.substeps,
         )
-        if self.continuous and not isinstance(plant, PinocchioPlant):
+        if not isinstance(plant, PinocchioPlant) and (self.continuous or self.ideal_acceleration):
             raise InputError(
                 f"{type(plant).__name__} moves in samples; only Pinocchio's equations can be "
-                "integrated as one with the controller's.",
-                where="engine.continuous",
+                "integrated as one with the controller's, and give the ideal acceleration.",
+                where=f"engine.{'continuous' if self.continuous else 'ideal_acceleration'}",
                 hint='Leave it out, or take plant = "pinocchio".',
             )
         return plant
