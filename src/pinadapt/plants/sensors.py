@@ -30,26 +30,22 @@ class SimulatedCamera:
     """
 
     def __init__(
-        self, task: Task, camera: Camera, dt: float, *, place: float, angle: float, seed: int
+        self, task: Task, camera: Camera, dt: float, deviations: np.ndarray, seed: int
     ) -> None:
-        """Take the camera and its noise.
-
-        Frame times and the delay are rounded to whole periods.
+        """Take the camera and its noise; frame times and the delay are rounded to whole periods.
 
         Args:
             task: defines the task coordinates.
             camera: rate, delay and dropout.
             dt: sampling period [s].
-            place: standard deviation of a position [m].
-            angle: standard deviation of an orientation about each world axis [rad].
+            deviations: (m) standard deviations of positions [m] and of rotations about the world
+                axes [rad].
             seed: of the noise and of the lost frames.
         """
         self._task, self._camera, self._seed = task, camera, seed
         self._spacing = 1.0 if camera.rate is None else max(1.0, 1.0 / (camera.rate * dt))
         self._late = round(camera.delay / dt)
-        angles = [angle] * (task.size - task.positions)
-        self._deviations = np.array([place] * task.positions + angles)
-        self._noisy = bool(self._deviations.any())
+        self._deviations, self._noisy = deviations, bool(deviations.any())
         self.reset()
 
     def reset(self) -> None:
@@ -74,8 +70,11 @@ class SimulatedCamera:
         if frame is None or frame.x is None or not self._task.positions:
             return truth._replace(x=None, x_time=None, xd=None)
         xd = frame.xd if self._camera.rate is None else None
-        seen_at = frame.t if frame.x_time is None else frame.x_time
-        return truth._replace(x=self._disturbed(frame.x), x_time=seen_at, xd=xd)
+        x = frame.x
+        if self._noisy:
+            noise = self._deviations * self._rng.standard_normal(self._task.size)
+            x = self._task.moved(x, noise)
+        return truth._replace(x=x, x_time=frame.t, xd=xd)
 
     def _takes(self, sample: int) -> bool:
         """Return whether a frame is taken at a sample: a multiple of the frame interval, rounded.
@@ -84,11 +83,6 @@ class SimulatedCamera:
         """
         nearest = math.floor(sample / self._spacing + 0.5) * self._spacing
         return math.floor(nearest + 0.5) == sample
-
-    def _disturbed(self, x: np.ndarray) -> np.ndarray:
-        if not self._noisy:
-            return x
-        return self._task.moved(x, self._deviations * self._rng.standard_normal(self._task.size))
 
 
 class Encoder:
@@ -106,12 +100,10 @@ class Encoder:
         """Take the size of a count, a number or one per joint (nv) [rad or m], and dt [s].
 
         Raises:
-            InputError: wrong size, or negative or non-finite counts.
+            InputError: wrong size.
         """
         model = self._model = robot.model
         size = vector(counts, model.nv, "encoder", names=robot.joint_names)
-        if (size < 0.0).any():
-            raise InputError(f"a count must not be negative, got {size.tolist()}.", where="encoder")
         self._dt, self._there = dt, size > 0.0
         self._count = np.where(self._there, size, 1.0)
         self.present = bool(self._there.any())
@@ -167,21 +159,17 @@ class SimulatedSensors:
         self._noise = {name: sensors.deviation(name) for name in ("q", "v", "x", "angle")}
         self._tau = vector(sensors.noise.get("tau", 0.0), n, "noise.tau")
         self._offset = vector(sensors.torque_offset or 0.0, n, "torque_offset")
-        if self._noise["angle"] and not _turns(robot):
-            raise InputError(
-                f"the task '{robot.task.name}' has no orientation; it takes no angle noise.",
-                where="noise.angle",
-            )
         self.task, self._model, self._seed = robot.task, robot.model, whole(seed, "seed", 0)
         self._noisy = bool(self._noise["q"] or self._noise["v"])
-        self._camera = SimulatedCamera(
-            robot.task,
-            sensors.camera or Camera(),
-            dt,
-            place=self._noise["x"],
-            angle=self._noise["angle"],
-            seed=seed,
-        )
+        rows = self.task.positions, self.task.size - self.task.positions
+        if self._noise["angle"] and not (isinstance(self.task, FrameTask) and rows[1]):
+            raise InputError(
+                f"the task '{self.task.name}' has no orientation; it takes no angle noise.",
+                where="noise.angle",
+            )
+        deviations = np.repeat([self._noise["x"], self._noise["angle"]], rows)
+        camera = sensors.camera or Camera()
+        self._camera = SimulatedCamera(self.task, camera, dt, deviations, seed)
         self._encoder = Encoder(robot, sensors.encoder, dt)
         self.reset()
 
@@ -216,8 +204,3 @@ class SimulatedSensors:
 
     def _white(self, name: str) -> np.ndarray:
         return self._noise[name] * self._rng.standard_normal(self._model.nv)
-
-
-def _turns(robot: Robot) -> bool:
-    """Return whether the task has an orientation."""
-    return isinstance(robot.task, FrameTask) and robot.task.size > robot.task.positions

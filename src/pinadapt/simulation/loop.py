@@ -10,19 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, mapping, positive
+from .._checks import instance, mapping, positive, word
 from ..controller.controller import Controller
 from ..controller.governor import PathTime
 from ..controller.state import ControllerState, Sample
-from ..exceptions import (
-    DivergedError,
-    ImplausibleError,
-    InputError,
-    PinadaptError,
-    did_you_mean,
-)
+from ..exceptions import DivergedError, ImplausibleError, InputError, PinadaptError
 from ..plants.pinocchio_plant import PinocchioPlant
-from ..plants.plant import Plant, SimulatedPlant
+from ..plants.plant import Plant
 from ..plants.sensors import SimulatedSensors
 from ..records import Desired, Measurement
 from ..robot.robot import EARLY, Robot, in_time
@@ -62,12 +56,7 @@ class Events:
         }
         for time, announced in self.announcements.items():
             for name in announced:
-                if name not in ANNOUNCED:
-                    raise InputError(
-                        f"must be one of {list(ANNOUNCED)}, got {name!r}."
-                        f"{did_you_mean(str(name), ANNOUNCED)}",
-                        where=f"events.announcements[{time:g}]",
-                    )
+                word(name, ANNOUNCED, f"events.announcements[{time:g}]")
 
     @property
     def any(self) -> bool:
@@ -84,10 +73,6 @@ class Events:
             warnings.simplefilter("ignore")  # they are shown at the time of the event
             for announced in self.announcements.values():
                 state = controller.announce(state, **announced)
-
-    def after(self, duration: float) -> list[float]:
-        """Return the times [s] of the events after the end of a run of a duration [s]."""
-        return sorted({at for at in (*self.changes, *self.announcements) if at > duration - EARLY})
 
     def change(self, plant: Plant, before: float, now: float) -> None:
         """Let a plant become what it is ``now``, if that is another robot than at ``before`` [s].
@@ -111,8 +96,9 @@ def _due(events: Mapping[float, Any], before: float, now: float) -> list[Any]:
     return [event for at, event in events.items() if before < at - EARLY <= now]
 
 
-_DAMP, _STILL = 1.5, 0.01  # [s] longest, [rad/s or m/s] below which an arm rests
-FASTEST = 1e4  # [rad/s or m/s]; beyond this norm of the joint velocities the loop has diverged
+# Norm of the joint velocities beyond which a loop has diverged [rad/s or m/s]; half or twice, and
+# it ends a sample or two earlier or later.
+FASTEST = 1e4
 
 
 def run(
@@ -145,8 +131,6 @@ def run(
     Yields:
         One sample a period.
 
-    A plant that is not simulated is brought to rest first, whatever ends the loop but its end.
-
     Raises:
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``, a guard's
             ``ImplausibleError`` among them; all samples before were yielded.
@@ -168,7 +152,6 @@ def run(
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
-            _bring_to_rest(plant, controller, state, truth, dt)
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
         measurement = truth if sensors is None else sensors.measure(truth, given)
         if state is None:
@@ -184,8 +167,7 @@ def run(
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started
         except PinadaptError as error:
-            _bring_to_rest(plant, controller, state, measurement, dt)
-            raise ended(error, truth.t, isinstance(plant, SimulatedPlant)) from error
+            raise ended(error, truth.t) from error
         given = plant.motors(torque.copy())  # the sample is the caller's, the torque the plant's
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
         plant.step(torque, dt)
@@ -196,48 +178,16 @@ def run(
             state = events.announce(controller, state, truth.t, now)
 
 
-def _bring_to_rest(
-    plant: Plant,
-    controller: Controller,
-    state: ControllerState | None,
-    measurement: Measurement,
-    dt: float,
-) -> None:
-    """Bring an arm to rest, after a sample that ends its loop; see ``Controller.safe``.
-
-    An arm of which nothing is measured any more is left to its own stop, and so is a simulated one.
-    """
-    if state is None or isinstance(plant, SimulatedPlant) or not isinstance(controller, Controller):
-        return
-    for _ in range(round(_DAMP / dt)):
-        torque, state = controller.safe(state, measurement)
-        plant.step(torque, dt)
-        if np.abs(state.sensed.v).max() < _STILL or state.unseen.any():
-            break
-        measurement = plant.measure()
-
-
-def ended(error: Exception, t: float, simulated: bool) -> Exception:
+def ended(error: Exception, t: float) -> Exception:
     """Return what ends a loop at t [s] for an error of its controller.
 
     A desired motion that cannot be used is an input to be refused at the start; later the loop has
     run until then.
-
-    Args:
-        error: of the controller.
-        t: time [s].
-        simulated: whether the arm really moves as measured; else a sensor may be wrong.
     """
     if isinstance(error, ImplausibleError):
-        said = f"measurement '{error.field}' {error.flaw}"
-        if simulated and error.field in ("v", "x") and error.value is not None:
-            words = f"{said}; no sensor is wrong, the simulated arm moves like this."
-        else:
-            words = f"{said} ({error.guess})." if error.guess else f"{said}."
-        return DivergedError(words, t)
-    if isinstance(error, DivergedError | np.linalg.LinAlgError):
-        return DivergedError(str(error), t)
-    if isinstance(error, InputError) and t > 0.0:
+        return DivergedError(f"measurement '{error.field}' {error.flaw}.", t)
+    late = isinstance(error, InputError) and t > 0.0
+    if late or isinstance(error, DivergedError | np.linalg.LinAlgError):
         return DivergedError(" ".join(str(error).split()), t)
     return error
 
@@ -252,7 +202,7 @@ def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
 
 
 def _accelerated(
-    plant: Plant,
+    plant: Any,
     controller: Controller,
     state: ControllerState,
     measurement: Measurement,
@@ -295,7 +245,7 @@ def run_continuous(
     """
     trajectory = usable_trajectory(controller, trajectory, duration)
     loop = _Loop(plant, controller, trajectory, ideal_acceleration, state)
-    y = loop.start()
+    y = np.concatenate([np.zeros(2 * plant.nv), loop.state.flat()])  # at home, at rest
     for k in count() if duration is None else sample_indices(duration, dt, ends=True):
         t = k * dt
         try:
@@ -303,16 +253,17 @@ def run_continuous(
             if not np.isfinite(k1).all():
                 raise DivergedError("the torque or the estimates are no longer finite.")
             controller.watch(loop.torque, loop.state.a_d, loop.state.a_k)
-            yield loop.sample(t)
+            seen = loop.measurement
+            yield Sample(t, seen, loop.desired, loop.state, loop.torque, seen)
             k2 = loop.slope(y + (0.5 * dt) * k1, t + 0.5 * dt)
             k3 = loop.slope(y + (0.5 * dt) * k2, t + 0.5 * dt)
             k4 = loop.slope(y + dt * k3, t + dt)
         except (PinadaptError, np.linalg.LinAlgError) as error:
-            raise ended(error, t, True) from error
+            raise ended(error, t) from error
         try:
             y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
         except DivergedError as error:
-            raise ended(error, t + dt, True) from error
+            raise ended(error, t + dt) from error
         if events is not None:
             y = loop.interrupted(y, events, t, (k + 1) * dt)
 
@@ -343,14 +294,6 @@ class _Loop:
         self._cause = ""
         self.desired: Desired
         self.torque: np.ndarray
-
-    def start(self) -> np.ndarray:
-        """Return y at the beginning: at home, at rest."""
-        return np.concatenate([np.zeros(2 * self._plant.nv), self.state.flat()])
-
-    def sample(self, t: float) -> Sample:
-        """Return the last evaluation as the sample of time t [s]."""
-        return Sample(t, self.measurement, self.desired, self.state, self.torque, self.measurement)
 
     def rebased(self, y: np.ndarray) -> np.ndarray:
         """Move q by the displacement in y and return y without it.

@@ -152,8 +152,6 @@ def simulate(
     trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
     robots = replace(Succession.of(true, events.changes), known=plant.described)
     events.check(controller, state)
-    if late := events.after(duration):
-        warnings.warn(f"the run ends before the events at {late} s.", stacklevel=3)
     options: dict[str, Any] = {
         "dt": dt,
         "state": state,
