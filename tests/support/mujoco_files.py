@@ -3,7 +3,8 @@
 import numpy as np
 import pinocchio as pin
 
-from pinadapt.plants.mujoco_plant import joint_axes
+from pinadapt.description.chain import is_slide
+from pinadapt.description.urdf_writer import axis_of
 
 ROWS, COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # of fullinertia
 
@@ -39,9 +40,9 @@ def own_file(robot, path, *, stand=None, rename=str, inside="", scene="", turned
     gravity = text(stand.rotation @ model.gravity.linear)
     parts = [HEAD.format(gravity=gravity, scene=scene, stand=place(stand))]
     names = [rename(name) for name in robot.joint_names]
-    for i, (axis, slides) in enumerate(joint_axes(robot), start=1):
-        body, kind = model.inertias[i], "slide" if slides else "hinge"
-        axis = -axis if names[i - 1] in turned else axis
+    for i in range(1, model.njoints):
+        body, kind = model.inertias[i], "slide" if is_slide(model.joints[i]) else "hinge"
+        axis = -axis_of(model, i) if names[i - 1] in turned else axis_of(model, i)
         parts.append(
             f'<body name="link{i}" {place(model.jointPlacements[i])}>\n'
             f'<joint name="{names[i - 1]}" type="{kind}" axis="{text(axis)}"/>\n'

@@ -12,7 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import word
-from ..description.chain import configuration_from_angles, position_limits
+from ..description.chain import configuration_from_angles, is_slide, position_limits
+from ..description.urdf_writer import axis_of
 from ..exceptions import InputError
 from ..records import Measurement
 from ..robot.robot import Robot
@@ -78,21 +79,6 @@ class MujocoPlant(SimulatedPlant):
         self._t = 0.0
         self._read()
 
-    def become(self, robot: Robot) -> None:
-        """Replace the robot at the same q, v and time; the torque limits stay.
-
-        Raises:
-            InputError: the plant simulates a file, which cannot change.
-            RobotError: it has another chain, frame or task.
-        """
-        if not self.described:
-            raise InputError(
-                "the robot of a MuJoCo file cannot become another one during a motion.",
-                where="changes",
-            )
-        super().become(robot)
-        self._read()
-
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""
         task = self.robot.task
@@ -115,11 +101,14 @@ class MujocoPlant(SimulatedPlant):
     def _take(self, robot: Robot) -> None:
         """Write the parameters of a robot into the model, unless it comes from a file."""
         self.robot = robot
-        if not self.described:
+        if self.described:
+            write_robot(self.model, robot)
+            M = pin.crba(robot.model, robot.model.createData(), robot.q0)
+            decays = np.linalg.eigvals(np.linalg.solve(M, np.diag(robot.friction.viscous)))
+            self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, float(np.abs(decays).max()))
+        else:
             self.longest_step = min(LONGEST_STEP, self.model.opt.timestep)
-            return
-        write_robot(self.model, robot)
-        self.longest_step = 1.0 / max(1.0 / LONGEST_STEP, fastest_decay(robot))
+        self._read()
 
     def _read(self) -> None:
         """Read q and v, and update what depends on them."""
@@ -162,14 +151,6 @@ class MujocoChain(NamedTuple):
     site: int
     base: int
 
-    def at(self, angles: np.ndarray) -> mujoco.MjData:
-        """Return new data with the kinematics at joint positions (nv) [rad or m]."""
-        mj = mujoco_module()
-        data = mj.MjData(self.model)
-        data.qpos[self.model.jnt_qposadr[list(self.joints)]] = angles
-        mj.mj_kinematics(self.model, data)
-        return data
-
     def placement(self, data: mujoco.MjData) -> pin.SE3:
         """Return the placement of the task frame in the base."""
         frame = pin.SE3(data.site_xmat[self.site].reshape(3, 3), data.site_xpos[self.site])
@@ -211,15 +192,14 @@ def chain_of(robot: Robot) -> MujocoChain:
     spec = mj.MjSpec()
     spec.modelname, spec.compiler.degree = robot.name, False
     bodies, (low, high) = [spec.worldbody], position_limits(chain)
-    for i, (axis, slides) in enumerate(joint_axes(robot), start=1):
-        name = str(chain.names[i])
+    for i, name in enumerate(robot.joint_names, start=1):
         body = bodies[chain.parents[i]].add_body(
             name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **_MASS
         )
         joint = body.add_joint(
             name=name,
-            type=mj.mjtJoint.mjJNT_SLIDE if slides else mj.mjtJoint.mjJNT_HINGE,
-            axis=axis,
+            type=_kind(chain.joints[i]),
+            axis=axis_of(chain, i),
         )
         limits = low[i - 1], high[i - 1]
         joint.limited = bool(np.isfinite(limits).all())
@@ -273,27 +253,10 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
         model.dof_solimp[i, :2] = 1.0 - product / constant
 
 
-def joint_axes(robot: Robot, q: np.ndarray | None = None) -> list[tuple[np.ndarray, bool]]:
-    """Return the axis (3) of each joint, and whether the joint is prismatic.
-
-    Axes are given in the joint frames; with a configuration q (nq), in world axes.
-    """
-    model, data = robot.model, robot.model.createData()
-    where = pin.LOCAL if q is None else pin.LOCAL_WORLD_ALIGNED
-    pin.computeJointJacobians(model, data, pin.neutral(model) if q is None else q)
-    axes = []
-    for i in range(1, model.njoints):
-        column = pin.getJointJacobian(model, data, i, where)[:, model.joints[i].idx_v]
-        slides = bool(np.linalg.norm(column[:3]) > 0.5)
-        axes.append((column[:3] if slides else column[3:], slides))
-    return axes
-
-
-def fastest_decay(robot: Robot) -> float:
-    """Return the largest decay rate [1/s] of a motion by viscous friction at the home pose."""
-    M = pin.crba(robot.model, robot.model.createData(), robot.q0)
-    rates = np.linalg.eigvals(np.linalg.solve(M, np.diag(robot.friction.viscous)))
-    return float(np.abs(rates).max())
+def _kind(joint: pin.JointModel) -> Any:
+    """Return what kind of joint of MuJoCo a joint of a chain is."""
+    kinds = mujoco_module().mjtJoint
+    return kinds.mjJNT_SLIDE if is_slide(joint) else kinds.mjJNT_HINGE
 
 
 def write_place(placement: pin.SE3, pos: np.ndarray, quat: np.ndarray) -> None:
@@ -347,9 +310,7 @@ class MujocoFile:
         model.body_gravcomp[:] = 0.0
         joints = tuple(int(model.joint(name).id) for name in names)
         found = MujocoChain(model, joints, int(model.site(site).id), self._base(model))
-        _check_joints(found, robot, names)
-        if isinstance(robot.task, FrameTask):
-            _check_frame(found, robot)
+        _check_alike(found, robot, names)
         return found
 
     def _names(self, robot: Robot, there: Sequence[str]) -> list[str]:
@@ -420,45 +381,41 @@ def _other_joints(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
 WIDEST, FARTHEST = np.cos(np.radians(30.0)), 0.3
 
 
-def _check_joints(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None:
-    """Refuse joints that do not match those of the robot.
+def _check_alike(found: MujocoChain, robot: Robot, names: Sequence[str]) -> None:
+    """Refuse joints or a task frame that do not match those of the robot.
 
     Raises:
-        InputError: other types, or other axes at the home pose.
+        InputError: joints of other types, or with other axes at the home pose; or there the frame
+            is too far away (30 % of the arm length), or turned by more than 30 degrees in a pose
+            task.
     """
-    mj, model, data = mujoco_module(), found.model, found.at(robot.home_angles)
+    mj, model, chain = mujoco_module(), found.model, robot.model
+    data, ours = mj.MjData(model), chain.createData()
+    data.qpos[model.jnt_qposadr[list(found.joints)]] = robot.home_angles
+    mj.mj_kinematics(model, data)
+    pin.framesForwardKinematics(chain, ours, robot.q0)
     turn = data.xmat[found.base].reshape(3, 3)
-    rows = zip(found.joints, names, robot.joint_names, joint_axes(robot, robot.q0), strict=True)
-    for joint, name, ours, (axis, slides) in rows:
-        kind = mj.mjtJoint.mjJNT_SLIDE if slides else mj.mjtJoint.mjJNT_HINGE
-        theirs = turn.T @ data.xaxis[joint]
-        if model.jnt_type[joint] != kind or axis @ theirs < WIDEST:
+    hint = "Correct the file, or name as `base` the body whose frame is the description's world."
+    for i, (joint, name) in enumerate(zip(found.joints, names, strict=True), start=1):
+        axis, theirs = ours.oMi[i].rotation @ axis_of(chain, i), turn.T @ data.xaxis[joint]
+        if model.jnt_type[joint] != _kind(chain.joints[i]) or axis @ theirs < WIDEST:
             raise InputError(
-                f"joint '{name}' of the file and '{ours}' of the description differ in type or in "
-                f"axis at home, {theirs.round(3)} and {axis.round(3)}.",
+                f"joint '{name}' of the file and '{chain.names[i]}' of the description differ in "
+                f"type or in axis at home, {theirs.round(3)} and {axis.round(3)}.",
                 where="joints",
-                hint="Correct the axis or the reference position in the file, or name as `base` "
-                "the body whose frame is the world frame of the description.",
+                hint=hint,
             )
-
-
-def _check_frame(found: MujocoChain, robot: Robot) -> None:
-    """Refuse a task frame that does not match that of the robot.
-
-    Raises:
-        InputError: at the home pose it is too far away (30 % of the arm length), or rotated by more
-            than 30 degrees in a pose task.
-    """
-    ours, theirs = robot.placement(robot.q0), found.placement(found.at(robot.home_angles))
-    model = robot.model
-    parts = [*model.jointPlacements, model.frames[robot.frame_id].placement]
+    if not isinstance(robot.task, FrameTask):
+        return
+    away = ours.oMf[robot.frame_id].actInv(found.placement(data))
+    turned = np.cos(np.linalg.norm(pin.log3(away.rotation))) < WIDEST
+    parts = [*chain.jointPlacements, chain.frames[robot.frame_id].placement]
     length = sum(float(np.linalg.norm(part.translation)) for part in parts)
-    away = float(np.linalg.norm(theirs.translation - ours.translation))
-    turned = np.cos(np.linalg.norm(pin.log3(ours.rotation.T @ theirs.rotation))) < WIDEST
-    if away > FARTHEST * length or (turned and isinstance(robot.task, PoseTask)):
+    far = np.linalg.norm(away.translation) > FARTHEST * length
+    if far or (turned and isinstance(robot.task, PoseTask)):
         raise InputError(
-            f"at home the frame is elsewhere in the file than in the description:\n{theirs}{ours}",
+            "at home the frame in the file is elsewhere than in the description, by\n"
+            f"{away.homogeneous.round(3)}.",
             where="frame",
-            hint="Name as `base` the body whose frame is the world frame of the description, as "
-            "`frame` a site with the axes of the description's.",
+            hint=hint,
         )
