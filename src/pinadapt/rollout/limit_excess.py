@@ -70,11 +70,10 @@ class LimitExcess:
             return "joint limits kept" if self.stated else ""
         found = []
         for i, k in np.argwhere(self.excess).tolist():
-            unit, scale = DISPLAYS["m" if self.slides[i] else "rad"]
-            if KINDS[k] == "effort":
+            (unit, scale), kind = DISPLAYS["m" if self.slides[i] else "rad"], KINDS[k]
+            if kind == "effort":
                 unit, scale = "N" if self.slides[i] else "N m", 1.0
-            unit += "/s" if KINDS[k] == "velocity" else ""
-            value = f"{scale * self.excess[i, k]:.4g} {unit}"
-            found.append(f"{self.joints[i]} {KINDS[k]} by {value}")
+            unit += "/s" if kind == "velocity" else ""
+            found.append(f"{self.joints[i]} {kind} by {scale * self.excess[i, k]:.4g} {unit}")
         more = f" and {len(found) - 3} more" if len(found) > 3 else ""
         return f"beyond limits: {', '.join(found[:3])}{more}"

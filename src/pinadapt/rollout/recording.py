@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,7 +103,7 @@ class Slowdown(NamedTuple):
     """An interval in which a governor slowed the path.
 
     Attributes:
-        start, end: time [s].
+        start, end: time of its first and last sample [s].
         cause: as ``PathTime.cause``, the one that acted longest.
         least_rate: smallest ds/dt.
     """
@@ -115,16 +116,18 @@ class Slowdown(NamedTuple):
 
 def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
     """Return the intervals in which the path was slowed by more than 1 %, in order."""
-    paths = [path for sample in samples if (path := sample.state.path) is not None]
-    slow = np.array([path.rate < 0.99 for path in paths], dtype=bool)
     found = []
-    ends = np.flatnonzero(np.diff(slow, prepend=False, append=False)).reshape(-1, 2)
-    for first, end in ends.tolist():
-        ((cause, _),) = Counter(path.cause for path in paths[first:end]).most_common(1)
-        least = min(path.rate for path in paths[first:end])
-        last = samples[min(end, len(samples) - 1)].t
-        found.append(Slowdown(samples[first].t, last, cause, least))
+    for slow, own in groupby(samples, key=_slowed):
+        paths = [(sample.t, path) for sample in own if (path := sample.state.path) is not None]
+        if slow:
+            ((cause, _),) = Counter(path.cause for _, path in paths).most_common(1)
+            least = min(path.rate for _, path in paths)
+            found.append(Slowdown(paths[0][0], paths[-1][0], cause, least))
     return tuple(found)
+
+
+def _slowed(sample: Sample) -> bool:
+    return sample.state.path is not None and sample.state.path.rate < 0.99
 
 
 _FEWEST = 64  # samples of a spectrum; half or twice: of shorter or only of longer records
@@ -149,10 +152,7 @@ class Ringing(NamedTuple):
 
 
 def ringing(
-    t: np.ndarray,
-    tau: np.ndarray,
-    joints: Sequence[str],
-    slowest: float = _SLOWEST,
+    t: np.ndarray, tau: np.ndarray, joints: Sequence[str], slowest: float = _SLOWEST
 ) -> Ringing | None:
     """Return the ringing of recorded torques in the second half of a run, or None.
 
@@ -325,17 +325,17 @@ class Recording:
     @property
     def transients(self) -> list[Transient]:
         """The error after each of the marks that has samples after it."""
-        begins = np.searchsorted(self.t, [at - EARLY for at, _ in self.marks])
-        distance, found = self.distance, []
-        parts = np.split(np.arange(len(self.t)), begins)[1:]
-        for (at, what), part in zip(self.marks, parts, strict=True):
+        t, distance, found = self.t, self.distance, []
+        ends = [*(at for at, _ in self.marks[1:]), np.inf]
+        for (at, what), end in zip(self.marks, ends, strict=False):
+            part = np.flatnonzero((t >= at - EARLY) & (t < end - EARLY))
             if not part.size:
                 continue
             far = part[~(distance[part] < CLOSE)]  # NaN is far
             back: float | None = 0.0
             if far.size:
-                last = far[-1] == part[-1]
-                back = None if last else round(float(self.t[far[-1] + 1] - at), 6)
+                stays = far[-1] == part[-1]
+                back = None if stays else round(float(t[far[-1] + 1] - at), 6)
             found.append(Transient(at, what, extreme(np.max, distance[part]), back))
         return found
 
@@ -382,8 +382,8 @@ class Recording:
         torques = self.motion_torques()
         if torques is None:
             return ()
-        names, alone = np.array(torques.excited.names), np.array(torques.excited.alone)
-        return tuple(names[~alone].tolist())
+        names = np.array(torques.excited.names)
+        return tuple(names[~torques.excited.alone].tolist())
 
     def motion_torques(self) -> MotionTorques | None:
         """Return the torques since the last mark, and what of the parameters they depend on.

@@ -188,19 +188,18 @@ def load(folder: Path, kind: type[Run]) -> Run:
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         kept, ringing, run = numbers["recorded"], numbers["ringing"], object.__new__(kind)
-        named = {name: numbers[name] for name in _NAMED} | {name: kept[name] for name in _KEPT}
-        run.__dict__.update(
-            {name: tuple(v) if isinstance(v, list) else v for name, v in named.items()}
-            | {name: file.get(name) for name in RECORDED + COMPUTED}
-            | {
-                "numbers": numbers,
-                "ringing": None if ringing is None else Ringing(**ringing),
-                "bridged": Bridged(**numbers["bridged"]),
-                "slowed": tuple(Slowdown(**row) for row in numbers["slowed"]),
-                "evaluation": None,
-            }
+        fields = run.__dict__
+        for name, value in {**{name: numbers[name] for name in _NAMED}, **kept}.items():
+            fields[name] = tuple(value) if isinstance(value, list) else value
+        fields.update({name: file.get(name) for name in RECORDED + COMPUTED})
+        fields.update(
+            numbers=numbers,
+            ringing=None if ringing is None else Ringing(**ringing),
+            bridged=Bridged(**numbers["bridged"]),
+            slowed=tuple(Slowdown(**row) for row in numbers["slowed"]),
+            evaluation=None,
+            task=_task(numbers, file["x"].shape[1]),
         )
-        run.__dict__["task"] = _task(numbers, run.x.shape[1])
         return run
 
 
