@@ -106,36 +106,23 @@ def torque_figure(run: Drawable) -> Picture:
     The eigenvalue is the smallest of the estimated mass matrix. Shading marks a torque at its
     limit.
     """
-    bounds, names = run.effort_limits, run.joint_names
-    limited = np.flatnonzero(np.isfinite(bounds))
+    names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
+    bounds = run.effort_limits[limited]
     figure, axes = panels(2 + (limited.size > 0) + (run.disturbance is not None))
     curves(axes[0], run.t, run.tau, names, "torque [N m] or force [N]")
     shade(axes[0], run.t, run.saturated, "C3", "at its limit")
     if limited.size:
-        share = 100.0 * run.tau[:, limited] / bounds[limited]
-        words = [f"{names[i]}: {bounds[i]:g}" for i in limited]
+        share = 100.0 * run.tau[:, limited] / bounds
+        words = [f"{names[i]}: {bound:g}" for i, bound in zip(limited, bounds, strict=True)]
         curves(axes[1], run.t, share, words, "share of limit [%]", notes=["limit [N m or N]"])
-        axes[1].axhline(100.0, color="black", ls="-.")
-        axes[1].axhline(-100.0, color="black", ls="-.")
+        for sign in (1.0, -1.0):
+            axes[1].axhline(100.0 * sign, color="black", ls="-.")
     if run.disturbance is not None:
         curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
     eigenvalue = run.min_eig_M_hat[:, None]
     curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
     finish(figure, axes, run)
     return figure
-
-
-def _joint_panels(slides: Mapping[str, bool], *, sharex: bool) -> tuple[Picture, Any]:
-    """Return a figure with a panel a joint, two in a row, and the panels."""
-    rows = -(-len(slides) // 2)
-    figure = Picture(figsize=(12.0, 0.8 + 1.9 * rows), layout="constrained")
-    axes = figure.subplots(rows, 2, sharex=sharex, squeeze=False).ravel()
-    for ax, (name, slide) in zip(axes, slides.items(), strict=False):
-        ax.set_title(literal(name), fontsize="small")
-        ax.set_ylabel("N" if slide else "N m")
-    for ax in axes[len(slides) :]:
-        ax.set_visible(False)
-    return figure, axes[: len(slides)]
 
 
 def prediction_figure(
@@ -156,16 +143,22 @@ def prediction_figure(
         predicted: label -> (N, n) [N m or N].
         split: time from which on the samples were held out [s].
     """
-    figure, axes = _joint_panels(slides, sharex=True)
-    for j, ax in enumerate(axes):
+    rows = -(-len(slides) // 2)
+    figure = Picture(figsize=(12.0, 0.8 + 1.9 * rows), layout="constrained")
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    for j, (ax, (name, slide)) in enumerate(zip(axes, slides.items(), strict=False)):
+        ax.set_title(literal(name), fontsize="small")
+        ax.set_ylabel("N" if slide else "N m")
         ax.plot(t, tau[:, j], color="0.7", lw=3.0, label="measured")
         for words, values in predicted.items():
             ax.plot(t, values[:, j], lw=1.0, label=words)
         ax.axvspan(split, t[-1], color="C3", alpha=0.2, lw=0.0, label="held out")
-    for ax in axes[-2:]:
+    for ax in axes[len(slides) :]:
+        ax.set_visible(False)
+    for ax in axes[max(0, len(slides) - 2) : len(slides)]:
         ax.set_xlabel("time [s]")
         ax.tick_params(labelbottom=True)
-    legend(axes[min(1, len(axes) - 1)])
+    legend(axes[min(1, len(slides) - 1)])
     figure.suptitle(literal(f"{title}: torques, low-passed"))
     return figure
 
@@ -183,13 +176,13 @@ def overlay_figure(runs: Sequence[Drawable]) -> Picture:
             ended = []
             for run in runs:
                 norm = _norm(ax, run, group, literal(f"{run.law}, {run.adaptation}"))
-                if run.diverged is None and len(norm):
+                if run.diverged is None:
                     ended.append(norm)
-                elif len(norm):
-                    ax.plot(run.t[-1], norm[-1], color=ax.lines[-1].get_color(), marker="x", ls="")
-            if ended:
-                low = min(float(np.quantile(norm, 0.01)) for norm in ended)
-                ax.set_ylim(0.5 * low, 2.0 * max(float(norm.max()) for norm in ended))
+                else:
+                    ax.plot(run.t[-1:], norm[-1:], color=ax.lines[-1].get_color(), marker="x")
+            kept = np.concatenate([*ended, np.zeros(0)])
+            if kept.size:
+                ax.set_ylim(0.5 * np.quantile(kept, 0.01), 2.0 * kept.max())
             ax.set_ylabel(f"{group.name} error [{group.shown.unit}]")
         axes[-1].set_xlabel("time [s]")
         figure.suptitle(literal(f"{runs[0].title}: errors"))
@@ -215,18 +208,6 @@ class Figures(NamedTuple):
         with matplotlib.rc_context(RC):
             return cls(error_figure(run), parameter_figure(run), torque_figure(run))
 
-    def save(self, folder: Path) -> list[Path]:
-        """Write ``error.png``, ``parameters.png``, ``torque.png`` into a folder; return paths.
-
-        No file is left incomplete.
-        """
-        paths = []
-        for name, figure in self._asdict().items():
-            paths.append(folder / f"{name}.png")
-            with whole_file(paths[-1]) as file:
-                file.write(figure.png(dpi=130))
-        return paths
-
     def _ipython_display_(self) -> None:
         """Display the figures one below the other."""
         from IPython.display import display  # installed where a notebook runs
@@ -236,5 +217,10 @@ class Figures(NamedTuple):
 
 
 def draw_all(run: Drawable, folder: Path) -> list[Path]:
-    """Write the figures of a run into a folder; return their paths."""
-    return Figures.of(run).save(folder)
+    """Write the figures of a run into a folder as ``.png`` files, none incomplete; return paths."""
+    paths = []
+    for name, figure in Figures.of(run)._asdict().items():
+        paths.append(folder / f"{name}.png")
+        with whole_file(paths[-1]) as file:
+            file.write(figure.png(dpi=130))
+    return paths

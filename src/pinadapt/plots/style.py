@@ -118,6 +118,8 @@ def finish(figure: Any, axes: Any, run: Drawable) -> None:
                 ax.axvline(at, color="black", ls=":", lw=0.9)
             above = {"transform": axes[0].get_xaxis_transform(), "ha": "center", "va": "bottom"}
             axes[0].text(at, 1.02, literal(what), fontsize="x-small", **above)
-    end = "" if run.diverged is None else f" - diverged at {run.diverged:.3f} s"
-    end = end if run.interrupted is None else f" - interrupted at {run.interrupted:.3f} s"
+    end = ""
+    for words, at in (("diverged", run.diverged), ("interrupted", run.interrupted)):
+        if at is not None:
+            end = f" - {words} at {at:.3f} s"
     figure.suptitle(literal(f"{run.title} ({run.law}, {run.adaptation}){end}"))
