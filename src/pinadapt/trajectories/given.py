@@ -111,33 +111,36 @@ class Spline(Trajectory):
     velocity and acceleration are zero at both ends, so they are continuous there. Through two
     positions this is the minimum-jerk motion.
 
-    Quaternions are interpolated as four numbers, after their signs are made consistent, and divided
-    by their length. The orientation passes through every sample and is as smooth as the position.
-
     Attributes:
         t: (N) times [s].
-        x: (N, m) positions [m or rad]; of a pose with a quaternion xyzw (7), of an orientation (4).
+        x: (N, m) positions [m or rad].
     """
 
-    def __init__(self, t: ArrayLike, x: ArrayLike, *, quaternion: bool = False) -> None:
+    def __init__(self, t: ArrayLike, x: ArrayLike) -> None:
         """Take times and positions.
 
         Args:
             t: (N) increasing times [s], N >= 2.
             x: (N, m) or, of one coordinate, (N) positions [m or rad].
-            quaternion: whether the last four columns are a unit quaternion xyzw.
 
         Raises:
             InputError: sizes that do not match, numbers that are not finite, times that do not
-                increase, too few samples, or quaternions of another length than 1.
+                increase, or too few samples.
         """
         self.t, self.x = numbers(t, "trajectory.t"), numbers(x, "trajectory.x")
         if self.x.ndim == 1:
             self.x = self.x[:, None]
-        _check(self.t, self.x)
-        self._rotates = quaternion
-        if quaternion:
-            self.x[:, -4:] = _continuous(self.x[:, -4:])
+        shapes = self.t.shape, self.x.shape
+        if self.t.ndim != 1 or self.x.ndim != 2 or len(self.t) != len(self.x) or len(self.t) < 2:
+            raise InputError(
+                f"expected N times [s] and N rows of positions, N >= 2, got shapes {shapes}.",
+                where="trajectory",
+            )
+        if (np.diff(self.t) <= 0.0).any():
+            raise InputError(
+                "times must increase; sort the samples, and keep one of each time.",
+                where="trajectory.t",
+            )
         from scipy.interpolate import make_interp_spline  # not needed to load a robot
 
         still = [(order, np.zeros(self.x.shape[1])) for order in (1, 2)]
@@ -148,7 +151,7 @@ class Spline(Trajectory):
     @property
     def extent(self) -> float:
         """Half the diagonal of the box around the positions [m or rad]."""
-        return half_diagonal(self.x[:, :-4] if self._rotates else self.x)
+        return half_diagonal(self.x)
 
     @property
     def settles(self) -> float:
@@ -159,66 +162,35 @@ class Spline(Trajectory):
         """Return position, velocity and acceleration at time t [s]; outside the times at rest."""
         inside = min(max(t, self.t[0]), self.t[-1])
         u, ud, udd = (part(inside) for part in self._parts)
-        if inside != t:
-            ud, udd = np.zeros_like(u), np.zeros_like(u)
-        if not self._rotates:
-            return Desired(u, ud, udd)
-        q, omega, alpha = _rotation(u[-4:], ud[-4:], udd[-4:])
-        return Desired(np.append(u[:-4], q), np.append(ud[:-4], omega), np.append(udd[:-4], alpha))
+        return Desired(u, ud, udd) if inside == t else Desired(u, 0.0 * ud, 0.0 * udd)
 
 
-def _check(t: np.ndarray, x: np.ndarray) -> None:
-    """Check times and positions.
+def _quaternion_spline(t: ArrayLike, x: ArrayLike) -> Callable[[float], np.ndarray]:
+    """Return a function through positions (N, m) that end in a quaternion xyzw, of length 1.
+
+    Quaternions are interpolated as four numbers, after their signs are made consistent, and divided
+    by their length. The orientation passes through every sample and is as smooth as the position.
 
     Raises:
-        InputError: sizes that do not match, too few samples, or times that do not increase.
+        InputError: quaternions of another length, by more than 1 %, or as of ``Spline``.
     """
-    if t.ndim != 1 or x.ndim != 2 or len(t) != len(x) or not x.size:
-        raise InputError(
-            f"expected N times and N rows of positions, got shapes {t.shape} and {x.shape}.",
-            where="trajectory",
-            hint="Give (t, x) with t (N) [s] and x (N, m).",
-        )
-    if len(t) < 2:
-        raise InputError(f"expected at least 2 samples, got {len(t)}.", where="trajectory.t")
-    if (late := np.diff(t) <= 0.0).any():
-        k = int(np.argmax(late)) + 1
-        raise InputError(
-            f"times must increase, but t[{k}] = {t[k]:g} s follows {t[k - 1]:g} s.",
-            where="trajectory.t",
-            hint="Sort the samples by time, and keep one sample of each time.",
-        )
-
-
-def _continuous(q: np.ndarray) -> np.ndarray:
-    """Return quaternions (N, 4) of length 1, each with the sign nearer to the previous one.
-
-    Raises:
-        InputError: one of another length, by more than 1 %.
-    """
-    lengths = np.linalg.norm(q, axis=1)
-    if q.shape[1] != 4 or (np.abs(lengths - 1.0) > 0.01).any():
+    x = numbers(x, "trajectory.x")
+    q = x[:, -4:] if x.ndim == 2 else x
+    if q.shape[1:] != (4,) or (np.abs(np.linalg.norm(q, axis=1) - 1.0) > 0.01).any():
         raise InputError(
             "expected positions that end in a quaternion xyzw of length 1.", where="trajectory.x"
         )
-    q = q / lengths[:, None]
     opposite = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0.0
     q[1:] *= np.where(np.cumsum(opposite) % 2, -1.0, 1.0)[:, None]
-    return q
+    spline = Spline(t, x)
 
+    def unit(t: float) -> np.ndarray:
+        """Return the coordinates (m) at time t [s]."""
+        x_d = spline.at(t).x_d
+        x_d[-4:] /= np.linalg.norm(x_d[-4:])
+        return x_d
 
-def _rotation(u: np.ndarray, ud: np.ndarray, udd: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return q = u / |u| xyzw (4), angular velocity (3) and acceleration (3), world axes.
-
-    omega = 2 vec(qd q*) and alpha = 2 vec(qdd q*), as qd = omega q / 2.
-    """
-    n = np.sqrt(u @ u)
-    nd = u @ ud / n
-    ndd = (ud @ ud + u @ udd - nd * nd) / n
-    q = u / n
-    qd = (ud - nd * q) / n
-    qdd = (udd - 2.0 * nd * qd - ndd * q) / n
-    return q, *(2.0 * (q[3] * d[:3] - d[3] * q[:3] - np.cross(d[:3], q[:3])) for d in (qd, qdd))
+    return unit
 
 
 class HasAt(Protocol):
@@ -292,7 +264,9 @@ def converted(
     t, x = given
     if any(turning) and np.shape(x)[1:] == (len(turning),):
         x = np.where(turning, np.unwrap(x, axis=0), x)
-    return Spline(t, x, quaternion=quaternion)
+    if quaternion:
+        return Function(_quaternion_spline(t, x), difference=difference)
+    return Spline(t, x)
 
 
 def _check_start(motion: Trajectory, task: Task | None) -> None:
