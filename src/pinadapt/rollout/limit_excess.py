@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..description.chain import effort_limits, is_slide, position_limits, velocity_limits
+from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..robot.robot import Robot
 from ..tasks.task import DISPLAYS
 
@@ -19,15 +19,13 @@ class LimitExcess:
     """By how much joints exceed the limits of the description; ``print`` says it in a line.
 
     Attributes:
-        joints: names of the joints.
-        slides: of each joint, whether it is prismatic.
+        slides: name of each joint -> whether it is prismatic.
         stated: whether the description states any limit.
         excess: (nv, 3) largest excess of each joint of the true robot: position [rad or m],
             velocity [rad/s or m/s], effort [N m or N]; zero within the limit or without one.
     """
 
-    joints: tuple[str, ...]
-    slides: tuple[bool, ...]
+    slides: dict[str, bool]
     stated: bool
     excess: np.ndarray
 
@@ -47,12 +45,8 @@ class LimitExcess:
         with np.errstate(invalid="ignore"):  # inf - inf is no excess
             beyond = np.array([q, -q, np.abs(v), np.abs(tau)]) - bounds[:, None]
         largest = np.where(np.isfinite(beyond), beyond, 0.0).max(axis=1, initial=0.0)
-        return cls(
-            tuple(robot.joint_names),
-            tuple(is_slide(joint) for joint in model.joints[1:]),
-            bool(np.isfinite(bounds).any()),
-            np.array([largest[:2].max(axis=0), *largest[2:]]).T,
-        )
+        excess = np.array([largest[:2].max(axis=0), *largest[2:]]).T
+        return cls(robot.slides, bool(np.isfinite(bounds).any()), excess)
 
     @property
     def exceeded(self) -> bool:
@@ -61,7 +55,7 @@ class LimitExcess:
 
     def summary(self) -> dict[str, Any]:
         """Return the largest excess, by joint and kind of limit."""
-        rows = zip(self.joints, self.excess.tolist(), strict=True)
+        rows = zip(self.slides, self.excess.tolist(), strict=True)
         return {joint: dict(zip(KINDS, row, strict=True)) for joint, row in rows}
 
     def __str__(self) -> str:
@@ -69,11 +63,11 @@ class LimitExcess:
         if not self.exceeded:
             return "joint limits kept" if self.stated else ""
         found = []
-        for i, k in np.argwhere(self.excess).tolist():
-            (unit, scale), kind = DISPLAYS["m" if self.slides[i] else "rad"], KINDS[k]
-            if kind == "effort":
-                unit, scale = "N" if self.slides[i] else "N m", 1.0
-            unit += "/s" if kind == "velocity" else ""
-            found.append(f"{self.joints[i]} {kind} by {scale * self.excess[i, k]:.4g} {unit}")
+        for (joint, slide), row in zip(self.slides.items(), self.excess, strict=True):
+            unit, scale = DISPLAYS["m" if slide else "rad"]
+            units = (unit, f"{unit}/s", "N" if slide else "N m")
+            for kind, value, unit in zip(KINDS, row * [scale, scale, 1.0], units, strict=True):
+                if value:
+                    found.append(f"{joint} {kind} by {value:.4g} {unit}")
         more = f" and {len(found) - 3} more" if len(found) > 3 else ""
         return f"beyond limits: {', '.join(found[:3])}{more}"

@@ -145,8 +145,14 @@ class _Sines(_Centered):
     """
 
     amplitude: np.ndarray
-    _w: np.ndarray
-    _phase: np.ndarray
+
+    def _take(self, parts: dict[str, np.ndarray], w: np.ndarray, given: dict[str, Any]) -> None:
+        """Take centre, amplitudes and phases (m) of ``_alike``, and w (m) [rad/s].
+
+        Without a centre the arguments ``given`` are kept for a motion that has one.
+        """
+        self.amplitude, self._w, self._phase = parts["amplitude"], w, parts["phase"]
+        self.center = self._placed(parts.get("center"), w.size, **given)
 
     @property
     def extent(self) -> float:
@@ -179,13 +185,22 @@ class Lissajous(_Sines):
             InputError: different sizes, numbers that are not finite, or a period not positive.
         """
         given = {"amplitude": amplitude, "cycles": cycles, "phase": phase}
-        size = max(vector(part, None, f"trajectory.{name}").size for name, part in given.items())
-        self.center = self._placed(center, size, **given, period=period)
-        size = self.center.size
-        self.amplitude = vector(amplitude, size, "trajectory.amplitude")
-        turns = 2 * np.pi * vector(cycles, size, "trajectory.cycles")
-        self._w = turns / positive(period, "trajectory.period")
-        self._phase = vector(phase, size, "trajectory.phase")
+        parts = _alike(center=center, **given)
+        turns = 2.0 * math.pi * parts["cycles"]
+        self._take(
+            parts, turns / positive(period, "trajectory.period"), {**given, "period": period}
+        )
+
+
+def _alike(**given: ArrayLike | None) -> dict[str, np.ndarray]:
+    """Return numbers and lists of numbers as vectors of one size (m); None is left out.
+
+    Raises:
+        InputError: lists of different sizes, or numbers that are not finite.
+    """
+    named = {f"trajectory.{name}": part for name, part in given.items() if part is not None}
+    size = max(vector(part, None, name).size for name, part in named.items())
+    return {name.partition(".")[2]: vector(part, size, name) for name, part in named.items()}
 
 
 class Sinusoid(_Sines):
@@ -214,15 +229,10 @@ class Sinusoid(_Sines):
             InputError: different sizes, numbers that are not finite, or periods not positive.
         """
         given = {"amplitude": amplitude, "period": period, "phase": phase}
-        every = given if center is None else {"center": center, **given}
-        size = max(vector(part, None, f"trajectory.{name}").size for name, part in every.items())
-        parts = {name: vector(part, size, f"trajectory.{name}") for name, part in every.items()}
+        parts = _alike(center=center, **given)
         for each in parts["period"]:
             positive(each, "trajectory.period", error=InputError)
-        self.center = self._placed(parts.get("center"), size, **given)
-        self.amplitude = parts["amplitude"]
-        self._w = 2.0 * math.pi / parts["period"]
-        self._phase = parts["phase"]
+        self._take(parts, 2.0 * math.pi / parts["period"], given)
 
 
 class FourierSeries(_Centered):
