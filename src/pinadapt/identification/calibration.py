@@ -40,7 +40,7 @@ from ..exceptions import InputError, LogError, did_you_mean
 from ..information.information import gauss_newton
 from ..information.measured_motion import at_times
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
-from ..logs.intake import Intake
+from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..models.linear_kinematics import SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
@@ -225,7 +225,7 @@ def calibrate(
     unknown: str | Sequence[str] = ALL,
     tracker: bool = False,
     held_out: float = 0.25,
-    intake: Intake | Mapping[str, Any] | Path | str | None = None,
+    intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
 ) -> Calibration:
     """Calibrate the geometry of a robot from measured positions or poses of its frame.
 
@@ -259,7 +259,7 @@ def calibrate(
     words = name_list(unknown, "unknown", InputError)
     logs = []
     for source in log if isinstance(log, list | tuple) else (log,):
-        way = Intake.of(Intake.beside(source) if intake is None else intake)
+        way = ImportOptions.of(ImportOptions.beside(source) if intake is None else intake)
         logs.append(log_of(source, described, intake=way, torques=False))
     name = ", ".join(one.source for one in logs)
     seen = _seen(logs, described, name)

@@ -17,7 +17,7 @@ from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import read_log
-from ..logs.intake import Intake
+from ..logs.import_options import ImportOptions
 from ..logs.log import Log, joined, starts_of
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST, PlacedTranslations
@@ -58,7 +58,7 @@ def identify(
     unknown: Unknown | str | Sequence[str] | None = None,
     adaptation: str | Adaptation = "natural-memory",
     held_out: float = 0.25,
-    intake: Intake | Mapping[str, Any] | Path | str | None = None,
+    intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
     """Identify a robot from a recorded motion, whatever controller moved it.
@@ -84,8 +84,8 @@ def identify(
             ``friction`` or ``effects``.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
         held_out: share of the log that is held out, at most a half.
-        intake: how all logs are to be read, an ``Intake``, its fields or a TOML file; by default,
-            each by the file beside it.
+        intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by
+            default, each by the file beside it.
         progress: of the stages, then of the online estimates, as of ``simulate``: by default a bar
             on a terminal. A function wraps the samples of the online estimates alone.
 
@@ -105,9 +105,9 @@ def identify(
         _several(test),
         _several(() if empty is None else [empty]),
     )
-    logs, intakes = list[Log](), list[Intake]()
+    logs, intakes = list[Log](), list[ImportOptions]()
     for source in (*sources, *tests, *extra):
-        intakes.append(Intake.of(Intake.beside(source) if intake is None else intake))
+        intakes.append(ImportOptions.of(ImportOptions.beside(source) if intake is None else intake))
         one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
     logs, without = logs[: len(sources) + len(tests)], logs[len(sources) + len(tests) :]
@@ -197,7 +197,7 @@ def identify(
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         check=check,
-        intake=intakes[0].updated(**first_log.assumed),
+        intake=intakes[0],
     )
 
 
@@ -241,7 +241,7 @@ def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> To
     )
 
 
-def log_and_robot(source: Any, robot: Robot, intake: Intake) -> tuple[Log, Robot]:
+def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log, Robot]:
     """Return the log of a path, a ``Log`` or a ``Rollout``, and the robot as it was mounted.
 
     Raises:
