@@ -351,15 +351,14 @@ def replay(options: argparse.Namespace) -> int:
     tables = with_values(raw, dict(map(setting, options.set)))
     scenario = Scenario.build(tables, folder)
     found = log.replay(scenario.controller)
-    at = found.asked
-    if not at.any():
+    if not found.torque.size:
         raise InputError("this log contains no torque of a controller.", where=str(options.log))
     rows = [
         (name, *(f"{value:.4g}" for value in values))
         for name, *values in zip(
             scenario.controller.kinematics.joint_names,
             found.difference,
-            np.abs(found.torque[at] - found.logged[at]).max(axis=0),
+            np.abs(found.torque - found.logged).max(axis=0),
             strict=True,
         )
     ]

@@ -7,8 +7,6 @@ Conventions of the Franka Control Interface, 1 kHz:
   ``compensated="nominal"``, and what is wrong in the robot's own gravity is learned like any load.
 * ``tau_J``, the measured torque, has gravity in it and is ``Measurement.tau``.
 * The torque may change by 1000 N m/s. The time is the robot's, in milliseconds.
-* ``control_command_success_rate``, the share of the last 100 commands that the robot has received,
-  is ``received`` once 100 were sent; before and without control it is 0 or counts fewer.
 * Above the collision thresholds the robot stops by its reflex; then, and after errors, it waits for
   a recovery. A torque that stays out for some cycles is an error too, so a killed program stops it.
 
@@ -37,7 +35,6 @@ TORQUE_RATE = 1000.0  # [N m/s]
 PERIOD = 1e-3  # [s]
 COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
 FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
-_COUNTED = 100  # commands of which the robot states the share that it has received
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
@@ -113,7 +110,6 @@ class FrankaArm(Arm):
                 hint="Is this the address of the control box, and FCI activated in Desk?",
             ) from error
         self._control: Any = None
-        self._commands = 0
         self._coming: tuple[np.ndarray, float] | None = None
         self._stopped = ""
 
@@ -130,8 +126,6 @@ class FrankaArm(Arm):
                 state = self._robot.read_once()
             else:
                 state, _ = self._control.readOnce()
-                if self._commands >= _COUNTED:
-                    self.received = float(state.control_command_success_rate)
         except self._failures as error:
             raise self._broken(error) from error
         t = float(state.time.to_sec())
@@ -199,7 +193,6 @@ class FrankaArm(Arm):
         given = vector(torque, len(TORQUE), "torque", fills=False)
         try:
             self._control.writeOnce(self._vendor.Torques(given.tolist()))
-            self._commands += 1
         except self._failures as error:
             raise self._broken(error) from error
 
