@@ -158,7 +158,7 @@ def test_a_full_disk_keeps_complete_files(full, kept, tmp_path, capsys, monkeypa
     assert main(command(tmp_path)) == 2
     out, err = capsys.readouterr()
     assert out.startswith("planar\n---") and "error, last 10 %" in out  # the terminal shows it
-    assert f"No space left on device. The rollout is in {tmp_path}." in err
+    assert f"{tmp_path}: not all could be written: No space left on device." in err
     assert "Traceback" not in err and shown(tmp_path) == kept
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
+import runpy
 import time
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -296,14 +296,12 @@ def _own(file: Path, name: str) -> Any:
     Raises:
         InputError: there is none.
     """
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    if not file.is_file() or spec is None or spec.loader is None:
+    if not file.is_file():
         raise InputError("no such file.", where=str(file))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    if not hasattr(module, name):
+    found = runpy.run_path(str(file))
+    if name not in found:
         raise InputError(f"has no class '{name}'.", where=str(file))
-    return getattr(module, name)
+    return found[name]
 
 
 def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajectory:

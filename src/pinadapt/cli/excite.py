@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 
-from .._output import check_writable, read_toml, write_text
+from .._output import read_toml, write_text
 from ..description.urdf import is_path
 from ..exceptions import InputError
 from ..excitation.exciting_motion import ExcitingMotion
@@ -21,7 +20,14 @@ from ..robot.loading import load
 from ..scenario.scenario import Scenario
 from ..scenario.tables import Tables, moved
 from ..tuning.unknowns import Unknown
-from .command_line import add_arguments_of, add_out_file, names, not_negative
+from .command_line import (
+    add_arguments_of,
+    add_out_file,
+    check_new,
+    names,
+    not_negative,
+    word_or_list,
+)
 from .init import warn_of_findings
 
 _SCENARIO = ".toml"
@@ -69,13 +75,7 @@ def excite(options: argparse.Namespace) -> int:
     """
     source = str(options.source)
     out = options.out or Path(f"{_name(source)}_excited{_SCENARIO}")
-    if out.exists() and not options.force:
-        raise InputError(
-            "exists already.",
-            where=str(out),
-            hint="Overwrite it by --force, or choose another file by --out.",
-        )
-    check_writable(out.parent, [out.name])
+    check_new(out, force=options.force)
     tables, motion = _of_scenario(options) if _is_scenario(source) else _of_robot(options)
     print(motion)
     folder = Path(source).parent if _is_scenario(source) else Path()
@@ -109,8 +109,8 @@ def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     names, joint = options.unknown or ["all"], options.joint or ["all"]
     placed = {word: True for word in (TOOL, BASE) if word in names}
     bodies = [name for name in names if name not in placed] or ["none"]
-    unknown = Unknown(**{"tool": False, **placed, "bodies": _words(bodies)})  # type: ignore[arg-type]
-    unknown = unknown.with_effects(_words(joint))
+    unknown = Unknown(**{"tool": False, **placed, "bodies": word_or_list(bodies)})
+    unknown = unknown.with_effects(word_or_list(joint))
     tables = {
         "title": f"{robot.name}, an exciting motion",
         "robot": {
@@ -132,11 +132,6 @@ def _found(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the search that are given."""
     given = {name: getattr(options, name) for name in _SEARCH}
     return {name: value for name, value in given.items() if value is not None}
-
-
-def _words(names: Sequence[str]) -> str | list[str]:
-    """Return a single word, or a list of names."""
-    return names[0] if len(names) == 1 else list(names)
 
 
 def _is_scenario(source: str) -> bool:

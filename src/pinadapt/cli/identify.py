@@ -31,6 +31,7 @@ from .command_line import (
     add_out,
     assignment,
     names,
+    word_or_list,
 )
 from .run import RUN_FILES
 
@@ -267,7 +268,9 @@ def identify(options: argparse.Namespace) -> int:
         path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
         for path in options.compare
     }
-    named = {name: _words(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
+    named = {
+        name: word_or_list(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")
+    }
     try:
         found = identify_log(
             options.log,
@@ -374,8 +377,3 @@ def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, Unknown]:
         raise InputError("the scenario says which frame, task and joints.", where="robot")
     scenario = Scenario.read(Path(options.robot))
     return scenario.estimated, parts(scenario.tables)["unknown"]
-
-
-def _words(given: list[str] | None) -> str | list[str] | None:
-    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
-    return given[0] if given is not None and len(given) == 1 else given

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .._output import check_writable
 from ..exceptions import InputError
 from ..rollout.summary import sheet
 from ..sweep.cases import COPY, METHODS, Plan
@@ -22,7 +23,7 @@ from .command_line import (
     positive,
     status_of,
 )
-from .run import check_place, write_run
+from .run import RUN_FILES, write_run
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -135,7 +136,8 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
     if not isinstance(work, ScenarioWork):
         print(CaseTable.of([{"case": number, "seed": case.seed, **dict(work(case))}]))
         return DONE
-    place = check_place(folder / f"case-{number}")
+    place = folder / f"case-{number}"
+    check_writable(place, RUN_FILES)
     rollout = work.scenario(case).run()
     write_run(rollout, place, html=True)
     print(f"{sheet(rollout, rollout.numbers)}\n\nwritten to {place}\n\n{rollout.verdict}")

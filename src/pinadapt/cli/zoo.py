@@ -14,7 +14,7 @@ from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
 from ..zoo.experiment import CONVERGED, POSE, run_zoo, zoo_names
-from .command_line import DONE, INTERRUPTED, add_out, add_seed, names, not_negative
+from .command_line import DONE, INTERRUPTED, add_out, names, not_negative
 
 TABLE = "zoo.json"
 
@@ -45,7 +45,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="position: a circle; pose: a circle with a swinging tool, for chains of six and more "
         "joints (default: %(default)s)",
     )
-    add_seed(parser, "friction, tools and model errors")
+    parser.add_argument(
+        "--seed",
+        type=not_negative,
+        default=0,
+        metavar="N",
+        help="random seed of friction, tools and model errors (default: %(default)s)",
+    )
     parser.add_argument(
         "--processes",
         type=not_negative,

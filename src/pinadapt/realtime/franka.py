@@ -160,7 +160,7 @@ class FrankaArm(Arm):
             if state.robot_mode == vendor.RobotMode.Reflex or state.current_errors:
                 if not self._recover:
                     raise ArmError(
-                        f"is in error: {_errors(state.current_errors)}.",
+                        f"is in error: {state.current_errors}.",
                         where=self.facts.name,
                         hint=_RECOVER,
                     )
@@ -244,10 +244,3 @@ def at_task_frame(load: Payload, robot: Robot) -> Payload:
     seen = task.placement.actInv(flange.placement).act(load.spatial_inertia())
     full = seen.inertia
     return Payload(seen.mass, seen.lever, full[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
-
-
-def _errors(errors: Any) -> str:
-    """Return the names of the errors that are set."""
-    names = [name for name in dir(errors) if not name.startswith("_")]
-    found = [name for name in names if getattr(errors, name) is True]
-    return ", ".join(found) or "a reflex that was not acknowledged"

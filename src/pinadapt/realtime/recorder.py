@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import pickle
 import select
 import signal
 import socket
@@ -24,6 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,14 +74,19 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
     sizes |= {"q": kinematics.nq, "x": x, "x_d": x, "xd": m, "xd_d": m, "xdd_d": m}
     sizes |= {"a_k": kinematics.size, "a_d": controller.dynamics.size}
     one = ("t", "host", "dt", "phase", "adapting", "step_us", "x_time")
-    fields = [(name, float, (size,)) for name, size in sizes.items() if size]
-    return np.dtype([(name, float) for name in one] + fields)
+    return np.dtype(
+        [(name, float) for name in one] + [(name, float, (size,)) for name, size in sizes.items()]
+    )
 
 
 def _definition(tick: np.dtype[Any]) -> str:
     """Return a record's definition as a message."""
-    shapes = ((name, tick[name].shape) for name in tick.names or ())
-    return "".join(f"float64{f'[{shape[0]}]' if shape else ''} {name}\n" for name, shape in shapes)
+    lines = {name: tick[name].shape for name in tick.names or ()}
+    return "".join(
+        f"float64{f'[{shape[0]}]' if shape else ''} {name}\n"
+        for name, shape in lines.items()
+        if shape != (0,)
+    )
 
 
 def cdr(*values: str | int | np.ndarray) -> bytes:
@@ -113,7 +118,6 @@ class Recorder:
         about: Mapping[str, str] | None = None,
         port: int | None = None,
         translate: Mapping[str, Translator] | None = None,
-        rows: int = _ROWS,
     ) -> None:
         """Start the process.
 
@@ -124,7 +128,6 @@ class Recorder:
             port: for commands and state, on the loopback only; 0 takes any free one, None: none.
             translate: functions of a command's value and the latest measurement that return what
                 the loop gets, run in the other process; for "reference".
-            rows: of the ring.
 
         Raises:
             InputError: the file cannot be written, or the port is in use.
@@ -133,11 +136,11 @@ class Recorder:
         self.path, self.trouble = None if path is None else Path(path), ""
         server = None if port is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
+            if server is not None:
+                server.bind(("127.0.0.1", port))
             if self.path is not None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self.path.write_bytes(b"")
-            if server is not None:
-                server.bind(("127.0.0.1", port))
         except OSError as error:
             raise InputError(
                 f"log or port {port} cannot be used: {error.strerror or error}.",
@@ -146,7 +149,7 @@ class Recorder:
             ) from error
         self.port: int | None = None if server is None else server.getsockname()[1]
         context = get_context("spawn")
-        shared = context.RawArray("b", rows * tick.itemsize), context.RawArray("Q", 2)
+        shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
         self._ring, self._counts = _views(shared, tick)
         self._count = 0
         about = {
@@ -160,7 +163,7 @@ class Recorder:
             "dynamic_names": json.dumps(list(controller.dynamics.names)),
             **(about or {}),
         }
-        self._link, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._link, there = context.Pipe()
         arguments = shared, tick, about, self.path, there, server, dict(translate or {})
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
@@ -168,15 +171,13 @@ class Recorder:
         there.close()
         if server is not None:
             server.close()
-        self._link.settimeout(_STARTING)
         try:
-            ready = self._link.recv(1 << 12)
-        except OSError:
-            ready = b""
-        if ready != b"ready":
+            ready = self._link.poll(_STARTING) and self._link.recv()
+        except (OSError, EOFError):
+            ready = False
+        if not ready:
             self.close()
             raise InputError("the process of the log has not started.", where=str(path), hint=MAIN)
-        self._link.setblocking(False)
 
     def record(self, cycle: Mapping[str, Any]) -> None:
         """Hand on the record of a cycle; a full ring drops it, and says so.
@@ -197,34 +198,29 @@ class Recorder:
     def event(self, **what: Any) -> None:
         """Log something that happens, as JSON, with the number of the coming cycle."""
         with suppress(OSError):
-            self._link.send(json.dumps({"cycle": self._count, **what}).encode())
+            self._link.send({"cycle": self._count, **what})
 
     def commands(self) -> list[tuple[str, Any]]:
         """Return the commands that have come; ``trouble`` may have changed."""
         found: list[tuple[str, Any]] = []
-        while True:
-            try:
-                said = self._link.recv(1 << 20)
-            except BlockingIOError:
-                return found
-            except OSError:
-                said = b""
-            name, value = pickle.loads(said) if said else ("trouble", "the process has died")
-            if name != "trouble":
-                found.append((name, value))
-                continue
-            self.trouble = value
-            if not said:
-                return found
+        try:
+            while select.select([self._link], [], [], 0.0)[0]:
+                name, value = self._link.recv()
+                if name == "trouble":
+                    self.trouble = value
+                else:
+                    found.append((name, value))
+        except (OSError, EOFError):
+            self.trouble = "the process has died"
+        return found
 
     def close(self) -> None:
         """Have the rest written and end the process."""
         with suppress(OSError):
-            self._link.send(b"end")
+            self._link.send(None)
         self._process.join(10.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join(1.0)
+        self._process.kill()
+        self._process.join(1.0)
         self._link.close()
 
     def __enter__(self) -> Recorder:
@@ -250,7 +246,7 @@ class _LogProcess:
         tick: np.dtype[Any],
         about: dict[str, str],
         path: Path | None,
-        link: socket.socket,
+        link: Connection,
         server: socket.socket | None,
         translate: dict[str, Translator],
     ) -> None:
@@ -285,20 +281,19 @@ class _LogProcess:
 
     def run(self) -> None:
         """Write and answer until the loop closes or dies."""
-        waited = [self._link] + ([] if self._server is None else [self._server])
-        said = b""
-        while said != b"end":
+        waited: list[Any] = [self._link, *([] if self._server is None else [self._server])]
+        said: dict[str, Any] | None = {}
+        while said is not None:
             ready = select.select(waited, [], [], 0.02)[0]
             try:
-                said = self._link.recv(1 << 16) if self._link in ready else b"{}"
-            except OSError:
-                said = b""
-            self._drain()
-            if not said:
+                said = self._link.recv() if self._link in ready else {}
+            except (OSError, EOFError):
+                said = None
+                self._drain()
                 self._note({"lost": "the process of the loop has died", "cycle": self._read})
-                break
-            if self._link in ready and said != b"end":
-                self._note(json.loads(said))
+            self._drain()
+            if said:
+                self._note(said)
             if self._server in ready:
                 self._answer()
         if self._writer is not None:
@@ -316,7 +311,7 @@ class _LogProcess:
 
     def _send(self, name: str, value: Any) -> None:
         with suppress(OSError):
-            self._link.send(pickle.dumps((name, value)))
+            self._link.send((name, value))
 
     def _add(self, topic: str, data: bytes) -> None:
         if self._writer is not None:
@@ -375,10 +370,7 @@ class _LogProcess:
                 "step_us": float(row["step_us"]),
                 "messages": self._messages,
                 "about": self._about,
-                **{
-                    key: np.nan_to_num(row[key]).tolist() if key in row.dtype.names else []
-                    for key in numbers
-                },
+                **{key: np.nan_to_num(row[key]).tolist() for key in numbers},
             }
         value = asked.get("value")
         if name in self._translate:
@@ -394,7 +386,7 @@ def _serve(*arguments: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
     link = arguments[4]
     process = _LogProcess(*arguments)
-    link.send(b"ready")
+    link.send(True)
     process.run()
 
 
