@@ -248,7 +248,7 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
         LogError: as ``read_log``, or no direction of gravity for an arm on a wall.
     """
     robot = intake.mounted(robot)
-    log = log_of(source, robot, intake=intake)
+    log = read_log(source, robot, intake=intake)
     if intake.mount == "wall":
         robot = on_wall(log, robot)
     added = compensation_of(robot, intake.compensated)
@@ -285,31 +285,3 @@ def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, 
             hint="Record x (a bag: --pose-topic), and load the robot with a task of the frame.",
         )
     return frames, replace(robot, task=JointTask.of_chain(robot.model))
-
-
-def log_of(source: Any, robot: Robot, **options: Any) -> Log:
-    """Return the checked log of a path, a ``Log``, or a ``Rollout``, for a robot.
-
-    The log of a rollout has its measurements since the last change of its robot, and the torques
-    held in between.
-
-    Raises:
-        LogError: as ``read_log``.
-    """
-    return read_log(_recorded(source) if isinstance(source, Rollout) else source, robot, **options)
-
-
-def _recorded(rollout: Rollout) -> Log:
-    """Return the log of a rollout: its measurements, or the true motion if these are not kept."""
-    since = max((at for at, what in rollout.marks if what != "announced"), default=-np.inf)
-    evaluation, framed = rollout.evaluation, rollout.task.positions > 0
-    log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, held=True, source="rollout")
-    if evaluation is None or not evaluation.samples:
-        return replace(log, x=rollout.x if framed else None).after(since)
-    measured = [sample.measurement for sample in evaluation.samples]
-    t, q, v = (np.array([getattr(part, name) for part in measured]) for name in ("t", "q", "v"))
-    log = replace(log, t=t, q=q, v=v)
-    if frames := [part for part in measured if framed and part.x is not None]:
-        times = np.array([part.t if part.x_time is None else part.x_time for part in frames])
-        log = replace(log, x=np.array([part.x for part in frames]), x_time=times)
-    return log.after(since)

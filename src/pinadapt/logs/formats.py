@@ -7,7 +7,6 @@ A new format is a function of a path, names of joints and ``ImportOptions``, and
 from __future__ import annotations
 
 import csv
-import json
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -21,41 +20,44 @@ from .._checks import instance
 from .._output import read_as_data
 from ..exceptions import LogError
 from ..robot.robot import Robot
+from ..rollout.rollout import Rollout
 from .bags import read_bag
 from .columns import log_of_columns
 from .import_options import ImportOptions
 from .log import Log, check, repeated
 
-_ROLLOUT = frozenset({"t", "q", "v", "tau", "x", "x_d", "saturated"})  # arrays of a run
-_MISSING = {"", "nan", "null", "none", "na"}  # cells of what was not measured
-
 
 def read_arrays(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     """Return the log in an archive: t (N), q, tau (N, n), also v, x, x_time, joint_names.
 
-    That of a run of ``pinadapt run`` begins at the last change of its robot: its torques are the
-    controller's, held from each sample to the next, and x is the true position of the task frame.
-    A joint task's x is q and is left out.
-
     Raises:
         LogError: it cannot be read, or lacks a signal.
     """
+    if path.name == "rollout.npz" and path.with_name("summary.json").is_file():
+        return replace(log_of_rollout(Rollout.load(path.parent)), source=str(path))
     with np.load(path, allow_pickle=False) as archive:
         found = {name: archive[name] for name in archive.files}
-    if not found.keys() >= _ROLLOUT:
-        return log_of_columns(found, joints, options, str(path))
-    about: dict[str, Any] = {}
-    if (summary := path.with_name("summary.json")).is_file():
-        about = json.loads(summary.read_text(encoding="utf-8"))
-    names = about.get("joint_names", ()) if found["q"].shape == found["v"].shape else ()
-    x = None if about.get("task") == "joint" else found["x"]
-    parts: dict[str, Any] = {name: found[name] for name in ("t", "q", "tau", "v")}
-    log = Log(**parts, joints=tuple(names), x=x, held=True, source=str(path))
-    if not len(log.t):
-        raise LogError("the run has no sample.", where=str(path))
-    events = about.get("changes", ())
-    changes = [event["at"] for event in events if event["what"] != "announced"]
-    return log.after(max((at for at in changes if at <= log.t[-1]), default=-math.inf))
+    return log_of_columns(found, joints, options, str(path))
+
+
+def log_of_rollout(rollout: Rollout) -> Log:
+    """Return the log of a rollout: its measurements, or the true motion if these are not kept.
+
+    It begins at the last change of the robot; the torques are the controller's, held from each
+    sample to the next. A joint task's x is q and is left out.
+    """
+    since = max((at for at, what in rollout.marks if what != "announced"), default=-math.inf)
+    evaluation, framed = rollout.evaluation, rollout.task.positions > 0
+    log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, held=True, source="rollout")
+    if evaluation is None or not evaluation.samples:
+        return replace(log, x=rollout.x if framed else None).after(since)
+    measured = [sample.measurement for sample in evaluation.samples]
+    t, q, v = (np.array([getattr(part, name) for part in measured]) for name in ("t", "q", "v"))
+    log = replace(log, t=t, q=q, v=v)
+    if frames := [part for part in measured if framed and part.x is not None]:
+        times = np.array([part.t if part.x_time is None else part.x_time for part in frames])
+        log = replace(log, x=np.array([part.x for part in frames]), x_time=times)
+    return log.after(since)
 
 
 def read_text(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
@@ -66,32 +68,26 @@ def read_text(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     columns are called 1, 2 and so on.
 
     Raises:
-        LogError: rows of other lengths, or cells that are not numbers.
+        LogError: rows of other lengths, or no numbers.
     """
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
-    plain = [(k + 1, line) for k, line in enumerate(lines) if line.strip() and line[0] != "#"]
-    if not plain:
-        raise LogError("is empty.", where=str(path))
-    mark = next((mark for mark in ",;\t" if mark in plain[0][1]), None)
-    rows = [(number, _cells(line, mark)) for number, line in plain]
-    header = [str(k + 1) for k in range(len(rows[0][1]))]
+    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    rows = [line for line in lines if not line.startswith("#")] or [""]
+    mark = next((mark for mark in ",;\t" if mark in rows[0]), None)
+    header = _cells(rows[0], mark)
     comments = [_cells(line.lstrip("# "), mark) for line in lines if line.startswith("#")]
-    if any(map(_is_text, rows[0][1])):
-        _, header = rows.pop(0)
-    elif comments and len(comments[-1]) == len(header):
-        header = comments[-1]
-    values = []
-    for number, cells in rows:
-        text = next(filter(_is_text, cells), None)
-        if len(cells) != len(header) or text is not None:
-            words = f"{len(cells)} cells for {len(header)} columns."
-            raise LogError(
-                words if text is None else f"'{text}' is not a number.",
-                where=f"{path}, line {number}",
-                hint="Decimals need a point; an empty cell was not measured.",
-            )
-        values.append([math.nan if cell.lower() in _MISSING else float(cell) for cell in cells])
-    columns = np.array(values).reshape(-1, len(header)).T
+    if all(map(_is_number, header)):
+        header = [str(k + 1) for k in range(len(header))]
+        if comments and len(comments[-1]) == len(header):
+            header = comments[-1]
+    else:
+        del rows[0]
+    if not any(rows):
+        raise LogError("is empty.", where=str(path))
+    values = np.genfromtxt(rows, delimiter=mark)
+    columns = values.reshape(len(rows), -1).T
+    if len(columns) != len(header):
+        words = f"{len(columns)} cells in a row, and the header has {len(header)}."
+        raise LogError(words, where=str(path))
     return log_of_columns(dict(zip(header, columns, strict=True)), joints, options, str(path))
 
 
@@ -101,13 +97,13 @@ def _cells(line: str, mark: str | None) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def _is_text(cell: str) -> bool:
-    """Return whether a cell is neither a number nor a missing one."""
+def _is_number(cell: str) -> bool:
+    """Return whether a cell is a number, or empty."""
     try:
-        float(cell)
+        float(cell or "nan")
     except ValueError:
-        return cell.lower() not in _MISSING
-    return False
+        return False
+    return True
 
 
 # Ending of a file's name -> its reader.
@@ -119,7 +115,7 @@ FORMATS: Mapping[str, Callable[[Path, Sequence[str], ImportOptions], Log]] = {
 
 
 def read_log(
-    source: Path | str | Log,
+    source: Path | str | Log | Rollout,
     robot: Robot,
     *,
     intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
@@ -132,7 +128,7 @@ def read_log(
     Args:
         source: a folder or ``rollout.npz`` that `pinadapt run` has written; an npz or CSV file with
             t, q, tau and optionally v and x, by the joints' names or indices; a bag of ROS 1 or 2
-            or MCAP (extra ``bags``); or a ``Log``.
+            or MCAP (extra ``bags``); or a ``Log`` or ``Rollout``, see ``log_of_rollout``.
         robot: whose motion it is.
         intake: how it is to be read: ``ImportOptions``, their fields, or a TOML file of them; by
             default the one beside the log, ``run.intake.toml`` of ``run.csv``, if there is one.
@@ -146,6 +142,8 @@ def read_log(
     """
     instance(robot, Robot, "robot")
     options = ImportOptions.of(ImportOptions.beside(source) if intake is None else intake)
+    if isinstance(source, Rollout):
+        source = log_of_rollout(source)
     if not isinstance(source, Log):
         path = Path(instance(source, Path | str, "log"))
         with read_as_data(path, LogError):

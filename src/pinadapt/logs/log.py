@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
 
 from .._checks import LARGEST, instance
 from ..description.chain import configuration_from_angles, position_limits
@@ -254,8 +255,9 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
             refuse(
                 name,
                 f"only {share:.0%} of the samples of a joint are numbers.",
-                f"Are they in the log? --columns {name}=NAME,..., in a file without header "
-                f"{name}=2-8, or --topic of a bag says where; --lock NAME leaves out a joint.",
+                f"Decimals need a point. --columns {name}=NAME,..., in a file without header "
+                f"{name}=2-8, or --topic of a bag says where they are; --lock NAME leaves out a "
+                "joint.",
             )
     if (outside := _outside_limits(log, robot)) is not None:
         refuse("q", *outside)
@@ -310,24 +312,23 @@ def _other_velocity(log: Log, robot: Robot) -> tuple[str, str] | None:
     q = log.configurations(robot)
     moved = np.array([pin.difference(robot.model, *ends) for ends in pairwise(q)])
     rates, means = moved / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
-    for name, rate, mean in zip(robot.joint_names, rates.T, means.T, strict=True):
-        both = np.isfinite(mean) & np.isfinite(rate)
-        # averages, in which the noise of differenced encoders cancels
-        rate, mean = (
-            np.convolve(part[both], np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")
-            for part in (rate, mean)
-        )
-        if not len(rate) or float(np.sqrt(np.mean(rate**2))) < _MOVING:
-            continue
-        factor = float(rate @ mean / (rate @ rate))
-        if not 0.5 < factor < 2.0:  # other units are far outside
-            return (
-                f"the velocity of {name} is {factor:.3g} times the rate of its positions: other "
-                "units, another sign, or the other side of a gear.",
-                "Convert both to rad and rad/s (m and m/s), or leave velocities out: they are then "
-                "computed from the positions.",
-            )
-    return None
+    both = np.isfinite(rates) & np.isfinite(means)
+    # averages, in which the noise of differenced encoders cancels
+    rates, means = (
+        uniform_filter1d(np.where(both, part, 0.0), _AVERAGED, axis=0) for part in (rates, means)
+    )
+    size = np.mean(rates**2, axis=0)
+    factors = np.mean(rates * means, axis=0) / np.where(size > 0.0, size, 1.0)
+    wrong = (size > _MOVING**2) & ~((factors > 0.5) & (factors < 2.0))  # other units: far outside
+    if not wrong.any():
+        return None
+    j = int(wrong.argmax())
+    return (
+        f"the velocity of {robot.joint_names[j]} is {factors[j]:.3g} times the rate of its "
+        "positions: other units, another sign, or the other side of a gear.",
+        "Convert both to rad and rad/s (m and m/s), or leave velocities out: they are then "
+        "computed from the positions.",
+    )
 
 
 def joined(logs: Sequence[Log], pause: float) -> Log:
