@@ -31,9 +31,7 @@ _SHORTEST = 1.0  # [s]; half as much leaves nothing to hold out
 _LONGEST_PERIOD = 0.2  # [s]; windows of four samples have no inertia left at twice as much
 _REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
 _MEASURED = 0.5  # share of the samples that must be finite, and within the joint limits
-# Beyond a limit by more than calibration: [rad or m], or share of the range. Half as much refuses
-# arms with another zero, twice as much takes degrees for radians.
-_BEYOND, _RANGE = 0.5, 0.25
+_BEYOND = 0.5  # [rad or m] beyond a limit; half refuses other zeros, twice takes some degrees
 _MOVING = 0.02  # [rad/s or m/s] rms of a velocity that can be compared; half is noise of encoders
 _AVERAGED = 25  # samples over which velocities are averaged; half leaves noise of slow motions
 
@@ -291,8 +289,7 @@ def _outside_limits(log: Log, robot: Robot) -> tuple[str, str] | None:
     if log.q.shape[1] != robot.model.nv:
         return None
     low, high = position_limits(robot.model)
-    margin = np.maximum(_BEYOND, _RANGE * (high - low))
-    outside = np.mean((log.q < low - margin) | (log.q > high + margin), axis=0)
+    outside = np.mean((log.q < low - _BEYOND) | (log.q > high + _BEYOND), axis=0)
     j = int(outside.argmax())
     if outside[j] <= _MEASURED:
         return None

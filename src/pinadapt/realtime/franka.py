@@ -30,11 +30,10 @@ from ..robot.motors import Gravity
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts, Frames
 
+JOINTS = 7
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
 TORQUE_RATE = 1000.0  # [N m/s]
 PERIOD = 1e-3  # [s]
-COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
-FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
@@ -54,8 +53,8 @@ class FrankaArm(Arm):
         address: str,
         robot: Robot,
         *,
-        collision: ArrayLike = COLLISION,
-        forces: ArrayLike = FORCES,
+        collision: ArrayLike | None = None,
+        forces: ArrayLike | None = None,
         load: Payload | None = None,
         recover: bool = False,
         camera: Frames | None = None,
@@ -66,7 +65,8 @@ class FrankaArm(Arm):
             address: of the control box.
             robot: its description, seven joints; the gravity that the arm adds is taken from it.
             collision: (7) torques beyond the model at which the robot's own reflex stops it [N m].
-            forces: (6) the same for force and torque at the flange [N, N m].
+            forces: (6) the same for force and torque at the flange [N, N m]; both are set, or with
+                None for both those of the robot stay.
             load: that is set on the robot, which then compensates its gravity; ``robot`` must have
                 it too, see ``at_task_frame``. com and inertia are given in the axes of the flange.
                 None: nothing is set.
@@ -81,17 +81,22 @@ class FrankaArm(Arm):
             import pylibfranka
         except ImportError as error:
             raise InputError(f"pylibfranka is missing: {error}.", hint=_INSTALL) from error
-        if robot.model.nv != len(TORQUE):
+        if robot.model.nv != JOINTS:
             raise InputError(
-                f"a Franka has {len(TORQUE)} joints; the description has {robot.joint_names}.",
+                f"a Franka has {JOINTS} joints; the description has {robot.joint_names}.",
                 where="robot",
                 hint="Lock the fingers, and take a frame behind the seventh joint.",
             )
         self._vendor: Any = pylibfranka
         self._failures = (pylibfranka.FrankaException, RuntimeError)  # of which its others are
         self.address, self._camera = address, camera
-        self._collision = vector(collision, len(TORQUE), "collision", fills=False).tolist()
-        self._forces = vector(forces, len(FORCES), "forces", fills=False).tolist()
+        self._thresholds: list[list[float]] | None = None
+        if collision is not None and forces is not None:
+            torques = vector(collision, JOINTS, "collision", fills=False).tolist()
+            wrench = vector(forces, 6, "forces", fills=False).tolist()
+            self._thresholds = [torques, torques, wrench, wrench]  # of contact and collision alike
+        elif collision is not None or forces is not None:
+            raise InputError("collision and forces are set together.", where="collision")
         self._load, self._recover = load, recover
         self.facts = ArmFacts.of(
             robot,
@@ -149,7 +154,7 @@ class FrankaArm(Arm):
         return seen
 
     def begin(self) -> None:
-        """Set collision behaviour and load, and take over the control.
+        """Set what is to be set, and take over the control.
 
         Raises:
             ArmError: the robot is in error, stopped by its user, or controlled by someone else.
@@ -171,8 +176,8 @@ class FrankaArm(Arm):
                     where=self.facts.name,
                     hint="Release the user stop, unlock the brakes in Desk, end other programs.",
                 )
-            both = (self._collision, self._collision, self._forces, self._forces)
-            self._robot.set_collision_behavior(*both)  # of contact and of collision alike
+            if self._thresholds is not None:
+                self._robot.set_collision_behavior(*self._thresholds)
             if self._load is not None:
                 seen = self._load.spatial_inertia()
                 inertia = seen.inertia.ravel().tolist()
@@ -190,7 +195,7 @@ class FrankaArm(Arm):
         """
         if self._control is None:
             return
-        given = vector(torque, len(TORQUE), "torque", fills=False)
+        given = vector(torque, JOINTS, "torque", fills=False)
         try:
             self._control.writeOnce(self._vendor.Torques(given.tolist()))
         except self._failures as error:
@@ -206,7 +211,7 @@ class FrankaArm(Arm):
             return
         with suppress(*self._failures):
             control.readOnce()
-            torques = self._vendor.Torques([0.0] * len(TORQUE))
+            torques = self._vendor.Torques([0.0] * JOINTS)
             torques.motion_finished = True
             control.writeOnce(torques)
             return

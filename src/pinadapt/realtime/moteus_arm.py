@@ -32,7 +32,6 @@ from .arm import Arm, ArmFacts
 
 _INSTALL = 'Install them: pip install "pinadapt[moteus]".'
 _MISSED = 3  # cycles without a reply after which a motor is lost
-_HIGHEST_ID = 126
 _NOTHING = b"\x50"  # a command that does nothing, as padding
 
 
@@ -62,8 +61,7 @@ class Motor:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no motor has."""
-        if whole(self.id, "motor.id", 1) > _HIGHEST_ID:
-            raise InputError(f"must be at most {_HIGHEST_ID}, got {self.id}.", where="motor.id")
+        whole(self.id, "motor.id", 1, most=126)
         if self.sign not in (1, -1):
             raise InputError(f"must be 1 or -1, got {self.sign!r}.", where="motor.sign")
         for name in ("ratio", "torque"):
