@@ -172,9 +172,6 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
     assert log.replay(controller()).same
 
 
-# --- commands ---
-
-
 # --- processes that are killed ---
 
 

@@ -10,7 +10,6 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -311,18 +310,29 @@ def assignment(text: str) -> tuple[str, str]:
     return name.strip(), value
 
 
-def _integer(text: str, *, least: int) -> int:
-    """Return an integer.
+def at_least(least: int) -> Callable[[str], int]:
+    """Return what makes an integer of a text.
 
     Raises:
         ArgumentTypeError: it is too small or not an integer.
     """
-    number = int(text) if text.strip().lstrip("+-").isdecimal() else least - 1
-    if number < least:
-        raise argparse.ArgumentTypeError(
-            f"a whole number of at least {least} is expected, got {text}"
-        )
-    return number
+
+    def integer(text: str) -> int:
+        number = int(text) if text.strip().lstrip("+-").isdecimal() else least - 1
+        if number < least:
+            raise argparse.ArgumentTypeError(
+                f"a whole number of at least {least} is expected, got {text}"
+            )
+        return number
+
+    return integer
 
 
-positive, not_negative = partial(_integer, least=1), partial(_integer, least=0)
+def add_processes(parser: argparse.ArgumentParser) -> None:
+    """Add ``--processes``."""
+    parser.add_argument(
+        "--processes",
+        type=at_least(0),
+        metavar="N",
+        help="number of processes, 0 for none besides this one (default: one per core)",
+    )

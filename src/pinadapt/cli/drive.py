@@ -30,7 +30,7 @@ from ..scenario.scenario import Scenario, described_robot, trajectory_of
 from ..scenario.tables import Tables, at_folder, made, put, read_tables, setting, with_values
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
-from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, positive
+from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, at_least
 
 _STAGES = {
     "log-only": (Stage.LOG, "compute and log torques, send none (default)"),
@@ -95,7 +95,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             f"--{name}", type=float, nargs=number, metavar=unit, help=f"{text} (Franka)"
         )
-    parser.add_argument("--core", type=positive, metavar="N", help="processor core to stay on")
+    parser.add_argument("--core", type=at_least(1), metavar="N", help="processor core to stay on")
     parser.add_argument(
         "--safety",
         nargs="+",
@@ -338,7 +338,7 @@ def replay(options: argparse.Namespace) -> int:
 
 def tell_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tell``."""
-    parser.add_argument("port", type=positive, metavar="PORT", help="of the running loop")
+    parser.add_argument("port", type=at_least(1), metavar="PORT", help="of the running loop")
     parser.add_argument("what", choices=COMMANDS, metavar="COMMAND", help=", ".join(COMMANDS))
     parser.add_argument("value", nargs="?", metavar="JSON", help='such as true, or {"mass": 1.0}')
 

@@ -23,9 +23,9 @@ from ..tuning.unknowns import Unknown
 from .command_line import (
     add_arguments_of,
     add_out_file,
+    at_least,
     check_new,
     names,
-    not_negative,
     word_or_list,
 )
 from .init import warn_of_findings
@@ -34,7 +34,7 @@ _SCENARIO = ".toml"
 _SEARCH = {
     **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
     "srdf": Path,
-    "seed": not_negative,
+    "seed": at_least(0),
 }
 
 

@@ -14,7 +14,7 @@ from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
 from ..zoo.experiment import CONVERGED, POSE, run_zoo, zoo_names
-from .command_line import DONE, INTERRUPTED, add_out, names, not_negative
+from .command_line import DONE, INTERRUPTED, add_out, add_processes, at_least, names
 
 TABLE = "zoo.json"
 
@@ -47,17 +47,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed",
-        type=not_negative,
+        type=at_least(0),
         default=0,
         metavar="N",
         help="random seed of friction, tools and model errors (default: %(default)s)",
     )
-    parser.add_argument(
-        "--processes",
-        type=not_negative,
-        metavar="N",
-        help="number of processes, 0 for none besides this one (default: one per core)",
-    )
+    add_processes(parser)
     add_out(parser, Path("out/zoo"))
 
 
