@@ -293,11 +293,6 @@ def names(text: str) -> list[str]:
     return found
 
 
-def word_or_list(given: list[str] | None) -> Any:
-    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
-    return given[0] if given is not None and len(given) == 1 else given
-
-
 def assignment(text: str) -> tuple[str, str]:
     """Return name and value of ``name=value``.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,6 @@ from .command_line import (
     at_least,
     check_new,
     names,
-    word_or_list,
 )
 from .init import warn_of_findings
 
@@ -109,8 +109,8 @@ def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     names, joint = options.unknown or ["all"], options.joint or ["all"]
     placed = {word: True for word in (TOOL, BASE) if word in names}
     bodies = [name for name in names if name not in placed] or ["none"]
-    unknown = Unknown(**{"tool": False, **placed, "bodies": word_or_list(bodies)})
-    unknown = unknown.with_effects(word_or_list(joint))
+    unknown = Unknown(**{"tool": False, **placed, "bodies": _words(bodies)})  # type: ignore[arg-type]
+    unknown = unknown.with_effects(_words(joint))
     tables = {
         "title": f"{robot.name}, an exciting motion",
         "robot": {
@@ -132,6 +132,11 @@ def _found(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the search that are given."""
     given = {name: getattr(options, name) for name in _SEARCH}
     return {name: value for name, value in given.items() if value is not None}
+
+
+def _words(names: Sequence[str]) -> str | list[str]:
+    """Return a single word, or a list of names."""
+    return names[0] if len(names) == 1 else list(names)
 
 
 def _is_scenario(source: str) -> bool:

@@ -31,7 +31,6 @@ from .command_line import (
     add_out,
     assignment,
     names,
-    word_or_list,
 )
 from .run import RUN_FILES
 
@@ -268,9 +267,7 @@ def identify(options: argparse.Namespace) -> int:
         path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
         for path in options.compare
     }
-    named = {
-        name: word_or_list(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")
-    }
+    named = {name: _words(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
     try:
         found = identify_log(
             options.log,
@@ -344,7 +341,6 @@ def _write_import_options(
         f"Joints: {', '.join(robot.joint_names)}.",
         f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms.",
         f"Checked: {check.verdict}",
-        *check.notes,
     ]
     write_text(place, intake.text(about))
     print(check.sheet())
@@ -377,3 +373,8 @@ def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, Unknown]:
         raise InputError("the scenario says which frame, task and joints.", where="robot")
     scenario = Scenario.read(Path(options.robot))
     return scenario.estimated, parts(scenario.tables)["unknown"]
+
+
+def _words(given: list[str] | None) -> str | list[str] | None:
+    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
+    return given[0] if given is not None and len(given) == 1 else given

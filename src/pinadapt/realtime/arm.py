@@ -211,25 +211,23 @@ class PlantArm(Arm):
         period: float = 1e-3,
         *,
         sensors: Sensors | None = None,
-        robot: Robot | None = None,
         silence: float = _SILENCE,
         seed: int = 0,
     ) -> None:
         """Take a plant.
 
         Args:
-            plant: it is reset.
+            plant: it is reset; it has a ``robot``, as a ``SimulatedPlant``.
             period: of its cycle [s].
             sensors: through which it is seen; None for perfect ones.
-            robot: whose joints it has; None: those of a ``SimulatedPlant``.
             silence: time without a torque after which it stops by itself [s].
             seed: of the noise.
 
         Raises:
-            InputError: no plant, or one of unknown joints.
+            InputError: no plant, or one without a robot.
         """
         self.plant = instance(plant, Plant, "plant")
-        robot = instance(getattr(plant, "robot", None) if robot is None else robot, Robot, "robot")
+        robot = instance(getattr(plant, "robot", None), Robot, "plant.robot")
         self.facts = ArmFacts.of(
             robot,
             period=period,

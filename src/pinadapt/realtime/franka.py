@@ -115,7 +115,6 @@ class FrankaArm(Arm):
                 hint="Is this the address of the control box, and FCI activated in Desk?",
             ) from error
         self._control: Any = None
-        self._coming: tuple[np.ndarray, float] | None = None
         self._stopped = ""
 
     def read(self) -> Measurement:
@@ -134,7 +133,8 @@ class FrankaArm(Arm):
         except self._failures as error:
             raise self._broken(error) from error
         t = float(state.time.to_sec())
-        x, x_time = self._frame(t)
+        seen = None if self._camera is None else self._camera()
+        x, x_time = (None, None) if seen is None else (seen[0], min(seen[1], t))
         return Measurement(
             t,
             np.array(state.q),
@@ -143,15 +143,6 @@ class FrankaArm(Arm):
             x_time=x_time,
             tau=np.array(state.tau_J),
         )
-
-    def _frame(self, t: float) -> tuple[np.ndarray, float] | tuple[None, None]:
-        """Return x and time of a new frame, not before the robot's time t [s] has come to it."""
-        if self._camera is not None:
-            self._coming = self._camera() or self._coming
-        if self._coming is None or self._coming[1] > t:
-            return None, None
-        seen, self._coming = self._coming, None
-        return seen
 
     def begin(self) -> None:
         """Set what is to be set, and take over the control.

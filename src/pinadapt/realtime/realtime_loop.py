@@ -51,11 +51,12 @@ _STILL = 0.02  # [rad/s or m/s] of joints that rest, once for a time constant of
 _RINGING = 2.0  # [s] of the end of a run that are searched for ringing
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
 _FREE = 0.5  # [1/s] damping of a free drive
+_SLOWNESS = 5.0  # of a slow motion: half is too fast to step in, twice takes patience
 _ALL_PAGES = 3  # MCL_CURRENT | MCL_FUTURE of mlockall
 _PATIENCE = 2.0  # [s] for the first frame of a camera
 
 
-class Stage(Enum):
+class Stage(str, Enum):
     """What the loop does, in the order in which an arm should be brought into operation."""
 
     LOG = "log"  # torques are computed and logged; nothing is sent
@@ -233,7 +234,6 @@ class RealtimeLoop:
         safety: Safety | None = None,
         recorder: Recorder | None = None,
         start: Mapping[str, Any] | None = None,
-        slowness: float = 5.0,
         scheduling: Scheduling | None = None,
         say: Callable[[str], None] | None = None,
     ) -> None:
@@ -249,7 +249,6 @@ class RealtimeLoop:
             start: initial estimates ``a_k`` and ``a_d``, ``information`` and ``information_k``, as
                 of ``simulate``. Where the axes of x are unknown, and ``a_k`` is not given, the arm
                 first holds its joints and moves by millimetres, see ``SlowStart``.
-            slowness: by which a slow motion is slower.
             scheduling: what is asked of the system; None for the defaults.
             say: gets each message; None prints it to standard error.
 
@@ -258,8 +257,7 @@ class RealtimeLoop:
         """
         self._arm = instance(arm, Arm, "arm")
         self._controller = instance(controller, Controller, "controller")
-        names = [each.value for each in Stage]
-        self.stage = stage if isinstance(stage, Stage) else Stage(word(stage, names, "stage"))
+        self.stage = Stage(word(stage, [each.value for each in Stage], "stage"))
         self._facts, self._period = arm.facts, arm.facts.period
         _check_fit(arm, controller)
         kinematics = controller.kinematics
@@ -275,9 +273,9 @@ class RealtimeLoop:
         self._motion = None if motion is None else as_trajectory(motion, kinematics.task)
         self.safety = Safety() if safety is None else safety
         self._checks = Checklist(self.safety, controller, arm.facts)
-        self._recorder, self._slowness = recorder, positive(slowness, "slowness")
+        self._recorder = recorder
         self._scheduling = Scheduling() if scheduling is None else scheduling
-        self._say = say if say is not None else _print
+        self._say = say or partial(print, "pinadapt:", file=sys.stderr, flush=True)
         n, task = kinematics.nv, kinematics.task
         self._shapes = {"t": (), "q": (kinematics.nq,)}
         self._shapes |= dict.fromkeys(("v", "a", "tau", "w"), (n,))
@@ -369,7 +367,7 @@ class RealtimeLoop:
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
             self._path = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
             if self.stage is Stage.SLOW:
-                self._path = Retimed(self._path, SlowedTime(self._slowness))
+                self._path = Retimed(self._path, SlowedTime(_SLOWNESS))
         self._warm_up(state, m)
         if state.start is not None:  # what follows it as well
             self._warm_up(controller.init(m, **{**self._start, "a_k": state.a_k}), m)
@@ -725,10 +723,6 @@ class RealtimeLoop:
                 f"not while {self._phase.name.lower()} at stage '{self.stage.value}'{held}.",
                 where=name,
             )
-
-
-def _print(words: str) -> None:
-    print(f"pinadapt: {words}", file=sys.stderr, flush=True)
 
 
 def _check_fit(arm: Arm, controller: Controller) -> None:
