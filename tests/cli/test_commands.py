@@ -4,16 +4,13 @@ import gc
 import json
 import runpy
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pinadapt
 from pinadapt.cli.command_line import main
-from pinadapt.cli.run import load_words
 from pinadapt.description.catalogue import robots_folder
-from pinadapt.information.payload import PayloadEstimate
 from pinadapt.plots.style import Picture
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
@@ -198,12 +195,3 @@ def test_a_refusal_of_the_module_is_status_2_without_traceback(tmp_path, monkeyp
     out, err = capsys.readouterr()
     assert (stop.value.code, out) == (2, "")
     assert "controller.kv" in err and "Traceback" not in err
-
-
-@pytest.mark.parametrize(("deviation", "said"), [(0.016, "1.5 +- 0.016 kg"), (0.8, "")])
-def test_run_prints_the_load_that_it_found_where_it_is_certain(deviation, said):
-    found = PayloadEstimate(
-        1.5, deviation, np.array([0.02, -0.01, 0.05]), np.full(3, 2e-3), np.ones(6), np.ones(6), 1.0
-    )
-    words = load_words(SimpleNamespace(payload=lambda refined: found))
-    assert said in words and ("centre (0.0200 +- 0.002, -0.0100" in words) is bool(said)

@@ -8,7 +8,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli import identify as command
 from pinadapt.cli.command_line import main
-from pinadapt.logs import Intake
+from pinadapt.logs import ImportOptions
 from tests.support.paths import ROOT
 
 LOG = ROOT / "tests" / "data" / "panda_unisa.csv"
@@ -40,16 +40,15 @@ def options_of(*arguments):
     """Return the intake of arguments of the command line."""
     parser = argparse.ArgumentParser()
     command.arguments(parser)
-    found = command._intake(parser.parse_args([*arguments, "--robot", "panda"]))
-    return Intake.of(Intake.beside(arguments[0])) if found is None else found
+    found = command._import_options(parser.parse_args([*arguments, "--robot", "panda"]))
+    return ImportOptions.of(ImportOptions.beside(arguments[0])) if found is None else found
 
 
-def test_options_override_the_file_beside_the_log(tmp_path, capsys):
+def test_options_override_the_file_beside_the_log(tmp_path):
     (tmp_path / "log.intake.toml").write_text('rate = 50.0\nmount = "wall"\n')
     log = str(tmp_path / "log.csv")
-    assert options_of(log) == Intake(rate=50.0, mount="wall")
-    assert "log.intake.toml" in capsys.readouterr().out
-    assert options_of(log, "--rate", "20", "--gravity", "0,0,9") == Intake(
+    assert options_of(log) == ImportOptions(rate=50.0, mount="wall")
+    assert options_of(log, "--rate", "20", "--gravity", "0,0,9") == ImportOptions(
         rate=20.0, gravity=[0, 0, 9]
     )
     other = str(tmp_path / "other.csv")
@@ -58,10 +57,9 @@ def test_options_override_the_file_beside_the_log(tmp_path, capsys):
         pa.InputError, match=r"options apply to all logs, but .*other\.intake\.toml states how one"
     ):
         options_of(log, other, "--degrees")
-    assert options_of(log, other) == Intake(rate=50.0, mount="wall")
-    assert f"{other} is read as" in capsys.readouterr().out
+    assert options_of(log, other) == ImportOptions(rate=50.0, mount="wall")
     (tmp_path / "other.toml").write_text("degrees = true\n")
-    assert options_of(log, "--intake", str(tmp_path / "other.toml")) == Intake(degrees=True)
+    assert options_of(log, "--intake", str(tmp_path / "other.toml")) == ImportOptions(degrees=True)
 
 
 def test_a_doubtful_log_gives_a_nonzero_exit_status(copy, tmp_path, capsys):

@@ -91,7 +91,7 @@ def of_run(folder):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 @pytest.mark.parametrize(
     ("method", "count"),
-    [("unlink", n) for n in (1, 2, 4, 6)] + [("replace", n) for n in (1, 2, 3, 8, 9, 11, 13)],
+    [("unlink", 1), ("unlink", 4), ("replace", 2), ("replace", 9), ("replace", 13)],
 )
 def test_a_process_killed_while_it_writes_leaves_whole_files_of_one_run(
     method, count, rollouts, tmp_path, monkeypatch
@@ -127,9 +127,6 @@ def test_a_killed_run_leaves_the_files_of_the_previous_one(tmp_path, monkeypatch
     }
 
 
-# --- a place that cannot be written ---
-
-
 # --- a full disk ---
 
 
@@ -158,8 +155,5 @@ def test_a_full_disk_keeps_complete_files(full, kept, tmp_path, capsys, monkeypa
     assert main(command(tmp_path)) == 2
     out, err = capsys.readouterr()
     assert out.startswith("planar\n---") and "error, last 10 %" in out  # the terminal shows it
-    assert f"No space left on device. The rollout is in {tmp_path}." in err
+    assert f"{tmp_path}: not all could be written: No space left on device." in err
     assert "Traceback" not in err and shown(tmp_path) == kept
-
-
-# --- signs ---

@@ -21,6 +21,7 @@ from pinadapt.controller import LearnedParameters
 from pinadapt.sweep.table import CaseTable
 from tests.logs.test_logs import columns_of, write_bag, write_csv
 from tests.support.chains import catalogue_robot
+from tests.support.loops import run
 from tests.support.paths import ROOT
 from tests.support.recorded import recorded
 
@@ -47,10 +48,7 @@ def whole(tmp_path_factory, robot, planar):
     write_csv(folder / "a.csv", columns_of(log, range(6)))
     arrays = {"t": log.t, "q": log.q, "v": log.v, "tau": log.tau, "x": log.x, "x_time": log.x_time}
     np.savez(folder / "a.npz", joint_names=np.array(robot.joint_names), **arrays)
-    (folder / "run").mkdir()
-    arrays |= {"x_d": log.q[:, :3], "x": log.q[:, :3], "saturated": log.q > 9.0}
-    np.savez(folder / "run" / "rollout.npz", **arrays)
-    (folder / "run" / "summary.json").write_text('{"changes": [{"at": 0.1, "what": "load"}]}')
+    run("planar_2r", duration=1.2).save(folder / "run")
     for kind in ("a.bag", "sqlite3", "mcap"):
         write_bag(folder / kind, "ros1" if kind == "a.bag" else kind, log, robot.joint_names)
     controller = pa.make_controller(planar, adaptation="natural")
@@ -64,7 +62,7 @@ def whole(tmp_path_factory, robot, planar):
     readers = {
         "a.csv": lambda path: pa.read_log(path, robot),
         "a.npz": lambda path: pa.read_log(path, robot),
-        "run": lambda path: pa.read_log(path, robot),
+        "run": lambda path: pa.read_log(path, planar),
         "a.bag": lambda path: pa.read_log(path, robot),
         "sqlite3": lambda path: pa.read_log(path, robot),
         "mcap": lambda path: pa.read_log(path, robot),

@@ -111,7 +111,7 @@ def test_torques_without_gravity_are_detected_and_compensated():
     payload = pa.Unknown(tool=False, bodies="payload", **TOLD)
     whole = pa.identify(left_out, robot, unknown=payload, intake={"compensated": "nominal"})
     assert whole.torque_errors.gain > 100.0 and whole.trusted
-    by_intake, _ = log_and_robot(left_out, robot, pa.logs.Intake(compensated="nominal"))
+    by_intake, _ = log_and_robot(left_out, robot, pa.logs.ImportOptions(compensated="nominal"))
     assert np.array_equal(by_intake.tau, whole.log.tau)
 
 

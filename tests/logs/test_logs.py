@@ -57,7 +57,7 @@ def test_an_archive_is_matched_by_the_names_of_its_joints(tmp_path, robot, log):
     assert same(read, log, ("t", "q", "v", "tau", "x", "x_time")) and not read.held
 
 
-@pytest.mark.parametrize("form", ["{signal}_{label}", "{label}.{signal}", "{label}/{signal}"])
+@pytest.mark.parametrize("form", ["{signal}_{label}", "{label}.{signal}"])
 def test_columns_are_found_by_the_names_of_joints(tmp_path, robot, log, form):
     table = columns_of(log, robot.joint_names, form)
     assert same(pa.read_log(write_csv(tmp_path / "a.csv", table), robot), log)
@@ -99,45 +99,28 @@ def flawed(log, robot):
     """Return logs that cannot be used, by words of their errors."""
     backwards = log.t.copy()
     backwards[40] = backwards[38]
-    far = np.full(log.tau.shape, 1e5)
+    renamed = tuple(name.replace("elbow", "knee") for name in robot.joint_names)
     return {
         "ascend; sample 40": replace(log, t=backwards),
-        "too short": replace(log, t=1e-3 * log.t),
-        "If these are milliseconds: --rate 250": replace(log, t=1e3 * log.t),
-        "all torques are zero": replace(log, tau=0.0 * log.tau),
-        "Are these other units": replace(log, tau=far),
-        "Are these degrees": replace(log, q=np.degrees(log.q), v=None),
+        "at least 1 s are needed": replace(log, t=1e-3 * log.t),
+        "are the times in seconds? --rate": replace(log, t=1e3 * log.t),
+        "the torque of shoulder_pan_joint is zero": replace(log, tau=0.0 * log.tau),
+        "--degrees": replace(log, q=np.degrees(log.q), v=None),
         "57.3 times the rate": replace(log, v=np.degrees(log.v)),
         "-1 times the rate": replace(log, v=-log.v),
         "only 0%": replace(log, tau=np.nan * log.tau),
-        "joint 'elbow_joint' is missing": replace(
-            log, joints=tuple(name.replace("elbow", "knee") for name in robot.joint_names)
-        ),
+        "joint 'elbow_joint' is missing": replace(log, joints=renamed),
         "5 columns, but ur5 has 6": replace(log, q=log.q[:, :5], joints=()),
     }
 
 
 def test_an_impossible_log_is_refused(robot, log):
     for words, flaw in flawed(log, robot).items():
-        with pytest.raises(pa.LogError, match=re.escape(words)):
+        with pytest.raises(pa.LogError, match=f"(?i){re.escape(words)}"):
             pa.read_log(flaw, robot)
     assert pa.read_log(log, robot) is not None
     with pytest.raises(pa.LogError, match=r"q: has numbers beyond 1e\+30"):
         replace(log, q=1e308 + log.q)
-
-
-def test_the_log_of_another_robot_is_named_as_such(tmp_path, robot, log):
-    columns = {part: np.hstack([getattr(log, part)] * 2)[:, :7] for part in ("q", "v", "tau")}
-    named = replace(log, joints=tuple(f"axis_{'abcdefg'[j]}" for j in range(7)), **columns)
-    with pytest.raises(pa.LogError, match="seems to be the log of another robot"):
-        pa.read_log(named, robot)
-    q = log.q.copy()
-    q[:, 2] = -5.0  # [rad], beyond the elbow's limits, and no angle in degrees
-    with pytest.raises(pa.LogError, match="Is this the log of another robot"):
-        pa.read_log(replace(log, q=q, v=None), robot)
-    columns = {**columns_of(log, range(1, 7)), "q7": log.t}
-    with pytest.warns(UserWarning, match="more than the robot's 6 joints"):
-        assert same(pa.read_log(write_csv(tmp_path / "seven.csv", columns), robot), log)
 
 
 def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
@@ -150,12 +133,9 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
             "a.csv",
             "\n".join(line.rpartition(",")[0] for line in good[1:]),
         ),
-        "line 3: 'one' in column 'q1' is not a number": (
-            "a.csv",
-            "\n".join([*good[:2], re.sub(r"^([^,]*),([^,]*),[^,]*", r"\1,\2,one", good[2])]),
-        ),
-        "line 2: 2 cells": ("a.csv", "\n".join([good[0], "1,2"])),
-        "no joint torques found": (
+        "got 2 columns instead of 19": ("a.csv", "\n".join([*good[:3], "1,2"])),
+        "2 cells in a row, and the header has 19": ("a.csv", "\n".join([good[0], "1,2"])),
+        "tau: only 0%": (
             "a.csv",
             "\n".join([good[0].replace("tau", "weight"), *good[1:]]),
         ),

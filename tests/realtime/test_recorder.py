@@ -92,14 +92,15 @@ def test_every_cycle_is_in_the_log(run):
     assert np.allclose(np.diff(t), PERIOD) and log.about["robot"] == robot().name
     assert np.array_equal(log.cycles.sent[:-1], loop.arm.sent)
     phases = [event["phase"] for event in log.events if "phase" in event]
-    assert phases == ["running", "holding", "damping", "stopped"]
+    held = ["running", "holding"]  # by a command, or for good
+    assert phases == [*held, *held, "damping", "stopped"]
     assert ending.reason == "interrupt: Ctrl-C or a signal" and not ending.failed
 
 
 def test_a_replay_gives_the_same_torques_bit_for_bit(run):
     path, of, *_ = run
     found = CycleLog.read(path).replay(of)
-    assert found.same and found.asked.sum() > 200 and not found.difference.any()
+    assert found.same and len(found.torque) > 200 and not found.difference.any()
 
 
 def test_a_replay_by_another_controller_shows_its_torques(run):
@@ -169,9 +170,6 @@ def test_a_writer_that_is_killed_leaves_all_but_the_last_tenth_of_a_second(tmp_p
     log = CycleLog.read(path)
     assert not log.whole and len(log) >= seen[0] - 0.1 / PERIOD > 120
     assert log.replay(controller()).same
-
-
-# --- commands ---
 
 
 # --- processes that are killed ---

@@ -59,9 +59,7 @@ class Franka:
         return None if newest is None else (np.array(newest["x"]), newest["t"])
 
     def tell(self, **what):
-        """Tell the robot of a ``push`` (3) [N] at its tool, that its user ``stopped`` it, or which
-        share of the commands it has ``received``.
-        """
+        """Tell the robot of a ``push`` (3) [N] at its tool, or that its user ``stopped`` it."""
         self._eye.sendto(json.dumps(what).encode(), ("127.0.0.1", self._port))
 
     def close(self):
@@ -77,7 +75,6 @@ class Body:
 
     def __init__(self):
         self.push, self.stopped, self.reflex = np.zeros(3), False, False
-        self.received = 1.0
         self.thresholds = np.full(7, np.inf)
 
     def hear(self, eye):
@@ -88,7 +85,6 @@ class Body:
             return
         self.push = np.array(told.get("push", self.push), dtype=float)
         self.stopped = told.get("stopped", self.stopped)
-        self.received = told.get("received", self.received)
 
     def install(self, protocol, kind):
         """Have the server answer for it."""
@@ -103,7 +99,7 @@ class Body:
             command.reply(protocol.AutomaticErrorRecoveryStatus.kSuccess)
 
         def state(server):
-            seen = plain(server).replace(control_command_success_rate=body.received)
+            seen = plain(server)
             if body.stopped:
                 return seen.replace(robot_mode=protocol.RobotMode.kUserStopped)
             if not body.reflex:

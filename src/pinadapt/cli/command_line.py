@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from .._output import collect_seldom
+from .._output import check_writable, collect_seldom
 from .._version import __version__
 from ..exceptions import InputError, PinadaptError
 
@@ -68,83 +68,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0: done; 2: the input was refused, or some outputs could not be written; 3: the closed loop
     diverged; 4: done in part, see the message; 130: interrupted.
     """
-    _replace_unprintable_characters()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # of a terminal without UTF-8
     if arguments is None:  # a process of its own, in which nearly all of the many objects stay
         collect_seldom()
-    shown, warnings.showwarning = warnings.showwarning, _Told()
+        arguments = sys.argv[1:]
+    shown, warnings.showwarning = warnings.showwarning, _WarningPrinter()
     try:
         with stopped_by_signals():
             options = _options(arguments)
             status: int = getattr(_module(options.command), options.command)(options)
             return status
-    except InputError as error:
-        print(f"pinadapt: {error}", file=sys.stderr)
-        return REFUSED
-    except PinadaptError as error:
-        print(f"pinadapt: {error}", file=sys.stderr)
-        return DIVERGED
     except KeyboardInterrupt:
         print("pinadapt: interrupted.", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # whoever reads the output has closed it
         sys.stderr.close()
         return DONE
-    except OSError as error:  # outputs that cannot be written
+    except (PinadaptError, OSError) as error:  # OSError: outputs that cannot be written
         print(f"pinadapt: {error}", file=sys.stderr)
-        return REFUSED
+        return REFUSED if isinstance(error, InputError | OSError) else DIVERGED
     finally:
         warnings.showwarning = shown
 
 
-def _replace_unprintable_characters() -> None:
-    """Let a terminal without UTF-8 show question marks instead of raising an error."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
-
-
-def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Return the parsed arguments.
-
-    In ``--set key=value scenario.toml`` argparse takes the file for a setting; it is moved.
-    """
+def _options(arguments: Sequence[str]) -> argparse.Namespace:
+    """Return the parsed arguments; only the module of the chosen command is imported."""
     parser = argparse.ArgumentParser(
         prog="pinadapt", description="Adaptive control of robots whose model is wrong."
     )
     parser.add_argument("--version", action="version", version=f"pinadapt {__version__}")
-    commands = parser.add_subparsers(
-        required=True, dest="command", metavar="COMMAND", parser_class=_CommandParser
-    )
+    commands = parser.add_subparsers(required=True, dest="command", metavar="COMMAND")
     for name, text in _COMMANDS.items():
-        commands.add_parser(name, help=text, description=text).command = name
-    options = parser.parse_args(arguments)
-    if getattr(options, "scenario", options) is None:
-        files = [text for text in options.set if "=" not in text]
-        if len(files) != 1:
-            parser.error("exactly one SCENARIO.toml is required")
-        options.scenario = Path(files[0])
-        options.set.remove(files[0])
-    return options
-
-
-class _CommandParser(argparse.ArgumentParser):
-    """The parser of a command, which imports the command's module only if it is chosen.
-
-    Attributes:
-        command: its name; None once its arguments have been added.
-    """
-
-    command: str | None = None
-
-    def parse_known_args(  # type: ignore[override]  # of several overloads
-        self, args: Sequence[str] | None = None, namespace: Any = None
-    ) -> tuple[Any, list[str]]:
-        """Return options and remaining arguments, as the base class."""
-        if self.command is not None:
-            name, self.command = self.command, None
-            module = _module(name)
-            getattr(module, f"{name}_arguments" if name in _SHARED else "arguments")(self)
-        return super().parse_known_args(args, namespace)
+        command = commands.add_parser(name, help=text, description=text)
+        if name in arguments[:1]:
+            add = f"{name}_arguments" if name in _SHARED else "arguments"
+            getattr(_module(name), add)(command)
+    return parser.parse_args(arguments)
 
 
 def _module(command: str) -> ModuleType:
@@ -175,7 +136,7 @@ def robots(options: argparse.Namespace) -> int:
     return DONE
 
 
-class _Told:
+class _WarningPrinter:
     """Shows each warning once, wherever in the code it comes from."""
 
     def __init__(self) -> None:
@@ -221,7 +182,7 @@ def stopped_by_signals() -> Iterator[None]:
 
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """Add a scenario file and ``--set``, which overrides its keys."""
-    parser.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO.toml")
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
     add_settings(parser)
 
 
@@ -305,15 +266,19 @@ def add_arguments_of(
         parser.add_argument(f"--{name.replace('_', '-')}", help=words, **option)
 
 
-def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add ``--seed``."""
-    parser.add_argument(
-        "--seed",
-        type=not_negative,
-        default=0,
-        metavar="N",
-        help=f"random seed of {what} (default: %(default)s)",
-    )
+def check_new(file: Path, *, force: bool) -> None:
+    """Refuse a file that exists, unless it may be overwritten, or that cannot be written.
+
+    Raises:
+        InputError: it is refused.
+    """
+    if file.exists() and not force:
+        raise InputError(
+            "exists already.",
+            where=str(file),
+            hint="Overwrite it by --force, or choose another file by --out.",
+        )
+    check_writable(file.parent, [file.name])
 
 
 def names(text: str) -> list[str]:
@@ -340,28 +305,29 @@ def assignment(text: str) -> tuple[str, str]:
     return name.strip(), value
 
 
-def not_negative(text: str) -> int:
-    """Return an integer of at least 0.
+def at_least(least: int) -> Callable[[str], int]:
+    """Return what makes an integer of a text.
 
     Raises:
-        ArgumentTypeError: it is negative or not an integer.
+        ArgumentTypeError: it is too small or not an integer.
     """
-    return _integer(text, least=0)
+
+    def integer(text: str) -> int:
+        number = int(text) if text.strip().lstrip("+-").isdecimal() else least - 1
+        if number < least:
+            raise argparse.ArgumentTypeError(
+                f"a whole number of at least {least} is expected, got {text}"
+            )
+        return number
+
+    return integer
 
 
-def positive(text: str) -> int:
-    """Return an integer of at least 1.
-
-    Raises:
-        ArgumentTypeError: it is smaller or not an integer.
-    """
-    return _integer(text, least=1)
-
-
-def _integer(text: str, *, least: int) -> int:
-    number = int(text) if text.strip().lstrip("+-").isdecimal() else least - 1
-    if number < least:
-        raise argparse.ArgumentTypeError(
-            f"a whole number of at least {least} is expected, got {text}"
-        )
-    return number
+def add_processes(parser: argparse.ArgumentParser) -> None:
+    """Add ``--processes``."""
+    parser.add_argument(
+        "--processes",
+        type=at_least(0),
+        metavar="N",
+        help="number of processes, 0 for none besides this one (default: one per core)",
+    )

@@ -25,7 +25,7 @@ from .command_line import (
     names,
     status_of,
 )
-from .run import RUN_FILES, check_place, write_run
+from .run import RUN_FILES, write_run
 
 TABLE, FIGURE = "compare.json", "compare.png"
 _FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]
@@ -60,7 +60,7 @@ def compare(options: argparse.Namespace) -> int:
             warnings.warn(f"{law}: {finding}", stacklevel=1)
     check_writable(folder, [TABLE, FIGURE])
     for law in laws:
-        check_place(folder / law)
+        check_writable(folder / law, RUN_FILES)
     rollouts: list[Rollout] = []
     try:
         with one_run(folder, _FILES, partly=False) as beside:
@@ -94,7 +94,9 @@ def demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 def demo(options: argparse.Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
-    folders = [check_place(options.out / name) for name in SHOWCASE]
+    folders = [options.out / name for name in SHOWCASE]
+    for folder in folders:
+        check_writable(folder, RUN_FILES)
     rollouts: list[Rollout] = []
     try:
         for file, folder in zip(SHOWCASE.values(), folders, strict=True):

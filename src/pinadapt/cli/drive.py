@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
+import runpy
 import time
-from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
@@ -16,12 +15,10 @@ import numpy as np
 
 from .._checks import located
 from .._output import Sheet, Table
-from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
-from ..plants.plant import SimulatedPlant
 from ..realtime.arm import Arm, ProcessArm
-from ..realtime.realtime_loop import RealtimeLoop, RunResult, Scheduling, Stage
+from ..realtime.realtime_loop import RealtimeLoop, Scheduling, Stage
 from ..realtime.recorder import COMMANDS, CycleLog, Recorder
 from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety
@@ -33,7 +30,7 @@ from ..scenario.scenario import Scenario, described_robot, trajectory_of
 from ..scenario.tables import Tables, at_folder, made, put, read_tables, setting, with_values
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
-from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, positive
+from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, at_least
 
 _STAGES = {
     "log-only": (Stage.LOG, "compute and log torques, send none (default)"),
@@ -98,7 +95,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             f"--{name}", type=float, nargs=number, metavar=unit, help=f"{text} (Franka)"
         )
-    parser.add_argument("--core", type=positive, metavar="N", help="processor core to stay on")
+    parser.add_argument("--core", type=at_least(1), metavar="N", help="processor core to stay on")
     parser.add_argument(
         "--safety",
         nargs="+",
@@ -118,11 +115,14 @@ def drive(options: argparse.Namespace) -> int:
         InputError: arm, scenario or settings cannot be used.
         ArmError: the arm refuses.
     """
-    safety = _safety(options.safety)
-    connected = _maker(options)
+    given = dict(setting(text, "--safety") for text in options.safety)
+    safety: Safety = made(Safety, given, "safety")
+    _check_arm(options)
     tables, folder = _tables(options)
+    load = None
     if options.load is not None:
-        tables = _carrying(tables, folder, _load(options.load))
+        load = made(Payload, _json(options.load, "--load"), "--load")
+        _carry(load, tables, folder)
     scenario = Scenario.build(tables, folder)
     controller = scenario.controller
     for finding in preflight(controller, controller.period):
@@ -135,9 +135,8 @@ def drive(options: argparse.Namespace) -> int:
         "stage": options.stage.value,
     }
     translate = {"reference": partial(_new_motion, scenario.estimated)}
-    scheduling = Scheduling(core=options.core)
     recorder = Recorder(path, controller, about=about, port=options.port, translate=translate)
-    with recorder, connected(scenario) as arm:
+    with recorder, _connect(options, scenario, load) as arm:
         print(f"log {path}, commands at port {recorder.port}: pinadapt tell {recorder.port} stop")
         loop = RealtimeLoop(
             arm,
@@ -147,11 +146,14 @@ def drive(options: argparse.Namespace) -> int:
             safety=safety,
             recorder=recorder,
             start=scenario.start,
-            scheduling=scheduling,
+            scheduling=Scheduling(core=options.core),
         )
         ending = loop.run(options.duration)
     print(ending)
-    _keep_learned(controller, ending, options.stage, path)
+    if options.stage is Stage.ADAPT and ending.state is not None:
+        beside = path.with_suffix(".learned.json")
+        LearnedParameters.of(controller, ending.state).save(beside)
+        print(f"learned parameters in {beside}")
     if any("interrupt" in why for _, _, why in ending.phases):
         return INTERRUPTED
     return DIVERGED if ending.failed else DONE
@@ -172,72 +174,70 @@ def _tables(options: argparse.Namespace) -> tuple[Tables, Path]:
     return deepcopy(_FRANKA), Path()
 
 
-def _safety(settings: Sequence[str]) -> Safety:
-    """Return the checklist with the numbers of key=value."""
-    found: Safety = made(Safety, dict(setting(text, "--safety") for text in settings), "safety")
-    return found
-
-
-def _maker(options: argparse.Namespace) -> Callable[[Scenario], Arm]:
-    """Return what connects the arm of the options, once the scenario is known.
+def _check_arm(options: argparse.Namespace) -> None:
+    """Refuse an arm that does not exist, and options that it has not.
 
     Raises:
-        InputError: there is no such arm.
+        InputError: it is refused.
     """
-    kind, address = options.kind, options.address
+    kind = options.kind
     for name in ("load", *_COLLISION):
         if kind != "franka" and getattr(options, name) is not None:
             raise InputError("is set on a Franka only.", where=f"--{name}")
-    if kind == "simulated":
-        return _simulated
-    if kind == "moteus":
-        return partial(_motors, channel=address)
-    if kind == "franka":
-        if address is None:
-            raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
-        given = {name: getattr(options, name) for name in _COLLISION}
-        known = {name: value for name, value in given.items() if value is not None}
-        if options.load is not None:
-            known["load"] = _load(options.load)
-        return partial(_franka, address=address, recover=options.recover, **known)
-    file, _, name = kind.rpartition(":")
-    if not file.endswith(".py"):
+    if kind == "franka" and options.address is None:
+        raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
+    file = kind.rpartition(":")[0]
+    if kind not in ("simulated", "franka", "moteus") and not (
+        file.endswith(".py") and Path(file).is_file()
+    ):
         raise InputError(
             f"there is no arm '{kind}'; expected one of simulated, franka, moteus, and "
-            "FILE.py:CLASS.",
+            "FILE.py:CLASS, an existing file.",
             where="ARM",
         )
-    return partial(_own_arm, _own(Path(file), name), kind, address)
 
 
-def _simulated(scenario: Scenario) -> Arm:
-    dt = scenario.engine.period(scenario.controller)
-    make = partial(_plant, scenario.engine, scenario.true.undrawn(), scenario.controller)
-    return ProcessArm(make, dt, sensors=scenario.sensors)
-
-
-def _franka(scenario: Scenario, address: str, **given: Any) -> Arm:
-    from ..realtime.franka import FrankaArm
-
-    return FrankaArm(address, scenario.estimated, **given)
-
-
-def _load(text: str) -> Payload:
-    """Return the payload that a JSON text states.
+def _connect(options: argparse.Namespace, scenario: Scenario, load: Payload | None) -> Arm:
+    """Return the arm of the options.
 
     Raises:
-        InputError: it is not valid JSON, or no payload.
+        InputError: it cannot be connected.
+    """
+    kind, address = options.kind, options.address
+    if kind == "simulated":
+        make = partial(scenario.engine.make, scenario.true.undrawn(), scenario.controller)
+        dt = scenario.engine.period(scenario.controller)
+        return ProcessArm(make, dt, sensors=scenario.sensors)
+    if kind == "moteus":
+        return _motors(scenario, address)
+    if kind == "franka":
+        from ..realtime.franka import FrankaArm
+
+        given = {name: getattr(options, name) for name in _COLLISION}
+        known = {name: value for name, value in given.items() if value is not None}
+        return FrankaArm(address, scenario.estimated, load=load, recover=options.recover, **known)
+    file, _, name = kind.rpartition(":")
+    found = runpy.run_path(file).get(name)
+    arm = None if found is None else found(address, scenario.estimated)
+    if not isinstance(arm, Arm):
+        raise InputError("is not a pinadapt.realtime.Arm.", where=kind)
+    return arm
+
+
+def _json(text: str, where: str) -> Any:
+    """Return what a JSON text states.
+
+    Raises:
+        InputError: it is not valid JSON.
     """
     try:
-        table = json.loads(text)
+        return json.loads(text)
     except ValueError as error:
-        raise InputError(f"is not valid JSON: {error}.", where="--load") from error
-    found: Payload = made(Payload, table, "--load")
-    return found
+        raise InputError(f"is not valid JSON: {error}.", where=where) from error
 
 
-def _carrying(tables: Tables, folder: Path, load: Payload) -> Tables:
-    """Return the tables for a robot that carries a load and compensates its gravity itself.
+def _carry(load: Payload, tables: Tables, folder: Path) -> None:
+    """Write into tables that the robot carries a load, whose gravity it compensates itself.
 
     Raises:
         InputError: the scenario has a load already, or its robot no flange.
@@ -253,14 +253,6 @@ def _carrying(tables: Tables, folder: Path, load: Payload) -> Tables:
     known = {"mass": seen.mass, "com": com, "inertia": inertia}
     put(tables, "controller.payload", known)
     put(tables, "controller.compensated", {"payload": known})
-    return tables
-
-
-def _own_arm(made_by: Any, kind: str, address: str | None, scenario: Scenario) -> Arm:
-    made = made_by(address, scenario.estimated)
-    if not isinstance(made, Arm):
-        raise InputError("is not a pinadapt.realtime.Arm.", where=kind)
-    return made
 
 
 def _motors(scenario: Scenario, channel: str | None) -> Arm:
@@ -284,43 +276,12 @@ def _motors(scenario: Scenario, channel: str | None) -> Arm:
         return MoteusArm(scenario.estimated, listed, period=scenario.controller.period, **table)
 
 
-def _plant(engine: Any, true: Robot, controller: Controller) -> SimulatedPlant:
-    """Return the plant of a scenario; called in the process that moves it."""
-    plant: SimulatedPlant = engine.make(true, controller)
-    return plant
-
-
-def _own(file: Path, name: str) -> Any:
-    """Return a class of a user's file.
-
-    Raises:
-        InputError: there is none.
-    """
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    if not file.is_file() or spec is None or spec.loader is None:
-        raise InputError("no such file.", where=str(file))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    if not hasattr(module, name):
-        raise InputError(f"has no class '{name}'.", where=str(file))
-    return getattr(module, name)
-
-
 def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajectory:
     """Return the motion of a [trajectory] table, beginning where the arm is."""
     here = measurement
     if here.x is None:
         here = here._replace(x=robot.position(here.q))
     return starting_from(trajectory_of(dict(table or {}), robot), robot, here)
-
-
-def _keep_learned(controller: Controller, ending: RunResult, stage: Stage, path: Path) -> None:
-    """Write what was learned beside the log."""
-    if stage is not Stage.ADAPT or ending.state is None:
-        return
-    beside = path.with_suffix(".learned.json")
-    LearnedParameters.of(controller, ending.state).save(beside)
-    print(f"learned parameters in {beside}")
 
 
 # --- replay -------------------------------------------------------------------------------------
@@ -351,15 +312,14 @@ def replay(options: argparse.Namespace) -> int:
     tables = with_values(raw, dict(map(setting, options.set)))
     scenario = Scenario.build(tables, folder)
     found = log.replay(scenario.controller)
-    at = found.asked
-    if not at.any():
+    if not found.torque.size:
         raise InputError("this log contains no torque of a controller.", where=str(options.log))
     rows = [
         (name, *(f"{value:.4g}" for value in values))
         for name, *values in zip(
             scenario.controller.kinematics.joint_names,
             found.difference,
-            np.abs(found.torque[at] - found.logged[at]).max(axis=0),
+            np.abs(found.torque - found.logged).max(axis=0),
             strict=True,
         )
     ]
@@ -378,7 +338,7 @@ def replay(options: argparse.Namespace) -> int:
 
 def tell_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``tell``."""
-    parser.add_argument("port", type=positive, metavar="PORT", help="of the running loop")
+    parser.add_argument("port", type=at_least(1), metavar="PORT", help="of the running loop")
     parser.add_argument("what", choices=COMMANDS, metavar="COMMAND", help=", ".join(COMMANDS))
     parser.add_argument("value", nargs="?", metavar="JSON", help='such as true, or {"mass": 1.0}')
 
@@ -389,12 +349,8 @@ def tell(options: argparse.Namespace) -> int:
     Raises:
         InputError: no answer, or the command is refused.
     """
-    try:
-        value = None if options.value is None else json.loads(options.value)
-    except ValueError as error:
-        raise InputError(f"is not valid JSON: {error}.", where="value") from error
-    answer: Mapping[str, Any] = tell_loop(options.port, options.what, value)
-    for key, part in answer.items():
+    value = None if options.value is None else _json(options.value, "value")
+    for key, part in tell_loop(options.port, options.what, value).items():
         if key != "about":
             print(f"{key}: {part}")
     return DONE

@@ -11,7 +11,7 @@ from typing import Any
 
 import tomlkit
 
-from .._output import check_writable, read_toml, write_text
+from .._output import read_toml, write_text
 from ..description.urdf import is_path
 from ..exceptions import InputError
 from ..excitation.exciting_motion import ExcitingMotion
@@ -21,14 +21,20 @@ from ..robot.loading import load
 from ..scenario.scenario import Scenario
 from ..scenario.tables import Tables, moved
 from ..tuning.unknowns import Unknown
-from .command_line import add_arguments_of, add_out_file, names, not_negative
+from .command_line import (
+    add_arguments_of,
+    add_out_file,
+    at_least,
+    check_new,
+    names,
+)
 from .init import warn_of_findings
 
 _SCENARIO = ".toml"
 _SEARCH = {
     **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
     "srdf": Path,
-    "seed": not_negative,
+    "seed": at_least(0),
 }
 
 
@@ -69,13 +75,7 @@ def excite(options: argparse.Namespace) -> int:
     """
     source = str(options.source)
     out = options.out or Path(f"{_name(source)}_excited{_SCENARIO}")
-    if out.exists() and not options.force:
-        raise InputError(
-            "exists already.",
-            where=str(out),
-            hint="Overwrite it by --force, or choose another file by --out.",
-        )
-    check_writable(out.parent, [out.name])
+    check_new(out, force=options.force)
     tables, motion = _of_scenario(options) if _is_scenario(source) else _of_robot(options)
     print(motion)
     folder = Path(source).parent if _is_scenario(source) else Path()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -14,14 +14,13 @@ from ..exceptions import InputError, ParameterError, TorqueMismatchError
 from ..identification import calibration
 from ..identification.identification import identify as identify_log
 from ..identification.identification import log_and_robot
-from ..identification.report import FILES, Identification
+from ..identification.report import FILES
 from ..identification.torque_check import check_torques
-from ..logs.intake import MOUNTS, REPEATED, SUFFIX, Intake, place_beside
+from ..logs.import_options import MOUNTS, REPEATED, SUFFIX, ImportOptions, place_beside
 from ..robot.loading import load
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario
 from ..scenario.tables import parts, toml_value
-from ..simulation.simulate import watched
 from ..tuning.unknowns import Unknown
 from .command_line import (
     DONE,
@@ -95,7 +94,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mjcf", action="store_true", help="write the identified robot for MuJoCo too: learned.xml"
     )
-    _add_intake(parser).add_argument(
+    _add_import_options(parser).add_argument(
         "--write-intake",
         action="store_true",
         help="read and check the log, write that file, and stop",
@@ -123,7 +122,7 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
             "robot's base)"
         ),
     )
-    _add_intake(parser)
+    _add_import_options(parser)
     add_description(parser)
     add_out(parser, "out/ and the log's name and -calibrated")
     parser.set_defaults(task=None, test=[], empty=None, write_intake=False)
@@ -153,8 +152,8 @@ def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add a group of options that say how a log is to be read, see ``Intake``; return it."""
+def _add_import_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add a group of options that say how a log is to be read, see ``ImportOptions``; return it."""
     group = parser.add_argument_group(
         "how the log is read",
         f"these options override the file beside the log: run{SUFFIX} of run.csv",
@@ -183,7 +182,7 @@ def _add_intake(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         "compensated": ("nominal",),
         "mount": MOUNTS,
     }
-    add_arguments_of(group, Intake, types)
+    add_arguments_of(group, ImportOptions, types)
     group.add_argument(
         "--accept-doubts",
         dest="doubtful",
@@ -229,34 +228,28 @@ def _listed(text: str) -> Any:
     return values[0] if len(values) == 1 else values
 
 
-def _intake(options: argparse.Namespace) -> Intake | None:
+def _import_options(options: argparse.Namespace) -> ImportOptions | None:
     """Return how the logs are to be read; None: each by the file beside it.
 
     Raises:
         InputError: options for several logs, of which others than the first have such a file.
     """
-    given = {one.name: getattr(options, one.name) for one in fields(Intake)}
+    given = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
     given["columns"] = dict(given["columns"]) or None
-    logs = [*options.log, *options.test, *([options.empty] if options.empty else [])]
-    beside = {log: place for log in logs if (place := Intake.beside(log)) is not None}
-    stated = options.intake is not None or any(value is not None for value in given.values())
-    if not stated:
-        for log, place in beside.items():
-            print(f"{log} is read as {place} says")
+    logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
+    if options.intake is None and all(value is None for value in given.values()):
         return None
-    first, *others = logs
-    if options.intake is None and (own := [beside[log] for log in others if log in beside]):
+    beside = [place for log in logs[1:] if (place := ImportOptions.beside(log)) is not None]
+    if options.intake is None and beside:
         raise InputError(
-            f"options apply to all logs, but {own[0]} states how one of them is read.",
+            f"options apply to all logs, but {beside[0]} states how one of them is read.",
             where="identify",
             hint="Write the options into the files beside the logs: --write-intake, one by one.",
         )
-    place = options.intake or beside.get(first)
+    place = options.intake or ImportOptions.beside(logs[0])
     if options.write_intake and place is not None and not place.is_file():
         place = None  # it is to be written
-    if place is not None:
-        print(f"read as {place} says")
-    return Intake.of(place).updated(**given)
+    return ImportOptions.of(place).updated(**given)
 
 
 def identify(options: argparse.Namespace) -> int:
@@ -264,32 +257,42 @@ def identify(options: argparse.Namespace) -> int:
 
     Nothing is written before the estimation is complete.
     """
-    intake = _intake(options)
-    options.log, *more = options.log
+    intake = _import_options(options)
     if options.write_intake:
-        return max(_write_intake(options, log, intake) for log in (options.log, *more))
-    folder = options.out or Path("out") / f"{options.log.stem or 'log'}-identified"
+        return max(_write_import_options(options, log, intake) for log in options.log)
+    folder = options.out or Path("out") / f"{options.log[0].stem or 'log'}-identified"
     _check_place(folder, FILES)
     robot, unknown = _robot_and_unknown(options)
-    options.compared = _compared(options, robot)
+    compared = {
+        path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
+        for path in options.compare
+    }
     named = {name: _words(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
-    unknown = unknown.with_names(**named)
     try:
         found = identify_log(
-            [options.log, *more],
+            options.log,
             robot,
             test=options.test,
             empty=options.empty,
             adaptation=options.adaptation,
             intake=intake,
-            unknown=unknown,
+            unknown=unknown.with_names(**named),
         )
     except TorqueMismatchError as error:
         print(error.check.sheet())
         raise
+
+    def page(beside: Path) -> None:
+        write_text(beside / "report.html", found.page(compared))
+
     missing: list[str] = []
     try:
-        missing = _write(found, folder, options)
+        with one_run(folder, FILES) as beside:
+            for write in (found.plot, page, partial(found.save, mjcf=options.mjcf)):
+                try:
+                    write(beside)
+                except ParameterError as reason:
+                    missing.append(str(reason))
     finally:
         print(found.report())  # even if it could not be written
     print(f"\nwritten to {folder}")
@@ -313,7 +316,7 @@ def calibrate(options: argparse.Namespace) -> int:
         robot,
         unknown=options.unknown,
         tracker=options.tracker,
-        intake=_intake(options),
+        intake=_import_options(options),
     )
     try:
         with one_run(folder, calibration.FILES) as beside:
@@ -324,11 +327,13 @@ def calibrate(options: argparse.Namespace) -> int:
     return DONE if found.trusted else REFUSED
 
 
-def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | None) -> int:
+def _write_import_options(
+    options: argparse.Namespace, source: Path, intake: ImportOptions | None
+) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
     place = options.intake or place_beside(source)
     robot, _ = _robot_and_unknown(options)
-    intake = Intake.of(Intake.beside(source)) if intake is None else intake
+    intake = ImportOptions.of(ImportOptions.beside(source)) if intake is None else intake
     log, described = log_and_robot(source, robot, intake)
     check = check_torques(log, described)
     about = [
@@ -336,10 +341,8 @@ def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | No
         f"Joints: {', '.join(robot.joint_names)}.",
         f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms.",
         f"Checked: {check.verdict}",
-        *check.notes,
-        "Keys in comments are as by default.",
     ]
-    write_text(place, intake.updated(**log.assumed).text(about))
+    write_text(place, intake.text(about))
     print(check.sheet())
     print(f"\nwritten to {place}")
     return DONE if check.fits else REFUSED
@@ -375,37 +378,3 @@ def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, Unknown]:
 def _words(given: list[str] | None) -> str | list[str] | None:
     """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
     return given[0] if given is not None and len(given) == 1 else given
-
-
-def _compared(options: argparse.Namespace, robot: Robot) -> dict[str, Robot]:
-    """Return the models that ``--compare`` names, as chains with the frame and joints of a robot.
-
-    Raises:
-        InputError: a file that cannot be read, or a robot with other joints.
-    """
-    return {
-        path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
-        for path in options.compare
-    }
-
-
-def _write(found: Identification, folder: Path, options: argparse.Namespace) -> list[str]:
-    """Replace the files of an earlier identification by those of this one.
-
-    Returns:
-        What could not be written, and why.
-    """
-
-    def page(beside: Path) -> None:
-        write_text(beside / "report.html", found.page(options.compared))
-
-    save = partial(found.save, mjcf=options.mjcf)
-    steps: list[Callable[[Path], object]] = [found.plot, page, save]
-    missing = []
-    with one_run(folder, FILES) as beside:
-        for step, _ in zip(steps, watched(range(len(steps)), None, "outputs"), strict=True):
-            try:
-                step(beside)
-            except ParameterError as reason:
-                missing.append(str(reason))
-    return missing

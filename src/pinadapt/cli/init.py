@@ -6,12 +6,11 @@ import argparse
 import warnings
 from pathlib import Path
 
-from .._output import check_writable, write_text
-from ..exceptions import InputError
+from .._output import write_text
 from ..laws import DEFAULT, LAWS
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
-from .command_line import add_description, add_out_file
+from .command_line import add_description, add_out_file, check_new
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,13 +65,7 @@ def init(options: argparse.Namespace) -> int:
         tracker=options.tracker,
     )
     file = options.out or Path(f"{template.name}.toml")
-    if file.exists() and not options.force:
-        raise InputError(
-            "exists already.",
-            where=str(file),
-            hint="Overwrite it by --force, or choose another file by --out.",
-        )
-    check_writable(file.parent, [file.name])
+    check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
     print(f"{file}: {template.words}")
     if template.planar:

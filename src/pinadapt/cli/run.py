@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -23,7 +22,7 @@ from .command_line import (
     add_scenario,
     add_settings,
     add_unadapted,
-    positive,
+    at_least,
     status_of,
 )
 
@@ -59,30 +58,15 @@ def run(options: argparse.Namespace) -> int:
     without = None
     if options.unadapted:
         without = Scenario.read(options.scenario, [*options.set, NOT_ADAPTED])
-    folder = check_place(options.out or Path("out") / options.scenario.stem)
+    folder = options.out or Path("out") / options.scenario.stem
+    check_writable(folder, RUN_FILES)
     rollout = run_beside(scenario, without, live=options.live)
     try:
         write_run(rollout, folder, html=not options.no_html)
     finally:
         print(sheet(rollout, rollout.numbers))  # even if it could not be written
-    print(f"\nwritten to {folder}\n{load_words(rollout)}\n{rollout.verdict}")
+    print(f"\nwritten to {folder}\n\n{rollout.verdict}")
     return status_of(rollout)
-
-
-def load_words(rollout: Rollout) -> str:
-    """Return a line about the load that a run found; nothing where it may be zero."""
-    try:
-        load = rollout.payload(refined=True)
-    except InputError:  # the last body was not adapted, or no estimate is finite
-        return ""
-    if load.mass < 2.0 * load.mass_known_to:
-        return ""
-    com = ", ".join(
-        f"{value:.4f} +- {known_to:.2g}"
-        for value, known_to in zip(load.com, load.com_known_to, strict=True)
-    )
-    mass = f"{load.mass:.4g} +- {load.mass_known_to:.2g} kg"
-    return f"\nload found: {mass}, centre ({com}) m from the task frame\n"
 
 
 def view_arguments(parser: argparse.ArgumentParser) -> None:
@@ -90,7 +74,6 @@ def view_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scenario",
         type=Path,
-        nargs="?",
         metavar="DIR|SCENARIO.toml",
         help="a folder that `pinadapt run` wrote, or a scenario to run and watch; nothing is "
         "written",
@@ -98,7 +81,7 @@ def view_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
     parser.add_argument(
         "--attach",
-        type=positive,
+        type=at_least(1),
         metavar="PORT",
         help="show a running `pinadapt drive` of this scenario, which prints its port",
     )
@@ -163,24 +146,11 @@ def cite(options: argparse.Namespace) -> int:
     return 0
 
 
-# The files of a run: complete, never mixed with another run's, rescued from a full disk
-
-
-def check_place(folder: Path) -> Path:
-    """Return the folder after a check that the files of a run can be written to it.
-
-    Raises:
-        InputError: they cannot be written.
-    """
-    check_writable(folder, RUN_FILES)
-    return folder
-
-
 def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
     """Replace the files of an earlier run by those of this one; ``html``: with the animation.
 
     Raises:
-        OSError: some could not be written; the message names the folder with the others.
+        OSError: some could not be written; the folder has the others.
     """
     steps: list[Callable[[Path], object]] = [
         rollout.save,
@@ -188,20 +158,13 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
         partial(_keep_learned, rollout),
         *([partial(_animate, rollout)] if html else []),
     ]
-    saved = False
     try:
         with one_run(folder, RUN_FILES) as beside:
-            try:
-                for k in watched(range(len(steps)), None, f"{rollout.title}: outputs"):
-                    steps[k](beside)
-            finally:
-                saved = (beside / RUN_FILES[0]).is_file()
+            for k in watched(range(len(steps)), None, f"{rollout.title}: outputs"):
+                steps[k](beside)
     except OSError as error:
-        place = folder if saved else _rescued(rollout)
-        raise OSError(
-            f"{folder}: not all could be written: {error.strerror or error}. "
-            + (f"The rollout is in {place}." if place else "The rollout is lost.")
-        ) from error
+        words = f"{folder}: not all could be written: {error.strerror or error}."
+        raise OSError(words) from error
 
 
 def _animate(rollout: Rollout, folder: Path) -> None:
@@ -218,13 +181,3 @@ def _keep_learned(rollout: Rollout, folder: Path) -> None:
             rollout.learned().save(folder / "learned.urdf")
     except InputError as reason:
         print(f"pinadapt: some learned parameters were not written: {reason}", file=sys.stderr)
-
-
-def _rescued(rollout: Rollout) -> Path | None:
-    """Save a rollout to a temporary folder and return it, or None if that fails too."""
-    try:
-        folder = Path(tempfile.mkdtemp(prefix="pinadapt-"))
-        rollout.save(folder)
-    except OSError:
-        return None
-    return folder

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .._output import check_writable
 from ..exceptions import InputError
 from ..rollout.summary import sheet
 from ..sweep.cases import COPY, METHODS, Plan
@@ -17,12 +18,12 @@ from .command_line import (
     INTERRUPTED,
     add_arguments_of,
     add_out,
+    add_processes,
     add_scenario,
-    not_negative,
-    positive,
+    at_least,
     status_of,
 )
-from .run import check_place, write_run
+from .run import RUN_FILES, write_run
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,19 +43,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="a dotted key of the scenario and its values; several keys are combined",
     )
     types = {
-        **dict.fromkeys(("samples", "repeat"), positive),
+        **dict.fromkeys(("samples", "repeat"), at_least(1)),
         "method": METHODS,
-        "seed": not_negative,
+        "seed": at_least(0),
         "timeout": float,
         "success": str,
     }
     add_arguments_of(parser, Plan, types)
-    parser.add_argument(
-        "--processes",
-        type=not_negative,
-        metavar="N",
-        help="number of processes, 0 for none besides this one (default: one per core)",
-    )
+    add_processes(parser)
     parser.add_argument(
         "--column", default="", metavar="NAME", help="the result in ranking and figures"
     )
@@ -64,7 +60,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="with --resume, run what crashed, failed or took too long again",
     )
-    parser.add_argument("--case", type=not_negative, metavar="N", help="run one case alone")
+    parser.add_argument("--case", type=at_least(0), metavar="N", help="run one case alone")
     parser.add_argument("--force", action="store_true", help="remove another sweep in the folder")
     add_out(parser, "out/ and the file's name and -sweep")
 
@@ -135,7 +131,8 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
     if not isinstance(work, ScenarioWork):
         print(CaseTable.of([{"case": number, "seed": case.seed, **dict(work(case))}]))
         return DONE
-    place = check_place(folder / f"case-{number}")
+    place = folder / f"case-{number}"
+    check_writable(place, RUN_FILES)
     rollout = work.scenario(case).run()
     write_run(rollout, place, html=True)
     print(f"{sheet(rollout, rollout.numbers)}\n\nwritten to {place}\n\n{rollout.verdict}")

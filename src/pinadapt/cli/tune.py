@@ -13,10 +13,10 @@ from .command_line import (
     DONE,
     add_arguments_of,
     add_out,
+    add_processes,
     add_scenario,
     assignment,
-    not_negative,
-    positive,
+    at_least,
 )
 
 FILE = "tune.json"
@@ -39,7 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="what is searched: controller.alpha=loguniform(5, 100), uniform(a, b), choice([...])",
     )
     parser.add_argument("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUES")
-    counts = dict.fromkeys(("samples", "trials", "validation"), positive)
+    counts = dict.fromkeys(("samples", "trials", "validation"), at_least(1))
     add_arguments_of(parser, search, {**counts, "objective": str})
     parser.add_argument(
         "--percentile",
@@ -51,12 +51,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
             "(default: %(default)s)"
         ),
     )
-    parser.add_argument(
-        "--processes",
-        type=not_negative,
-        metavar="N",
-        help="number of processes, 0 for none besides this one (default: one per core)",
-    )
+    add_processes(parser)
     add_out(parser, "out/ and the file's name and -tune")
 
 

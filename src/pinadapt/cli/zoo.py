@@ -14,7 +14,7 @@ from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
 from ..zoo.experiment import CONVERGED, POSE, run_zoo, zoo_names
-from .command_line import DONE, INTERRUPTED, add_out, add_seed, names, not_negative
+from .command_line import DONE, INTERRUPTED, add_out, add_processes, at_least, names
 
 TABLE = "zoo.json"
 
@@ -45,13 +45,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="position: a circle; pose: a circle with a swinging tool, for chains of six and more "
         "joints (default: %(default)s)",
     )
-    add_seed(parser, "friction, tools and model errors")
     parser.add_argument(
-        "--processes",
-        type=not_negative,
+        "--seed",
+        type=at_least(0),
+        default=0,
         metavar="N",
-        help="number of processes, 0 for none besides this one (default: one per core)",
+        help="random seed of friction, tools and model errors (default: %(default)s)",
     )
+    add_processes(parser)
     add_out(parser, Path("out/zoo"))
 
 

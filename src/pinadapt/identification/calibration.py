@@ -40,7 +40,8 @@ from ..exceptions import InputError, LogError, did_you_mean
 from ..information.information import gauss_newton
 from ..information.measured_motion import at_times
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
-from ..logs.intake import Intake
+from ..logs.formats import read_log
+from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..models.linear_kinematics import SHIFT, TURN, axes_of
 from ..models.tracker_kinematics import TRACKER
@@ -50,7 +51,6 @@ from ..robot.loading import load
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..tasks.frame import TASKS, FrameTask, matrix
-from .identification import log_of
 from .report import plain
 
 OFFSETS, JOINTS = "offsets", "joints"
@@ -225,7 +225,7 @@ def calibrate(
     unknown: str | Sequence[str] = ALL,
     tracker: bool = False,
     held_out: float = 0.25,
-    intake: Intake | Mapping[str, Any] | Path | str | None = None,
+    intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
 ) -> Calibration:
     """Calibrate the geometry of a robot from measured positions or poses of its frame.
 
@@ -259,8 +259,8 @@ def calibrate(
     words = name_list(unknown, "unknown", InputError)
     logs = []
     for source in log if isinstance(log, list | tuple) else (log,):
-        way = Intake.of(Intake.beside(source) if intake is None else intake)
-        logs.append(log_of(source, described, intake=way, torques=False))
+        way = ImportOptions.of(ImportOptions.beside(source) if intake is None else intake)
+        logs.append(read_log(source, described, intake=way, torques=False))
     name = ", ".join(one.source for one in logs)
     seen = _seen(logs, described, name)
     start = _start(described, seen, name, tracker=flag(tracker, "tracker"))

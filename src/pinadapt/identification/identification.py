@@ -17,7 +17,7 @@ from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..logs.formats import read_log
-from ..logs.intake import Intake
+from ..logs.import_options import ImportOptions
 from ..logs.log import Log, joined, starts_of
 from ..models.physical_fit import physical_set
 from ..models.translations import FIRST, PlacedTranslations
@@ -58,7 +58,7 @@ def identify(
     unknown: Unknown | str | Sequence[str] | None = None,
     adaptation: str | Adaptation = "natural-memory",
     held_out: float = 0.25,
-    intake: Intake | Mapping[str, Any] | Path | str | None = None,
+    intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
     """Identify a robot from a recorded motion, whatever controller moved it.
@@ -84,8 +84,8 @@ def identify(
             ``friction`` or ``effects``.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
         held_out: share of the log that is held out, at most a half.
-        intake: how all logs are to be read, an ``Intake``, its fields or a TOML file; by default,
-            each by the file beside it.
+        intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by
+            default, each by the file beside it.
         progress: of the stages, then of the online estimates, as of ``simulate``: by default a bar
             on a terminal. A function wraps the samples of the online estimates alone.
 
@@ -105,9 +105,9 @@ def identify(
         _several(test),
         _several(() if empty is None else [empty]),
     )
-    logs, intakes = list[Log](), list[Intake]()
+    logs, intakes = list[Log](), list[ImportOptions]()
     for source in (*sources, *tests, *extra):
-        intakes.append(Intake.of(Intake.beside(source) if intake is None else intake))
+        intakes.append(ImportOptions.of(ImportOptions.beside(source) if intake is None else intake))
         one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
     logs, without = logs[: len(sources) + len(tests)], logs[len(sources) + len(tests) :]
@@ -197,7 +197,7 @@ def identify(
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
         check=check,
-        intake=intakes[0].updated(**first_log.assumed),
+        intake=intakes[0],
     )
 
 
@@ -241,14 +241,14 @@ def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> To
     )
 
 
-def log_and_robot(source: Any, robot: Robot, intake: Intake) -> tuple[Log, Robot]:
+def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log, Robot]:
     """Return the log of a path, a ``Log`` or a ``Rollout``, and the robot as it was mounted.
 
     Raises:
         LogError: as ``read_log``, or no direction of gravity for an arm on a wall.
     """
     robot = intake.mounted(robot)
-    log = log_of(source, robot, intake=intake)
+    log = read_log(source, robot, intake=intake)
     if intake.mount == "wall":
         robot = on_wall(log, robot)
     added = compensation_of(robot, intake.compensated)
@@ -285,31 +285,3 @@ def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, 
             hint="Record x (a bag: --pose-topic), and load the robot with a task of the frame.",
         )
     return frames, replace(robot, task=JointTask.of_chain(robot.model))
-
-
-def log_of(source: Any, robot: Robot, **options: Any) -> Log:
-    """Return the checked log of a path, a ``Log``, or a ``Rollout``, for a robot.
-
-    The log of a rollout has its measurements since the last change of its robot, and the torques
-    held in between.
-
-    Raises:
-        LogError: as ``read_log``.
-    """
-    return read_log(_recorded(source) if isinstance(source, Rollout) else source, robot, **options)
-
-
-def _recorded(rollout: Rollout) -> Log:
-    """Return the log of a rollout: its measurements, or the true motion if these are not kept."""
-    since = max((at for at, what in rollout.marks if what != "announced"), default=-np.inf)
-    evaluation, framed = rollout.evaluation, rollout.task.positions > 0
-    log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, held=True, source="rollout")
-    if evaluation is None or not evaluation.samples:
-        return replace(log, x=rollout.x if framed else None).after(since)
-    measured = [sample.measurement for sample in evaluation.samples]
-    t, q, v = (np.array([getattr(part, name) for part in measured]) for name in ("t", "q", "v"))
-    log = replace(log, t=t, q=q, v=v)
-    if frames := [part for part in measured if framed and part.x is not None]:
-        times = np.array([part.t if part.x_time is None else part.x_time for part in frames])
-        log = replace(log, x=np.array([part.x for part in frames]), x_time=times)
-    return log.after(since)

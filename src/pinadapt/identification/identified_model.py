@@ -23,7 +23,7 @@ from ..information.payload import (
     payload_estimate,
     payload_of_uncertain_arm,
 )
-from ..logs.intake import Intake
+from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..records import Measurement
 from ..robot.robot import Robot
@@ -113,7 +113,7 @@ class IdentifiedModel:
     tested: tuple[str, ...] = ()
     load: PayloadEstimate | None = None
     check: TorqueCheck | None = None
-    intake: Intake = field(default_factory=Intake)
+    intake: ImportOptions = field(default_factory=ImportOptions)
 
     @property
     def state(self) -> ControllerState:

@@ -2,5 +2,5 @@
 
 from .formats import FORMATS as FORMATS
 from .formats import read_log as read_log
-from .intake import Intake as Intake
+from .import_options import ImportOptions as ImportOptions
 from .log import Log as Log

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ..exceptions import LogError, did_you_mean
-from .columns import Selection
-from .log import Log, match_joints
+from ..exceptions import LogError
+from .import_options import ImportOptions
+from .log import Log
 
 _STATES = ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
 
@@ -31,7 +31,7 @@ _POSES: dict[str, Callable[[Any], list[float]]] = {
 }
 
 
-def read_bag(path: Path, selection: Selection) -> Log:
+def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     """Return the log in a bag: one sample a message that has all joints of the robot.
 
     Times are those of the headers, or of the bag where these are not set. Messages are sorted by
@@ -42,25 +42,18 @@ def read_bag(path: Path, selection: Selection) -> Log:
         LogError: it cannot be read, has no such topic, or lacks a joint.
     """
     with _opened(path) as bag:
-        topic = _topic(bag, selection, path)
-        t, (q, v, tau), joints = _series(bag, topic, selection, path)
-        frames = _frames(bag, selection.pose_topic, path)
-    if selection.torques and not np.isfinite(tau).any():
-        raise LogError(
-            f"'{topic}' has no efforts of the joints.",
-            where=str(path),
-            hint="--topic names another.",
-        )
+        topic = _topic(bag, options.topic, path)
+        t, (q, v, tau) = _series(bag, topic, list(joints), path)
+        frames = _frames(bag, options.pose_topic, path)
     return Log(
         t - t[0],
         q,
         tau,
         v if np.isfinite(v).any() else None,
-        tuple(selection.joints),
+        tuple(joints),
         None if frames is None else frames[:, 1:],
         None if frames is None else frames[:, 0] - t[0],
         source=str(path),
-        assumed={} if joints == list(selection.joints) else {"joints": joints},
     )
 
 
@@ -68,7 +61,7 @@ def read_bag(path: Path, selection: Selection) -> Log:
 def _opened(path: Path) -> Iterator[Any]:
     """Open a bag with the message types that it holds, or else those of ROS 2 Humble."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise LogError(
@@ -77,45 +70,32 @@ def _opened(path: Path) -> Iterator[Any]:
             hint='Install it: pip install "pinadapt[bags]".',
         ) from error
     store = Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else Stores.ROS2_HUMBLE
-    try:
-        with AnyReader([path], default_typestore=get_typestore(store)) as bag:
-            yield bag
-    except (AnyReaderError, OSError) as error:
-        raise LogError(f"cannot be read: {error}.", where=str(path)) from error
+    with AnyReader([path], default_typestore=get_typestore(store)) as bag:
+        yield bag
 
 
-def _topic(bag: Any, selection: Selection, path: Path) -> str:
+def _topic(bag: Any, stated: str | None, path: Path) -> str:
     """Return the stated topic of joint states, or the only one.
 
     Raises:
         LogError: it does not exist, or none or several have joint states.
     """
     states = [name for name, info in bag.topics.items() if info.msgtype in _STATES]
-    topic = selection.topic
-    if topic is not None and topic not in states:
-        words = f"'{topic}' is no topic of joint states. {_contents(bag)}"
-        raise LogError(words + did_you_mean(topic, states), where=str(path))
-    if topic is None and len(states) != 1:
+    chosen = states if stated is None else [stated]
+    if len(chosen) != 1 or chosen[0] not in states:
+        wanted = f"'{stated}' is none of them. " if stated else ""
         raise LogError(
-            f"{len(states)} topics have joint states. {_contents(bag)}",
+            f"{len(states)} topics have joint states. {wanted}{_contents(bag)}",
             where=str(path),
             hint="Say which: --topic NAME.",
         )
-    return topic or states[0]
+    return chosen[0]
 
 
 def _contents(bag: Any) -> str:
     """Return the topics of a bag in words."""
     topics = sorted((name, info.msgtype) for name, info in bag.topics.items())
     return f"Its topics: {', '.join(f'{name} ({kind})' for name, kind in topics)}."
-
-
-class _State(NamedTuple):
-    """Names of joints, their positions, velocities and efforts, and how late they are [s]."""
-
-    joints: Sequence[str]
-    parts: tuple[Sequence[float], Sequence[float], Sequence[float]]
-    since: float = 0.0
 
 
 def _messages(bag: Any, topic: str) -> Iterator[tuple[float, Any]]:
@@ -129,52 +109,43 @@ def _seconds(stamp: Any) -> float:
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
-def _states(message: Any) -> Iterator[_State]:
-    """Yield the joint state of a message, or of each point of a trajectory."""
-    if hasattr(message, "points"):
-        for one in message.points:
-            parts = one.positions, one.velocities, one.effort
-            yield _State(message.joint_names, parts, _seconds(one.time_from_start))
-    else:
-        yield _State(message.name, (message.position, message.velocity, message.effort))
+def _states(bag: Any, topic: str) -> Iterator[tuple[float, tuple[str, ...], tuple[Any, ...]]]:
+    """Yield time [s], names of joints, and their positions, velocities and efforts."""
+    for t, message in _messages(bag, topic):
+        if hasattr(message, "points"):  # a trajectory
+            for one in message.points:
+                parts = one.positions, one.velocities, one.effort
+                yield t + _seconds(one.time_from_start), tuple(message.joint_names), parts
+        else:
+            yield t, tuple(message.name), (message.position, message.velocity, message.effort)
 
 
-def _series(
-    bag: Any, topic: str, selection: Selection, path: Path
-) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return times (N) [s], positions, velocities and efforts (3, N, n) and names of the joints.
+def _series(bag: Any, topic: str, wanted: list[str], path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (N) [s], and positions, velocities and efforts (3, N, n).
 
     Raises:
         LogError: no message has all joints.
     """
-    wanted, where = list(selection.joints), f"{path}, {topic}"
-    orders: dict[tuple[str, ...], list[int] | None] = {}
-    rows: dict[float, list[list[float]]] = {}
-    joints: list[str] = []
-    for time, message in _messages(bag, topic):
-        for state in _states(message):
-            names = tuple(state.joints)
-            if names not in orders:
-                exact = set(wanted) <= set(names)  # other names are matched once
-                orders[names] = match_joints(names, wanted, where) if exact or not joints else None
-            if (order := orders[names]) is None:
-                continue
-            joints = joints or [names[k] for k in order]
-            values = [
-                [float(part[k]) for k in order] if len(part) > max(order) else [np.nan] * len(order)
-                for part in state.parts
-            ]
-            rows.setdefault(time + state.since, values)
+    missing = np.full(len(wanted), np.nan)
+    rows: dict[float, list[np.ndarray]] = {}
+    others: set[str] = set()
+    for t, names, parts in _states(bag, topic):
+        if not set(wanted) <= set(names):
+            others |= set(names)
+            continue
+        order = [names.index(name) for name in wanted]
+        rows.setdefault(
+            t, [np.array(part)[order] if len(part) == len(names) else missing for part in parts]
+        )
     if not rows:
-        others = sorted({name for found in orders for name in found})
         raise LogError(
-            f"no message of '{topic}' has all of the joints {wanted}; there are {others}.",
+            f"no message of '{topic}' has all of the joints {wanted}; there are {sorted(others)}.",
             where=str(path),
             hint="Record a topic with all joints in one message, such as that of "
             "joint_state_broadcaster, or name the log's: --joints A,B,....",
         )
-    t = np.array(sorted(rows))
-    return t, np.array([rows[time] for time in t]).swapaxes(0, 1), joints
+    times = sorted(rows)
+    return np.array(times), np.array([rows[time] for time in times]).swapaxes(0, 1)
 
 
 def _frames(bag: Any, topic: str | None, path: Path) -> np.ndarray | None:

@@ -1,69 +1,66 @@
 """``read_log``, and the formats of log files: tables, rollouts, and bags of ROS and MCAP.
 
-A new format is a function of a path and a ``Selection``, and an entry in ``FORMATS``.
+A new format is a function of a path, names of joints and ``ImportOptions``, and an entry in
+``FORMATS``.
 """
 
 from __future__ import annotations
 
 import csv
-import json
 import math
 import warnings
-import zipfile
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._checks import instance, name_list
+from .._checks import instance
 from .._output import read_as_data
 from ..exceptions import LogError
 from ..robot.robot import Robot
+from ..rollout.rollout import Rollout
 from .bags import read_bag
-from .columns import Selection, log_of_columns
-from .intake import Intake
+from .columns import log_of_columns
+from .import_options import ImportOptions
 from .log import Log, check, repeated
 
-_ROLLOUT = frozenset({"t", "q", "v", "tau", "x", "x_d", "saturated"})  # arrays of a run
-_MISSING = {"", "nan", "null", "none", "na"}  # cells of what was not measured
 
-
-def read_arrays(path: Path, selection: Selection) -> Log:
+def read_arrays(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     """Return the log in an archive: t (N), q, tau (N, n), also v, x, x_time, joint_names.
-
-    That of a run of ``pinadapt run`` begins at the last change of its robot: its torques are the
-    controller's, held from each sample to the next, and x is the true position of the task frame.
-    A joint task's x is q and is left out.
 
     Raises:
         LogError: it cannot be read, or lacks a signal.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            found = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise LogError(f"cannot be read: {error}.", where=str(path)) from error
-    if not found.keys() >= _ROLLOUT:
-        return log_of_columns(found, selection, str(path))
-    about: Any = {}
-    with suppress(OSError, ValueError, RecursionError):
-        about = json.loads(path.with_name("summary.json").read_text(encoding="utf-8"))
-    about = about if isinstance(about, dict) else {}
-    names = about.get("joint_names", ()) if found["q"].shape == found["v"].shape else ()
-    x = None if about.get("task") == "joint" else found["x"]
-    parts: dict[str, Any] = {name: found[name] for name in ("t", "q", "tau", "v")}
-    log = Log(**parts, joints=tuple(names), x=x, held=True, source=str(path))
-    if not len(log.t):
-        raise LogError("the run has no sample.", where=str(path))
-    events = about.get("changes", ())
-    changes = [event["at"] for event in events if event["what"] != "announced"]
-    return log.after(max((at for at in changes if at <= log.t[-1]), default=-math.inf))
+    if path.name == "rollout.npz" and path.with_name("summary.json").is_file():
+        return replace(log_of_rollout(Rollout.load(path.parent)), source=str(path))
+    with np.load(path, allow_pickle=False) as archive:
+        found = {name: archive[name] for name in archive.files}
+    return log_of_columns(found, joints, options, str(path))
 
 
-def read_text(path: Path, selection: Selection) -> Log:
+def log_of_rollout(rollout: Rollout) -> Log:
+    """Return the log of a rollout: its measurements, or the true motion if these are not kept.
+
+    It begins at the last change of the robot; the torques are the controller's, held from each
+    sample to the next. A joint task's x is q and is left out.
+    """
+    since = max((at for at, what in rollout.marks if what != "announced"), default=-math.inf)
+    evaluation, framed = rollout.evaluation, rollout.task.positions > 0
+    log = Log(rollout.t, rollout.q, rollout.tau, rollout.v, held=True, source="rollout")
+    if evaluation is None or not evaluation.samples:
+        return replace(log, x=rollout.x if framed else None).after(since)
+    measured = [sample.measurement for sample in evaluation.samples]
+    t, q, v = (np.array([getattr(part, name) for part in measured]) for name in ("t", "q", "v"))
+    log = replace(log, t=t, q=q, v=v)
+    if frames := [part for part in measured if framed and part.x is not None]:
+        times = np.array([part.t if part.x_time is None else part.x_time for part in frames])
+        log = replace(log, x=np.array([part.x for part in frames]), x_time=times)
+    return log.after(since)
+
+
+def read_text(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     """Return the log in a text file, a row per sample; an empty cell was not measured.
 
     Cells are separated by commas, semicolons, tabs or spaces. Lines that begin with ``#`` are
@@ -71,60 +68,46 @@ def read_text(path: Path, selection: Selection) -> Log:
     columns are called 1, 2 and so on.
 
     Raises:
-        LogError: rows of other lengths, or cells that are not numbers.
+        LogError: rows of other lengths, or no numbers.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise LogError(f"is not text: {error.reason}.", where=str(path)) from error
-    plain = [(k + 1, line) for k, line in enumerate(lines) if line.strip() and line[0] != "#"]
-    if not plain:
-        raise LogError("is empty.", where=str(path))
-    mark = next((mark for mark in ",;\t" if mark in plain[0][1]), " ")
-    rows = [(number, _cells(line, mark)) for number, line in plain]
-    header = [str(k + 1) for k in range(len(rows[0][1]))]
+    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    rows = [line for line in lines if not line.startswith("#")] or [""]
+    mark = next((mark for mark in ",;\t" if mark in rows[0]), None)
+    header = _cells(rows[0], mark)
     comments = [_cells(line.lstrip("# "), mark) for line in lines if line.startswith("#")]
-    if any(map(_is_text, rows[0][1])):
-        _, header = rows.pop(0)
-    elif comments and len(comments[-1]) == len(header):
-        header = comments[-1]
-    values = np.zeros((len(rows), len(header)))
-    for k, (number, cells) in enumerate(rows):
-        where = f"{path}, line {number}"
-        if len(cells) != len(header):
-            raise LogError(f"{len(cells)} cells, and the header has {len(header)}.", where=where)
-        for j, cell in enumerate(cells):
-            if _is_text(cell):
-                raise LogError(
-                    f"'{cell}' in column '{header[j]}' is not a number.",
-                    where=where,
-                    hint="Decimals need a point; an empty cell was not measured.",
-                )
-            values[k, j] = _number(cell)
-    return log_of_columns(dict(zip(header, values.T, strict=True)), selection, str(path))
+    if all(map(_is_number, header)):
+        header = [str(k + 1) for k in range(len(header))]
+        if comments and len(comments[-1]) == len(header):
+            header = comments[-1]
+    else:
+        del rows[0]
+    if not any(rows):
+        raise LogError("is empty.", where=str(path))
+    values = np.genfromtxt(rows, delimiter=mark)
+    columns = values.reshape(len(rows), -1).T
+    if len(columns) != len(header):
+        words = f"{len(columns)} cells in a row, and the header has {len(header)}."
+        raise LogError(words, where=str(path))
+    return log_of_columns(dict(zip(header, columns, strict=True)), joints, options, str(path))
 
 
-def _cells(line: str, mark: str) -> list[str]:
-    """Return the cells of a line."""
-    cells = line.split() if mark == " " else next(csv.reader([line], delimiter=mark))
+def _cells(line: str, mark: str | None) -> list[str]:
+    """Return the cells of a line; without a mark they are separated by spaces."""
+    cells = line.split() if mark is None else next(csv.reader([line], delimiter=mark))
     return [cell.strip() for cell in cells]
 
 
-def _number(cell: str) -> float:
-    """Return the number in a cell, NaN if there is none."""
+def _is_number(cell: str) -> bool:
+    """Return whether a cell is a number, or empty."""
     try:
-        return float(cell)
+        float(cell or "nan")
     except ValueError:
-        return math.nan
-
-
-def _is_text(cell: str) -> bool:
-    """Return whether a cell is neither a number nor a missing one."""
-    return cell.lower() not in _MISSING and math.isnan(_number(cell))
+        return False
+    return True
 
 
 # Ending of a file's name -> its reader.
-FORMATS: Mapping[str, Callable[[Path, Selection], Log]] = {
+FORMATS: Mapping[str, Callable[[Path, Sequence[str], ImportOptions], Log]] = {
     ".npz": read_arrays,
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), read_text),
     **dict.fromkeys((".bag", ".mcap", ".db3"), read_bag),
@@ -132,10 +115,10 @@ FORMATS: Mapping[str, Callable[[Path, Selection], Log]] = {
 
 
 def read_log(
-    source: Path | str | Log,
+    source: Path | str | Log | Rollout,
     robot: Robot,
     *,
-    intake: Intake | Mapping[str, Any] | Path | str | None = None,
+    intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
     torques: bool = True,
 ) -> Log:
     """Return a recorded motion of a robot, checked, its columns in the order of the joints.
@@ -145,35 +128,37 @@ def read_log(
     Args:
         source: a folder or ``rollout.npz`` that `pinadapt run` has written; an npz or CSV file with
             t, q, tau and optionally v and x, by the joints' names or indices; a bag of ROS 1 or 2
-            or MCAP (extra ``bags``); or a ``Log``.
+            or MCAP (extra ``bags``); or a ``Log`` or ``Rollout``, see ``log_of_rollout``.
         robot: whose motion it is.
-        intake: how it is to be read, an ``Intake``, its fields, or a TOML file of it; by default
-            the one beside the log, ``run.intake.toml`` of ``run.csv``, if there is one.
+        intake: how it is to be read: ``ImportOptions``, their fields, or a TOML file of them; by
+            default the one beside the log, ``run.intake.toml`` of ``run.csv``, if there is one.
         torques: whether they are needed. A log for the geometry alone may have none, and as few
             samples as there are frames.
 
     Raises:
         LogError: no such file, an unknown format, a missing signal or joint, or impossible numbers;
             see ``check``.
+        InputError: import options that cannot be used.
     """
     instance(robot, Robot, "robot")
-    intake = Intake.of(Intake.beside(source) if intake is None else intake)
+    options = ImportOptions.of(ImportOptions.beside(source) if intake is None else intake)
+    if isinstance(source, Rollout):
+        source = log_of_rollout(source)
     if not isinstance(source, Log):
         path = Path(instance(source, Path | str, "log"))
         with read_as_data(path, LogError):
-            source = _reader(path)(_file_of(path), _selection(intake, robot, torques=torques))
-    elif intake.rate is not None:
-        source = replace(source, t=np.arange(len(source.t)) / intake.rate)
+            source = _reader(path)(_file_of(path), options.read_joints(robot), options)
+    elif options.rate is not None:
+        source = replace(source, t=np.arange(len(source.t)) / options.rate)
     log = source.from_zero()
-    again = repeated(log)
-    if intake.repeated == "drop" and again.any():
+    if options.repeated == "drop" and (again := repeated(log)).any():
         warnings.warn(
             f"{log.source}: {np.count_nonzero(again)} of {len(again)} samples repeat earlier ones "
             "and are left out.",
             stacklevel=2,
         )
         log = log.sampled(~again)
-    log = intake.converted(log, robot)
+    log = options.converted(log, robot)
     check(log, robot, torques=torques)
     return log
 
@@ -184,30 +169,20 @@ def _file_of(path: Path) -> Path:
     return file if file.is_file() else path
 
 
-def _reader(path: Path) -> Callable[[Path, Selection], Log]:
+def _reader(path: Path) -> Callable[[Path, Sequence[str], ImportOptions], Log]:
     """Return what reads a file or folder.
 
     Raises:
         LogError: there is none, or nothing reads it.
     """
-    if not path.exists():
-        raise LogError("there is no such file or folder.", where=str(path))
     if path.is_dir() and (path / "metadata.yaml").is_file():
         return read_bag
-    found = FORMATS.get(_file_of(path).suffix.lower())
-    if found is None:
+    file = _file_of(path)
+    if not file.is_file() or file.suffix.lower() not in FORMATS:
         raise LogError(
-            "is not a log of a known format.",
+            "is not a log of a known format." if path.exists() else "no such file or folder.",
             where=str(path),
             hint=f"Known are {', '.join(FORMATS)}, folders of `pinadapt run`, which have a "
             "rollout.npz, and those of bags, which have a metadata.yaml.",
         )
-    return found
-
-
-def _selection(intake: Intake, robot: Robot, *, torques: bool) -> Selection:
-    """Return what is to be read from a file."""
-    columns = {key: name_list(names, "columns", LogError) for key, names in intake.columns.items()}
-    joints = intake.foreign(robot) or robot.joint_names
-    topics = intake.topic, intake.pose_topic
-    return Selection(joints, columns, intake.rate, *topics, torques=torques)
+    return FORMATS[file.suffix.lower()]

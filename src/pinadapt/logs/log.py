@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-import math
-import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import pairwise, takewhile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.ndimage import uniform_filter1d
 
 from .._checks import LARGEST, instance
-from ..description.chain import configuration_from_angles, effort_limits, position_limits
+from ..description.chain import configuration_from_angles, position_limits
 from ..exceptions import LogError, did_you_mean
 from ..robot.robot import Robot
 
+SIGNALS = ("q", "v", "tau")  # of the joints
+# Usual names of each signal, the likeliest first; case is ignored.
+NAMES = {
+    "t": "t time timestamp stamp times time_s %time",
+    "q": "q position pos joint_position joint_positions actual_q angle",
+    "v": "v qd dq qdot velocity vel joint_velocity joint_velocities actual_qd",
+    "tau": "tau effort torque eff tau_j joint_torque joint_torques joint_effort",
+    "x": "x ee_position tool_position",
+    "x_time": "x_time t_x camera_time",
+}
 _EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970; twelve days of recording
-_SHORTEST, _FEWEST = 1.0, 100  # [s] and samples; half as many leave nothing to hold out
-_SLOWEST = 0.2  # [s] between samples: windows of four samples have no inertia left at twice as much
+_SHORTEST = 1.0  # [s]; half as much leaves nothing to hold out
+_LONGEST_PERIOD = 0.2  # [s]; windows of four samples have no inertia left at twice as much
 _REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
 _MEASURED = 0.5  # share of the samples that must be finite, and within the joint limits
-_TURNS = 4.0 * math.pi  # [rad] beyond which a joint without limits hardly turns
-# Beyond a limit by more than calibration: [rad], or share of the range. Half as much refuses arms
-# with another zero, twice as much takes degrees for radians.
-_BEYOND, _RANGE = 0.5, 0.25
-_TOO_STRONG = 5.0  # times the effort limit, rms: motors give twice; currents in mA are far above
+_BEYOND = 0.5  # [rad or m] beyond a limit; half refuses other zeros, twice takes some degrees
 _MOVING = 0.02  # [rad/s or m/s] rms of a velocity that can be compared; half is noise of encoders
 _AVERAGED = 25  # samples over which velocities are averaged; half leaves noise of slow motions
 
@@ -46,7 +51,6 @@ class Log:
         held: whether tau[k] was held from t[k] until the next sample, as a controller's command is;
             otherwise it was measured at t[k].
         source: file or other origin, for messages.
-        assumed: what reading it had to assume, fields of an ``Intake``.
     """
 
     t: np.ndarray
@@ -58,7 +62,6 @@ class Log:
     x_time: np.ndarray | None = None
     held: bool = False
     source: str = "log"
-    assumed: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Convert everything to arrays of floats and check their sizes.
@@ -70,17 +73,15 @@ class Log:
             given = getattr(self, name)
             if given is not None:
                 object.__setattr__(self, name, self._array(given, name, dimensions))
-        for name in ("q", "tau", "v"):
+        rows = {name: self.t for name in SIGNALS} | {"x": self.frames_time}
+        for name, times in rows.items():
             given = getattr(self, name)
-            if given is not None and len(given) != len(self.t):
-                raise LogError(f"{len(given)} rows for {len(self.t)} times.", where=self._at(name))
-        if self.x is not None and len(self.x) != len(self.frames_time):
-            raise LogError(
-                f"{len(self.x)} rows for {len(self.frames_time)} times.",
-                where=self._at("x"),
-                hint="Frames of a slow camera need times of their own, x_time, or rows of NaN "
-                "between them.",
-            )
+            if given is not None and len(given) != len(times):
+                raise LogError(
+                    f"{len(given)} rows for {len(times)} times.",
+                    where=self._at(name),
+                    hint="Frames of a slow camera need times of their own, x_time.",
+                )
 
     @property
     def duration(self) -> float:
@@ -108,30 +109,34 @@ class Log:
     def of(self, robot: Robot) -> Log:
         """Return the log with the columns of a robot's joints, in its order.
 
-        Joints of other names are matched, see ``match_joints``; a warning says how.
-
         Raises:
             LogError: a joint is missing, or the columns are not as many as there are joints.
         """
         names = instance(robot, Robot, "robot").joint_names
+        log = self
         if self.joints and list(self.joints) != names:
-            order = self._order(names)
-            read = [self.joints[k] for k in order]
-            parts = {name: getattr(self, name) for name in ("q", "v", "tau")}
-            parts = {name: part[:, order] for name, part in parts.items() if part is not None}
-            assumed = self.assumed if read == names else {**self.assumed, "joints": read}
-            return replace(self, joints=tuple(names), assumed=assumed, **parts).of(robot)
+            log = replace(
+                self.ordered(joint_order(self.joints, names, self.source)), joints=tuple(names)
+            )
         n, nq = robot.model.nv, robot.model.nq
-        for name, sizes in {"q": (n, nq), "v": (n,), "tau": (n,)}.items():
-            part = getattr(self, name)
-            if part is not None and part.shape[1] not in sizes:
+        for name, part in log.signals().items():
+            if part.shape[1] != n and (name != "q" or part.shape[1] != nq):
                 raise LogError(
                     f"{part.shape[1]} columns, but {robot.name} has {n} joints: {names}.",
                     where=self._at(name),
                     hint="Name columns after joints, or choose the frame and locked "
                     "joints so that these are its joints.",
                 )
-        return self
+        return log
+
+    def signals(self) -> dict[str, Any]:
+        """Return the signals of the joints that were recorded, by name."""
+        return {name: part for name in SIGNALS if (part := getattr(self, name)) is not None}
+
+    def ordered(self, order: Sequence[int], signals: Sequence[str] = SIGNALS) -> Log:
+        """Return the log with the columns of some signals in another order."""
+        parts = {name: part[:, order] for name, part in self.signals().items() if name in signals}
+        return replace(self, **parts)
 
     def configurations(self, robot: Robot) -> np.ndarray:
         """Return q (N, nq) as Pinocchio has it; NaN where a joint was not measured."""
@@ -152,12 +157,10 @@ class Log:
 
     def sampled(self, kept: np.ndarray) -> Log:
         """Return the log with those of its samples that are kept (N)."""
-        own = () if self.x_time is None else ("x",)
-        parts = {name: getattr(self, name) for name in ("t", "q", "tau", "v", "x")}
-        return replace(
-            self,
-            **{k: part[kept] for k, part in parts.items() if part is not None and k not in own},
-        )
+        parts: dict[str, Any] = {name: part[kept] for name, part in self.signals().items()}
+        if self.x is not None and self.x_time is None:
+            parts["x"] = self.x[kept]
+        return replace(self, t=self.t[kept], **parts)
 
     def after(self, t: float) -> Log:
         """Return the log from a time [s] on."""
@@ -166,28 +169,6 @@ class Log:
             return found
         kept = self.x_time >= t
         return replace(found, x=self.x[kept], x_time=self.x_time[kept])
-
-    def _order(self, names: Sequence[str]) -> list[int]:
-        """Return the column of each of the robot's joints."""
-        order = match_joints(self.joints, names, self.source)
-        if order is not None:
-            return order
-        if not set(self.joints) & set(names):
-            raise LogError(
-                f"none of its joints {list(self.joints)} is one of the robot's, {list(names)}. It "
-                "seems to be the log of another robot.",
-                where=self.source,
-                hint="Name the robot that moved, or its joints in the robot's order: "
-                "--joints A,B,....",
-            )
-        joint = next(name for name in names if name not in self.joints)
-        raise LogError(
-            f"the robot's joint '{joint}' is missing; there are {list(self.joints)}."
-            f"{did_you_mean(joint, self.joints)}",
-            where=self.source,
-            hint="Lock joints that did not move (--lock), choose another frame, or name the log's "
-            "joints in the robot's order: --joints A,B,....",
-        )
 
     def _at(self, name: str) -> str:
         return f"{self.source}: {name}"
@@ -205,65 +186,29 @@ class Log:
         return array
 
 
-def match_joints(found: Sequence[str], wanted: Sequence[str], source: str) -> list[int] | None:
-    """Return the index of each wanted joint among those found, None where they do not match.
-
-    Names that differ only in what all of them have in common, such as ``fer_joint1`` and
-    ``panda_joint1``, match. Numbers from 0 or 1 on, or if no name is alike as many others, are
-    taken in their order. A warning says what was assumed.
+def joint_order(found: Sequence[str], wanted: Sequence[str], source: str) -> list[int]:
+    """Return the index of each wanted joint among those found: by name, or numbered from 0 or 1.
 
     Args:
         found: names in a log.
         wanted: names of a robot's joints.
-        source: of the log, for the warning.
+        source: of the log, for messages.
+
+    Raises:
+        LogError: a joint is missing.
     """
-    found, n = list(found), len(wanted)
-    if set(wanted) <= set(found):
-        return [found.index(name) for name in wanted]
-    if set(wanted) & set(found):
-        return None
-    for first in (0, 1):
-        numbers = [str(first + k) for k in range(n)]
-        if set(numbers) <= set(found):
-            if str(first + n) in found:
-                warnings.warn(
-                    f"{source} has signals of more than the robot's {n} joints; the first {n} are "
-                    "taken. Is it the log of another robot? --columns names them.",
-                    stacklevel=2,
-                )
-            return [found.index(name) for name in numbers]
-    order, how = _alike(found, wanted), "by their names"
-    if order is None:
-        order, how = list(range(n)), "in their order"
-        if len(found) != n:
-            return None
-    pairs = ", ".join(f"{found[k]} = {name}" for k, name in zip(order, wanted, strict=True))
-    warnings.warn(
-        f"{source}: its joints have other names than the robot's and were matched {how}: {pairs}. "
-        "--joints A,B,... names them in the robot's order.",
-        stacklevel=2,
+    n = len(wanted)
+    for names in (wanted, *([str(first + k) for k in range(n)] for first in (0, 1))):
+        if set(names) <= set(found) and (names is wanted or len(found) == n):
+            return [list(found).index(name) for name in names]
+    joint = next(name for name in wanted if name not in found)
+    raise LogError(
+        f"the robot's joint '{joint}' is missing; there are {list(found)}."
+        f"{did_you_mean(joint, found)}",
+        where=source,
+        hint="Is it the log of another robot? Lock joints that did not move (--lock), choose "
+        "another frame, or name the log's joints in the robot's order: --joints A,B,....",
     )
-    return order
-
-
-def _alike(found: Sequence[str], wanted: Sequence[str]) -> list[int] | None:
-    """Return the index of each wanted joint among names with another beginning or end."""
-    before = len(wanted[0][: _common(wanted)].rstrip("0123456789"))
-    after = _common([name[:before:-1] for name in wanted])
-    keys = [name[before : len(name) - after].lower() for name in wanted]
-    low, orders = [name.lower() for name in found], set[tuple[int, ...]]()
-    for name in low:
-        head, key, tail = name.rpartition(keys[0])
-        names = [head + each + tail for each in keys]
-        if key and len(keys) > 1 and set(names) <= set(low):
-            orders.add(tuple(low.index(each) for each in names))
-    return list(orders.pop()) if len(orders) == 1 else None
-
-
-def _common(names: Sequence[str]) -> int:
-    """Return how many first letters all names have in common."""
-    letters = zip(*names, strict=False)
-    return sum(1 for _ in takewhile(lambda each: len(set(each)) == 1, letters))
 
 
 def repeated(log: Log) -> np.ndarray:
@@ -273,7 +218,7 @@ def repeated(log: Log) -> np.ndarray:
     of a driver that is asked more often than it measures.
     """
     late = np.append(False, log.t[1:] <= np.maximum.accumulate(log.t)[:-1])
-    rows = np.hstack([part for part in (log.q, log.v, log.tau) if part is not None])
+    rows = np.hstack(list(log.signals().values()))
     same = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
     rests = np.append(same[1:], [False]) & np.append(same[2:], [False, False])
     return np.asarray(late | (same & ~rests))
@@ -285,137 +230,102 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     Without ``torques``, only times and positions are checked, and few samples will do.
 
     Raises:
-        LogError: times that do not ascend, too few or too short a time, more than half of a signal
-            not finite, torques that are all zero, or numbers that look like other units.
+        LogError: times that do not ascend, too short a time, more than half of a signal not finite,
+            torques that are all zero, or numbers that look like other units.
     """
+
+    def refuse(name: str, words: str, hint: str) -> None:
+        raise LogError(words, where=f"{log.source}: {name}", hint=hint)
+
     late = np.append(False, ~(np.diff(log.t) > 0.0)) | ~np.isfinite(log.t)
     if late.any():
         row = int(np.argmax(late))
-        raise _refused(
-            log,
+        refuse(
             "t",
-            f"times must ascend; sample {row} is at {log.t[row]:.6g} s. There are "
-            f"{np.count_nonzero(late)} such samples.",
-            "--repeated drop leaves out samples of repeated or earlier times. Otherwise name "
-            "another column: --columns t=NAME.",
+            f"times must ascend; sample {row} is at {log.t[row]:.6g} s.",
+            "--repeated drop leaves out samples of repeated or earlier times; --columns t=NAME "
+            "names another column, --rate HZ replaces the times.",
         )
-    _check_finite(log, robot, "q")
-    _check_degrees(log, robot)
+    for name in ("q", "tau") if torques else ("q",):
+        part = getattr(log, name)
+        share = float(np.isfinite(part).mean(axis=0).min())
+        if share < _MEASURED:
+            refuse(
+                name,
+                f"only {share:.0%} of the samples of a joint are numbers.",
+                f"Decimals need a point. --columns {name}=NAME,..., in a file without header "
+                f"{name}=2-8, or --topic of a bag says where they are; --lock NAME leaves out a "
+                "joint.",
+            )
+    if (outside := _outside_limits(log, robot)) is not None:
+        refuse("q", *outside)
     if not torques:
         return
-    if len(log.t) < _FEWEST or log.duration < _SHORTEST:
-        words = f"{len(log.t)} samples over {log.duration:.3g} s are too short"
-        raise _refused(log, "t", f"{words}; at least {_FEWEST} and {_SHORTEST:g} s are needed.")
-    if log.period > _SLOWEST:
-        raise _refused(
-            log,
+    if log.duration < _SHORTEST or log.period > _LONGEST_PERIOD:
+        refuse(
             "t",
-            f"samples are {log.period:.4g} s apart, too far for inertia to have a visible effect.",
-            f"Record at {1.0 / _SLOWEST:g} Hz or more, with times in seconds. If these are "
-            f"milliseconds: --rate {1e3 / log.period:.4g}.",
+            f"{log.duration:.3g} s with a sample each {log.period:.3g} s cannot show inertia; at "
+            f"least {_SHORTEST:g} s are needed, and a sample each {_LONGEST_PERIOD:g} s.",
+            "Are the times in seconds? --rate HZ replaces them.",
         )
     share = float(np.mean(repeated(log)))
     if share > _REPEATED:
         words = f"{share:.0%} of the samples repeat the one before in all numbers"
-        hint = "--repeated drop leaves them out."
-        raise _refused(log, "t", f"{words}, so that their times are wrong.", hint)
-    _check_finite(log, robot, "tau")
-    _check_velocities(log, robot)
-    _check_torques(log, robot)
-
-
-def _refused(log: Log, name: str, words: str, hint: str | None = None) -> LogError:
-    """Return the error of a signal of a log."""
-    return LogError(words, where=f"{log.source}: {name}", hint=hint)
-
-
-def _check_finite(log: Log, robot: Robot, name: str) -> None:
-    part = getattr(log, name)
-    share = np.isfinite(part).mean(axis=0)
-    if (share < _MEASURED).any():
-        joint = int(np.argmin(share)) if part.shape[1] == robot.model.nv else 0
-        words = f"only {share.min():.0%} of the samples of {robot.joint_names[joint]} are numbers."
-        raise _refused(log, name, words)
-
-
-def _check_degrees(log: Log, robot: Robot) -> None:
-    """Refuse positions far outside of the limits: in degrees, or those of another robot."""
-    if log.q.shape[1] != robot.model.nv:
-        return
-    low, high = position_limits(robot.model)
-    free = ~np.isfinite(high - low)
-    low, high = np.where(free, -_TURNS, low), np.where(free, _TURNS, high)
-    margin = np.maximum(_BEYOND, _RANGE * (high - low))
-    outside = np.mean((log.q < low - margin) | (log.q > high + margin), axis=0)
-    outside[list(robot.slides.values())] = 0.0
-    j = int(outside.argmax())
-    if outside[j] > _MEASURED:
-        least, most = np.nanmin(log.q[:, j]), np.nanmax(log.q[:, j])
-        what, option = "Is this the log of another robot?", ""
-        if max(-least, most) > 2.0 * math.pi:
-            what = "Are these degrees, or angles of the motor before a gear?"
-            option = "--degrees or --gear N reads them. "
-        raise _refused(
-            log,
-            "q",
-            f"{robot.joint_names[j]} is at {least:.4g} to {most:.4g}, and its limits are "
-            f"{low[j]:.4g} and {high[j]:.4g} rad. {what}",
-            f"{option}Columns without joint names must be in the robot's order.",
-        )
-
-
-def _check_velocities(log: Log, robot: Robot) -> None:
-    """Refuse velocities that disagree with the positions: other units, signs or columns."""
-    if log.v is None:
-        return
-    q = log.configurations(robot)
-    moved = np.array([pin.difference(robot.model, *ends) for ends in pairwise(q)])
-    rates, mean = moved / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
-    for name, rate, velocity in zip(robot.joint_names, rates.T, mean.T, strict=True):
-        both = np.isfinite(velocity) & np.isfinite(rate)
-        # averages, in which the noise of differenced encoders cancels
-        rate, velocity = (
-            np.convolve(part[both], np.full(_AVERAGED, 1.0 / _AVERAGED), mode="same")
-            for part in (rate, velocity)
-        )
-        if not len(rate) or float(np.sqrt(np.mean(rate**2))) < _MOVING:
-            continue
-        factor = float(rate @ velocity / (rate @ rate))
-        if not 0.5 < factor < 2.0:  # other units are far outside
-            raise _refused(
-                log,
-                "v",
-                f"the velocity of {name} is {factor:.3g} times the rate of its positions: 57.3 "
-                "where it is in degrees a second, 0.0175 where the positions are in degrees, -1 "
-                "where one sign is wrong, the ratio of a gear where one is that of the motor.",
-                "Convert both to rad and rad/s (m and m/s), or leave velocities out: they are then "
-                "computed from the positions.",
-            )
-
-
-def _check_torques(log: Log, robot: Robot) -> None:
-    """Refuse torques that are zero, or far above the limits: not recorded, or of other units."""
-    tau = np.where(np.isfinite(log.tau), log.tau, np.nan)
-    sizes, limits = np.sqrt(np.nanmean(tau**2, axis=0)), effort_limits(robot.model)
-    name = robot.joint_names[int(np.argmin(sizes))]
-    if not sizes.all():
-        who = f"the torque of {name} is" if sizes.any() else "all torques are"
-        raise _refused(
-            log,
+        refuse("t", f"{words}, so that their times are wrong.", "--repeated drop leaves them out.")
+    if (other := _other_velocity(log, robot)) is not None:
+        refuse("v", *other)
+    still = ~np.nan_to_num(log.tau).any(axis=0)
+    if still.any():
+        name = robot.joint_names[int(still.argmax())]
+        refuse(
             "tau",
-            f"{who} zero in all samples: not recorded.",
+            f"the torque of {name} is zero in all samples: not recorded.",
             f"Record the efforts of the motors; --lock {name} leaves out what did not move.",
         )
-    j = int(np.argmax(sizes / limits))
-    if sizes[j] > _TOO_STRONG * limits[j]:
-        raise _refused(
-            log,
-            "tau",
-            f"{robot.joint_names[j]} gives {sizes[j]:.4g} on average, and its limit is "
-            f"{limits[j]:g} N m or N. Are these other units?",
-            "Torques must be those of the joints, after the gears, in N m or N. --torque-gain "
-            "multiplies them, with N m/A for currents.",
-        )
+
+
+def _outside_limits(log: Log, robot: Robot) -> tuple[str, str] | None:
+    """Return what is wrong with positions far outside of the limits, and what to try."""
+    if log.q.shape[1] != robot.model.nv:
+        return None
+    low, high = position_limits(robot.model)
+    outside = np.mean((log.q < low - _BEYOND) | (log.q > high + _BEYOND), axis=0)
+    j = int(outside.argmax())
+    if outside[j] <= _MEASURED:
+        return None
+    least, most = np.nanmin(log.q[:, j]), np.nanmax(log.q[:, j])
+    return (
+        f"{robot.joint_names[j]} is at {least:.4g} to {most:.4g}, and its limits are {low[j]:.4g} "
+        f"and {high[j]:.4g} rad or m.",
+        "Is it the log of another robot? --degrees, --gear and --offset convert positions, "
+        "--joints states the order of the columns.",
+    )
+
+
+def _other_velocity(log: Log, robot: Robot) -> tuple[str, str] | None:
+    """Return what is wrong with velocities that disagree with the positions, and what to try."""
+    if log.v is None:
+        return None
+    q = log.configurations(robot)
+    moved = np.array([pin.difference(robot.model, *ends) for ends in pairwise(q)])
+    rates, means = moved / np.diff(log.t)[:, None], 0.5 * (log.v[1:] + log.v[:-1])
+    both = np.isfinite(rates) & np.isfinite(means)
+    # averages, in which the noise of differenced encoders cancels
+    rates, means = (
+        uniform_filter1d(np.where(both, part, 0.0), _AVERAGED, axis=0) for part in (rates, means)
+    )
+    size = np.mean(rates**2, axis=0)
+    factors = np.mean(rates * means, axis=0) / np.where(size > 0.0, size, 1.0)
+    wrong = (size > _MOVING**2) & ~((factors > 0.5) & (factors < 2.0))  # other units: far outside
+    if not wrong.any():
+        return None
+    j = int(wrong.argmax())
+    return (
+        f"the velocity of {robot.joint_names[j]} is {factors[j]:.3g} times the rate of its "
+        "positions: other units, another sign, or the other side of a gear.",
+        "Convert both to rad and rad/s (m and m/s), or leave velocities out: they are then "
+        "computed from the positions.",
+    )
 
 
 def joined(logs: Sequence[Log], pause: float) -> Log:
@@ -438,7 +348,7 @@ def joined(logs: Sequence[Log], pause: float) -> Log:
         "t": np.concatenate([log.t + start for log, start in times]),
         "x_time": np.concatenate([log.frames_time + start for log, start in times]),
     }
-    for name in ("q", "tau", "v", "x"):
+    for name in (*SIGNALS, "x"):
         arrays = [getattr(log, name) for log in logs]
         sizes = {None if array is None else array.shape[1] for array in arrays}
         parts[name] = np.concatenate(arrays) if len(sizes) == 1 and None not in sizes else None
@@ -449,7 +359,5 @@ def joined(logs: Sequence[Log], pause: float) -> Log:
 
 def starts_of(logs: Sequence[Log], pause: float) -> list[float]:
     """Return what is added to the times of each log in ``joined`` [s]."""
-    shifts = [0.0]
-    for before, log in pairwise(logs):
-        shifts.append(float(before.t[-1]) + shifts[-1] + pause - float(log.t[0]))
-    return shifts
+    gaps = (float(before.t[-1] - log.t[0]) + pause for before, log in pairwise(logs))
+    return list(accumulate(gaps, initial=0.0))

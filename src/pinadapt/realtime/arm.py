@@ -5,15 +5,14 @@ from __future__ import annotations
 import gc
 import math
 import os
-import pickle
 import signal
-import socket
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any
 
@@ -29,9 +28,9 @@ from ..records import Measurement, Sensors
 from ..robot.motors import Compensation, Gravity
 from ..robot.robot import Robot
 
-_BRAKE, _BRAKING = 20.0, 1.0  # [1/s] of a simulated arm's brakes, and longest time to rest [s]
-_REST = 1e-3  # [rad/s or m/s] of an arm that its brakes have stopped
-_SILENT = 0.1  # [s] without a torque after which a simulated arm stops by itself
+_BRAKE = 20.0  # [1/s] of a simulated arm's brakes; half: it moves on for longer, twice: as well
+_REST = 1e-3  # [rad/s or m/s] of an arm that they have stopped, or after e^-20
+_SILENCE = 0.1  # [s] without a torque after which a simulated arm stops by itself
 _STARTING = 60.0  # [s] that a new process may take
 _NEEDED = ("t", "q", "v")  # signals of a measurement that a driver cannot leave out
 Frames = Callable[[], tuple[np.ndarray, float] | None]
@@ -69,7 +68,7 @@ class ArmFacts:
     paced: bool = True
     clock: str = "arm"
     compensation: Compensation | None = None
-    silence: float = _SILENT
+    silence: float = _SILENCE
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -114,29 +113,26 @@ def as_measured(
         flaw = f"`read` returned {shown(given)}; expected a pinadapt.Measurement"
         given = Measurement(t, np.full(shapes["q"], np.nan), np.full(shapes["v"], np.nan))
     for name, shape in shapes.items():
-        value, needed = getattr(given, name), name in _NEEDED
+        value, needed, words = getattr(given, name), name in _NEEDED, ""
         if value is None and not needed:
             continue
-        array = _real_numbers(value)
-        if array is None or array.shape != shape:
+        try:
+            array = np.array(value)
+            usable = array.dtype.kind in "fiu" and array.shape == shape
+        except Exception:  # whatever an object of a driver does
+            usable = False
+        if not usable:
             what = f"{shape[0]} numbers" if shape else "a time"
-            flaw = flaw or f"measurement '{name}': expected {what}, got {shown(value)}"
-            array = np.full(shape, np.nan) if needed else None
+            words = f": expected {what}, got {shown(value)}"
+            array = np.full(shape, np.nan)
         elif (needed or not shape) and not math.isfinite(np.vdot(array, array)):
-            flaw = flaw or f"measurement '{name}' is not finite"
-        found[name] = array if shape or array is None else float(array)
+            words = " is not finite"
+        flaw = flaw or (words and f"measurement '{name}'{words}")
+        if usable or needed:
+            found[name] = array.astype(float) if shape else float(array)
     if not math.isfinite(found["t"]):
         found["t"] = t
     return Measurement(**found), flaw
-
-
-def _real_numbers(value: Any) -> np.ndarray | None:
-    """Return real numbers as a new array of floats, or None if they are none."""
-    try:
-        array = np.asarray(value)
-        return array.astype(float) if array.dtype.kind in "fiu" else None
-    except Exception:  # whatever an object of a driver does
-        return None
 
 
 class Arm(ABC):
@@ -149,12 +145,9 @@ class Arm(ABC):
 
     Attributes:
         facts: what it declares.
-        received: share of the last torques that have reached the arm, updated by ``read``; NaN
-            if unknown.
     """
 
     facts: ArmFacts
-    received: float = math.nan
 
     @abstractmethod
     def read(self) -> Measurement:
@@ -218,25 +211,23 @@ class PlantArm(Arm):
         period: float = 1e-3,
         *,
         sensors: Sensors | None = None,
-        robot: Robot | None = None,
-        silence: float = _SILENT,
+        silence: float = _SILENCE,
         seed: int = 0,
     ) -> None:
         """Take a plant.
 
         Args:
-            plant: it is reset.
+            plant: it is reset; it has a ``robot``, as a ``SimulatedPlant``.
             period: of its cycle [s].
             sensors: through which it is seen; None for perfect ones.
-            robot: whose joints it has; None: those of a ``SimulatedPlant``.
             silence: time without a torque after which it stops by itself [s].
             seed: of the noise.
 
         Raises:
-            InputError: no plant, or one of unknown joints.
+            InputError: no plant, or one without a robot.
         """
         self.plant = instance(plant, Plant, "plant")
-        robot = instance(getattr(plant, "robot", None) if robot is None else robot, Robot, "robot")
+        robot = instance(getattr(plant, "robot", None), Robot, "plant.robot")
         self.facts = ArmFacts.of(
             robot,
             period=period,
@@ -283,23 +274,23 @@ class PlantArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Bring the plant to rest by brakes, as a real arm does by itself."""
-        plant, moves = self.plant, self._sent is not None and not self.stopped
+        moves = self._sent is not None and not self.stopped
         self.stopped = self.stopped or reason.rstrip(".") or "stopped"
-        if not moves or not isinstance(plant, SimulatedPlant):
+        if not moves or not isinstance(self.plant, SimulatedPlant):
             return
-        robot, period = plant.robot, self.facts.period
-        gravity, data = Gravity(robot), robot.model.createData()
-        for _ in range(round(_BRAKING / period)):
+        plant, period = self.plant, self.facts.period
+        gravity, data = Gravity(plant.robot), plant.robot.model.createData()
+        for _ in range(round(20.0 / _BRAKE / period)):
             seen = plant.measure()
             if not _REST < np.abs(seen.v).max() < np.inf:
-                break
+                return
             added = 0.0 if plant.compensation is None else plant.compensation(seen.q)
-            inertia = np.diag(pin.crba(robot.model, data, seen.q))
+            inertia = np.diag(pin.crba(plant.robot.model, data, seen.q))
             plant.step(gravity(seen.q) - added - _BRAKE * inertia * seen.v, period)
 
 
 class ProcessArm(Arm):
-    """A plant that moves in a process of its own, on its own clock, behind a pair of sockets.
+    """A plant that moves in a process of its own, on its own clock, behind a pipe.
 
     The process sends a measurement each period and applies the latest torque it has got, whether
     the loop is late or not. If no torque comes for a while, or the loop's process has died, it
@@ -317,7 +308,7 @@ class ProcessArm(Arm):
         sensors: Sensors | None = None,
         core: int | None = None,
         priority: int | None = None,
-        silence: float = _SILENT,
+        silence: float = _SILENCE,
         timeout: float = 1.0,
         seed: int = 0,
     ) -> None:
@@ -337,22 +328,23 @@ class ProcessArm(Arm):
         Raises:
             ArmError: the process does not start.
         """
-        self._socket, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        context = get_context("spawn")
+        self._link, there = context.Pipe()
         options = {"period": period, "sensors": sensors, "silence": silence, "seed": seed}
-        arguments = there, make, options, (core, priority)
-        self._process = get_context("spawn").Process(target=_serve, args=arguments, daemon=True)
+        arguments = there, make, options, core, priority
+        self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
         there.close()
         self.pid, self._timeout, self._stopped = self._process.pid, timeout, ""
-        self._socket.settimeout(_STARTING)
         try:
-            facts = pickle.loads(self._socket.recv(1 << 20))  # of our own child
-        except (OSError, EOFError) as error:
-            raise ArmError(
+            facts = self._link.recv() if self._link.poll(_STARTING) else None
+        except (OSError, EOFError):
+            facts = None
+        if not isinstance(facts, ArmFacts):
+            self.close()
+            raise facts or ArmError(
                 "the process of the plant has not started.", where="plant", hint=MAIN
-            ) from error
-        if isinstance(facts, Exception):
-            raise facts
+            )
         self.facts = replace(facts, clock="arm")  # its process keeps the time
 
     def read(self) -> Measurement:
@@ -361,37 +353,24 @@ class ProcessArm(Arm):
         Raises:
             ArmError: none comes in time, or the process has ended.
         """
-        frame: Measurement | None = None
-        self._socket.settimeout(self._timeout)
+        name, frame = self.facts.name, None
         try:
-            newest = self._taken()
-            self._socket.setblocking(False)
-            with suppress(BlockingIOError):
-                while True:
-                    frame = newest if newest.x is not None else frame
-                    newest = self._taken()
-        except TimeoutError:
+            if not self._link.poll(self._timeout):
+                raise ArmError(f"no measurement came for {self._timeout:g} s.", where=name)
+            newest: Measurement = self._link.recv()
+            while self._link.poll():
+                frame = newest if newest.x is not None else frame
+                newest = self._link.recv()
+        except (OSError, EOFError) as error:
             raise ArmError(
-                f"no measurement came for {self._timeout:g} s.", where=self.facts.name
-            ) from None
-        except OSError as error:
-            raise ArmError(f"the connection broke: {error}.", where=self.facts.name) from error
+                f"the arm has ended its connection{self._stopped and f': {self._stopped}'}.",
+                where=name,
+                hint="Its process has died or was stopped.",
+            ) from error
         if newest.x is None and frame is not None:
             seen_at = frame.t if frame.x_time is None else frame.x_time
             newest = newest._replace(x=frame.x, x_time=seen_at, xd=frame.xd)
         return newest
-
-    def _taken(self) -> Measurement:
-        """Return one measurement from the socket."""
-        said = self._socket.recv(1 << 16)
-        if not said:
-            raise ArmError(
-                f"the arm has ended its connection{self._stopped and f': {self._stopped}'}.",
-                where=self.facts.name,
-                hint="Its process has died or was stopped.",
-            )
-        measurement: Measurement = pickle.loads(said)
-        return measurement
 
     def send(self, torque: np.ndarray) -> None:
         """Send a torque (n) [N m or N].
@@ -400,9 +379,7 @@ class ProcessArm(Arm):
             ArmError: the process has ended.
         """
         try:
-            self._socket.send(pickle.dumps(np.asarray(torque, dtype=float)))
-        except BlockingIOError:
-            return  # the arm has not taken the last ones yet
+            self._link.send(np.asarray(torque, dtype=float))
         except OSError as error:
             raise ArmError(f"the torque cannot be sent: {error}.", where=self.facts.name) from error
 
@@ -411,26 +388,25 @@ class ProcessArm(Arm):
         if not self._stopped:
             self._stopped = reason.rstrip(".") or "stopped"
             with suppress(OSError):
-                self._socket.send(pickle.dumps(self._stopped))
+                self._link.send(self._stopped)
 
     def close(self) -> None:
         """End the process."""
-        self._socket.close()
+        self._link.close()
         self._process.join(2.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join(1.0)
+        self._process.kill()
+        self._process.join(1.0)
 
 
 def _serve(
-    link: socket.socket,
+    link: Connection,
     make: Callable[[], Plant],
     options: dict[str, Any],
-    place: tuple[int | None, int | None],
+    core: int | None,
+    priority: int | None,
 ) -> None:
     """Move a plant on its own clock until the loop ends, stops it, or goes silent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
-    core, priority = place
     try:
         with suppress(OSError, AttributeError):
             if core is not None:
@@ -442,29 +418,20 @@ def _serve(
         plant.step(np.zeros(plant.nv), period)  # kernels are compiled and touched
         plant.reset()
     except Exception as error:
-        link.send(pickle.dumps(error if isinstance(error, InputError) else ArmError(str(error))))
+        link.send(error if isinstance(error, InputError) else ArmError(str(error)))
         return
-    link.send(pickle.dumps(arm.facts))
+    link.send(arm.facts)
     gc.freeze()
     gc.disable()
-    link.setblocking(False)
     due = time.monotonic()
-    try:
-        while not arm.stopped:
-            with suppress(ArmError, BlockingIOError):  # what a late loop does not read is lost
-                link.send(pickle.dumps(arm.read()))
+    with suppress(ArmError, OSError, EOFError):  # it has stopped, or the loop has ended
+        while True:
+            link.send(arm.read())
             due = max(due + period, time.monotonic() - 10.0 * period)
             while (left := due - time.monotonic()) > 0.0:
                 time.sleep(left)
-            said: Any = None
-            with suppress(BlockingIOError):
-                while not isinstance(said, str):
-                    heard = link.recv(1 << 16)
-                    said = pickle.loads(heard) if heard else "the loop has ended"
-            if isinstance(said, str):
-                arm.stop(said)
-            elif said is not None:
-                arm.send(said)
-    except OSError:
-        arm.stop("the loop has ended")
+            while link.poll():
+                said = link.recv()
+                arm.stop(said) if isinstance(said, str) else arm.send(said)
+    arm.stop("the loop has ended")
     link.close()

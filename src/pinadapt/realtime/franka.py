@@ -7,8 +7,6 @@ Conventions of the Franka Control Interface, 1 kHz:
   ``compensated="nominal"``, and what is wrong in the robot's own gravity is learned like any load.
 * ``tau_J``, the measured torque, has gravity in it and is ``Measurement.tau``.
 * The torque may change by 1000 N m/s. The time is the robot's, in milliseconds.
-* ``control_command_success_rate``, the share of the last 100 commands that the robot has received,
-  is ``received`` once 100 were sent; before and without control it is 0 or counts fewer.
 * Above the collision thresholds the robot stops by its reflex; then, and after errors, it waits for
   a recovery. A torque that stays out for some cycles is an error too, so a killed program stops it.
 
@@ -32,12 +30,10 @@ from ..robot.motors import Gravity
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts, Frames
 
+JOINTS = 7
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
 TORQUE_RATE = 1000.0  # [N m/s]
 PERIOD = 1e-3  # [s]
-COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
-FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
-_COUNTED = 100  # commands of which the robot states the share that it has received
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
@@ -57,8 +53,8 @@ class FrankaArm(Arm):
         address: str,
         robot: Robot,
         *,
-        collision: ArrayLike = COLLISION,
-        forces: ArrayLike = FORCES,
+        collision: ArrayLike | None = None,
+        forces: ArrayLike | None = None,
         load: Payload | None = None,
         recover: bool = False,
         camera: Frames | None = None,
@@ -69,7 +65,8 @@ class FrankaArm(Arm):
             address: of the control box.
             robot: its description, seven joints; the gravity that the arm adds is taken from it.
             collision: (7) torques beyond the model at which the robot's own reflex stops it [N m].
-            forces: (6) the same for force and torque at the flange [N, N m].
+            forces: (6) the same for force and torque at the flange [N, N m]; both are set, or with
+                None for both those of the robot stay.
             load: that is set on the robot, which then compensates its gravity; ``robot`` must have
                 it too, see ``at_task_frame``. com and inertia are given in the axes of the flange.
                 None: nothing is set.
@@ -84,17 +81,22 @@ class FrankaArm(Arm):
             import pylibfranka
         except ImportError as error:
             raise InputError(f"pylibfranka is missing: {error}.", hint=_INSTALL) from error
-        if robot.model.nv != len(TORQUE):
+        if robot.model.nv != JOINTS:
             raise InputError(
-                f"a Franka has {len(TORQUE)} joints; the description has {robot.joint_names}.",
+                f"a Franka has {JOINTS} joints; the description has {robot.joint_names}.",
                 where="robot",
                 hint="Lock the fingers, and take a frame behind the seventh joint.",
             )
         self._vendor: Any = pylibfranka
         self._failures = (pylibfranka.FrankaException, RuntimeError)  # of which its others are
         self.address, self._camera = address, camera
-        self._collision = vector(collision, len(TORQUE), "collision", fills=False).tolist()
-        self._forces = vector(forces, len(FORCES), "forces", fills=False).tolist()
+        self._thresholds: list[list[float]] | None = None
+        if collision is not None and forces is not None:
+            torques = vector(collision, JOINTS, "collision", fills=False).tolist()
+            wrench = vector(forces, 6, "forces", fills=False).tolist()
+            self._thresholds = [torques, torques, wrench, wrench]  # of contact and collision alike
+        elif collision is not None or forces is not None:
+            raise InputError("collision and forces are set together.", where="collision")
         self._load, self._recover = load, recover
         self.facts = ArmFacts.of(
             robot,
@@ -113,8 +115,6 @@ class FrankaArm(Arm):
                 hint="Is this the address of the control box, and FCI activated in Desk?",
             ) from error
         self._control: Any = None
-        self._commands = 0
-        self._coming: tuple[np.ndarray, float] | None = None
         self._stopped = ""
 
     def read(self) -> Measurement:
@@ -130,12 +130,11 @@ class FrankaArm(Arm):
                 state = self._robot.read_once()
             else:
                 state, _ = self._control.readOnce()
-                if self._commands >= _COUNTED:
-                    self.received = float(state.control_command_success_rate)
         except self._failures as error:
             raise self._broken(error) from error
         t = float(state.time.to_sec())
-        x, x_time = self._frame(t)
+        seen = None if self._camera is None else self._camera()
+        x, x_time = (None, None) if seen is None else (seen[0], min(seen[1], t))
         return Measurement(
             t,
             np.array(state.q),
@@ -145,17 +144,8 @@ class FrankaArm(Arm):
             tau=np.array(state.tau_J),
         )
 
-    def _frame(self, t: float) -> tuple[np.ndarray, float] | tuple[None, None]:
-        """Return x and time of a new frame, not before the robot's time t [s] has come to it."""
-        if self._camera is not None:
-            self._coming = self._camera() or self._coming
-        if self._coming is None or self._coming[1] > t:
-            return None, None
-        seen, self._coming = self._coming, None
-        return seen
-
     def begin(self) -> None:
-        """Set collision behaviour and load, and take over the control.
+        """Set what is to be set, and take over the control.
 
         Raises:
             ArmError: the robot is in error, stopped by its user, or controlled by someone else.
@@ -166,7 +156,7 @@ class FrankaArm(Arm):
             if state.robot_mode == vendor.RobotMode.Reflex or state.current_errors:
                 if not self._recover:
                     raise ArmError(
-                        f"is in error: {_errors(state.current_errors)}.",
+                        f"is in error: {state.current_errors}.",
                         where=self.facts.name,
                         hint=_RECOVER,
                     )
@@ -177,8 +167,8 @@ class FrankaArm(Arm):
                     where=self.facts.name,
                     hint="Release the user stop, unlock the brakes in Desk, end other programs.",
                 )
-            both = (self._collision, self._collision, self._forces, self._forces)
-            self._robot.set_collision_behavior(*both)  # of contact and of collision alike
+            if self._thresholds is not None:
+                self._robot.set_collision_behavior(*self._thresholds)
             if self._load is not None:
                 seen = self._load.spatial_inertia()
                 inertia = seen.inertia.ravel().tolist()
@@ -196,10 +186,9 @@ class FrankaArm(Arm):
         """
         if self._control is None:
             return
-        given = vector(torque, len(TORQUE), "torque", fills=False)
+        given = vector(torque, JOINTS, "torque", fills=False)
         try:
             self._control.writeOnce(self._vendor.Torques(given.tolist()))
-            self._commands += 1
         except self._failures as error:
             raise self._broken(error) from error
 
@@ -213,7 +202,7 @@ class FrankaArm(Arm):
             return
         with suppress(*self._failures):
             control.readOnce()
-            torques = self._vendor.Torques([0.0] * len(TORQUE))
+            torques = self._vendor.Torques([0.0] * JOINTS)
             torques.motion_finished = True
             control.writeOnce(torques)
             return
@@ -251,10 +240,3 @@ def at_task_frame(load: Payload, robot: Robot) -> Payload:
     seen = task.placement.actInv(flange.placement).act(load.spatial_inertia())
     full = seen.inertia
     return Payload(seen.mass, seen.lever, full[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
-
-
-def _errors(errors: Any) -> str:
-    """Return the names of the errors that are set."""
-    names = [name for name in dir(errors) if not name.startswith("_")]
-    found = [name for name in names if getattr(errors, name) is True]
-    return ", ".join(found) or "a reflex that was not acknowledged"

@@ -32,7 +32,6 @@ from .arm import Arm, ArmFacts
 
 _INSTALL = 'Install them: pip install "pinadapt[moteus]".'
 _MISSED = 3  # cycles without a reply after which a motor is lost
-_HIGHEST_ID = 126
 _NOTHING = b"\x50"  # a command that does nothing, as padding
 
 
@@ -62,8 +61,7 @@ class Motor:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no motor has."""
-        if whole(self.id, "motor.id", 1) > _HIGHEST_ID:
-            raise InputError(f"must be at most {_HIGHEST_ID}, got {self.id}.", where="motor.id")
+        whole(self.id, "motor.id", 1, most=126)
         if self.sign not in (1, -1):
             raise InputError(f"must be 1 or -1, got {self.sign!r}.", where="motor.sign")
         for name in ("ratio", "torque"):
@@ -89,7 +87,7 @@ class MoteusArm(Arm):
         silence: float = 0.1,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Open the bus and ask each motor; nothing moves.
+        """Open the bus; nothing moves.
 
         Args:
             robot: the description, whose joints the motors move.
@@ -102,8 +100,8 @@ class MoteusArm(Arm):
             clock: of the measurements.
 
         Raises:
-            InputError: a package is missing, the bus cannot be opened, the motors are not those of
-                the joints, or one does not answer.
+            InputError: a package is missing, the bus cannot be opened, or the motors are not those
+                of the joints.
         """
         try:
             import can
@@ -136,7 +134,7 @@ class MoteusArm(Arm):
         self._places = {motor.id: k for k, motor in enumerate(self.motors)}
         self._nodes = [moteus.Controller(motor.id) for motor in self.motors]
         self._queries = [self._message(node.make_query()) for node in self._nodes]
-        self._raw, self._missed = np.zeros((3, len(names))), np.zeros(len(names), dtype=int)
+        self._raw, self._missed = np.zeros((3, len(names))), np.full(len(names), _MISSED)
         self._stopped = ""
         try:
             self._bus = can.Bus(interface=interface, channel=channel, fd=True)
@@ -147,15 +145,6 @@ class MoteusArm(Arm):
                 hint="Is the interface up? `ip link set can0 up type can bitrate 1000000 dbitrate "
                 "5000000 fd on`",
             ) from error
-        heard = self._ask(max(timeout, 0.5))
-        if heard < set(self._places):
-            self.close()
-            quiet = [motor.joint for motor in self.motors if motor.id not in heard]
-            raise InputError(
-                f"no answer from the motors of {quiet}.",
-                where=f"{interface}:{channel}",
-                hint="Are they powered, and are their ids those of the table?",
-            )
 
     def _message(self, command: Any) -> Any:
         """Return the message of a command: its reply bit, source and destination are in the id."""
@@ -229,7 +218,8 @@ class MoteusArm(Arm):
             raise ArmError(
                 f"the motor of {lost} has not answered for {_MISSED} cycles.",
                 where=self.facts.name,
-                hint="Is its cable in? Raise `timeout` if the bus is slow.",
+                hint="Is it powered, and its id that of the table? Raise `timeout` if the bus is "
+                "slow.",
             )
         position, velocity, torque = self._raw
         return Measurement(

@@ -21,10 +21,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from copy import copy
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -36,7 +36,7 @@ from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
-from ..records import Measurement
+from ..records import Desired, Measurement
 from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
@@ -51,10 +51,12 @@ _STILL = 0.02  # [rad/s or m/s] of joints that rest, once for a time constant of
 _RINGING = 2.0  # [s] of the end of a run that are searched for ringing
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
 _FREE = 0.5  # [1/s] damping of a free drive
+_SLOWNESS = 5.0  # of a slow motion: half is too fast to step in, twice takes patience
+_ALL_PAGES = 3  # MCL_CURRENT | MCL_FUTURE of mlockall
 _PATIENCE = 2.0  # [s] for the first frame of a camera
 
 
-class Stage(Enum):
+class Stage(str, Enum):
     """What the loop does, in the order in which an arm should be brought into operation."""
 
     LOG = "log"  # torques are computed and logged; nothing is sent
@@ -88,54 +90,34 @@ class Scheduling:
     def applied(self) -> Iterator[list[str]]:
         """Apply it, yield notes on what is not allowed, and take it back."""
         notes: list[str] = []
-        before: list[Callable[[], object]] = []
-        wanted = {
-            _prioritised: (
-                self.priority,
-                "no real-time priority: other programs will make cycles late; add '@realtime - "
-                "rtprio 99' to /etc/security/limits.conf and yourself to the group",
-            ),
-            _pinned: (self.core, "not pinned to its core"),
-            _locked: (
-                self.lock or None,
-                "memory is not locked: paging may make cycles late; raise "
-                "'memlock' in /etc/security/limits.conf",
-            ),
-        }
-        for request, (value, denied) in wanted.items():
-            try:
-                if value is not None:
-                    before.append(request(value))
-            except (OSError, AttributeError, ValueError) as error:
-                notes.append(f"{denied} ({error})")
+        back: list[Callable[[], object]] = []
+        try:
+            if self.core is not None:
+                back.append(partial(os.sched_setaffinity, 0, os.sched_getaffinity(0)))
+                os.sched_setaffinity(0, {self.core})
+            if self.priority is not None:
+                former = os.sched_getscheduler(0), os.sched_getparam(0)
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
+                back.append(partial(os.sched_setscheduler, 0, *former))
+        except (OSError, AttributeError) as error:
+            notes.append(
+                f"no core of its own or real-time priority ({error}): other programs will make "
+                "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "
+                "yourself to the group"
+            )
+        if self.lock:
+            system = ctypes.CDLL(None)
+            if system.mlockall(_ALL_PAGES):
+                notes.append(
+                    "memory is not locked: paging may make cycles late; raise 'memlock' in "
+                    "/etc/security/limits.conf"
+                )
+            back.append(system.munlockall)
         try:
             yield notes
         finally:
-            for back in reversed(before):
-                with suppress(OSError):
-                    back()
-
-
-def _prioritised(priority: int) -> Callable[[], object]:
-    """Take a real-time priority; return what takes it back."""
-    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    return lambda: os.sched_setscheduler(0, policy, parameters)
-
-
-def _pinned(core: int) -> Callable[[], object]:
-    """Stay on a core; return what takes it back."""
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {core})
-    return lambda: os.sched_setaffinity(0, cores)
-
-
-def _locked(_: int) -> Callable[[], object]:
-    """Keep the memory of this process from being paged out; return what takes it back."""
-    library = ctypes.CDLL(None, use_errno=True)
-    if library.mlockall(3):  # current and future
-        raise OSError(os.strerror(ctypes.get_errno()))
-    return library.munlockall
+            for undo in back:
+                undo()
 
 
 class Histogram:
@@ -163,8 +145,9 @@ class Histogram:
     def row(self) -> list[str]:
         """Return median, 99 %, 99.9 % and worst in microseconds."""
         below = np.cumsum(self._counts) / max(self.count, 1)
-        shares = np.searchsorted(below, (0.5, 0.99, 0.999))
-        return [f"{each:.0f}" for each in (*shares, 1e6 * self.worst)]
+        return [f"{each:.0f}" for each in np.searchsorted(below, (0.5, 0.99, 0.999))] + [
+            f"{1e6 * self.worst:.0f}"
+        ]
 
 
 @dataclass
@@ -178,7 +161,6 @@ class RunResult:
         late: how many took more than one and a half periods, by either clock.
         step: time from a measurement to its torque [s].
         period: time between measurements by this computer's clock [s].
-        received: least share of its last torques that the arm has received; NaN: not reported.
         notes: what the system did not allow, and what else was noticed.
         state: the last state of the controller; None if it never began.
         failed: whether anything but a command or the end of the time ended it.
@@ -190,23 +172,18 @@ class RunResult:
     late: int = 0
     step: Histogram = field(default_factory=Histogram)
     period: Histogram = field(default_factory=Histogram)
-    received: float = math.nan
     notes: list[str] = field(default_factory=list)
     state: ControllerState | None = None
     failed: bool = False
 
     def __str__(self) -> str:
         """Return the histogram, the phases and the notes."""
-        times = Table(
-            [("step", *self.step.row()), ("period", *self.period.row())],
-            ("[us]", "median", "99 %", "99.9 %", "worst"),
-        )
+        times = [("step", *self.step.row()), ("period", *self.period.row())]
         rows = [("cycles", str(self.cycles)), ("late", f"{self.late} by over half a period")]
-        if self.received == self.received:
-            rows.append(("received", f"at least {self.received:.0%} of the last torques"))
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
         rows += [("note", note) for note in self.notes]
-        return str(Sheet(f"loop, {self.reason}", [times, Table(rows)]))
+        histogram = Table(times, ("[us]", "median", "99 %", "99.9 %", "worst"))
+        return str(Sheet(f"loop, {self.reason}", [histogram, Table(rows)]))
 
 
 class _Ramp(TimeLaw):
@@ -254,7 +231,6 @@ class RealtimeLoop:
         safety: Safety | None = None,
         recorder: Recorder | None = None,
         start: Mapping[str, Any] | None = None,
-        slowness: float = 5.0,
         scheduling: Scheduling | None = None,
         say: Callable[[str], None] | None = None,
     ) -> None:
@@ -270,17 +246,15 @@ class RealtimeLoop:
             start: initial estimates ``a_k`` and ``a_d``, ``information`` and ``information_k``, as
                 of ``simulate``. Where the axes of x are unknown, and ``a_k`` is not given, the arm
                 first holds its joints and moves by millimetres, see ``SlowStart``.
-            slowness: by which a slow motion is slower.
             scheduling: what is asked of the system; None for the defaults.
             say: gets each message; None prints it to standard error.
 
         Raises:
             InputError: they do not fit.
         """
-        self._arm, self._controller = instance(arm, Arm, "arm"), controller
-        instance(controller, Controller, "controller")
-        names = [each.value for each in Stage]
-        self.stage = stage if isinstance(stage, Stage) else Stage(word(stage, names, "stage"))
+        self._arm = instance(arm, Arm, "arm")
+        self._controller = instance(controller, Controller, "controller")
+        self.stage = Stage(word(stage, [each.value for each in Stage], "stage"))
         self._facts, self._period = arm.facts, arm.facts.period
         _check_fit(arm, controller)
         kinematics = controller.kinematics
@@ -296,24 +270,23 @@ class RealtimeLoop:
         self._motion = None if motion is None else as_trajectory(motion, kinematics.task)
         self.safety = Safety() if safety is None else safety
         self._checks = Checklist(self.safety, controller, arm.facts)
-        self._recorder, self._slowness = recorder, positive(slowness, "slowness")
+        self._recorder = recorder
         self._scheduling = Scheduling() if scheduling is None else scheduling
-        self._say = say if say is not None else _print
+        self._say = say or partial(print, "pinadapt:", file=sys.stderr, flush=True)
         n, task = kinematics.nv, kinematics.task
-        self._shapes = {"t": (), "q": (kinematics.nq,)} | dict.fromkeys(
-            ("v", "a", "tau", "w"), (n,)
-        )
+        self._shapes = {"t": (), "q": (kinematics.nq,)}
+        self._shapes |= dict.fromkeys(("v", "a", "tau", "w"), (n,))
         if kinematics.positions:  # a joint task ignores x
             self._shapes |= {"x": (task.coordinates,), "x_time": (), "xd": (task.size,)}
         self._flaw = ""  # of the latest measurement
         self._sent = np.zeros(n)  # torque by the loop, and that of the motors
         self._given: np.ndarray | None = None
         self._state: ControllerState | None = None
-        self._path: Trajectory | None = None
+        self._path: Trajectory = Hold()
         self._begin = self._t = 0.0
         self._phase, self._since, self._quiet = Phase.STARTING, 0.0, 0.0
         self._halted = False  # by a command, which another one takes back
-        self._adapting, self._resting, self._calm = self.stage is Stage.ADAPT, False, 0.0
+        self._adapting, self._calm = self.stage is Stage.ADAPT, math.inf
         self._frame: tuple[np.ndarray, float] | None = None  # of another process
         self._signals = 0
         self._last: deque[np.ndarray] = deque(maxlen=round(_RINGING / self._period))
@@ -333,12 +306,11 @@ class RealtimeLoop:
                 loop drives it.
         """
         collecting, result = gc.isenabled(), self.result
-        scheduled = self._scheduling.applied()
         with (
             self._alone(),
             self._signals_caught(),
             threadpool_limits(1, "blas"),
-            scheduled as notes,
+            self._scheduling.applied() as notes,
         ):
             for note in notes:
                 self._note(note)
@@ -383,19 +355,16 @@ class RealtimeLoop:
         """Return the first measurement, with all code run and all memory touched before."""
         arm, controller = self._arm, self._controller
         start = {
-            name: np.asarray(part).tolist()
-            for name, part in self._start.items()
-            if part is not None
+            k: np.asarray(part).tolist() for k, part in self._start.items() if part is not None
         }
         self._event(begun={"stage": self.stage.value, "start": start, "period": self._period})
         first = m = self._first_frame()
         state = controller.init(m, **self._start)
-        motion: Trajectory = Hold(controller.kinematics.task.measured(m.x, m.q))
+        self._path = Hold(controller.kinematics.task.measured(m.x, m.q))
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
-            motion = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
+            self._path = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
             if self.stage is Stage.SLOW:
-                motion = Retimed(motion, SlowedTime(self._slowness))
-        self._path = motion
+                self._path = Retimed(self._path, SlowedTime(_SLOWNESS))
         self._warm_up(state, m)
         if state.start is not None:  # what follows it as well
             self._warm_up(controller.init(m, **{**self._start, "a_k": state.a_k}), m)
@@ -417,29 +386,31 @@ class RealtimeLoop:
         return m
 
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
-        """Run all code of a cycle from a state, by a loop that sends, records and says nothing.
+        """Run all code of a cycle from a state, beside the path, and forget what came of it.
 
         Raises:
             ArmError: the controller refuses the measurement.
         """
-        assert self._path is not None
-        aside = np.full(self._controller.kinematics.task.size, _ASIDE)
-        findings: list[SafetyFinding | None] = []
-        loop = copy(self)
-        loop._respond = findings.append  # type: ignore[method-assign, assignment]
-        loop._recorder = None
-        loop._tick, loop._last, loop._path = {}, deque(maxlen=1), self._path.shifted(aside)
-        loop._checks = Checklist(self.safety, self._controller, self._facts)
-        loop._state, loop._say, loop.result = state, lambda words: None, RunResult()
-        for k in range(_WARM_UPS):  # damping last, as after it no controller goes on
-            loop._phase = Phase.RUNNING if k < _WARM_UPS - 1 else Phase.DAMPING
-            loop._resting = False
-            loop._cycle(m._replace(t=m.t + k * self._period), self._period, 0.0)
+        controller, period = self._controller, self._period
+        checks = Checklist(self.safety, controller, self._facts)
+        aside = self._path.shifted(np.full(controller.kinematics.task.size, _ASIDE))
+        torque = np.zeros(controller.kinematics.nv)
+        for k in range(_WARM_UPS):
+            m = m._replace(t=m.t + period)
+            try:
+                desired = controller.desired(state, aside, k * period)
+                asked, state = controller.step(state.adapt(True), m, desired, period)
+            except PinadaptError as error:
+                words = " ".join(str(error).split())
+                raise ArmError(f"cannot start: {words}", where=self._facts.name) from error
+            checks.of_arm(m, period)
+            self._check_motion(checks, state, desired, m, asked, period)
+            torque = checks.limited(asked, torque, period)
+            given = self._of_motors(torque, m)
+            state = state.gave(given)
             if m.tau is not None:  # the brakes hold the arm: it is not what is asked for
-                m = m._replace(tau=loop._given)
-        for finding in findings:
-            if finding is not None and finding.check == "controller":
-                raise ArmError(f"cannot start: {finding.words}", where=self._facts.name)
+                m = m._replace(tau=given)
+        controller.safe(state, m)
 
     def _first_frame(self) -> Measurement:
         """Return the first measurement with a frame of the camera, if the task needs one.
@@ -514,16 +485,15 @@ class RealtimeLoop:
             dt, host = m.t - earlier, arrived - before
             result.period.add(host)
             host = 0.0 if self._facts.clock == "simulated" else host
-            result.received = float(np.fmin(arm.received, result.received))
             result.late += max(dt, host) > 1.5 * period
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
         recorder, state = self._recorder, self._state
         assert state is not None
-        self._tick |= {"given": self._given, "received": self._arm.received, "asked": None}
+        self._tick |= {"given": self._given, "asked": None}
         self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
-        finding = self._checks.of_arm(m, dt, host, self._arm.received)
+        finding = self._checks.of_arm(m, dt, host)
         if self._flaw:
             finding = SafetyFinding("driver", self._flaw, SafetyAction.DAMP)
         if finding is None and recorder is not None and recorder.trouble and not self._leaving:
@@ -556,11 +526,11 @@ class RealtimeLoop:
     def _controlled(self, m: Measurement, dt: float) -> np.ndarray | None:
         """Return the torque of the controller; a refusal leads to damping."""
         state, controller, given = self._state, self._controller, self._given
-        assert state is not None and self._path is not None
+        assert state is not None
         if self.stage is Stage.LOG:  # the torque is not that of the controller
             given, m = m.tau, m._replace(tau=None)
             self._tick |= {"given": given, "tau": None}
-        adapting = self._adapting and not self._resting and self._phase is Phase.RUNNING
+        adapting = self._adapting and self._calm > _CALM and self._phase is Phase.RUNNING
         state = state.adapt(adapting).gave(given)
         try:
             desired = controller.desired(state, self._path, m.t - self._begin)
@@ -573,22 +543,34 @@ class RealtimeLoop:
         self._last.append(torque)
         self._state = after
         self._tick |= {"asked": torque, "adapting": adapting, **desired._asdict()}
-        sensed, task = after.sensed, controller.kinematics.task
-        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
-        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
-        age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
-        pushed = None if self.stage is Stage.LOG else controller.disturbance(after)
-        finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
-        resting = finding is not None and finding.action is SafetyAction.REST
-        self._calm = 0.0 if resting else self._calm + self._period
-        if resting and not self._resting:
-            self._note(f"the adaptation rests: {finding}")
-        if resting or self._calm > _CALM:
-            self._resting = resting
+        finding = self._check_motion(self._checks, after, desired, m, torque, dt)
         self._tick["residual"] = self._checks.residual
+        if finding is not None and finding.action is SafetyAction.REST:
+            if self._calm > _CALM:
+                self._note(f"the adaptation rests: {finding}")
+            self._calm = 0.0
+        else:
+            self._calm += self._period
         if self.stage is not Stage.LOG:
             self._respond(finding)
         return torque
+
+    def _check_motion(
+        self,
+        checks: Checklist,
+        state: ControllerState,
+        desired: Desired,
+        m: Measurement,
+        torque: np.ndarray,
+        dt: float,
+    ) -> SafetyFinding | None:
+        """Return the first finding about the motion after a step."""
+        sensed, task = state.sensed, self._controller.kinematics.task
+        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
+        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
+        age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
+        pushed = None if self.stage is Stage.LOG else self._controller.disturbance(state)
+        return checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
 
     def _of_motors(self, torque: np.ndarray, m: Measurement) -> np.ndarray:
         """Return the torque (n) of the motors, with what the arm adds by itself."""
@@ -627,41 +609,37 @@ class RealtimeLoop:
 
     def _respond(self, finding: SafetyFinding | None) -> None:
         """Enter the phase of a finding's action, unless a later one has been entered already."""
-        if finding is None or finding.action is SafetyAction.REST:
+        if finding is None:
             return
-        phase = Phase[
-            {"HOLD": "HOLDING", "DAMP": "DAMPING", "STOP": "STOPPED"}[finding.action.name]
-        ]
+        phase = Phase(int(finding.action))  # of the same number
         if phase > self._phase or (phase is Phase.HOLDING and self._halted):
             self._enter(phase, str(finding), failed=finding.check not in ("interrupt", "stop"))
 
-    def _enter(self, phase: Phase, why: str, *, failed: bool = False) -> None:
-        """Enter a phase and say why."""
+    def _enter(
+        self, phase: Phase, why: str, *, failed: bool = False, commanded: bool = False
+    ) -> None:
+        """Enter a phase and say why; one that is commanded does not end the run."""
         if phase is not Phase.RUNNING and self.stage is Stage.LOG:
             phase = Phase.STOPPED
         if phase is Phase.HOLDING and self.stage is Stage.GRAVITY:
             phase = Phase.DAMPING
         result, name = self.result, phase.name.lower()
-        if phase is not Phase.RUNNING and (self._phase <= Phase.RUNNING or not result.reason):
-            result.reason = why
+        if not (phase is Phase.RUNNING or commanded):
+            result.reason = result.reason or why
         result.failed = result.failed or failed
         result.phases.append((self._t - self._begin, name, why))
         self._say(f"{name}: {why}")
         self._event(phase=name, why=why)
         if phase is Phase.HOLDING and not self._halted:
-            self._halt()
-        self._phase, self._since, self._quiet, self._halted = phase, 0.0, 0.0, False
+            self._path = Retimed(self._path, _Ramp(self._now, self._now, rising=False))
+        self._phase, self._since, self._quiet = phase, 0.0, 0.0
+        self._halted = commanded and phase is Phase.HOLDING
 
     @property
     def _now(self) -> float:
         """The time of the path, less what the governor has it wait [s]."""
         path = None if self._state is None else self._state.path
         return self._t - self._begin - (0.0 if path is None else path.lag)
-
-    def _halt(self) -> None:
-        """Let the time of the path come to rest."""
-        assert self._path is not None
-        self._path = Retimed(self._path, _Ramp(self._now, self._now, rising=False))
 
     def _note(self, words: str) -> None:
         self.result.notes.append(words)
@@ -727,32 +705,21 @@ class RealtimeLoop:
             self._event(load=value)
             self._say(f"load announced: {value}")
         elif name == "hold" and moving:
-            self._halt()
-            self._pass(Phase.HOLDING, "commanded")
+            self._enter(Phase.HOLDING, "commanded", commanded=True)
         elif name == "go" and self._halted and isinstance(self._path, Retimed):
             place = self._path.law.at(self._now)[0]
             self._path = Retimed(self._path.motion, _Ramp(self._now, place, rising=True))
-            self._pass(Phase.RUNNING, "commanded")
+            self._enter(Phase.RUNNING, "commanded", commanded=True)
         elif name == "reference" and self._halted:
             self._begin = self._t
             self._path = Retimed(value, _Ramp(self._now, 0.0, rising=True))
-            self._pass(Phase.RUNNING, f"new reference, {value!r}")
+            self._enter(Phase.RUNNING, f"new reference, {value!r}", commanded=True)
         else:
             held = ", or before `hold`" if name == "reference" else ""
             raise InputError(
                 f"not while {self._phase.name.lower()} at stage '{self.stage.value}'{held}.",
                 where=name,
             )
-
-    def _pass(self, phase: Phase, why: str) -> None:
-        """Take a commanded turn between running and holding, which does not end in damping."""
-        self._phase, self._halted = phase, phase is Phase.HOLDING
-        self.result.phases.append((self._t - self._begin, phase.name.lower(), why))
-        self._note(f"{phase.name.lower()}: {why}")
-
-
-def _print(words: str) -> None:
-    print(f"pinadapt: {words}", file=sys.stderr, flush=True)
 
 
 def _check_fit(arm: Arm, controller: Controller) -> None:

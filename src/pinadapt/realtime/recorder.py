@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import pickle
 import select
 import signal
 import socket
@@ -22,7 +21,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,8 @@ from .._output import read_as_data
 from .._version import __version__
 from ..exceptions import InputError, LogError, PinadaptError
 from ..records import Desired, Measurement
-from .arm import MAIN
+from ..robot.changes import Payload
+from .arm import _STARTING, MAIN
 
 if TYPE_CHECKING:
     from ..controller.controller import Controller
@@ -44,6 +46,8 @@ COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference"
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
 
+_MAGIC = b"\x89MCAP0\r\n"  # that an MCAP file begins and ends with
+
 _LINE = "=" * 80  # between parts of a definition
 _HEADER = f"""{_LINE}
 MSG: std_msgs/Header
@@ -54,58 +58,34 @@ MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
-_POINT = f"{_LINE}\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
-_POSE = f"""{_LINE}
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-{_LINE}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-"""
 _DEFINITIONS = {
     "sensor_msgs/msg/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
     f"float64[] velocity\nfloat64[] effort\n{_HEADER}",
-    "geometry_msgs/msg/PointStamped": "std_msgs/Header header\ngeometry_msgs/Point point\n"
-    f"{_HEADER}{_POINT}",
-    "geometry_msgs/msg/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose\n"
-    f"{_HEADER}{_POINT}{_POSE}",
     "std_msgs/msg/String": "string data\n",
 }
+Translator = Callable[[Any, Measurement], Any]
 
 
 def tick_of(controller: Controller) -> np.dtype[Any]:
     """Return the record of a cycle: its numbers by name, NaN for a signal that was not measured."""
-    kinematics, dynamics = controller.kinematics, controller.dynamics
-    nq, n, task = kinematics.nq, kinematics.nv, kinematics.task
-    x, m = task.coordinates, task.size
-    sizes = {
-        **{"q": nq, "v": n, "x": x, "xd": m, "a": n, "tau": n, "w": n},
-        **{"x_d": x, "xd_d": m, "xdd_d": m, "asked": n, "sent": n, "given": n, "residual": n},
-    }
-    one = ["t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time"]
-    sizes |= {"a_k": kinematics.size, "a_d": dynamics.size}
-    fields = [(name, float, (size,)) for name, size in sizes.items() if size]
-    return np.dtype([(name, float) for name in one] + fields)
+    kinematics = controller.kinematics
+    n, x, m = kinematics.nv, kinematics.task.coordinates, kinematics.task.size
+    sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
+    sizes |= {"q": kinematics.nq, "x": x, "x_d": x, "xd": m, "xd_d": m, "xdd_d": m}
+    sizes |= {"a_k": kinematics.size, "a_d": controller.dynamics.size}
+    one = ("t", "host", "dt", "phase", "adapting", "step_us", "x_time")
+    return np.dtype(
+        [(name, float) for name in one] + [(name, float, (size,)) for name, size in sizes.items()]
+    )
 
 
 def _definition(tick: np.dtype[Any]) -> str:
     """Return a record's definition as a message."""
-    shapes = ((name, tick[name].shape) for name in tick.names or ())
-    return "".join(f"float64{f'[{shape[0]}]' if shape else ''} {name}\n" for name, shape in shapes)
-
-
-def _tick(definition: str) -> np.dtype[Any]:
-    """Return the record that a definition of a message states."""
-    parts = [line.removeprefix("float64").split() for line in definition.splitlines()]
-    return np.dtype(
-        [
-            (part[-1], float, (int(part[0].strip("[]")),)) if len(part) > 1 else (part[0], float)
-            for part in parts
-        ]
+    lines = {name: tick[name].shape for name in tick.names or ()}
+    return "".join(
+        f"float64{f'[{shape[0]}]' if shape else ''} {name}\n"
+        for name, shape in lines.items()
+        if shape != (0,)
     )
 
 
@@ -119,9 +99,6 @@ def cdr(*values: str | int | np.ndarray) -> bytes:
         raw = value.encode() + b"\0" if isinstance(value, str) else b""
         body += bytes(-len(body) % 4) + struct.pack("<I", len(raw) if raw else value) + raw
     return b"\x00\x01\x00\x00" + bytes(body)
-
-
-Translator = Callable[[Any, Measurement], Any]
 
 
 class Recorder:
@@ -141,7 +118,6 @@ class Recorder:
         about: Mapping[str, str] | None = None,
         port: int | None = None,
         translate: Mapping[str, Translator] | None = None,
-        rows: int = _ROWS,
     ) -> None:
         """Start the process.
 
@@ -152,47 +128,42 @@ class Recorder:
             port: for commands and state, on the loopback only; 0 takes any free one, None: none.
             translate: functions of a command's value and the latest measurement that return what
                 the loop gets, run in the other process; for "reference".
-            rows: of the ring.
 
         Raises:
             InputError: the file cannot be written, or the port is in use.
         """
-        tick, robot = tick_of(controller), controller.kinematics.robot
+        tick, kinematics = tick_of(controller), controller.kinematics
         self.path, self.trouble = None if path is None else Path(path), ""
-        if self.path is not None:
-            try:
+        server = None if port is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            if server is not None:
+                server.bind(("127.0.0.1", port))
+            if self.path is not None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self.path.write_bytes(b"")
-            except OSError as error:
-                raise InputError(
-                    f"cannot be written: {error.strerror or error}.",
-                    where=str(path),
-                    hint="Choose another file by --log.",
-                ) from error
-        server = None if port is None else _server(port)
-        self.port: int | None = None if server is None else server.getsockname()[1]
-        context = get_context("spawn")
-        try:
-            shared = context.RawArray("b", rows * tick.itemsize), context.RawArray("Q", 2)
         except OSError as error:
             raise InputError(
-                f"no memory can be shared: {error.strerror or error}.",
+                f"log or port {port} cannot be used: {error.strerror or error}.",
                 where=str(path),
-                hint="Make room in /dev/shm, or in the folder of temporary files.",
+                hint="Choose another file by --log, and another port, or 0 for any.",
             ) from error
+        self.port: int | None = None if server is None else server.getsockname()[1]
+        context = get_context("spawn")
+        shared = context.RawArray("b", _ROWS * tick.itemsize), context.RawArray("Q", 2)
         self._ring, self._counts = _views(shared, tick)
         self._count = 0
         about = {
             "version": __version__,
-            "robot": robot.name,
-            "joints": json.dumps(robot.joint_names),
-            "law": str(getattr(controller.law, "name", "")),
+            "robot": kinematics.robot.name,
+            "joints": json.dumps(kinematics.joint_names),
+            "law": controller.law.name,
             "period": repr(controller.period),
-            "kinematic_names": json.dumps(list(controller.kinematics.names)),
+            "record": json.dumps({name: tick[name].shape for name in tick.names or ()}),
+            "kinematic_names": json.dumps(list(kinematics.names)),
             "dynamic_names": json.dumps(list(controller.dynamics.names)),
             **(about or {}),
         }
-        self._link, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._link, there = context.Pipe()
         arguments = shared, tick, about, self.path, there, server, dict(translate or {})
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
@@ -200,19 +171,13 @@ class Recorder:
         there.close()
         if server is not None:
             server.close()
-        self._link.settimeout(60.0)
         try:
-            ready = self._link.recv(1 << 12)
-        except OSError:
-            ready = b""
-        if ready != b"ready":
+            ready = self._link.poll(_STARTING) and self._link.recv()
+        except (OSError, EOFError):
+            ready = False
+        if not ready:
             self.close()
-            raise InputError(
-                f"the process of the log has not started: {ready.decode() or 'no answer'}.",
-                where=str(path),
-                hint=MAIN,
-            )
-        self._link.setblocking(False)
+            raise InputError("the process of the log has not started.", where=str(path), hint=MAIN)
 
     def record(self, cycle: Mapping[str, Any]) -> None:
         """Hand on the record of a cycle; a full ring drops it, and says so.
@@ -233,34 +198,29 @@ class Recorder:
     def event(self, **what: Any) -> None:
         """Log something that happens, as JSON, with the number of the coming cycle."""
         with suppress(OSError):
-            self._link.send(json.dumps({"cycle": self._count, **what}).encode())
+            self._link.send({"cycle": self._count, **what})
 
     def commands(self) -> list[tuple[str, Any]]:
         """Return the commands that have come; ``trouble`` may have changed."""
         found: list[tuple[str, Any]] = []
-        while True:
-            try:
-                said = self._link.recv(1 << 20)
-            except BlockingIOError:
-                return found
-            except OSError:
-                said = b""
-            name, value = pickle.loads(said) if said else ("trouble", "the process has died")
-            if name != "trouble":
-                found.append((name, value))
-                continue
-            self.trouble = value
-            if not said:
-                return found
+        try:
+            while select.select([self._link], [], [], 0.0)[0]:
+                name, value = self._link.recv()
+                if name == "trouble":
+                    self.trouble = value
+                else:
+                    found.append((name, value))
+        except (OSError, EOFError):
+            self.trouble = "the process has died"
+        return found
 
     def close(self) -> None:
         """Have the rest written and end the process."""
         with suppress(OSError):
-            self._link.send(b"end")
+            self._link.send(None)
         self._process.join(10.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join(1.0)
+        self._process.kill()
+        self._process.join(1.0)
         self._link.close()
 
     def __enter__(self) -> Recorder:
@@ -277,20 +237,6 @@ def _views(shared: tuple[Any, Any], tick: np.dtype[Any]) -> tuple[np.ndarray, np
     return np.frombuffer(shared[0], dtype=tick), np.frombuffer(shared[1], dtype=np.uint64)
 
 
-def _server(port: int) -> socket.socket:
-    server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        server.bind(("127.0.0.1", port))
-    except OSError as error:
-        server.close()
-        raise InputError(
-            f"port {port} cannot be used: {error.strerror or error}.",
-            where="port",
-            hint="Another loop may be running; take another port, or 0 for any.",
-        ) from error
-    return server
-
-
 class _LogProcess:
     """What the process beside the loop does."""
 
@@ -300,16 +246,16 @@ class _LogProcess:
         tick: np.dtype[Any],
         about: dict[str, str],
         path: Path | None,
-        link: socket.socket,
+        link: Connection,
         server: socket.socket | None,
         translate: dict[str, Translator],
     ) -> None:
         self._ring, self._counts = _views(shared, tick)
         self._about, self._link, self._server = about, link, server
         self._translate, self._read = translate, 0
-        self._row = self._ring[0]
+        self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
-        self._start, self._zero = time.time_ns(), math.nan
+        self._start, self._zero = time.time_ns(), 0.0
         self._messages: list[str] = []
         self._writer: Any = None
         if path is not None:
@@ -319,38 +265,35 @@ class _LogProcess:
         from mcap.writer import CompressionType, Writer
 
         self._file = path.open("wb")
-        pose = "PoseStamped" if self._row["x"].size == 7 else "PointStamped"
         size = self._ring.itemsize * _CHUNK / period
         self._writer = Writer(self._file, max(int(size), 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
-        self._writer.add_metadata("pinadapt", self._about)
         self._channels = {}
         for topic, kind in {
             "/pinadapt/cycle": "pinadapt_msgs/msg/Cycle",
             "/joint_states": "sensor_msgs/msg/JointState",
-            "/task_frame": f"geometry_msgs/msg/{pose}",
             "/pinadapt/events": "std_msgs/msg/String",
         }.items():
             text = _DEFINITIONS.get(kind) or _definition(self._ring.dtype)
             schema = self._writer.register_schema(kind, "ros2msg", text.encode())
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+            channel = self._writer.register_channel(topic, "cdr", schema, self._about)
+            self._channels[topic] = channel
 
     def run(self) -> None:
         """Write and answer until the loop closes or dies."""
-        waited = [self._link] + ([] if self._server is None else [self._server])
-        said = b""
-        while said != b"end":
+        waited: list[Any] = [self._link, *([] if self._server is None else [self._server])]
+        said: dict[str, Any] | None = {}
+        while said is not None:
             ready = select.select(waited, [], [], 0.02)[0]
             try:
-                said = self._link.recv(1 << 16) if self._link in ready else b"{}"
-            except OSError:
-                said = b""
-            self._drain()
-            if not said:
+                said = self._link.recv() if self._link in ready else {}
+            except (OSError, EOFError):
+                said = None
+                self._drain()
                 self._note({"lost": "the process of the loop has died", "cycle": self._read})
-                break
-            if self._link in ready and said != b"end":
-                self._note(json.loads(said))
+            self._drain()
+            if said:
+                self._note(said)
             if self._server in ready:
                 self._answer()
         if self._writer is not None:
@@ -368,41 +311,37 @@ class _LogProcess:
 
     def _send(self, name: str, value: Any) -> None:
         with suppress(OSError):
-            self._link.send(pickle.dumps((name, value)))
+            self._link.send((name, value))
 
-    def _add(self, topic: str, stamp: int, data: bytes) -> None:
+    def _add(self, topic: str, data: bytes) -> None:
         if self._writer is not None:
-            channel = self._channels[topic]
-            self._guarded(self._writer.add_message, channel, stamp, data, stamp)
+            stamp = self._stamp()
+            self._guarded(self._writer.add_message, self._channels[topic], stamp, data, stamp)
 
     def _stamp(self) -> int:
         """Return the time of the latest record, by the arm's clock [ns since 1970]."""
-        if not self._read:
-            return self._start
-        t = float(self._row["t"])
-        self._zero = t if math.isnan(self._zero) else self._zero
-        return self._start + round(1e9 * (t - self._zero))
+        return self._start + round(1e9 * (float(self._row["t"]) - self._zero))
 
     def _drain(self) -> None:
         """Take the records that have come."""
         while self._read < int(self._counts[0]):
             self._row = row = self._ring[self._read % len(self._ring)].copy()
+            if not self._read:
+                self._zero = float(row["t"])
             self._read += 1
             self._counts[1] = self._read
-            stamp = self._stamp()
-            header, n = (stamp // 10**9, stamp % 10**9), len(self._joints)
-            self._add("/pinadapt/cycle", stamp, cdr(np.frombuffer(row.tobytes())))
-            if row["q"].size == n:
+            self._add("/pinadapt/cycle", cdr(np.frombuffer(row.tobytes())))
+            if row["q"].size == len(self._joints):
                 tau = row["given"] if np.isnan(row["tau"]).any() else row["tau"]
-                parts = [part for values in (row["q"], row["v"], tau) for part in (n, values)]
-                self._add("/joint_states", stamp, cdr(*header, "", n, *self._joints, *parts))
-            if row["x"].size in (3, 7) and np.isfinite(row["x"]).all():
-                self._add("/task_frame", stamp, cdr(*header, "base", row["x"]))
+                n, parts = len(self._joints), (row["q"], row["v"], tau)
+                listed = [part for values in parts for part in (n, values)]
+                header = divmod(self._stamp(), 10**9)
+                self._add("/joint_states", cdr(*header, "", n, *self._joints, *listed))
 
     def _note(self, what: dict[str, Any]) -> None:
         text = json.dumps(what)
         self._messages = [*self._messages[-19:], text]
-        self._add("/pinadapt/events", self._stamp(), cdr(text))
+        self._add("/pinadapt/events", cdr(text))
 
     def _answer(self) -> None:
         """Answer one datagram."""
@@ -422,7 +361,7 @@ class _LogProcess:
             return {"error": f"there is no command {name!r}; expected one of {known}."}
         row = self._row
         if name == "state":
-            shown = {"a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual"}
+            numbers = ("a_k", "a_d", "q", "v", "x", "x_d", "sent", "tau", "residual")
             return {
                 "t": float(row["t"]),
                 "cycle": self._read,
@@ -431,9 +370,7 @@ class _LogProcess:
                 "step_us": float(row["step_us"]),
                 "messages": self._messages,
                 "about": self._about,
-                "a_k": [],
-                "a_d": [],
-                **{key: np.nan_to_num(row[key]).tolist() for key in shown & {*row.dtype.names}},
+                **{key: np.nan_to_num(row[key]).tolist() for key in numbers},
             }
         value = asked.get("value")
         if name in self._translate:
@@ -448,12 +385,8 @@ def _serve(*arguments: Any) -> None:
     """Serve in the process beside the loop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
     link = arguments[4]
-    try:
-        process = _LogProcess(*arguments)
-    except Exception as error:
-        link.send(f"{error}".encode()[:1000])
-        return
-    link.send(b"ready")
+    process = _LogProcess(*arguments)
+    link.send(True)
     process.run()
 
 
@@ -566,31 +499,26 @@ class CycleLog:
             LogError: it is no log of a loop, or has no cycle.
         """
         from mcap.exceptions import McapError
-        from mcap.records import Channel, Footer, Message, Metadata, Schema
-        from mcap.stream_reader import StreamReader
+        from mcap.reader import NonSeekingReader
 
         about: dict[str, str] = {}
         found: dict[str, list[bytes]] = {}
-        schemas, channels, whole = dict[int, str](), dict[int, Any](), False
-        with read_as_data(Path(path), LogError), Path(path).open("rb") as file:
+        with read_as_data(Path(path), LogError):
+            content = Path(path).read_bytes()
+            reader = NonSeekingReader(BytesIO(content))
             with suppress(McapError, struct.error):  # where its end is missing
-                for record in StreamReader(file).records:
-                    if isinstance(record, Message):
-                        topic = channels[record.channel_id].topic
-                        found.setdefault(topic, []).append(record.data[4:])
-                    elif isinstance(record, Schema):
-                        schemas[record.id] = record.data.decode()
-                    elif isinstance(record, Channel):
-                        channels[record.id] = record
-                    elif isinstance(record, Metadata):
-                        about = record.metadata
-                    whole = whole or isinstance(record, Footer)
+                for _, channel, message in reader.iter_messages(log_time_order=False):
+                    found.setdefault(channel.topic, []).append(message.data[4:])
+                    about = channel.metadata
             if "/pinadapt/cycle" not in found:
                 raise LogError("has no cycle of a loop.", where=str(path))
-            texts = {one.topic: schemas.get(one.schema_id, "") for one in channels.values()}
+            fields = [
+                (name, float, tuple(shape)) for name, shape in json.loads(about["record"]).items()
+            ]
             data = b"".join(found["/pinadapt/cycle"])
-            cycles = np.frombuffer(data, _tick(texts["/pinadapt/cycle"])).view(np.recarray)
+            cycles = np.frombuffer(data, np.dtype(fields)).view(np.recarray)
             events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
+        whole = content.endswith(_MAGIC)
         return cls(about, cycles, events, whole)
 
     def __len__(self) -> int:
@@ -615,22 +543,20 @@ class CycleLog:
             LogError: the log belongs to another arm.
             PinadaptError: the controller refuses a sample.
         """
-        cycles, n = self.cycles, controller.kinematics.nv
-        if cycles.v.shape[1] != n or cycles.q.shape[1] != controller.kinematics.nq:
-            raise LogError(
-                f"has {cycles.v.shape[1]} joints; the controller is for {n}.", where="log"
-            )
+        kinematics, n = controller.kinematics, self.cycles.v.shape[1]
+        if (n, self.cycles.q.shape[1]) != (kinematics.nv, kinematics.nq):
+            raise LogError(f"has {n} joints; the controller is for {kinematics.nv}.", where="log")
         begun = next((event["begun"] for event in self.events if "begun" in event), None)
         if begun is None:
             raise LogError("does not contain the start of the loop.", where="log")
         start: dict[str, Any] = {name: np.array(part) for name, part in begun["start"].items()}
         announced = {int(event["cycle"]): event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
-        found = np.full((len(self), n), math.nan)
-        for k, row in enumerate(np.asarray(cycles)):
+        found = []
+        for k, row in enumerate(np.asarray(self.cycles)):
             if k in announced and state is not None:
                 state = controller.announce(state, payload=load_of(announced[k]))
-            if np.isnan(row["asked"]).any():
+            if not self.stepped[k]:
                 continue
             m, given = measurement_of(row), np.array(row["given"])
             desired = Desired(*(np.array(row[name]) for name in ("x_d", "xd_d", "xdd_d")))
@@ -639,56 +565,47 @@ class CycleLog:
                     state = controller.init(m, **start)
                 except PinadaptError:  # other unknowns: from its own estimates
                     state = controller.init(m)
-            state = state.adapt(bool(row["adapting"])).gave(
-                None if np.isnan(given).any() else given
-            )
-            found[k], state = controller.step(state, m, desired, float(begun["period"]))
-        return ReplayedTorques(cycles.t, found, cycles.asked)
+            state = state.adapt(bool(row["adapting"]))
+            state = state.gave(None if np.isnan(given).any() else given)
+            torque, state = controller.step(state, m, desired, float(begun["period"]))
+            found.append(torque)
+        logged = self.cycles.asked[self.stepped]
+        return ReplayedTorques(np.reshape(found, logged.shape), logged)
 
 
 @dataclass(frozen=True, eq=False)
 class ReplayedTorques:
-    """Torques of a replay beside those of the log; N cycles, n joints.
+    """Torques of a replay beside those of the log, of the N cycles that asked for one; n joints.
 
     Attributes:
-        t: (N) [s].
-        torque: (N, n) of the replay, NaN where the controller was not asked [N m or N].
+        torque: (N, n) of the replay [N m or N].
         logged: (N, n) of the log.
     """
 
-    t: np.ndarray
     torque: np.ndarray
     logged: np.ndarray
 
     @property
-    def asked(self) -> np.ndarray:
-        """(N) whether the controller was asked."""
-        return np.isfinite(self.torque).all(axis=1)
-
-    @property
     def same(self) -> bool:
-        """Whether all torques are the same to the bit."""
-        at = self.asked
-        return bool(at.any()) and self.torque[at].tobytes() == self.logged[at].tobytes()
+        """Whether all torques are the same to the bit, and there are any."""
+        return bool(self.torque.size) and self.torque.tobytes() == self.logged.tobytes()
 
     @property
     def difference(self) -> np.ndarray:
         """(n) root mean square of the differences [N m or N]."""
-        at = self.asked
-        return np.asarray(np.sqrt(np.mean((self.torque[at] - self.logged[at]) ** 2, axis=0)))
+        return np.asarray(np.sqrt(np.mean((self.torque - self.logged) ** 2, axis=0)))
 
 
-def load_of(table: Mapping[str, Any] | None) -> Any:
+def load_of(table: Mapping[str, Any] | None) -> Payload | None:
     """Return the load of a table of mass, com and inertia, or None for none.
 
     Raises:
         InputError: it is none.
     """
-    from ..robot.changes import Payload
-
     if table is None:
         return None
-    if not isinstance(table, Mapping) or "mass" not in table:
-        raise InputError('expected a table such as {"mass": 1.0}.', where="load")
-    com = table.get("com", (0.0, 0.0, 0.0))
-    return Payload(table["mass"], com, table.get("inertia", (0.0,) * 6))
+    try:
+        return Payload(**table)
+    except TypeError as error:
+        words = f'expected a table such as {{"mass": 1.0}}: {error}.'
+        raise InputError(words, where="load") from error

@@ -29,19 +29,17 @@ _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation
 _SLOW = 2.0  # [1/s] up to which a disturbance is no contact; 1: as well; 4: 30 N on a UR5 are none
 _SETTLED = 0.33  # [s] in which all of it is none; half: a load rests the adaptation; twice: as well
 _STILL = 0.01  # [rad/s or m/s] up to which a joint rests at its stop; half or twice: as well
-_RECEIVED = 0.9  # of the last commands; libfranka's communication_test calls less insufficient
 
 # Words of the checks
 _STALE = "the last {value} measurements are of the same instant"
 _GAP = "{value:.3g} periods passed between two measurements"
 _LATE = "too many cycles in a short while were late"
-_LOST = "{value:.0%} of the last torques have not reached the arm, at most {limit:.0%} may"
-_FAST = "{name} at {value:.3g} {unit}/s, limit {limit:.3g} {unit}/s"
-_STOP = "{name} cannot brake before its limit: {value:.3g} {unit} are missing"
-_CONTACT = "{value:.3g} {force} at {name} that the model does not explain, limit {limit:.3g}"
+_FAST = "{joint} at {value:.3g} rad/s or m/s, limit {limit:.3g}"
+_STOP = "{joint} cannot brake before its limit: {value:.3g} rad or m are missing"
+_CONTACT = "{value:.3g} N m or N at {joint} that the model does not explain, limit {limit:.3g}"
 _OUTSIDE = "coordinate {coordinate} of the frame is {value:.3g} m outside of its box"
 _FAR = "coordinate {coordinate} is {value:.3g} m or rad off, limit {limit:.3g}"
-_PUSHING = "{name} stays at its limit; brakes, or a heavy load?"
+_PUSHING = "{joint} stays at its limit; brakes, or a heavy load?"
 
 
 class SafetyAction(IntEnum):
@@ -142,26 +140,20 @@ class Checklist:
         Raises:
             InputError: a box for another number of coordinates.
         """
-        kinematics = controller.kinematics
-        robot, self._task = kinematics.robot, kinematics.task
+        robot, self._task = controller.kinematics.robot, controller.kinematics.task
         model, n = robot.model, robot.model.nv
-        self._safety, self._period = safety, facts.period
-        self._joints = [
-            (name, "m" if slide else "rad")
-            for name, slide in zip(robot.joint_names, robot.slides.values(), strict=True)
-        ]
-        own = np.inf if controller.limits.torque is None else controller.limits.torque
-        self.limit = np.minimum(np.minimum(facts.torque, effort_limits(model)), own)
+        self._safety, self._period, self._joints = safety, facts.period, robot.joint_names
+        self.limit = np.minimum(facts.torque, effort_limits(model))
+        if controller.limits.torque is not None:
+            self.limit = np.minimum(self.limit, controller.limits.torque)
         rate = numbers(safety.torque_rate, "safety.torque_rate", infinite=True)
         self._rate = np.minimum(np.broadcast_to(rate, n), facts.torque_rate)
         self._fast = safety.velocity * np.minimum(facts.velocity, velocity_limits(model))
         lower, upper = position_limits(model)
-        plain = model.nq == n  # no joint has cosine and sine
-        free = np.full(n, np.inf)
-        self._lower: np.ndarray = (-lower if plain else free) - safety.margin
-        self._upper: np.ndarray = (upper if plain else free) - safety.margin
-        inertia = np.diag(pin.crba(model, model.createData(), robot.q0))
-        self._braked, self._slowed = inertia / self.limit, 1.5 / safety.damping
+        if model.nq != n:  # cosines and sines
+            lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
+        self._lower, self._upper = lower + safety.margin, upper - safety.margin
+        self._braked = np.diag(pin.crba(model, model.createData(), robot.q0)) / self.limit
         k = self._task.positions
         self._box = None if safety.box is None else numbers(safety.box, "safety.box")
         if self._box is not None and self._box.shape[1] != k:
@@ -173,46 +165,42 @@ class Checklist:
         noise = controller.disturbance_noise(robot.q0, facts.period)
         least = 0.0 if noise is None else _DEVIATIONS * noise
         self._contact = np.maximum(safety.contact * self.limit, least)
-        self._rest = 0.5 * self._contact
         self.residual, self.latched = np.zeros(n), ""
         self._same, self._late, self._before = 0, 0.0, -math.inf
         self._pushing = 0.0  # [s] at a limit
         self._mean: np.ndarray = np.zeros(n)
         self._time = 0.0
 
-    def of_arm(
-        self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
-    ) -> SafetyFinding | None:
+    def of_arm(self, m: Measurement, dt: float, host: float = 0.0) -> SafetyFinding | None:
         """Return the first finding of what is checked whenever torques are sent.
 
         Args:
             m: the measurement.
             dt: since the one before, by its time [s].
             host: the same by this computer's clock [s]; 0 where the arm does not follow it.
-            received: share of the last torques that the arm has received; NaN: not known.
         """
-        safety, speed, passed = self._safety, np.abs(m.v), max(dt, host)
-        periods = passed / self._period
+        safety, speed = self._safety, np.abs(m.v)
+        periods = max(dt, host) / self._period
         self._same = self._same + 1 if m.t == self._before else 0
         self._before = m.t
         self._late = max(self._late + (1.0 if periods > 1.5 else -0.02), 0.0)
-        way = np.maximum(self._slowed * speed, self._braked * speed**2)
-        room = np.where(m.v > 0.0, self._upper, self._lower)
+        late = self._late >= safety.late
+        if late:
+            self._late = 0.0
+        way = np.maximum(1.5 / safety.damping * speed, self._braked * speed**2)
         q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)  # not cosine and sine
-        ahead = np.where(speed > _STILL, np.sign(m.v) * q + way - room, 0.0)
-        finding = self._first(
-            ("latch", SafetyAction.DAMP, bool(self.latched), False, self.latched),
+        room = np.where(m.v > 0.0, self._upper - q, q - self._lower)
+        missing = np.where(speed > _STILL, way - room, 0.0)
+        if self.latched:
+            return SafetyFinding("latch", self.latched, SafetyAction.DAMP)
+        return self._first(
             ("stale data", SafetyAction.DAMP, self._same + 1, safety.stale, _STALE),
             ("clock", SafetyAction.DAMP, -dt, 0.0, "the time jumped back by {value:.3g} s"),
             ("late", SafetyAction.DAMP, periods, 10.0, _GAP),
-            ("late", SafetyAction.HOLD, self._late >= safety.late, False, _LATE),
-            ("commands", SafetyAction.HOLD, 1.0 - received, 1.0 - _RECEIVED, _LOST),
+            ("late", SafetyAction.HOLD, late, False, _LATE),
             ("velocity", SafetyAction.DAMP, speed, self._fast, _FAST),
-            ("joint stop", SafetyAction.DAMP, ahead, 0.0, _STOP),
+            ("joint stop", SafetyAction.DAMP, missing, 0.0, _STOP),
         )
-        if self._late >= safety.late:
-            self._late = 0.0
-        return finding
 
     def of_motion(
         self,
@@ -255,7 +243,7 @@ class Checklist:
             ("error", SafetyAction.DAMP, np.abs(dx), self._far, _FAR),
             ("torque", SafetyAction.HOLD, pushing, False, _PUSHING),
             ("camera", SafetyAction.HOLD, frame_age, self._blind, "no frame for {value:.2g} s"),
-            ("contact", SafetyAction.REST, residual, self._rest, _CONTACT),
+            ("contact", SafetyAction.REST, residual, 0.5 * self._contact, _CONTACT),
         )
 
     def _first(self, *checks: tuple[str, SafetyAction, Any, Any, str]) -> SafetyFinding | None:
@@ -263,20 +251,18 @@ class Checklist:
 
         Args:
             checks: name, response, value or values, limit or limits, and words with ``value`` and
-                ``limit``, and for joints ``name`` and its ``unit`` and that of its ``force``.
+                ``limit``, the ``joint``, or the number of the ``coordinate``.
         """
         for check, action, value, limit, words in checks:
             beyond = value > limit
             if beyond if beyond.__class__ is bool else beyond.any():
-                beyond = np.atleast_1d(beyond)
-                k = int(beyond.argmax())
-                name, unit = self._joints[k] if k < len(self._joints) else ("", "")
-                found = {
-                    "value": np.ravel(value)[k],
-                    "limit": np.broadcast_to(limit, beyond.shape)[k],
-                    "force": "N" if unit == "m" else "N m",
-                }
-                text = words.format(name=name, unit=unit, coordinate=k + 1, **found)
+                k = int(np.argmax(beyond))
+                text = words.format(
+                    value=np.ravel(value)[k],
+                    limit=np.broadcast_to(limit, np.size(beyond))[k],
+                    joint=self._joints[min(k, len(self._joints) - 1)],
+                    coordinate=k + 1,
+                )
                 return SafetyFinding(check, text, action)
         return None
 

@@ -1,4 +1,4 @@
-"""How a recorded log is to be read: an ``Intake``, kept in a small TOML file beside the log.
+"""How a recorded log is to be read: ``ImportOptions``, kept in a small TOML file beside the log.
 
 It holds what a log does not contain: columns, rate, names and order of the joints, units,
 gears, signs, and how the arm was mounted. It is applied in this order:
@@ -22,12 +22,21 @@ import numpy as np
 import tomlkit
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, mapping, name_list, numbers, positive, vector, word
+from .._checks import (
+    flag,
+    instance,
+    located,
+    mapping,
+    name_list,
+    numbers,
+    positive,
+    vector,
+    word,
+)
 from .._output import read_toml
-from ..exceptions import InputError, LogError, did_you_mean
+from ..exceptions import InputError, LogError
 from ..robot.robot import Robot
-from .columns import NAMES, SIDES
-from .log import Log
+from .log import NAMES, SIGNALS, Log, joint_order
 
 SUFFIX = ".intake.toml"
 REPEATED = ("refuse", "drop")
@@ -35,7 +44,7 @@ MOUNTS = ("floor", "wall", "ceiling")
 
 
 @dataclass(frozen=True)
-class Intake:
+class ImportOptions:
     """How a log is to be read.
 
     Numbers of the joints are one for all, a list in the order of the robot's joints, or a mapping
@@ -84,72 +93,51 @@ class Intake:
         """Check everything that needs no robot.
 
         Raises:
-            LogError: values of the wrong kind, unknown words, or both gravity and mount.
+            InputError: values of the wrong kind, unknown words, or both gravity and mount.
         """
-        try:
-            self._check()
-        except InputError as error:
-            raise LogError(error.what, where=_at(error.where), hint=error.hint) from error
-
-    def _check(self) -> None:
-        for signal in mapping(self.columns, "columns"):
-            word(signal, NAMES, "columns")
-        for name in ("topic", "pose_topic"):
-            instance(getattr(self, name) or "", str, name)
-        if self.rate is not None:
-            positive(self.rate, "rate", error=InputError)
-        word(self.repeated, REPEATED, "repeated")
-        for name in ("degrees", "doubtful"):
-            flag(getattr(self, name), name)
-        name_list(self.flip, "flip")
-        for signal, names in self._joint_lists():
-            word(signal, SIDES, "joints")
-            name_list(names, "joints")
-        if self.compensated is not None:
-            word(self.compensated, ("nominal",), "compensated")
-        if self.mount is not None:
-            word(self.mount, MOUNTS, "mount")
-        if self.gravity is not None:
-            vector(self.gravity, 3, "gravity", fills=False)
-            if self.mount is not None:
-                raise InputError("gravity says already how the arm is mounted.", where="mount")
+        with located("intake", [one.name for one in fields(self)]):
+            for signal in mapping(self.columns, "columns"):
+                word(signal, NAMES, "columns")
+            for name in ("topic", "pose_topic"):
+                instance(getattr(self, name) or "", str, name)
+            if self.rate is not None:
+                positive(self.rate, "rate", error=InputError)
+            word(self.repeated, REPEATED, "repeated")
+            for name in ("degrees", "doubtful"):
+                flag(getattr(self, name), name)
+            name_list(self.flip, "flip")
+            for signal, names in self._joint_lists():
+                word(signal, SIGNALS, "joints")
+                name_list(names, "joints")
+            word(self.compensated or "nominal", ("nominal",), "compensated")
+            word(self.mount or "floor", MOUNTS, "mount")
+            if self.gravity is not None:
+                vector(self.gravity, 3, "gravity", fills=False)
+                if self.mount is not None:
+                    raise InputError("gravity says already how the arm is mounted.", where="mount")
 
     @classmethod
-    def of(cls, given: Intake | Mapping[str, Any] | Path | str | None) -> Intake:
-        """Return an intake from itself, its fields or a TOML file; for None the plain one.
+    def of(cls, given: ImportOptions | Mapping[str, Any] | Path | str | None) -> ImportOptions:
+        """Return the options from themselves, their fields or a TOML file; for None the defaults.
 
         Raises:
-            LogError: no such file, no TOML, an unknown key or a wrong value.
+            InputError: no such file, no TOML, an unknown key or a wrong value.
         """
-        if given is None or isinstance(given, Intake):
+        if given is None or isinstance(given, ImportOptions):
             return given or cls()
-        table: Any = given
-        where = "intake"
-        if not isinstance(given, Mapping):
-            path, where = Path(given), str(given)
-            try:
-                table = read_toml(path)
-            except InputError as error:
-                raise LogError(error.what, where=error.where, hint=error.hint) from error
-        known = [one.name for one in fields(cls)]
+        table = given if isinstance(given, Mapping) else read_toml(Path(given))
         for key in table:
-            if key not in known:
-                raise LogError(
-                    f"there is no key '{key}'; there are {known}.{did_you_mean(key, known)}",
-                    where=where,
-                )
+            word(key, [one.name for one in fields(cls)], "intake")
         return cls(**table)
 
     @classmethod
     def beside(cls, log: object) -> Path | None:
-        """Return the path of the intake beside a log, None where there is none."""
-        if not isinstance(log, Path | str):
-            return None
-        path = place_beside(log)
-        return path if path.is_file() else None
+        """Return the path of the file beside a log, None where there is none."""
+        path = place_beside(log) if isinstance(log, Path | str) else None
+        return path if path is not None and path.is_file() else None
 
-    def updated(self, **given: Any) -> Intake:
-        """Return it with other values, columns merged; None leaves a value as it is."""
+    def updated(self, **given: Any) -> ImportOptions:
+        """Return the options with other values, columns merged; None leaves one as it is."""
         chosen = {name: value for name, value in given.items() if value is not None}
         chosen["columns"] = {**self.columns, **chosen.get("columns", {})}
         if "gravity" in chosen or "mount" in chosen:
@@ -157,11 +145,7 @@ class Intake:
         return replace(self, **chosen)
 
     def mounted(self, robot: Robot) -> Robot:
-        """Return a robot with the stated gravity; on a wall it is not known here.
-
-        Raises:
-            LogError: the robot has no gravity, which a mounting would turn.
-        """
+        """Return a robot with the stated gravity; on a wall it is not known here."""
         if self.gravity is None and self.mount in (None, "wall"):
             return robot
         model = robot.model.copy()
@@ -175,34 +159,33 @@ class Intake:
         """Return a log of a robot's joints, in its order, in SI units and behind the gears.
 
         Raises:
-            LogError: wrong sizes, unknown joints, gears that cannot be inverted, or positions with
-                more numbers than there are joints.
+            InputError: wrong sizes, unknown joints, gears that cannot be inverted, or positions
+                with more numbers than there are joints.
         """
-        log = self._ordered(log, robot)
+        log = self._in_order_of(robot, log)
         names, n = robot.joint_names, robot.model.nv
         gears = None if self.gear is None else _gears(self.gear, names)
-        q, v, tau, sign = log.q, log.v, log.tau, self._signs("q", names)
+        tau, sign = log.tau, self._signs("q", names)
         if self.torque_gain is not None:
             tau = tau @ _matrix(self.torque_gain, names, "torque_gain").T
         if gears is not None:
             tau = tau @ gears
-        log = replace(log, tau=tau * self._signs("tau", names))
+        log = replace(log, tau=self._signs("tau", names) * tau)
         if gears is None and self.offset is None and not self.degrees and (sign > 0.0).all():
             return log
-        if q.shape[1] != n:
+        if log.q.shape[1] != n:
             raise LogError(
-                f"{q.shape[1]} numbers for {n} joints are configurations with cosines and sines, "
-                "which units, gears, signs and offsets do not apply to.",
+                f"{log.q.shape[1]} numbers for {n} joints are configurations with cosines and "
+                "sines, which units, gears, signs and offsets do not apply to.",
                 where=f"{log.source}: q",
                 hint="Record one angle for each joint.",
             )
         slides = np.array(list(robot.slides.values()))
-        scale = np.where(slides, 1.0, math.pi / 180.0) if self.degrees else np.ones(n)
-        inverse = None if gears is None else np.linalg.inv(gears).T
-        parts: dict[str, Any] = {"q": q} if v is None else {"q": q, "v": v}
-        for side, part in parts.items():
-            part = part * scale
-            parts[side] = sign * (part if inverse is None else part @ inverse)
+        scale = np.where(slides | (not self.degrees), 1.0, math.pi / 180.0)
+        parts = {name: part * scale for name, part in log.signals().items() if name != "tau"}
+        if gears is not None:
+            parts = {name: part @ np.linalg.inv(gears).T for name, part in parts.items()}
+        parts = {name: sign * part for name, part in parts.items()}
         if self.offset is not None:
             parts["q"] = parts["q"] + _per_joint(self.offset, names, "offset", 0.0)
         return replace(log, **parts)
@@ -212,104 +195,73 @@ class Intake:
         found = np.ones(len(names))
         for entry in self.flip:
             of, _, name = entry.rpartition(":")
-            if of not in ("", "q", "tau"):
-                words = f"'{entry}' is neither a joint nor q:JOINT or tau:JOINT."
-                raise LogError(words, where=_at("flip"))
-            if name not in names:
-                raise _no_joint(name, names, "flip")
+            word(of or "tau", ("q", "tau"), "intake.flip")
+            word(name, names, "intake.flip")
             if (of or "tau") == signal:
                 found[list(names).index(name)] *= -1.0
         return found
 
-    def _ordered(self, log: Log, robot: Robot) -> Log:
-        """Return a log with its columns in the order of the robot's joints."""
-        given = dict(self._joint_lists())
+    def _in_order_of(self, robot: Robot, log: Log) -> Log:
+        """Return a log with its columns in the order of a robot's joints."""
         names = robot.joint_names
-        own = bool(given) and all(set(part) <= set(log.joints) for part in given.values())
-        if not own:
+        if set(names) <= set(log.joints) or not (log.joints and self.joints):
             log = log.of(robot)
-        known = list(log.joints) if own else names
-        for signal, wanted in given.items():
-            if len(wanted) != len(names) or len(set(wanted)) != len(wanted):
+        for signal, own in self._joint_lists():
+            if len(set(own)) != len(own) or len(own) != len(names):
                 raise LogError(
-                    f"{len(wanted)} names, and {robot.name} has {len(names)} joints: {names}.",
-                    where=_at("joints"),
-                    hint="Name one joint of the log for each joint of the robot, in its order.",
+                    f"expected a joint of the log for each of {names}, got {own}.",
+                    where="intake.joints",
                 )
-            for name in wanted:
-                if name not in known:
-                    raise _no_joint(name, known, "joints")
-            order = [known.index(name) for name in wanted]
-            if not log.joints:  # these are the names that the columns lack
-                order = np.argsort(order).tolist()
-            part = getattr(log, signal)
-            if part is not None and part.shape[1] == len(known):
-                log = replace(log, **{signal: part[:, order]})
-        return replace(log, joints=tuple(names)).of(robot) if own else log
+            order = joint_order(log.joints or names, own, log.source)
+            log = log.ordered(order if log.joints else np.argsort(order).tolist(), (signal,))
+        return replace(log, joints=tuple(names)).of(robot)
 
-    def foreign(self, robot: Robot) -> list[str]:
-        """Return the log's names of the joints if they were stated and are not the robot's."""
+    def read_joints(self, robot: Robot) -> list[str]:
+        """Return the names of the joints in a log of a robot: those stated, or the robot's."""
         names = [] if isinstance(self.joints, Mapping) else list(self.joints)
-        return [] if set(names) == set(robot.joint_names) else names
+        return robot.joint_names if set(names) <= set(robot.joint_names) else names
 
     def _joint_lists(self) -> Iterator[tuple[str, list[str]]]:
         """Yield signal and names of its joints in the robot's order."""
         if isinstance(self.joints, Mapping):
             yield from ((signal, list(names)) for signal, names in self.joints.items())
         elif self.joints:
-            yield from ((signal, list(self.joints)) for signal in SIDES)
+            yield from ((signal, list(self.joints)) for signal in SIGNALS)
 
     def text(self, comments: Sequence[str] = ()) -> str:
         """Return what is stated as TOML, below comments."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        plain = {name: getattr(Intake(), name) for name in values}
-        stated = {
-            name: np.asarray(value).tolist() if isinstance(value, np.ndarray | tuple) else value
-            for name, value in values.items()
-            if not np.array_equal(value, plain[name])
-        }
+        stated = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if not np.array_equal(value, getattr(ImportOptions(), one.name)):
+                plain = isinstance(value, np.ndarray | tuple)
+                stated[one.name] = np.asarray(value).tolist() if plain else value
         return "".join(f"# {line}\n" for line in comments) + tomlkit.dumps(stated)
 
 
 def place_beside(log: Path | str) -> Path:
-    """Return the place of an intake beside a log: of ``run.csv`` it is ``run.intake.toml``."""
+    """Return the place of the options beside a log: of ``run.csv`` it is ``run.intake.toml``."""
     path = Path(log)
     return path.with_name((path.stem if path.suffix else path.name) + SUFFIX)
 
 
-def _at(name: str | None) -> str:
-    return f"intake.{name}"
-
-
-def _no_joint(name: str, names: Sequence[str], key: str) -> LogError:
-    return LogError(
-        f"there is no joint '{name}'; there are {list(names)}.{did_you_mean(name, names)}",
-        where=_at(key),
-    )
-
-
 def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np.ndarray:
     """Return one number for each joint (n)."""
+    where = f"intake.{key}"
     if isinstance(given, Mapping):
         for name in given:
-            if name not in names:
-                raise _no_joint(name, names, key)
+            word(name, names, where)
         given = [given.get(name, default) for name in names]
-    return vector(given, len(names), _at(key), names=list(names), error=LogError)
+    return vector(given, len(names), where, names=list(names))
 
 
 def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
     """Return gains or gears as a matrix (n, n)."""
     n = len(names)
     if not isinstance(given, Mapping):
-        array = numbers(given, _at(key), error=LogError)
+        array = numbers(given, f"intake.{key}")
         if array.shape == (n, n) and array.ndim == 2:
             return array
-        if array.ndim == 2:
-            raise LogError(
-                f"expected a number, {n} numbers or a {n} x {n} matrix, got {array.shape}.",
-                where=_at(key),
-            )
     return np.diag(_per_joint(given, names, key, 1.0))
 
 
@@ -323,7 +275,7 @@ def _gears(given: Any, names: Sequence[str]) -> np.ndarray:
     if np.linalg.matrix_rank(G) < len(names):
         raise LogError(
             "these gears cannot be inverted: some joint would not move.",
-            where=_at("gear"),
+            where="intake.gear",
             hint="Row i has the turns of motor i for one turn of each joint.",
         )
     return G
