@@ -276,7 +276,7 @@ class Law(ABC):
 
     @abstractmethod
     def storage(self, s: Signals, truth: Truth) -> float:
-        """Return V without the parts of the parameters, the adaptations' ``divergence``."""
+        """Return V without the parts of the parameters, the adaptations' ``storage``."""
 
     @abstractmethod
     def dissipation(self, s: Signals, truth: Truth) -> float:
