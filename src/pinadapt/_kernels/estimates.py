@@ -106,7 +106,7 @@ def fit(
 
 
 @compiled(
-    "void(f8[:], f8[:], i8, i8, i8[:,:], f8[:], i8[:,:], f8[:], f8, f8, f8[:])",
+    "void(f8[:], f8[:], i8, i8, i8[:,::1], f8[::1], i8[:,::1], f8[::1], f8, f8, f8[:])",
     allocates=True,
 )
 def follow_geodesic(
@@ -122,53 +122,66 @@ def follow_geodesic(
     most: float,
     after: np.ndarray,
 ) -> None:
-    """Write the parameters (k p) of E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2.
+    """Write the parameters (k p) of exp(-h P L) P by its series up to (h P L)^4, by Horner.
 
     Of each block of p parameters P (n, n) is the sum of a_i F_i, and L that of g_i dual_i. F and
     dual are the entries that are not zero, at the places (i, row, column). Where h
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
     k = len(a) // p
-    P, A, L = np.empty((k, n, n)), np.zeros((k, n, n)), np.empty((n, n))
-    E, B, square = np.empty((n, n)), np.empty((n, n)), 0.0
+    P, A, work, square = np.zeros((k, n, n)), np.empty((k, n, n)), np.empty((2, n, n)), 0.0
     for b in range(k):
+        L = work[0]
         for r in range(n):
             for s in range(n):
-                P[b, r, s] = L[r, s] = 0.0
+                L[r, s] = 0.0
         for e in range(len(F)):
             P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for e in range(len(dual)):
             L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
+                x = 0.0
                 for t in range(n):
-                    A[b, r, s] += P[b, r, t] * L[t, s]
+                    x += P[b, r, t] * L[t, s]
+                A[b, r, s] = x
         for r in range(n):
             for s in range(n):
                 square += A[b, r, s] * A[b, s, r]
     length = h * math.sqrt(abs(square))
-    z = 0.5 * h * (most / length if length > most else 1.0)
+    h *= most / length if length > most else 1.0
     for b in range(k):
-        for r in range(n):
-            for s in range(n):
-                x = 0.0
-                for t in range(n):
-                    x += A[b, r, t] * A[b, t, s]
-                E[r, s] = (1.0 if r == s else 0.0) - z * A[b, r, s] + 0.5 * z * z * x
-        for r in range(n):
-            for s in range(n):
-                B[r, s] = 0.0
-                for t in range(n):
-                    B[r, s] += E[r, t] * P[b, t, s]
+        X = P[b]
+        for order in range(4, 0, -1):  # P - h A / order X, symmetric
+            Y = work[order % 2]
+            for r in range(n):
+                for s in range(r + 1):
+                    x = 0.0
+                    for t in range(n):
+                        x += A[b, r, t] * X[t, s]
+                    Y[r, s] = Y[s, r] = P[b, r, s] - h / order * x
+            X = Y
         for i in range(p):
             after[b * p + i] = a[b * p + i]
-        for r in range(n):
-            for s in range(n):
-                L[r, s] = -P[b, r, s]
-                for t in range(n):
-                    L[r, s] += B[r, t] * E[s, t]
         for e in range(len(dual)):
-            after[b * p + dual_places[e, 0]] += dual[e] * L[dual_places[e, 1], dual_places[e, 2]]
+            r, s = dual_places[e, 1], dual_places[e, 2]
+            after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[b, r, s])
+
+
+@compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
+def exponentiate(
+    a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, most: float, after: np.ndarray
+) -> None:
+    """Write a exp(-h scale g) (p); exponents are cut to ``most`` where their norm is larger."""
+    square = 0.0
+    for i in range(len(a)):
+        after[i] = -h * scale[i] * g[i]
+        square += after[i] * after[i]
+    for i in range(len(a)):
+        exponent = after[i]
+        if square > most * most:
+            exponent = min(max(exponent, -most), most)
+        after[i] = a[i] * math.exp(exponent)
 
 
 @compiled("b1(f8[:], f8[:], f8[:])", fills=0)

@@ -139,9 +139,8 @@ class MatrixInequality:
     def step(self, a: np.ndarray, g: np.ndarray, h: float, most: float = math.inf) -> np.ndarray:
         """Return the parameters (k p) after a step h of dP/dt = -P L P, tr(L P(da)) = g . da.
 
-        In a complete set P+ = E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2: that is the geodesic
-        exp(-h P L) P but for the third order, and positive definite for any h, as E is regular. In
-        others it is a straight step, which has to stay below a length of one to remain inside. A
+        In a complete set it follows the geodesic P+ = exp(-h P L) P, by the series of exp(-x) up to
+        the fourth order, which is positive for all x: P+ is positive definite for any h. In others it is a straight step, which has to stay below a length of one to remain inside. A
         step longer than ``most`` in the log-det metric is shortened to that length.
         """
         if self.complete:
@@ -172,7 +171,7 @@ class MatrixInequality:
 def _entries(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the places (k, 3) and values (k) of what is more than rounding in F (p, n, n)."""
     some = np.abs(F) > np.finfo(float).eps * np.abs(F).max()
-    return np.argwhere(some), F[some]
+    return np.ascontiguousarray(np.argwhere(some)), F[some]
 
 
 class BodyInequality(MatrixInequality):
@@ -363,10 +362,9 @@ class ExponentiatedGradient(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        exponents = (-dt * drive.gradient) * self._rates
-        if exponents.dot(exponents) > _LONGEST**2:
-            exponents = np.minimum(np.maximum(exponents, -_LONGEST), _LONGEST)
-        return Estimate(estimate.value * np.exp(exponents))
+        a, after = estimate.value, empty(estimate.value.size)
+        kernels.exponentiate(a, drive.gradient, self._rates, dt, _LONGEST, after)
+        return Estimate(after)
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), Gamma = gamma diag(c a)."""
