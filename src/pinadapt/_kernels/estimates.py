@@ -128,44 +128,44 @@ def follow_geodesic(
     dual are the entries that are not zero, at the places (i, row, column). Where h
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
-    k = len(a) // p
-    P, A, work, square = np.zeros((k, n, n)), np.empty((k, n, n)), np.empty((2, n, n)), 0.0
+    k, square = len(a) // p, 0.0
+    work, small = np.zeros((2, k, n, n)), np.empty((2, n, n))
     for b in range(k):
-        L = work[0]
+        P, A, L = work[0, b], work[1, b], small[0]
         for r in range(n):
             for s in range(n):
                 L[r, s] = 0.0
         for e in range(len(F)):
-            P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
+            P[places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for e in range(len(dual)):
             L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
                 x = 0.0
                 for t in range(n):
-                    x += P[b, r, t] * L[t, s]
-                A[b, r, s] = x
+                    x += P[r, t] * L[t, s]
+                A[r, s] = x
         for r in range(n):
             for s in range(n):
-                square += A[b, r, s] * A[b, s, r]
+                square += A[r, s] * A[s, r]
     length = h * math.sqrt(abs(square))
     h *= most / length if length > most else 1.0
     for b in range(k):
-        X = P[b]
+        P, A, X = work[0, b], work[1, b], work[0, b]
         for order in range(4, 0, -1):  # P - h A / order X, symmetric
-            Y = work[order % 2]
+            Y, share = small[order % 2], h / order
             for r in range(n):
                 for s in range(r + 1):
                     x = 0.0
                     for t in range(n):
-                        x += A[b, r, t] * X[t, s]
-                    Y[r, s] = Y[s, r] = P[b, r, s] - h / order * x
+                        x += A[r, t] * X[t, s]
+                    Y[r, s] = Y[s, r] = P[r, s] - share * x
             X = Y
         for i in range(p):
             after[b * p + i] = a[b * p + i]
         for e in range(len(dual)):
             r, s = dual_places[e, 1], dual_places[e, 2]
-            after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[b, r, s])
+            after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[r, s])
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
