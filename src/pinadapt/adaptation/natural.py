@@ -140,8 +140,9 @@ class MatrixInequality:
         """Return the parameters (k p) after a step h of dP/dt = -P L P, tr(L P(da)) = g . da.
 
         In a complete set it follows the geodesic P+ = exp(-h P L) P, by the series of exp(-x) up to
-        the fourth order, which is positive for all x: P+ is positive definite for any h. In others it is a straight step, which has to stay below a length of one to remain inside. A
-        step longer than ``most`` in the log-det metric is shortened to that length.
+        the fourth order, which is positive for all x: P+ is positive definite for any h. In others
+        it is a straight step, which has to stay below a length of one to remain inside. A step
+        longer than ``most`` in the log-det metric is shortened to that length.
         """
         if self.complete:
             after = empty(a.size)
