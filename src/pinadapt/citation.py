@@ -27,7 +27,7 @@ def citation(controller: Controller) -> str:
             BibTeX entry.
     """
     instance(controller, Controller, "citation")
-    adaptations = controller.adaptation_d.references() + controller.adaptation_k.references()
+    adaptations = controller.adaptation_d.sources + controller.adaptation_k.sources
     entries: dict[str, str] = {}
     for source in (*controller.law.sources, *adaptations, *SOFTWARE):
         entries |= _entries_of(source)

@@ -115,7 +115,7 @@ def test_errors_in_excited_directions_decay_without_further_excitation():
     announced = np.vstack(shows)
     left = np.linalg.norm(announced @ after) / np.linalg.norm(announced @ before)
     assert left == pytest.approx(np.exp(-3.0 * 0.5), rel=0.01)
-    untold = np.linalg.svd(announced @ adaptation.gain(truth))[2][4:]
+    untold = np.linalg.svd(announced @ adaptation.gain(pa.adaptation.Estimate(truth)))[2][4:]
     assert np.allclose(untold @ after, untold @ before, atol=1e-9)
 
 
@@ -132,7 +132,10 @@ def test_memory_term_is_that_of_dense_algebra_and_bounded_by_the_metric():
     adaptation, estimate, truth = excited(share=0.25)
     A, b = estimate.memory[:2]
     assert np.allclose(A @ truth, b, rtol=1e-12)
-    Gamma, rest = adaptation.gain(truth), shown(truth, np.zeros((2, 6)), estimate)
+    Gamma, rest = (
+        adaptation.gain(pa.adaptation.Estimate(truth)),
+        shown(truth, np.zeros((2, 6)), estimate),
+    )
     P = Gamma / 0.25
     columns = [
         -adaptation.rate(estimate.with_value(truth + e), rest).value / 3.0 for e in np.eye(6)
@@ -155,7 +158,7 @@ def test_memory_term_is_that_of_dense_algebra_and_bounded_by_the_metric():
 def innovation(adaptation, estimate, W, residual):
     """Return r^T (S + noise^2)^-1 r / n by dense algebra, of the memory's own estimate."""
     A, b = estimate.memory[:2]
-    P = adaptation.gain(estimate.value) / adaptation.share
+    P = adaptation.gain(estimate) / adaptation.share
     p = len(P)
     own = P @ np.linalg.solve(np.eye(p) + A @ P, A @ estimate.value - b)
     r, noise = residual - W @ own, np.diag(np.broadcast_to(adaptation.noise**2, len(W)))

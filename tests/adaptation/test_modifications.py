@@ -146,9 +146,14 @@ def test_effect_of_the_leak_is_bounded_by_the_initial_error():
     quiet = pa.adaptation.Drive(np.zeros((1, 3)), None)
     for _ in range(200):
         start, a, truth = rng.standard_normal((3, 3))
-        D = leak.inner.divergence
+        D = leak.inner.storage
         gained = leak.dissipation(pa.adaptation.Estimate(a, (start,)), quiet, truth)
-        assert gained <= -lambda_ * (D(a, truth) - D(start, truth)) + 1e-12
+        assert (
+            gained
+            <= -lambda_
+            * (D(pa.adaptation.Estimate(a), truth) - D(pa.adaptation.Estimate(start), truth))
+            + 1e-12
+        )
 
 
 def test_error_leak_vanishes_with_the_error():

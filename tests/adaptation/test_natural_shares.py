@@ -36,8 +36,8 @@ def test_each_body_adapts_with_its_own_gain():
         )
         moved, own = (each.step(start, drive, 1e-4).value for each in (together, alone))
         assert np.allclose(moved[mine], own[mine], rtol=1e-12, atol=1e-15)
-        assert np.allclose(together.gain(a)[mine], alone.gain(a)[mine])
-    assert np.allclose(together.gain_times(a, np.eye(30)), together.gain(a))
+        assert np.allclose(together.gain(start)[mine], alone.gain(start)[mine])
+    assert np.allclose(together.gain_times(start, np.eye(30)), together.gain(start))
 
 
 def test_divergence_with_shares_changes_as_the_proof_requires():
@@ -48,7 +48,7 @@ def test_divergence_with_shares_changes_as_the_proof_requires():
     drive, h = Drive(g[None], None, gradient=g), 1e-3
     rate = adaptation.rate(Estimate(a), drive).value
     ends = [a + side * h * rate for side in (1.0, -1.0)]
-    after, before = (adaptation.divergence(end, a_true) for end in ends)
+    after, before = (adaptation.storage(Estimate(end), a_true) for end in ends)
     assert np.isclose((after - before) / (2 * h), -(a - a_true) @ g, rtol=1e-5)
 
 

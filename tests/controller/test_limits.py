@@ -282,7 +282,10 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
     assert np.allclose(rate / scale, expected, atol=1e-7)
     a_true = rng.uniform(low, high)
     assert (a - a_true) @ metric @ (rate - free_rate) <= 1e-9 * scale
-    assert boxed.divergence(moved, a_true) <= inner.divergence(free, a_true) + 1e-12
+    assert (
+        boxed.storage(pa.adaptation.Estimate(moved), a_true)
+        <= inner.storage(pa.adaptation.Estimate(free), a_true) + 1e-12
+    )
     assert np.array_equal(
         rate_of(boxed, np.zeros(3), g), rate_of(inner, np.zeros(3), g)
     )  # inside it is the inner one

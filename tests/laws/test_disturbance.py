@@ -24,11 +24,9 @@ def test_lyapunov_equality_with_a_disturbance_that_is_no_small_part_of_v(name):
     assert controller.adaptation_d.name == "natural-memory" and (law.lambda_d <= law.alpha).all()
 
     def begin(state):
-        d = (
-            30.0
-            * np.diag(law.M_hat(robot.q0, controller.dynamics.initial))
-            * np.cos(np.arange(robot.model.nv))
-        )
+        controller.dynamics.load(controller.dynamics.initial)
+        M = controller.dynamics.mass_matrix(robot.q0)
+        d = 30.0 * np.diag(M) * np.cos(np.arange(robot.model.nv))
         return state._replace(filters=state.filters._replace(disturbance=d))
 
     path = circle_beside(true, "xy" if name == "scara" else "yz", (1e-3, -1e-3, 2e-3))

@@ -3,7 +3,6 @@
 from itertools import islice
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -86,26 +85,6 @@ def test_with_the_truth_known_it_is_computed_torque(name):
         runs.append(pa.simulate(robot, controller, path, **options))
     assert np.allclose(runs[0].error, runs[1].error, atol=1e-9)
     assert np.allclose(runs[0].a_d, runs[0].a_d[0], atol=1e-7 * np.abs(runs[0].a_d).max())
-
-
-def test_the_rate_of_the_mass_matrix_is_that_of_motion_and_estimate():
-    robot, rng = joint_robot("mixed"), np.random.default_rng(3)
-    controller = pa.make_controller(robot, law=LAW)
-    dynamics, n = controller.dynamics, 4
-    v, z = rng.standard_normal((2, n))
-    a, a_rate = dynamics.initial, 0.1 * rng.standard_normal(dynamics.size)
-    at = pa.Measurement(0.0, robot.q0, v)
-    state = controller.init(at)
-    s = controller.observe(state, at, swinging(robot).at(0.0))
-    model = controller._model(state, s, None)
-    found = controller.law._mass_rate_times(s, model, a_rate, z)
-
-    def turned(t):
-        dynamics.load(a + t * a_rate)
-        return dynamics.mass_matrix(pin.integrate(robot.model, robot.q0, t * v)) @ z
-
-    expected = (turned(1e-5) - turned(-1e-5)) / 2e-5
-    assert np.allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("name", "adaptation"), [("scara", "least-squares"), ("panda", "natural")])

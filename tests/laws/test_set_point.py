@@ -211,14 +211,14 @@ def test_the_projection_only_lowers_what_the_parameters_add_to_v(kind):
     adaptation, dynamics, G = controller.adaptation_d, controller.dynamics, controller.law.gravity
     value = adaptation.init(dynamics.initial).value
     a, moved, rest = dynamics.value(robot), 0, np.zeros(7)
-    before = adaptation.divergence(value, a)
+    before = adaptation.storage(pa.adaptation.Estimate(value), a)
     low, high = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
     for _ in range(200):
         q = rng.uniform(low, high)
         kept = adaptation.project(pa.adaptation.Estimate(value), q)
         dynamics.load(kept)
         assert (np.abs(dynamics.torque(q, rest, rest)) <= G * (1.0 + 1e-6)).all()
-        after = adaptation.divergence(kept, a)
+        after = adaptation.storage(pa.adaptation.Estimate(kept), a)
         if kept is not value:
             assert after < before
             moved += 1

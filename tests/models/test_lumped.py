@@ -157,7 +157,10 @@ def test_lyapunov_equality(law, adaptation):
     true, controller, path = ur5(law, adaptation)
     if law == IMPROVED:  # slowly enough that M + M_0 - M_hat stays invertible meanwhile
         true, controller, path = ur5(
-            law, adaptation, gamma_d=0.2 * controller.adaptation_d.gain(controller.dynamics.initial)
+            law,
+            adaptation,
+            gamma_d=0.2
+            * controller.adaptation_d.gain(pa.adaptation.Estimate(controller.dynamics.initial)),
         )
     assert controller.dynamics.size == 56
     energy = energy_along(true, controller, path, seconds=0.012)
@@ -216,8 +219,8 @@ def test_projection_keeps_the_mass_matrix_positive_and_reduces_the_distance_to_t
             dynamics.initial,
             0.3 * dynamics.initial if case != "payload" else dynamics.initial,
         ):
-            before = adaptation.divergence(a, true)
-            assert adaptation.divergence(kept, true) <= before * (1.0 + 1e-12)
+            before = adaptation.storage(pa.adaptation.Estimate(a), true)
+            assert adaptation.storage(pa.adaptation.Estimate(kept), true) <= before * (1.0 + 1e-12)
         assert (
             adaptation.project(pa.adaptation.Estimate(dynamics.initial), q) is dynamics.initial
         )  # inside already

@@ -188,7 +188,9 @@ def test_exponentiated_gradient_keeps_estimates_positive():
     g, true = rng.standard_normal(3), np.array([0.5, 2.0, 30.0])
     a, h = np.array([1.0, 1.0, 50.0]), 1e-6
     rate = rate_of(adaptation, a, g)
-    ahead, behind = (adaptation.divergence(a + step * rate, true) for step in (h, -h))
+    ahead, behind = (
+        adaptation.storage(pa.adaptation.Estimate(a + step * rate), true) for step in (h, -h)
+    )
     assert (ahead - behind) / (2 * h) == pytest.approx(-(a - true) @ g, rel=1e-6)
     with pytest.raises(pa.ParameterError, match="positive"):
         adaptation.validate(np.array([0.0, 1.0, 1.0]))

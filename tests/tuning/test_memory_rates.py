@@ -17,7 +17,7 @@ def test_the_tracking_error_adapts_slowly_with_a_memory():
         pa.make_controller(robot, adaptation=kind, dt=1e-4).adaptation_d
         for kind in (NATURAL, MEMORY)
     )
-    start = pa.make_controller(robot).dynamics.initial
+    start = pa.adaptation.Estimate(pa.make_controller(robot).dynamics.initial)
     slow, fast = made.gain(start), plain.gain(start) / 64.0
     last = slice(50, 60)  # the last body may carry a load
     assert (np.diag(slow)[last] > 1.1 * np.diag(fast)[last]).all()

@@ -68,7 +68,7 @@ def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
     )
     w, law = bandwidth(robot, 1e-3), controller.law
     motion = pa.models.TypicalMotion(robot, controller.kinematics, controller.dynamics, w)
-    Gamma = controller.adaptation_d.gain(controller.dynamics.initial)
+    Gamma = controller.adaptation_d.gain(pa.adaptation.Estimate(controller.dynamics.initial))
     assert frequency(law.parameter_effects(motion), Gamma) == pytest.approx(
         law.adaptation_mode * w, rel=1e-6
     )

@@ -10,12 +10,12 @@ from .._compiled import compiled
 
 
 @compiled(
-    "void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8[:,:], f8, f8[:], f8[:,:])",
+    "void(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8, f8[:], f8, f8, f8, f8[:,:], f8[:], f8[:,:])",
     fills=2,
     allocates=True,
 )
 def fit(
-    P: np.ndarray,
+    information: np.ndarray,
     W: np.ndarray,
     r: np.ndarray,
     R_0: np.ndarray,
@@ -23,90 +23,90 @@ def fit(
     rate: float,
     floor: np.ndarray,
     dt: float,
-    prior: np.ndarray,
     kept: float,
+    restored: float,
+    prior: np.ndarray,
     slope: np.ndarray,
-    gain: np.ndarray,
+    after: np.ndarray,
 ) -> None:
-    """Write -P_1 (g + W^T (R - R_0) r) (p) and (kept P_1^-1 + (1 - kept) prior)^-1 (p, p).
+    """Write -P_1 (g + W^T (R - R_0) r) (p) and kept P_1^-1 + restored prior (p, p).
 
-    P_1^-1 = P^-1 + dt W^T R W with R = rate (W P W^T + diag(floor))^-1 (m, m), or R_0 for a rate of
-    zero. The floor has m entries, or one for all rows. All square matrices are symmetric; P and
-    prior are positive definite.
+    P_1^-1 = information + dt W^T R W with R = rate (W P W^T + diag(floor))^-1 (m, m), or R_0 for a
+    rate of zero. The floor has m entries, or one for all rows. All square matrices are symmetric
+    and positive definite, P^-1 is the information.
     """
 
-    def invert(A: np.ndarray) -> None:
-        """Write A^-1 over A (n, n), symmetric and positive definite, by n sweeps."""
-        n = len(A)
+    def factorise(A: np.ndarray) -> None:
+        """Write L over the lower triangle of A = L L^T, on its diagonal 1 / L_ii."""
+        for i in range(len(A)):
+            for j in range(i + 1):
+                x = A[i, j]
+                for t in range(j):
+                    x -= A[i, t] * A[j, t]
+                A[i, j] = 1.0 / math.sqrt(x) if i == j else x * A[j, j]
+
+    def solve(L: np.ndarray, x: np.ndarray) -> None:
+        """Write A^-1 x over x, of A as factorised."""
+        n = len(x)
         for i in range(n):
-            for j in range(i):
-                A[j, i] = A[i, j]
-        for k in range(n):
-            pivot = 1.0 / A[k, k]
-            for i in range(n):
-                x = A[i, k] * pivot
-                for j in range(n if i != k else 0):
-                    A[i, j] -= x * A[k, j]
-                A[i, k] = x
-            for i in range(n):
-                A[k, i] = A[i, k]
-            A[k, k] = -pivot
-        for i in range(n):
-            for j in range(n):
-                A[i, j] = -A[i, j]
+            for t in range(i):
+                x[i] -= L[i, t] * x[t]
+            x[i] *= L[i, i]
+        for i in range(n - 1, -1, -1):
+            for t in range(i + 1, n):
+                x[i] -= L[t, i] * x[t]
+            x[i] *= L[i, i]
 
     m, p = W.shape
-    work = np.empty((2, max(m, p) + 1, max(m, p)))
-    R, information, gradient = work[0, :m, :m], work[1, :p, :p], work[0, m, :p]
+    L, W_P, S, R = np.empty((p, p)), np.empty((m, p)), np.empty((m, m)), np.zeros((m, m))
     for k in range(p):
-        gradient[k] = g[k]
-        for t in range(p):
-            information[k, t] = P[k, t]
-    for i in range(m):
-        for j in range(m):
-            R[i, j] = R_0[i, j]
+        slope[k] = -g[k]
     if rate > 0.0:
+        for k in range(p):
+            for t in range(p):
+                L[k, t] = information[k, t]
+        factorise(L)
         for i in range(m):
             for k in range(p):
-                slope[k] = 0.0  # P W^T, column by column
-                for t in range(p):
-                    slope[k] += P[k, t] * W[i, t]
-            for j in range(m):
-                R[i, j] = floor[i % len(floor)] if i == j else 0.0
-                for k in range(p):
-                    R[i, j] += W[j, k] * slope[k]
-        invert(R)
+                W_P[i, k] = W[i, k]
+            solve(L, W_P[i])
         for i in range(m):
+            R[i, i] = rate
+            for j in range(m):
+                S[i, j] = floor[i % len(floor)] if i == j else 0.0
+                for k in range(p):
+                    S[i, j] += W[i, k] * W_P[j, k]
+        factorise(S)
+        for i in range(m):
+            solve(S, R[i])
             x = 0.0
             for j in range(m):
-                R[i, j] *= rate
                 x += (R[i, j] - R_0[i, j]) * r[j]
             for k in range(p):
-                gradient[k] += W[i, k] * x
-    invert(information)
+                slope[k] -= W[i, k] * x
+    else:
+        for i in range(m):
+            for j in range(m):
+                R[i, j] = R_0[i, j]
+    for k in range(p):
+        for t in range(p):
+            L[k, t] = information[k, t]
     for i in range(m):
         for k in range(p):
             x = 0.0
             for j in range(m):
                 x += dt * R[i, j] * W[j, k]
             for t in range(p):
-                information[t, k] += W[i, t] * x
+                L[k, t] += x * W[i, t]
     for k in range(p):
         for t in range(p):
-            gain[k, t] = information[k, t]
-    invert(gain)
-    for k in range(p):
-        slope[k] = 0.0
-        for t in range(p):
-            slope[k] -= gain[k, t] * gradient[t]
-    for k in range(p):
-        for t in range(p):
-            gain[k, t] = kept * information[k, t] + (1.0 - kept) * prior[k, t]
-    invert(gain)
+            after[k, t] = kept * L[k, t] + restored * prior[k, t]
+    factorise(L)
+    solve(L, slope)
 
 
 @compiled(
-    "void(f8[:], f8[:], i8, i8, i8[:,:], f8[:], i8[:,:], f8[:], f8, f8, f8[:])",
+    "void(f8[:], f8[:], i8, i8, i8[:,::1], f8[::1], i8[:,::1], f8[::1], f8, f8, f8[:])",
     allocates=True,
 )
 def follow_geodesic(
@@ -122,50 +122,72 @@ def follow_geodesic(
     most: float,
     after: np.ndarray,
 ) -> None:
-    """Write the parameters (k p) of E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2.
+    """Write the parameters (k p) of exp(-h P L) P by its series up to (h P L)^4, by Horner.
 
     Of each block of p parameters P (n, n) is the sum of a_i F_i, and L that of g_i dual_i. F and
     dual are the entries that are not zero, at the places (i, row, column). Where h
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
-    k = len(a) // p
-    P, A, L = np.empty((k, n, n)), np.zeros((k, n, n)), np.empty((n, n))
-    E, B, square = np.empty((n, n)), np.empty((n, n)), 0.0
+    k, square = len(a) // p, 0.0
+    work, small = np.zeros((2, k, n, n)), np.empty((2, n, n))
     for b in range(k):
+        P, A, L = work[0, b], work[1, b], small[0]
         for r in range(n):
             for s in range(n):
-                P[b, r, s] = L[r, s] = 0.0
+                L[r, s] = 0.0
         for e in range(len(F)):
-            P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
+            P[places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for e in range(len(dual)):
             L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
-                for t in range(n):
-                    A[b, r, s] += P[b, r, t] * L[t, s]
-        for r in range(n):
-            for s in range(n):
-                square += A[b, r, s] * A[b, s, r]
-    length = h * math.sqrt(abs(square))
-    z = 0.5 * h * (most / length if length > most else 1.0)
-    for b in range(k):
-        for r in range(n):
-            for s in range(n):
                 x = 0.0
                 for t in range(n):
-                    x += A[b, r, t] * A[b, t, s]
-                E[r, s] = (1.0 if r == s else 0.0) - z * A[b, r, s] + 0.5 * z * z * x
+                    x += P[r, t] * L[t, s]
+                A[r, s] = x
         for r in range(n):
             for s in range(n):
-                B[r, s] = 0.0
-                for t in range(n):
-                    B[r, s] += E[r, t] * P[b, t, s]
+                square += A[r, s] * A[s, r]
+    length = h * math.sqrt(abs(square))
+    h *= most / length if length > most else 1.0
+    for b in range(k):
+        P, A, X = work[0, b], work[1, b], work[0, b]
+        for order in range(4, 0, -1):  # P - h A / order X, symmetric
+            Y, share = small[order % 2], h / order
+            for r in range(n):
+                for s in range(r + 1):
+                    x = 0.0
+                    for t in range(n):
+                        x += A[r, t] * X[t, s]
+                    Y[r, s] = Y[s, r] = P[r, s] - share * x
+            X = Y
         for i in range(p):
             after[b * p + i] = a[b * p + i]
-        for r in range(n):
-            for s in range(n):
-                L[r, s] = -P[b, r, s]
-                for t in range(n):
-                    L[r, s] += B[r, t] * E[s, t]
         for e in range(len(dual)):
-            after[b * p + dual_places[e, 0]] += dual[e] * L[dual_places[e, 1], dual_places[e, 2]]
+            r, s = dual_places[e, 1], dual_places[e, 2]
+            after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[r, s])
+
+
+@compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")
+def exponentiate(
+    a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, most: float, after: np.ndarray
+) -> None:
+    """Write a exp(-h scale g) (p); exponents are cut to ``most`` where their norm is larger."""
+    square = 0.0
+    for i in range(len(a)):
+        after[i] = -h * scale[i] * g[i]
+        square += after[i] * after[i]
+    for i in range(len(a)):
+        exponent = after[i]
+        if square > most * most:
+            exponent = min(max(exponent, -most), most)
+        after[i] = a[i] * math.exp(exponent)
+
+
+@compiled("b1(f8[:], f8[:], f8[:])", fills=0)
+def inside(a: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
+    """Return whether low < a < high in every entry."""
+    within = True
+    for i in range(len(a)):
+        within &= low[i] < a[i] < high[i]
+    return within

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy import empty
 
 from .._checks import instance, whole
 from ..exceptions import InputError
@@ -55,7 +53,6 @@ class Drive:
     """
 
     __slots__ = ("W", "Y", "e", "gradient", "observed", "residual", "saturated", "weight")
-    _optional = ("e", "W", "residual", "weight")  # parts that may be None
 
     def __init__(
         self,
@@ -109,10 +106,6 @@ class Drive:
         W, residual = root * self.W, root * self.residual
         return Drive(self.Y, e, W, residual, self.weight, observed=self.observed)
 
-    def still(self) -> Drive:
-        """Return a drive of zero for the same parameters."""
-        return Drive(self.Y, None, gradient=np.zeros(self.Y.shape[1]))
-
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
         W = None if self.W is None else self.W[:, block]
@@ -152,17 +145,16 @@ class Drives:
 class Adaptation(ABC):
     """The adaptation law da/dt = -Gamma(a) g of an estimate a (p), g (p) the gradient of its drive.
 
-    The proof dV/dt <= 0 of every control law here holds for any adaptation whose ``divergence`` D
+    The proof dV/dt <= 0 of every control law here holds for any adaptation whose ``storage`` D
     satisfies dD/dt = -(a - a_true)^T g, whatever its metric. So any law works with any adaptation.
 
-    A subclass implements ``rate`` and ``divergence``; the other methods have defaults. Internal
+    A subclass implements ``rate`` and ``storage``; the other methods have defaults. Internal
     state belongs in ``Estimate.memory``: ``init`` starts it, and ``rate`` returns its rate together
     with the value's.
 
     Attributes:
         name: as written in scenarios.
         sources: keys of ``references.bib``, or BibTeX entries of your own; see ``citation``.
-        updates_gain: whether Gamma is part of the memory, as the gain of least squares is.
         torque_bandwidth: bandwidth [1/s] of the low pass on torque and regressor. If set, drives of
             the dynamic estimate contain the prediction error of the filtered torque, without a
             weight. None: they contain only what the control law provides.
@@ -170,9 +162,7 @@ class Adaptation(ABC):
 
     name: str = "custom"
     sources: tuple[str, ...] = ()
-    updates_gain: bool = False
     torque_bandwidth: float | None = None
-    _size: int | None = None
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, ``validate(value)`` with an empty memory."""
@@ -242,12 +232,8 @@ class Adaptation(ABC):
         return Estimate(estimate.value + dt * rate.value, _moved(estimate.memory, rate.memory, dt))
 
     @abstractmethod
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
-        """Return the adaptation's part of V at a value (p); None where it is undefined."""
-
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
-        """Return the adaptation's part of V at an estimate; None where it is undefined."""
-        return self.divergence(estimate.value, truth)
+        """Return D, the adaptation's part of V, at an estimate; None where it is undefined."""
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the adaptation adds to the law's dV/dt, zero without a prediction error."""
@@ -256,26 +242,24 @@ class Adaptation(ABC):
     def power(self, estimate: Estimate, change: np.ndarray, truth: np.ndarray) -> float:
         """Return what a change (p) of the rate of the value adds to dV/dt, da^T Gamma^-1 change."""
         error = estimate.value - truth
-        return float(error @ np.linalg.solve(self.metric(estimate), change))
+        return float(error @ np.linalg.solve(self.gain(estimate), change))
 
-    def references(self) -> tuple[str, ...]:
-        """Return the sources of this adaptation and of those that it wraps."""
-        return self.sources
+    def gain(self, estimate: Estimate) -> np.ndarray:
+        """Return Gamma (p, p) at an estimate; its inverse is the metric of V."""
+        return self.gain_times(estimate, np.eye(estimate.value.size))
 
-    def gain(self, value: np.ndarray) -> np.ndarray:
-        """Return Gamma (p, p) at a value (p) with an empty memory."""
-        start = Estimate(value)
-        drives = [Drive(g[None], None, gradient=g) for g in np.eye(value.size)]
-        columns = [-self.rate(start, drive).value for drive in drives]
-        return np.column_stack(columns) if columns else np.zeros((0, 0))
+    def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
+        """Return Gamma X (p, l), a new array, at an estimate, X (p, l)."""
+        drives = [Drive(g[None], None, gradient=g) for g in X.T]
+        columns = [-self.rate(estimate, drive).value for drive in drives]
+        return np.column_stack(columns) if columns else np.zeros(X.shape)
 
-    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Return Gamma X (p, l), a new array, at a value (p) with an empty memory, X (p, l)."""
-        return self.gain(value).dot(X)
 
-    def metric(self, estimate: Estimate) -> np.ndarray:
-        """Return Gamma (p, p) at an estimate with its memory; its inverse is the metric of V."""
-        return self.gain(estimate.value)
+def _moved(part: Any, rate: Any, dt: float) -> Any:
+    """Return part + dt * rate, for arrays or nested tuples of arrays."""
+    if isinstance(part, tuple):
+        return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
+    return part + dt * rate
 
 
 class Frozen(Adaptation):
@@ -291,9 +275,9 @@ class Frozen(Adaptation):
         """Return the estimate."""
         return estimate
 
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return 0 for the true value; None otherwise, since no V is defined."""
-        return 0.0 if np.allclose(value, truth, rtol=1e-12, atol=1e-12) else None
+        return 0.0 if np.allclose(estimate.value, truth, rtol=1e-12, atol=1e-12) else None
 
 
 class Wrapper(Adaptation):
@@ -310,9 +294,8 @@ class Wrapper(Adaptation):
     def __init__(self, inner: Adaptation) -> None:
         """Wrap any adaptation."""
         self.inner = instance(inner, Adaptation, "inner")
-        self.updates_gain = inner.updates_gain
         self.name, self.torque_bandwidth = inner.name, inner.torque_bandwidth
-        self._size = inner._size
+        self.sources = (*self.sources, *inner.sources)
 
     def _own(self, start: np.ndarray) -> tuple:
         """Return this wrapper's parts of the memory, ``_parts``, for an initial value (p)."""
@@ -368,10 +351,6 @@ class Wrapper(Adaptation):
         """Return the inner adaptation's estimate after dt [s]."""
         return self.inner.step(estimate, self._driven(estimate, drive), dt)
 
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
-        """Return the inner adaptation's part of V."""
-        return self.inner.divergence(value, truth)
-
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
         return self.inner.storage(self._inner(estimate), truth)
@@ -382,33 +361,14 @@ class Wrapper(Adaptation):
         removed = (estimate.value - truth) @ (drive.gradient - driven.gradient)
         return float(removed) + self.inner.dissipation(estimate, driven, truth)
 
-    def gain(self, value: np.ndarray) -> np.ndarray:
-        """Return the inner adaptation's Gamma (p, p)."""
-        return self.inner.gain(value)
-
-    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+    def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""
-        return self.inner.gain_times(value, X)
-
-    def metric(self, estimate: Estimate) -> np.ndarray:
-        """Return the inner adaptation's Gamma (p, p) at an estimate with its memory."""
-        return self.inner.metric(self._inner(estimate))
-
-    def references(self) -> tuple[str, ...]:
-        """Return the sources of this wrapper and of the inner adaptation."""
-        return self.sources + self.inner.references()
+        return self.inner.gain_times(self._inner(estimate), X)
 
 
 def _after(own: tuple, inner: Estimate) -> Estimate:
     """Return an inner adaptation's estimate with a wrapper's own parts before its memory."""
     return Estimate(inner.value, (*own, *inner.memory))
-
-
-def _moved(part: Any, rate: Any, dt: float) -> Any:
-    """Return part + dt * rate, for arrays or nested tuples of arrays."""
-    if isinstance(part, tuple):
-        return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
-    return part + dt * rate
 
 
 class Stacked(Adaptation):
@@ -418,31 +378,24 @@ class Stacked(Adaptation):
         parts: the adaptations, in the order of their blocks.
     """
 
-    _size: int
-
     def __init__(self, parts: Sequence[tuple[Adaptation, int]]) -> None:
         """Stack pairs of an adaptation and the size of its block; the first gives the name.
 
         Raises:
-            InputError: no pair, or something that is not a pair of adaptation and size.
+            InputError: no pair, or something that is not an adaptation and a size.
         """
-        for given in instance(parts, Sequence, "parts"):
-            part, size = given if isinstance(given, tuple) and len(given) == 2 else (given, 0)
-            instance(part, Adaptation, "parts")
-            whole(size, "parts", 0)
         if not parts:
             raise InputError("expected at least one adaptation.", where="parts")
-        ends = np.cumsum([0] + [size for _, size in parts])
-        self.parts = [
-            (part, slice(int(a), int(b)))
-            for (part, _), (a, b) in zip(parts, pairwise(ends), strict=True)
-        ]
-        self._size, self.name = int(ends[-1]), parts[0][0].name
-        self._forgetful = ((),) * len(parts)
-        self.torque_bandwidth = next(
-            (p.torque_bandwidth for p, _ in self.parts if p.torque_bandwidth), None
-        )
-        self.updates_gain = any(part.updates_gain for part, _ in self.parts)
+        self.parts: list[tuple[Adaptation, slice]] = []
+        end = 0
+        for part, size in parts:
+            start, end = end, end + whole(size, "parts", 0)
+            self.parts.append((instance(part, Adaptation, "parts"), slice(start, end)))
+        self.name = parts[0][0].name
+        self.sources = tuple(source for part, _ in parts for source in part.sources)
+        self._empty = ((),) * len(parts)
+        bandwidths = (part.torque_bandwidth for part, _ in parts)
+        self.torque_bandwidth = next(filter(None, bandwidths), None)
 
     @property
     def projects(self) -> bool:
@@ -451,7 +404,7 @@ class Stacked(Adaptation):
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from; its memory holds one memory a block."""
-        return self._joined(part.init(value[block]) for part, block in self.parts)
+        return _joined([part.init(value[block]) for part, block in self.parts])
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return the initial value (p), each block validated by its adaptation."""
@@ -463,90 +416,56 @@ class Stacked(Adaptation):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) to use at q (nq), each block projected by its adaptation."""
-        value = estimate.value
         split = list(self._split(estimate))
         blocks = [part.project(own, q) for part, _, own in split]
-        same = (kept is own.value for kept, (_, _, own) in zip(blocks, split, strict=True))
-        return value if all(same) else np.concatenate(blocks)
+        kept = all(block is own.value for block, (_, _, own) in zip(blocks, split, strict=True))
+        return estimate.value if kept else np.concatenate(blocks)
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the estimate with each block reset by its adaptation to an announced value."""
-        return self._joined(
-            part.reset_to(own, value[block], start[block])
-            for part, block, own in self._split(estimate)
+        split = self._split(estimate)
+        return _joined(
+            [part.reset_to(own, value[block], start[block]) for part, block, own in split]
         )
-
-    def recorded(self, estimate: Estimate) -> Estimate:
-        """Return the estimate with the memory that the records of its blocks keep."""
-        if not any(estimate.memory):
-            return estimate
-        return self._joined(part.recorded(own) for part, _, own in self._split(estimate))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
-        return self._joined(
-            part.rate(own, drive.columns(block)) for part, block, own in self._split(estimate)
-        )
+        split = self._split(estimate)
+        return _joined([part.rate(own, drive.columns(block)) for part, block, own in split])
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        value, own = estimate.value, estimate.memory or self._forgetful
-        drives = [drive.columns(block) for _, block in self.parts]
-        after, memories = empty(self._size), []
-        for (part, block), memory, its_drive in zip(self.parts, own, drives, strict=True):
-            moved = part.step(Estimate(value[block], memory), its_drive, dt)
-            after[block] = moved.value
-            memories.append(moved.memory)
-        return Estimate(after, tuple(memories))
-
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
-        """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        parts = [part.divergence(value[block], truth[block]) for part, block in self.parts]
-        return (
-            None if any(d is None for d in parts) else float(sum(d for d in parts if d is not None))
-        )
+        split = self._split(estimate)
+        return _joined([part.step(own, drive.columns(block), dt) for part, block, own in split])
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        parts = [part.storage(own, truth[block]) for part, block, own in self._split(estimate)]
-        known = [part for part in parts if part is not None]
-        return float(sum(known)) if len(known) == len(parts) else None
+        total = 0.0
+        for part, block, own in self._split(estimate):
+            stored = part.storage(own, truth[block])
+            if stored is None:
+                return None
+            total += stored
+        return total
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return the sum of what the blocks' adaptations add to dV/dt."""
-        blocks = self._split(estimate)
-        return float(sum(p.dissipation(own, drive.columns(b), truth[b]) for p, b, own in blocks))
+        split = self._split(estimate)
+        return sum(part.dissipation(own, drive.columns(b), truth[b]) for part, b, own in split)
 
-    def gain(self, value: np.ndarray) -> np.ndarray:
-        """Return Gamma (p, p) at a value (p), block by block."""
-        return self.gain_times(value, np.eye(value.size))
-
-    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+    def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), block by block."""
-        blocks = [part.gain_times(value[block], X[block]) for part, block in self.parts]
-        return np.concatenate(blocks)
-
-    def metric(self, estimate: Estimate) -> np.ndarray:
-        """Return Gamma (p, p) at an estimate with its memory, block by block."""
-        Gamma = np.zeros((self._size, self._size))
-        for part, block, own in self._split(estimate):
-            Gamma[block, block] = part.metric(own)
-        return Gamma
-
-    def references(self) -> tuple[str, ...]:
-        """Return the sources of all parts, in their order."""
-        return tuple(source for part, _ in self.parts for source in part.references())
+        split = self._split(estimate)
+        return np.concatenate([part.gain_times(own, X[block]) for part, block, own in split])
 
     def _split(self, estimate: Estimate) -> Iterator[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""
-        memories = estimate.memory or self._forgetful
+        memories = estimate.memory or self._empty
         for (part, block), memory in zip(self.parts, memories, strict=True):
             yield part, block, Estimate(estimate.value[block], memory)
 
-    def _joined(self, estimates: Iterable[Estimate]) -> Estimate:
-        """Return the estimates of all blocks as one."""
-        value, memories = np.empty(self._size), []
-        for (_, block), estimate in zip(self.parts, estimates, strict=True):
-            value[block] = estimate.value
-            memories.append(estimate.memory)
-        return Estimate(value, tuple(memories))
+
+def _joined(blocks: Sequence[Estimate]) -> Estimate:
+    """Return the estimates of all blocks as one."""
+    value = np.concatenate([block.value for block in blocks])
+    return Estimate(value, tuple([block.memory for block in blocks]))

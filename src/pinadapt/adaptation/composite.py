@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,11 +14,13 @@ from numpy.typing import ArrayLike
 from .._checks import numbers, positive
 from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
-from .least_squares import DecayWeight, checked_weight, weight_of
+from .least_squares import PredictionWeight
 
-# name of the inner adaptation -> name of the wrapped one
-_COMPOSITE = {"gradient": "composite", "natural": "natural-composite"}
-_WITH_MEMORY = {"gradient": "composite-memory", "natural": "natural-memory"}
+# name of the inner adaptation -> of its composite, and of that with a memory
+_NAMES = {
+    "gradient": ("composite", "composite-memory"),
+    "natural": ("natural-composite", "natural-memory"),
+}
 
 
 class Composite(Wrapper):
@@ -31,7 +34,7 @@ class Composite(Wrapper):
                 time, in the metric of any inner adaptation. Under natural adaptation the estimate
                 stays in its cone.
     Weight:     constant, as published, or R = rate (W Gamma W^T + diag(floor))^-1; see
-                ``DecayWeight``.
+                ``PredictionWeight``.
 
     J.-J. Slotine, W. Li, *Composite adaptive control of robot manipulators*, Automatica 25 (1989)
     509-519, with a constant Gamma; with natural adaptation it is the same gradient in its metric.
@@ -39,6 +42,7 @@ class Composite(Wrapper):
     Attributes:
         inner: the wrapped adaptation, of all dynamic parameters.
         torque_bandwidth: bandwidth of the low pass [1/s].
+        weight: how R is chosen.
     """
 
     sources: tuple[str, ...] = ("SlotineLi1989",)
@@ -65,24 +69,15 @@ class Composite(Wrapper):
             GainError: neither or both of weight and rate, or gains that are not positive.
         """
         super().__init__(inner)
-        self.name = _COMPOSITE.get(inner.name, inner.name)
+        self.name = _NAMES.get(inner.name, (inner.name,))[0]
         self.torque_bandwidth = positive(bandwidth, "prediction_filter")
-        if (weight is None) == (rate is None):
-            raise GainError("expected either a weight or a rate.", where="prediction_rate")
-        self._constant = None if weight is None else checked_weight(weight)
-        self._decay = None if rate is None else DecayWeight(rate, floor)
-
-    def weight(self, value: np.ndarray, W: np.ndarray) -> np.ndarray:
-        """Return R (n, n) at a value (p) and a filtered regressor W (n, p)."""
-        if self._constant is not None:
-            return weight_of(self._constant, len(W))
-        assert self._decay is not None
-        return self._decay.at(W.dot(self.inner.gain_times(value, W.T)))
+        self.weight = PredictionWeight(weight, rate, floor)
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
-        W = drive.W
-        return drive if W is None else drive.weighted(self.weight(estimate.value, W))
+        if drive.W is None:
+            return drive
+        return drive.weighted(self.weight.at(drive.W, partial(self.inner.gain_times, estimate)))
 
 
 class CompositeMemory(Wrapper):
@@ -148,7 +143,7 @@ class CompositeMemory(Wrapper):
     """
 
     sources = ("Kreisselmeier1977", "PanYu2018", "FortescueKershenbaumYdstie1981")
-    _parts = 4
+    _parts = 5
 
     def __init__(
         self,
@@ -179,11 +174,10 @@ class CompositeMemory(Wrapper):
             prior: Pi (p, p) [1/s], symmetric and positive semidefinite; None: zero.
 
         Raises:
-            GainError: gains that are not positive, too long an interval, or a
-                prior that is no square matrix.
+            GainError: gains that are not positive, or too long an interval.
         """
         super().__init__(inner)
-        self.name = _WITH_MEMORY.get(inner.name, inner.name)
+        self.name = _NAMES.get(inner.name, (inner.name,))[-1]
         self.torque_bandwidth = self._bandwidth = positive(bandwidth, "prediction_filter")
         self.speed = positive(rate, "prediction_rate")
         self.noise = numbers(noise, "noise", error=GainError)
@@ -195,16 +189,13 @@ class CompositeMemory(Wrapper):
         self.interval = positive(interval, "interval", zero=True, most=1.0 / self.speed)
         self.unit = positive(unit, "unit")
         self.prior = None if prior is None else numbers(prior, "prior", error=GainError)
-        if self.prior is not None and self.prior.shape != 2 * self.prior.shape[:1]:
-            raise GainError(
-                f"expected a square matrix, got shape {self.prior.shape}.", where="prior"
-            )
         self._variance = self.noise * self.noise
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the inner adaptation's start, with an empty memory and the prior at the value."""
-        inner = self.inner.init(value)
-        return Estimate(inner.value, (*self._own(value), *inner.memory))
+    def _own(self, start: np.ndarray) -> tuple:
+        """Return A = 0, b = 0, no gradient, the time to its next evaluation, and Pi a_0."""
+        p = start.size
+        told = np.zeros(p) if self.prior is None else self.prior.dot(start)
+        return np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros(1), told
 
     def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
         """Return the estimate with A = unit H and b = A a_hat.
@@ -222,33 +213,31 @@ class CompositeMemory(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
-        (A, b, *_), inner = estimate.memory[: self._parts], self._inner(estimate)
-        still = [np.zeros(part.shape) for part in estimate.memory[: self._parts]]
+        A, b, *rest = estimate.memory[: self._parts]
         gradient, fading = self._recalled(estimate, drive)
+        A_rate, b_rate = np.zeros(A.shape), np.zeros(b.shape)
         if gradient is not None:
-            A_new, b_new = self._increment(estimate, drive)
-            still[0], still[1] = A_new - fading * A, b_new - fading * b
-        rate = self.inner.rate(inner, self._total(drive, gradient))
-        return Estimate(rate.value, (*still, *rate.memory))
+            A_new, b_new = self._told(estimate, drive)
+            A_rate, b_rate = A_new - fading * A, b_new - fading * b
+        rate = self.inner.rate(self._inner(estimate), self._total(drive, gradient))
+        still = (np.zeros(part.shape) for part in rest)
+        return Estimate(rate.value, (A_rate, b_rate, *still, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
-        A, b, gradient, start = estimate.memory[: self._parts]
-        inner, due = self._inner(estimate), start[0]
+        A, b, gradient, due, told = estimate.memory[: self._parts]
         if drive.W is None or drive.saturated:
-            after = self.inner.step(inner, self._total(drive, None), dt)
-            return Estimate(after.value, (A, b, gradient, start, *after.memory))
-        start = start.copy()
-        start[0] = due - dt
-        if due < 0.5 * dt:
+            after = self.inner.step(self._inner(estimate), self._total(drive, None), dt)
+            return Estimate(after.value, (A, b, gradient, due, told, *after.memory))
+        if due[0] < 0.5 * dt:
             span = max(self.interval, dt)
-            start[0] = span - dt
+            due = np.array([span])
             gradient, fading = self._recalled(estimate, drive)
             kept = math.exp(-fading * span)
-            A_new, b_new = self._increment(estimate, drive, span)
-            A, b = A_new + kept * A, b_new + kept * b
-        after = self.inner.step(inner, self._total(drive, gradient), dt)
-        return Estimate(after.value, (A, b, gradient, start, *after.memory))
+            A_new, b_new = self._told(estimate, drive)
+            A, b = span * A_new + kept * A, span * b_new + kept * b
+        after = self.inner.step(self._inner(estimate), self._total(drive, gradient), dt)
+        return Estimate(after.value, (A, b, gradient, due - dt, told, *after.memory))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""
@@ -261,51 +250,34 @@ class CompositeMemory(Wrapper):
         recalled = 0.0 if gradient is None else self.speed / self.share * gradient
         return Drive(drive.Y, drive.e, gradient=drive.gradient + recalled)
 
-    def _increment(
-        self, estimate: Estimate, drive: Drive, span: float = 1.0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return W^T R W + Pi (p, p) and W^T R y + Pi a_0 (p) of a prediction error, times a span.
-
-        They are rates, of A and b; span is the time over which they hold [s].
-        """
-        W, residual = drive.W, drive.residual
-        assert W is not None and residual is not None
-        weighted = (W.T * (span * self._bandwidth / self._variance)).dot  # W^T R
-        A_new, b_new = weighted(W), weighted(W.dot(estimate.value) - residual)
-        if self.prior is not None:
-            A_new += span * self.prior
-            b_new += span * estimate.memory[3][1:]
-        return A_new, b_new
+    def _told(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
+        """Return W^T R W + Pi (p, p) and W^T R y + Pi a_0 (p) of a prediction error, per second."""
+        W = drive.W
+        assert W is not None
+        W_R = W.T * (self._bandwidth / self._variance)
+        A, b = W_R.dot(W), W_R.dot(W.dot(estimate.value) - drive.residual)
+        return (A, b) if self.prior is None else (A + self.prior, b + estimate.memory[4])
 
     def _recalled(self, estimate: Estimate, drive: Drive) -> tuple[np.ndarray | None, float]:
         """Return H da (p) and mu [1/s]; None and zero without a prediction error.
 
         One factorisation of I + A P serves H da and S.
         """
-        value, (A, b) = estimate.value, estimate.memory[:2]
-        W, residual = drive.W, drive.residual
-        if W is None or residual is None or drive.saturated:
+        W = drive.W
+        if W is None or drive.saturated:
             return None, 0.0
         from scipy.linalg.lapack import dgesv  # slow to import
 
-        n, p = W.shape
-        moved = self.inner.gain_times(value, A)  # kappa P A
-        moved.flat[:: p + 1] += self.share
-        sides = np.empty((p, n + 1), order="F")
-        sides[:, 0], sides[:, 1:] = A.dot(value) - b, W.T
+        (A, b), inner, n = estimate.memory[:2], self._inner(estimate), len(W)
+        moved = self.inner.gain_times(inner, A)  # kappa P A
+        moved.flat[:: len(b) + 1] += self.share
+        sides = np.column_stack([A.dot(estimate.value) - b, W.T])
         # (I + A P)^-1 / kappa times A da and W^T
-        solved = dgesv(moved.T, sides, overwrite_b=True)[2]
-        W_Gamma = self.inner.gain_times(value, W.T).T
-        innovation = residual - W_Gamma.dot(solved[:, 0])
-        S = W_Gamma.dot(solved[:, 1:])
+        solved = dgesv(moved.T, sides)[2]
+        W_Gamma = self.inner.gain_times(inner, W.T).T
+        innovation, S = drive.residual - W_Gamma.dot(solved[:, 0]), W_Gamma.dot(solved[:, 1:])
         S.flat[:: n + 1] += self._variance
         fading = self.forgetting / n * float(innovation @ np.linalg.solve(S, innovation))
         fading /= 1.0 + fading / self._bandwidth
         trust = (1.0 - fading / self._bandwidth) ** self.doubt
         return trust * self.share * solved[:, 0], fading
-
-    def _own(self, start: np.ndarray) -> tuple:
-        """Return A = 0, b = 0, no gradient, and the time to its next evaluation with Pi a_0."""
-        p = start.size
-        told = np.zeros(p) if self.prior is None else self.prior.dot(start)
-        return np.zeros((p, p)), np.zeros(p), np.zeros(p), np.concatenate([[0.0], told])

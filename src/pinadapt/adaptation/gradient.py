@@ -26,32 +26,18 @@ class Gradient(Adaptation):
         Raises:
             GainError: Gamma is not positive definite, or of another size.
         """
-        self.Gamma = np.ascontiguousarray(
-            definite_matrix(Gamma, whole(size, "size", 0, most=MOST_PARAMETERS), name)
-        )
-        self._information, self._size = np.linalg.inv(self.Gamma), len(self.Gamma)
+        size = whole(size, "size", 0, most=MOST_PARAMETERS)
+        self.Gamma = np.ascontiguousarray(definite_matrix(Gamma, size, name))
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return -Gamma g (p)."""
-        return Estimate(self.value_rate(estimate, drive))
+        return Estimate(-self.Gamma.dot(drive.gradient))
 
-    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
-        """Return -Gamma g (p)."""
-        return -self.Gamma.dot(drive.gradient)
-
-    def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
-        """Return the estimate after dt [s] with the drive held."""
-        return Estimate(estimate.value - dt * self.Gamma.dot(drive.gradient))
-
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:
+    def storage(self, estimate: Estimate, truth: np.ndarray) -> float:
         """Return half the squared Gamma^-1 norm of the parameter error."""
-        error = value - truth
-        return float(0.5 * error @ self._information @ error)
+        error = estimate.value - truth
+        return float(0.5 * error @ np.linalg.solve(self.Gamma, error))
 
-    def gain(self, value: np.ndarray) -> np.ndarray:
-        """Return Gamma (p, p)."""
-        return self.Gamma
-
-    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+    def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l)."""
         return self.Gamma.dot(X)

@@ -1,8 +1,10 @@
-"""Least squares on the prediction error, with bounded-gain forgetting."""
+"""Least squares on the prediction error, with forgetting, and the weights of prediction errors."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy import empty
@@ -13,52 +15,46 @@ from .._kernels import estimates as kernels
 from ..exceptions import GainError
 from .adaptation import Adaptation, Drive, Estimate
 
-_SMALL = 40  # parameters, up to which loops are faster than LAPACK
 
+class PredictionWeight:
+    """R of a prediction error r: constant, or such that the error decays at one rate.
 
-def checked_weight(weight: ArrayLike, where: str = "weight") -> np.ndarray:
-    """Return a number, n numbers or a matrix (n, n) as an array, checked to be positive definite.
-
-    Raises:
-        GainError: it is not.
-    """
-    given = numbers(weight, where, error=GainError)
-    definite_matrix(given, len(np.atleast_1d(given)), where)
-    return given
-
-
-def weight_of(checked: np.ndarray, n: int) -> np.ndarray:
-    """Return R (n, n) from what ``checked_weight`` returned."""
-    return checked if checked.ndim == 2 else np.diag(np.broadcast_to(checked, n))
-
-
-class DecayWeight:
-    """R = rate (W Gamma W^T + diag(floor))^-1: the prediction error r decays at one rate.
-
-    With it dr/dt = -rate r + (terms in dW/dt): every row of the error decays at the same rate,
-    whatever its units. The floor limits the weight of rows with little excitation; where the gain
-    Gamma has become small, R tends to the constant weight rate diag(floor)^-1.
+    With R = rate (W Gamma W^T + diag(floor))^-1 it is dr/dt = -rate r + (terms in dW/dt): every row
+    of the error decays at the same rate, whatever its units. The floor limits the weight of rows
+    with little excitation; where the gain Gamma has become small, R tends to the constant weight
+    rate diag(floor)^-1.
 
     Attributes:
-        rate: [1/s].
+        constant: (n, n) or (n) or a number; None: by the rate.
+        rate: [1/s], zero for a constant weight.
         floor: a positive number, or one per row, in units of W Gamma W^T.
     """
 
-    def __init__(self, rate: float, floor: ArrayLike) -> None:
-        """Choose rate [1/s] and floor.
+    def __init__(self, weight: ArrayLike | None, rate: float | None, floor: ArrayLike) -> None:
+        """Choose either a constant weight or a rate [1/s] with its floor.
 
         Raises:
-            GainError: one of them is not positive.
+            GainError: neither or both, or numbers that are not positive (definite).
         """
+        if (weight is None) == (rate is None):
+            raise GainError("expected either a weight or a rate.", where="prediction_rate")
+        self.constant, self.rate, self.floor = None, 0.0, np.ones(1)
+        if rate is None:
+            self.constant = numbers(weight, "weight", error=GainError)
+            definite_matrix(self.constant, len(np.atleast_1d(self.constant)), "weight")
+            return
         self.rate = positive(rate, "prediction_rate")
         self.floor = np.atleast_1d(numbers(floor, "floor", error=GainError))
         if not (self.floor > 0.0).all():
             raise GainError("must be positive; at rest only it bounds the weight.", where="floor")
 
-    def at(self, S: np.ndarray) -> np.ndarray:
-        """Return R (n, n) where W Gamma W^T is S (n, n)."""
-        S = S.copy()
-        S.flat[:: len(S) + 1] += self.floor
+    def at(self, W: np.ndarray, times_Gamma: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return R (n, n) for W (n, p), with a function that multiplies W^T by Gamma."""
+        n, constant = len(W), self.constant
+        if constant is not None:
+            return constant if constant.ndim == 2 else np.diag(np.broadcast_to(constant, n))
+        S = W.dot(times_Gamma(W.T))
+        S.flat[:: n + 1] += self.floor
         R = self.rate * np.linalg.inv(S)
         return np.asarray(0.5 * (R + R.T))
 
@@ -66,7 +62,7 @@ class DecayWeight:
 class LeastSquares(Adaptation):
     """da/dt = -P (Y^T e + W^T R r), dP^-1/dt = W^T R W - F, r = W a - y, F the forgetting.
 
-    The gain P decreases in directions that the motion excites, and recovers by forgetting:
+    The information P^-1 grows in directions that the motion excites, and is forgotten:
 
         F = lambda P^-1, lambda(t) = lambda_0 (1 - |P|)         bounded-gain forgetting (default)
         F = lambda_0 (P^-1 - P(0)^-1)                           directional
@@ -84,10 +80,10 @@ class LeastSquares(Adaptation):
                 -r^T R_0 r, it changes by -r^T (R - R_0) r + r^T R r / 2 - da^T F da / 2. Under
                 persistent excitation of all parameters P^-1 is bounded and F does not vanish; then
                 tracking and parameter errors converge to zero exponentially.
-    Step:       recursive least squares, P+ = (P^-1 + dt W^T R W)^-1 and a+ = a - dt P+ g, then the
+    Memory:     P^-1.
+    Step:       recursive least squares, P+^-1 = P^-1 + dt W^T R W and a+ = a - dt P+ g, then the
                 forgetting by its exact solution. P stays positive definite and bounded for any dt.
-    Limits:     bodies may become unphysical, and coefficients negative. A step solves an eigenvalue
-                problem of size p, which takes some tenths of a millisecond for p = 90.
+    Limits:     bodies may become unphysical, and coefficients negative.
 
     J.-J. Slotine, W. Li, *Composite adaptive control of robot manipulators*, Automatica 25 (1989)
     509-519; M. Salgado, G. Goodwin, R. Middleton, *Modified least squares algorithm incorporating
@@ -105,7 +101,6 @@ class LeastSquares(Adaptation):
 
     name = "least-squares"
     sources: tuple[str, ...] = ("SlotineLi1989",)
-    updates_gain = True
 
     def __init__(
         self,
@@ -130,7 +125,7 @@ class LeastSquares(Adaptation):
             weight: R, a number, l numbers or (l, l), in 1/s over the square of the predicted unit;
                 None: that of the law's drive.
             rate: [1/s] at which the prediction error decays, instead of a weight: see
-                ``DecayWeight``, with Gamma = P.
+                ``PredictionWeight``, with Gamma = P.
             floor: with a rate: a positive number or l of them, in units of W P W^T.
             forgetting: lambda_0 [1/s]; zero forgets nothing.
             directional: whether each direction forgets on its own.
@@ -139,174 +134,121 @@ class LeastSquares(Adaptation):
         Raises:
             GainError: gains that are not positive (definite), or of another size.
         """
-        self.P_0 = np.ascontiguousarray(
-            definite_matrix(P_0, whole(size, "size", 0, most=MOST_PARAMETERS), "gamma_d")
-        )
-        self._whiten = np.linalg.inv(np.linalg.cholesky(self.P_0))
-        self._prior, self._size = self._whiten.T @ self._whiten, len(self.P_0)  # P(0)^-1
-        self._shape = self.P_0.shape
-        self.torque_bandwidth = (
-            None if bandwidth is None else positive(bandwidth, "prediction_filter")
-        )
+        size = whole(size, "size", 0, most=MOST_PARAMETERS)
+        self.P_0 = np.ascontiguousarray(definite_matrix(P_0, size, "gamma_d"))
+        self._prior, self._root = np.linalg.inv(self.P_0), np.linalg.cholesky(self.P_0)
         self.forgetting = positive(forgetting, "forgetting", zero=True)
         self.directional, self.unit = flag(directional, "directional"), positive(unit, "unit")
         if self.directional:
             self.sources = (*self.sources, "SalgadoGoodwinMiddleton1988")
-        self._constant = None if weight is None or rate is not None else checked_weight(weight)
-        self._decay = None if rate is None else DecayWeight(rate, floor)
-        self._rate, self._floor = 0.0, np.ones(1)  # of no weight that decays
-        if self._decay is not None:
-            self._rate, self._floor = self._decay.rate, self._decay.floor
-        if bandwidth is not None and weight is None and rate is None:
-            raise GainError(
-                "the prediction error of the torque needs a weight or a rate.", where="weight"
-            )
+        weight = None if rate is not None else weight
+        self._weight, self._rate, self._floor = None, 0.0, np.ones(1)
+        if bandwidth is not None:
+            self.torque_bandwidth = positive(bandwidth, "prediction_filter")
+        if bandwidth is not None or weight is not None or rate is not None:
+            self._weight = PredictionWeight(weight, rate, floor)
+            self._rate, self._floor = self._weight.rate, self._weight.floor
 
     def init(self, value: np.ndarray) -> Estimate:
         """Return the estimate to start from, with P(0)."""
-        return Estimate(super().init(value).value, (self.P_0.copy(),))
+        return Estimate(super().init(value).value, (self._prior,))
 
     def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
         """Return the estimate with the gain (P(0)^-1 + unit H)^-1."""
-        P = np.linalg.inv(self._prior + self.unit * H)
-        return estimate if not H.any() else Estimate(estimate.value, (0.5 * (P + P.T),))
+        return Estimate(estimate.value, (self._prior + self.unit * H,))
 
     def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
         """Return the estimate at an announced value (p), with P(0) again."""
-        return Estimate(value, (self.P_0.copy(),))
+        return Estimate(value, (self._prior,))
 
-    def weight(self, drive: Drive, P: np.ndarray) -> np.ndarray:
-        """Return R (l, l) for a drive with a prediction error, at the gain P (p, p)."""
-        W, given = drive.W, drive.weight
+    def weight(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return R (l, l) for a drive with a prediction error."""
+        W = drive.W
         assert W is not None
-        if self._decay is not None:
-            return self._decay.at(W.dot(P).dot(W.T))
-        if self._constant is not None:
-            return weight_of(self._constant, len(W))
-        return np.zeros((len(W), len(W))) if given is None else given
+        if self._weight is None:
+            return np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
+        return self._weight.at(W, partial(self.gain_times, estimate))
 
-    def _started(self, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
-        """Return the weight R_0 (l, l) that the kernels start from, and the gradient (p) with it.
-
-        R_0 is the constant weight, or else that of the drive.
-        """
-        given, constant = drive.weight, self._constant
-        if constant is None and given is not None:
-            return given, drive.gradient
-        assert drive.W is not None
-        m = len(drive.W)
-        if constant is None:
-            return np.zeros((m, m)), drive.gradient
-        R = weight_of(constant, m)
-        return R, drive.weighted(R).gradient
-
-    def size(self, P: np.ndarray) -> float:
-        """Return |P|, the largest eigenvalue of P (p, p) relative to P(0)."""
-        if not np.isfinite(P).all() or not P.size:
-            return math.inf if P.size else 0.0
-        largest = float(np.linalg.eigvalsh(self._whiten @ P @ self._whiten.T)[-1])
-        return min(largest, 1.0)  # above one is rounding
+    def size(self, information: np.ndarray) -> float:
+        """Return |P|, the largest eigenvalue of P relative to P(0), for P^-1 (p, p)."""
+        if not information.size:
+            return 0.0
+        least = float(np.linalg.eigvalsh(self._root.T @ information @ self._root)[0])
+        return 1.0 / max(least, 1.0)  # below one is rounding
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return da/dt (p) and dP/dt, which is zero without a prediction error."""
-        P, W = self._gain(estimate), drive.W
+        """Return da/dt (p) and dP^-1/dt, which is zero without a prediction error."""
+        information, W = self._information(estimate), drive.W
         if W is None:
-            return Estimate(-P.dot(drive.gradient), (np.zeros(P.shape),))
-        R, P_W = self.weight(drive, P), P.dot(W.T)
-        learned = P_W.dot(R).dot(P_W.T)
-        return Estimate(-P.dot(drive.weighted(R).gradient), (self._recovery(P) - learned,))
+            rate = np.linalg.solve(information, -drive.gradient)
+            return Estimate(rate, (np.zeros(information.shape),))
+        R = self.weight(estimate, drive)
+        rate = np.linalg.solve(information, -drive.weighted(R).gradient)
+        return Estimate(rate, (W.T.dot(R).dot(W) - self._forgotten(information),))
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return da/dt (p)."""
-        P, W, residual = self._gain(estimate), drive.W, drive.residual
-        if W is None or residual is None or len(P) > _SMALL:
+        if drive.W is None:
             return self.rate(estimate, drive).value
-        return self._small_step(P, drive, W, residual, 0.0)[0]
-
-    def _small_step(
-        self, P: np.ndarray, drive: Drive, W: np.ndarray, residual: np.ndarray, dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean of da/dt (p) over dt [s], and P (p, p) after it."""
-        (R_0, g), slope, gain = self._started(drive), empty(len(P)), empty(self._shape)
-        kernels.fit(
-            P, W, residual, R_0, g, self._rate, self._floor,
-            dt, self._prior, math.exp(-self.forgetting * dt), slope, gain,
-        )  # fmt: skip
-        return slope, gain
+        return self._moved(estimate, drive, 0.0, 1.0, 0.0)[0]
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        P, W, residual = self._gain(estimate), drive.W, drive.residual
-        if W is None or residual is None:
-            return Estimate(estimate.value - dt * P.dot(drive.gradient), (P,))
-        if self.directional and len(P) <= _SMALL:
-            slope, gain = self._small_step(P, drive, W, residual, dt)
-            return Estimate(estimate.value + dt * slope, (gain,))
-        R, P_W = self.weight(drive, P), P.dot(W.T)
-        # (P^-1 + dt W^T R W)^-1 by the matrix inversion lemma, for R >= 0
-        inner = np.linalg.solve(np.eye(len(R)) + dt * R.dot(W.dot(P_W)), dt * R)
-        updated = P - P_W.dot(inner).dot(P_W.T)
-        updated = 0.5 * (updated + updated.T)
-        value = estimate.value - dt * updated.dot(drive.weighted(R).gradient)
-        return Estimate(value, (self._after_forgetting(P, updated, dt),))
+        if drive.W is None:
+            return Estimate(estimate.value + dt * self.rate(estimate, drive).value, estimate.memory)
+        kept = math.exp(-self.forgetting * dt)
+        restored = 1.0 - kept
+        if not self.directional:  # d|P|/dt = lambda_0 (1 - |P|) |P|
+            size = self.size(self._information(estimate))
+            kept, restored = size + (1.0 - size) * kept, 0.0
+        rate, information = self._moved(estimate, drive, dt, kept, restored)
+        return Estimate(estimate.value + dt * rate, (information,))
 
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float:
-        """Return da^T P(0)^-1 da / 2."""
-        return self._energy(self.P_0, value - truth)
+    def _moved(
+        self, estimate: Estimate, drive: Drive, dt: float, kept: float, restored: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean of da/dt (p) over dt [s], and P^-1 (p, p) after it.
+
+        Of P^-1 the share ``kept`` is left, and the share ``restored`` of P(0)^-1 is added.
+        """
+        information, W, r = self._information(estimate), drive.W, drive.residual
+        assert W is not None and r is not None
+        if self._weight is not None and not self._rate:
+            drive = drive.weighted(self.weight(estimate, drive))
+        R = np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
+        rate, after = empty(len(information)), empty(information.shape)
+        kernels.fit(
+            information, W, r, R, drive.gradient, self._rate, self._floor,
+            dt, kept, restored, self._prior, rate, after,
+        )  # fmt: skip
+        return rate, after
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float:
         """Return da^T P^-1 da / 2."""
-        return self._energy(self._gain(estimate), estimate.value - truth)
+        error = estimate.value - truth
+        return float(0.5 * error @ self._information(estimate) @ error)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -r^T (R - R_0) r + r^T R r / 2 - da^T F da / 2, R_0 the weight of the drive."""
         if drive.W is None:
             return 0.0
-        P, error = self._gain(estimate), estimate.value - truth
-        predicted, R = drive.W.dot(error), self.weight(drive, P)
+        error, R = estimate.value - truth, self.weight(estimate, drive)
+        predicted = drive.W.dot(error)
         beyond = R if drive.weight is None else R - drive.weight
         learned = predicted @ beyond @ drive.residual - 0.5 * predicted @ R @ predicted
-        in_P = np.linalg.solve(P, error)
-        forgotten = max(float(in_P @ self._recovery(P) @ in_P), 0.0)  # below zero is rounding
-        return float(-learned - 0.5 * forgotten)
+        forgotten = error @ self._forgotten(self._information(estimate)) @ error
+        return float(-learned - 0.5 * max(forgotten, 0.0))  # below zero is rounding
 
-    def gain(self, value: np.ndarray) -> np.ndarray:
-        """Return P(0) (p, p)."""
-        return self.P_0
+    def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
+        """Return P X (p, l)."""
+        return np.linalg.solve(self._information(estimate), X)
 
-    def metric(self, estimate: Estimate) -> np.ndarray:
-        """Return P (p, p)."""
-        return self._gain(estimate)
+    def _information(self, estimate: Estimate) -> np.ndarray:
+        """Return P^-1 (p, p)."""
+        return estimate.memory[0] if estimate.memory else self._prior
 
-    def _gain(self, estimate: Estimate) -> np.ndarray:
-        """Return P (p, p)."""
-        if not estimate.memory:
-            return self.P_0
-        P: np.ndarray = estimate.memory[0]
-        return P
-
-    def _recovery(self, P: np.ndarray) -> np.ndarray:
-        """Return P F P (p, p), the part of dP/dt by which forgetting restores the gain P (p, p)."""
+    def _forgotten(self, information: np.ndarray) -> np.ndarray:
+        """Return F (p, p) where P^-1 is the information."""
         if self.directional:
-            return self.forgetting * (P - P @ self._prior @ P)
-        return self.forgetting * (1.0 - self.size(P)) * P
-
-    def _after_forgetting(self, P: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
-        """Return the gain (p, p) after dt [s] of forgetting.
-
-        Args:
-            P: (p, p) before the step.
-            after: (p, p) updated by the prediction error.
-            dt: [s].
-        """
-        rest = math.exp(-self.forgetting * dt)
-        if self.directional:  # P^-1 - P(0)^-1 decays
-            mixed = np.linalg.inv(rest * np.linalg.inv(after) + (1.0 - rest) * self._prior)
-            return np.asarray(0.5 * (mixed + mixed.T))
-        size = self.size(P)  # d|P|/dt = lambda_0 (1 - |P|) |P|
-        return after / (size + (1.0 - size) * rest)
-
-    @staticmethod
-    def _energy(P: np.ndarray, error: np.ndarray) -> float:
-        """Return da^T P^-1 da / 2."""
-        return float(0.5 * error @ np.linalg.solve(P, error))
+            return self.forgetting * (information - self._prior)
+        return self.forgetting * (1.0 - self.size(information)) * information

@@ -181,8 +181,8 @@ def _share_outside(error: np.ndarray | None, size: np.ndarray | None) -> float:
 class Normalised(Wrapper):
     """Any adaptation with the gradient Y^T e / m_Y^2 + W^T R r / m_W^2.
 
-    m_Y^2 = 1 + tr(Y Gamma Y^T) / c, and m_W^2 likewise; Gamma is that of the inner adaptation with
-    an empty memory. However large the regressor, the effect of the estimate's rate on the torque is
+    m_Y^2 = 1 + tr(Y Gamma Y^T) / c, and m_W^2 likewise; Gamma is that of the inner adaptation.
+    However large the regressor, the effect of the estimate's rate on the torque is
     bounded, |Y da/dt| <= c |e|. This limits the effect of error bursts, fast motion and outliers.
 
     V:          dV/dt changes by da^T (g - g / m^2), an equality. The prediction part -r^T R r
@@ -212,12 +212,12 @@ class Normalised(Wrapper):
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with each part divided by its m^2."""
-        of_W = 1.0 if drive.W is None else self._factor(estimate.value, drive.W)
-        return drive.scaled(self._factor(estimate.value, drive.Y), of_W)
+        of_W = 1.0 if drive.W is None else self._factor(estimate, drive.W)
+        return drive.scaled(self._factor(estimate, drive.Y), of_W)
 
-    def _factor(self, value: np.ndarray, Y: np.ndarray) -> float:
-        """Return 1 / m^2 at a value (p) for a regressor (k, p)."""
-        trace = float(np.sum(Y.T * self.inner.gain_times(value, Y.T)))
+    def _factor(self, estimate: Estimate, Y: np.ndarray) -> float:
+        """Return 1 / m^2 at an estimate for a regressor (k, p)."""
+        trace = float(np.sum(Y.T * self.inner.gain_times(estimate, Y.T)))
         return 1.0 / (1.0 + trace / self.size)
 
 

@@ -65,10 +65,8 @@ class MatrixInequality:
             )
         if not np.allclose(self.F, self.F.transpose(0, 2, 1)):
             raise ParameterError("the coefficient matrices must be symmetric.", where="LMI")
-        self.blocks, (self._p, self._n, _) = (
-            whole(blocks, "blocks", 0, most=MOST_PARAMETERS),
-            self.F.shape,
-        )
+        self.blocks = whole(blocks, "blocks", 0, most=MOST_PARAMETERS)
+        self._p, self._n, _ = self.F.shape
         flat = self.F.reshape(self._p, -1)
         if np.linalg.matrix_rank(flat) < self._p:
             raise ParameterError(
@@ -79,9 +77,7 @@ class MatrixInequality:
             raise ParameterError(
                 "several blocks need coefficients that span all symmetric matrices.", where="LMI"
             )
-        self._flat = flat
-        self._dual = np.linalg.solve(flat @ flat.T, flat)  # rows D_i
-        self._dual_T = np.ascontiguousarray(self._dual.T)
+        self._flat, self._dual = flat, np.linalg.solve(flat @ flat.T, flat)  # rows F_i and D_i
         dual = _entries(self._dual.reshape(self.F.shape))
         self._constants = (self._p, self._n, *_entries(self.F), *dual)
 
@@ -109,34 +105,30 @@ class MatrixInequality:
         """Return P (k, n, n) at parameters a (k p)."""
         return a.reshape(self.blocks, self._p).dot(self._flat).reshape(-1, self._n, self._n)
 
-    def components(self, P: np.ndarray) -> np.ndarray:
-        """Return the coordinates (k p) of P (k, n, n).
-
-        For l of them (l, k, n, n) the result holds their coordinates one after the other (l k p).
-        """
-        return P.reshape(-1, self._n * self._n).dot(self._dual_T).ravel()
-
     def covectors(self, g: np.ndarray) -> np.ndarray:
-        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da, g (k p).
-
-        For l gradients (l, k p) the result holds their L one after the other (l k, n, n).
-        """
+        """Return the symmetric L (k, n, n) with tr(L P(da)) = g . da for every da, g (k p)."""
         return g.reshape(-1, self._p).dot(self._dual).reshape(-1, self._n, self._n)
+
+    def metric(self, a: np.ndarray) -> np.ndarray:
+        """Return the Hessian of -log det (p, p) at a (p): tr(P^-1 F_i P^-1 F_j), of one block."""
+        G = np.linalg.solve(self.matrices(a)[0], self.F)
+        return np.einsum("iab,jba->ij", G, G)
 
     def metric_inverse_times(self, a: np.ndarray, X: np.ndarray, gamma: np.ndarray) -> np.ndarray:
         """Return the inverse metric of -log det at a (k p), of block b times gamma_b, times X.
 
-        For complete sets only. Column i of a block has the coordinates of P L P with
-        tr(L P(da)) = da_i.
+        In a complete set, column i of a block has the coordinates of P L P with tr(L P(da)) = da_i.
 
         Args:
             a: (k p) parameters.
             X: (k p, l).
             gamma: (k) factors of the blocks.
         """
+        if not self.complete:
+            return np.asarray(gamma * np.linalg.solve(self.metric(a), X))
         P, size = gamma[:, None, None] ** 0.5 * self.matrices(a), self._n**2
         both = P[:, :, None, :, None] * P[:, None, :, None, :]  # P L P is this times L
-        blocks = self._dual @ both.reshape(-1, size, size) @ self._dual_T
+        blocks = self._dual @ both.reshape(-1, size, size) @ self._dual.T
         return np.asarray((blocks @ X.reshape(self.blocks, -1, X.shape[1])).reshape(X.shape))
 
     def contains(self, a: np.ndarray) -> bool:
@@ -144,18 +136,22 @@ class MatrixInequality:
         P = self.matrices(a)
         return bool(np.isfinite(P).all() and (np.linalg.eigvalsh(P) > 0.0).all())
 
-    def follow_geodesic(
-        self, a: np.ndarray, g: np.ndarray, h: float, most: float = math.inf
-    ) -> np.ndarray:
-        """Return the parameters (k p) of P+ = exp(-h P L) P, tr(L P(da)) = g . da.
+    def step(self, a: np.ndarray, g: np.ndarray, h: float, most: float = math.inf) -> np.ndarray:
+        """Return the parameters (k p) after a step h of dP/dt = -P L P, tr(L P(da)) = g . da.
 
-        For complete sets only. P+ = E P E^T, E = 1 - Z + Z^2 / 2, Z = h P L / 2: right but for the
-        third order, and positive definite for any h, as E is regular. A step longer than ``most``
-        in the log-det metric is shortened to that length.
+        In a complete set it follows the geodesic P+ = exp(-h P L) P, by the series of exp(-x) up to
+        the fourth order, which is positive for all x: P+ is positive definite for any h. In others
+        it is a straight step, which has to stay below a length of one to remain inside. A step
+        longer than ``most`` in the log-det metric is shortened to that length.
         """
-        after = empty(a.size)
-        kernels.follow_geodesic(a, g, *self._constants, h, most, after)
-        return after
+        if self.complete:
+            after = empty(a.size)
+            kernels.follow_geodesic(a, g, *self._constants, h, most, after)
+            return after
+        metric = self.metric(a)
+        step = -h * np.linalg.solve(metric, g)
+        length = math.sqrt(step @ metric @ step)
+        return a + step * (most / length if length > most else 1.0)
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return the initial estimate a (k p) if it satisfies the inequality.
@@ -176,7 +172,7 @@ class MatrixInequality:
 def _entries(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the places (k, 3) and values (k) of what is more than rounding in F (p, n, n)."""
     some = np.abs(F) > np.finfo(float).eps * np.abs(F).max()
-    return np.argwhere(some), F[some]
+    return np.ascontiguousarray(np.argwhere(some)), F[some]
 
 
 class BodyInequality(MatrixInequality):
@@ -263,16 +259,14 @@ class Natural(Adaptation):
         """
         self.gamma = positive(gamma, name)
         self.cone = instance(cone, MatrixInequality, "cone")
-        self._size = self.cone.size
         self.shares, self._scale = None, None
+        self._gammas = np.full(cone.blocks, self.gamma)
         if shares is not None:
-            self.shares = vector(shares, self.cone.blocks, "shares")
-            for share in self.shares:
-                positive(share, "shares", error=InputError)
-            self._scale = np.repeat(self.shares, self.cone.size // self.cone.blocks)
-        self._gammas = self.gamma * (
-            np.ones(self.cone.blocks) if self.shares is None else self.shares
-        )
+            self.shares = vector(shares, cone.blocks, "shares")
+            if not (self.shares > 0.0).all():
+                raise InputError("expected positive numbers.", where="shares")
+            self._scale = np.repeat(self.shares, cone.size // cone.blocks)
+            self._gammas = self.gamma * self.shares
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return an initial value (p) inside the cone; see ``MatrixInequality.validate``."""
@@ -284,57 +278,30 @@ class Natural(Adaptation):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p)."""
-        a, g, cone = estimate.value, self._scaled(drive.gradient), self.cone
-        P = cone.matrices(a)
-        if cone.complete:
-            return Estimate(-self.gamma * cone.components(P @ cone.covectors(g) @ P))
-        return Estimate(-self.gamma * np.linalg.solve(self._metric(P[0]), g))
+        return Estimate(-self.gain_times(estimate, drive.gradient[:, None])[:, 0])
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
-        a, g = estimate.value, drive.gradient
-        if self._scale is not None:
-            g = g * self._scale
-        if self.cone.complete:
-            return Estimate(self.cone.follow_geodesic(a, g, self.gamma * dt, _LONGEST))
-        metric = self._metric(self.cone.matrices(a)[0])
-        step = (-self.gamma * dt) * np.linalg.solve(metric, g)
-        length = np.sqrt(step @ metric @ step)
-        return Estimate(a + step * min(1.0, _LONGEST / length if length else 1.0))
+        g = drive.gradient if self._scale is None else self._scale * drive.gradient
+        return Estimate(self.cone.step(estimate.value, g, self.gamma * dt, _LONGEST))
 
-    def gain(self, value: np.ndarray) -> np.ndarray:
-        """Return Gamma (p, p) at a value (p)."""
-        return self.gain_times(value, np.eye(value.size))
-
-    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+    def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l); Gamma is block-diagonal, one block a matrix of the cone."""
-        if self.cone.complete:
-            return self.cone.metric_inverse_times(value, X, self._gammas)
-        P, X = self.cone.matrices(value), self._scaled(X.T).T
-        return np.asarray(self.gamma * np.linalg.solve(self._metric(P[0]), X))
+        return self.cone.metric_inverse_times(estimate.value, X, self._gammas)
 
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None outside the cone."""
-        if not np.isfinite(value).all():
+        if not np.isfinite(estimate.value).all():
             return None
         try:
-            both = [self.cone.matrices(value), self.cone.matrices(truth)]
+            both = [self.cone.matrices(estimate.value), self.cone.matrices(truth)]
             L, L_true = np.linalg.cholesky(np.stack(both))
         except np.linalg.LinAlgError:
             return None
         roots = np.diagonal(L, axis1=1, axis2=2) / np.diagonal(L_true, axis1=1, axis2=2)
         traces = np.square(np.linalg.solve(L, L_true)).sum(axis=(1, 2))
         terms = 2.0 * np.log(roots).sum(axis=1) + traces - L.shape[1]
-        return float(np.sum(terms if self.shares is None else terms / self.shares) / self.gamma)
-
-    def _scaled(self, g: np.ndarray) -> np.ndarray:
-        """Return gradients (..., p) multiplied by the shares of their matrices."""
-        return g if self._scale is None else g * self._scale
-
-    def _metric(self, P: np.ndarray) -> np.ndarray:
-        """Return the Hessian of -log det (p, p), H_ij = tr(P^-1 F_i P^-1 F_j), of one block."""
-        G = np.linalg.solve(P, self.cone.F)
-        return np.einsum("iab,jba->ij", G, G)
+        return float(np.sum(terms / self._gammas))
 
 
 class ExponentiatedGradient(Adaptation):
@@ -371,7 +338,7 @@ class ExponentiatedGradient(Adaptation):
         self.scale = vector(scale, None, f"{name}: scale", error=GainError)
         if not (self.scale > 0.0).all():
             raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
-        self._size = self.scale.size
+        self._rates = self.gamma * self.scale
 
     def validate(self, value: np.ndarray) -> np.ndarray:
         """Return the initial value (p) if all its entries are positive.
@@ -392,27 +359,26 @@ class ExponentiatedGradient(Adaptation):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p)."""
-        return Estimate(-self.gamma * self.scale * estimate.value * drive.gradient)
+        return Estimate(-self._rates * estimate.value * drive.gradient)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        a = estimate.value
-        exponents = -self.gamma * dt * self.scale * drive.gradient
-        if exponents.dot(exponents) > _LONGEST**2:
-            exponents = exponents.clip(-_LONGEST, _LONGEST)
-        return Estimate(a * np.exp(exponents))
+        a, after = estimate.value, empty(estimate.value.size)
+        kernels.exponentiate(a, drive.gradient, self._rates, dt, _LONGEST, after)
+        return Estimate(after)
 
-    def gain_times(self, value: np.ndarray, X: np.ndarray) -> np.ndarray:
+    def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return Gamma X (p, l), Gamma = gamma diag(c a)."""
-        return np.asarray((self.gamma * self.scale * value)[:, None] * X)
+        return np.asarray((self._rates * estimate.value)[:, None] * X)
 
-    def divergence(self, value: np.ndarray, truth: np.ndarray) -> float | None:
+    def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of (a_true log(a_true / a) + a - a_true) / (c gamma).
 
         None where a value is not positive or a true one negative.
         """
+        value = estimate.value
         if not (self.contains(value) and (truth >= 0.0).all()):
             return None
         least = np.finfo(float).tiny
         entropy = np.where(truth > 0.0, truth * np.log(np.maximum(truth, least) / value), 0.0)
-        return float(np.sum((entropy + value - truth) / self.scale) / self.gamma)
+        return float(np.sum((entropy + value - truth) / self._rates))

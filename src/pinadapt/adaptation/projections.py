@@ -14,19 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import vector
-from ..exceptions import DivergedError, GainError, InputError, ParameterError
+from .._kernels import estimates as kernels
+from ..exceptions import DivergedError, GainError, ParameterError
 from ..models.bodies import InertialModel
 from ..models.dynamics import Dynamics
 from ..robot.robot import Robot
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .gradient import Gradient
 
-_HALVINGS = 60  # bisections of the way to the nearest point of the box
 _LEAST_RATIO = 0.10  # of M_hat to M_0: where the projection acts,
 _RESTORED_RATIO = 0.12  # and the ratio that it restores
-_CUTTING_ROUNDS = 50  # rounds of cutting half-spaces out of the set of positive mass matrices
-_GRAVITY_ROUNDS = 200
-_GRAVITY_TOLERANCE = 1e-9  # of the bound
 _LOST = "the estimated mass matrix could not be kept positive definite."
 
 
@@ -76,12 +73,10 @@ class BoxProjection(Wrapper):
         super().__init__(inner)
         size = vector(low, None, where, error=ParameterError).size
         self._names = tuple(names) or tuple(f"parameter {i + 1}" for i in range(size))
-        self._where, size = where, len(self._names)
-        self.low = vector(low, size, where, names=self._names, error=ParameterError)
-        self.high = vector(high, size, where, names=self._names, error=ParameterError)
-        self._size = size
-        bounds = zip(self._names, self.low, self.high, strict=True)
-        if empty := [name for name, a, b in bounds if not a < b]:
+        self._where = where
+        self.low = vector(low, len(self._names), where, names=self._names, error=ParameterError)
+        self.high = vector(high, len(self._names), where, names=self._names, error=ParameterError)
+        if empty := [self._names[i] for i in np.flatnonzero(self.low >= self.high)]:
             raise ParameterError(
                 f"the lower bounds of {empty} are not below the upper bounds.", where=where
             )
@@ -93,14 +88,14 @@ class BoxProjection(Wrapper):
             ParameterError: it does not.
         """
         value = self.inner.validate(value)
-        for name, a, low, high in zip(self._names, value, self.low, self.high, strict=True):
-            if not low <= a <= high:
-                raise ParameterError(
-                    f"the initial estimate {name} = {a:.4g} is outside its box "
-                    f"[{low:.4g}, {high:.4g}].",
-                    where=self._where,
-                    hint="Start inside the box, or give a wider one.",
-                )
+        if outside := np.flatnonzero((value < self.low) | (value > self.high)).tolist():
+            i = outside[0]
+            raise ParameterError(
+                f"the initial estimate {self._names[i]} = {value[i]:.4g} is outside its box "
+                f"[{self.low[i]:.4g}, {self.high[i]:.4g}].",
+                where=self._where,
+                hint="Start inside the box, or give a wider one.",
+            )
         return value
 
     def contains(self, value: np.ndarray) -> bool:
@@ -108,27 +103,19 @@ class BoxProjection(Wrapper):
         inside = (self.low <= value).all() and (value <= self.high).all()
         return bool(inside) and self.inner.contains(value)
 
-    def _inside(self, value: np.ndarray) -> bool:
-        return bool(((self.low < value) & (value < self.high)).all())
-
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner rates; on the boundary the value's does not point out of the box."""
         rate = self.inner.rate(estimate, drive)
-        if self._inside(estimate.value):
-            return rate
         return rate.with_value(self._inward(rate.value, estimate))
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the value (p) of ``rate``."""
-        rate = self.inner.value_rate(estimate, drive)
-        if self._inside(estimate.value):
-            return rate
-        return self._inward(rate, estimate)
+        return self._inward(self.inner.value_rate(estimate, drive), estimate)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
         after = self.inner.step(estimate, drive, dt)
-        if self._inside(after.value):
+        if kernels.inside(after.value, self.low, self.high):
             return after
         updated = after.with_value(estimate.value)  # with the gain that V has after the step
         nearest = self._nearest(after.value, self.low, self.high, updated)
@@ -137,14 +124,14 @@ class BoxProjection(Wrapper):
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return what the inner adaptation and the projection add to dV/dt."""
         own = self.inner.dissipation(estimate, drive, truth)
-        if self._inside(estimate.value):
-            return own
-        change = self.rate(estimate, drive).value - self.inner.rate(estimate, drive).value
-        return own + self.inner.power(estimate, change, truth)
+        free = self.inner.rate(estimate, drive).value
+        return own + self.inner.power(estimate, self._inward(free, estimate) - free, truth)
 
     def _inward(self, rate: np.ndarray, at: Estimate) -> np.ndarray:
         """Return the rate (p) nearest to a given one that does not point out of the box."""
         a = at.value
+        if kernels.inside(a, self.low, self.high):
+            return rate
         low, high = np.where(a <= self.low, 0.0, -np.inf), np.where(a >= self.high, 0.0, np.inf)
         return self._nearest(rate, low, high, at)
 
@@ -153,7 +140,7 @@ class BoxProjection(Wrapper):
     ) -> np.ndarray:
         """Return the point (p) of low <= . <= high nearest to x in the metric at an estimate."""
         clipped = np.minimum(np.maximum(x, low), high)
-        Gamma = self.inner.metric(at)
+        Gamma = self.inner.gain(at)
         if not np.isfinite(x).all() or (Gamma == np.diag(np.diag(Gamma))).all():
             return clipped
         from scipy.optimize import lsq_linear  # here, because scipy is slow to import
@@ -164,13 +151,13 @@ class BoxProjection(Wrapper):
         return np.minimum(np.maximum(y, low), high)
 
     def _within_domain(self, a: np.ndarray, to: np.ndarray) -> np.ndarray:
-        """Return the furthest point (p) from a towards ``to`` in the inner adaptation's domain."""
-        share = 1.0
-        for _ in range(_HALVINGS):
-            point = a + share * (to - a) if share < 1.0 else to
-            if self.inner.contains(point) or not np.isfinite(to).all():
+        """Return a point (p) between a and ``to``, in the inner adaptation's domain as a is."""
+        if not np.isfinite(to).all():
+            return to
+        for halvings in range(60):  # then the way is rounding
+            point = a + 0.5**halvings * (to - a) if halvings else to
+            if self.inner.contains(point):
                 return point
-            share *= 0.5
         return a
 
 
@@ -212,14 +199,14 @@ class MassMatrixProjection(Wrapper):
         kept = value
         cuts: list[np.ndarray] = []
         bounds: list[float] = []
-        for _ in range(_CUTTING_ROUNDS):
+        for _ in range(50):
             self._dynamics.load(kept)
             M = self._dynamics.mass_matrix(q)
             if dpotrf(M - _LEAST_RATIO * M_0)[1] == 0:
                 return self.inner.project(estimate.with_value(kept), q)
             if not np.isfinite(M).all():
                 break
-            root = np.linalg.cholesky(self.inner.metric(estimate)) if root is None else root
+            root = np.linalg.cholesky(self.inner.gain(estimate)) if root is None else root
             ratios, vectors = eigh(M, M_0)
             rest = self._dynamics.regressor(q, self._zero, self._zero)
             for ratio, u in zip(ratios, vectors.T, strict=True):
@@ -266,9 +253,8 @@ class GravityProjection(Wrapper):
     da/dt = -Gamma(a) Z_i^T e decreases the adaptation's part of V,
     dD/dt = -e (Z_i a - Z_i a_true) <= 0, since the truth is on the other side of the face. With a
     constant Gamma this is the projection in the metric Gamma^-1; natural adaptation stays in its
-    cone. Newton's iteration gives the length of the flow; the most violated face comes first.
-
-    An adaptation that updates its gain, such as least squares, has another dD/dt and is refused.
+    cone, and least squares keeps its gain. Newton's iteration gives the length of the flow; the
+    most violated face comes first.
 
     After W. Dixon, *Adaptive regulation of amplitude limited robot manipulators with uncertain
     kinematics and dynamics*, IEEE TAC 52 (2007) 488-493.
@@ -285,16 +271,8 @@ class GravityProjection(Wrapper):
 
         Raises:
             GainError: bounds that are not positive.
-            InputError: an adaptation that updates its gain, such as least squares.
         """
         super().__init__(inner)
-        if inner.updates_gain:
-            raise InputError(
-                f"'{inner.name}' updates its gain, for which the bound on gravity torques has no "
-                "projection.",
-                where="adaptation",
-                hint='Use adaptation = "natural-composite" or "composite".',
-            )
         self.bound = vector(bound, None, "gravity", error=GainError)
         if not (self.bound > 0.0).all():
             raise GainError(f"must be positive, got {self.bound.tolist()}.", where="gravity")
@@ -308,17 +286,17 @@ class GravityProjection(Wrapper):
         if (np.abs(gravity) <= self.bound).all():
             return kept
         Z = self._dynamics.regressor(q, self._rest, self._rest)
-        known, within = gravity - Z.dot(kept), self.bound * (1.0 - _GRAVITY_TOLERANCE)
-        for _ in range(_GRAVITY_ROUNDS):
+        known, within = gravity - Z.dot(kept), self.bound * (1.0 - 1e-9)
+        for _ in range(200):
             gravity = Z.dot(kept) + known
             i = int(np.argmax(np.abs(gravity) / self.bound))
             excess = abs(gravity[i]) - within[i]
             if not excess > 0.0:
                 break
             e = np.sign(gravity[i : i + 1])
-            effect = float(Z[i].dot(self.inner.gain_times(kept, Z[i][:, None])[:, 0]))
+            at = estimate.with_value(kept)
+            effect = float(Z[i].dot(self.inner.gain_times(at, Z[i][:, None])[:, 0]))
             if not effect > 0.0:
                 break
-            drive = Drive(Z[i : i + 1], e)
-            kept = self.inner.step(estimate.with_value(kept), drive, excess / effect).value
+            kept = self.inner.step(at, Drive(Z[i : i + 1], e), excess / effect).value
         return kept

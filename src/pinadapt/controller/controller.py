@@ -705,7 +705,7 @@ class Controller:
             torque: (n) of the joints [N m or N].
         """
         if not s.adapting:
-            drives = Drives(drives.dynamic.still(), drives.kinematic.still())
+            drives = Drives.none(s.a_d.size, s.a_k.size)
         torque_filter = self._torque_filter
         return ControllerState(
             t=1.0,

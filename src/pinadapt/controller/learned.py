@@ -14,6 +14,7 @@ import numpy as np
 from .._checks import instance, numbers
 from .._output import percent, write_text
 from .._version import __version__
+from ..adaptation.adaptation import Estimate
 from ..exceptions import ParameterError, did_you_mean
 from ..models.excited import Excited, around, names_together
 from ..models.joint_effects import KINDS
@@ -63,7 +64,8 @@ class AlongExcited:
         rows, a, start = self.excited.rows, state.a_d, state.a_0
         tolerance = float(np.clip(_OF_ERROR * self.error, _LEAST, _TOLERANCE))
         dynamics, adaptation = controller.dynamics, controller.adaptation_d
-        Gamma, L, found, note = adaptation.gain(start), self.excited.root, None, ""
+        Gamma, L = adaptation.gain(Estimate(start)), self.excited.root
+        found, note = None, ""
         if dynamics.per_body:
             physical = around(dynamics, start)
             physical = replace(physical, body_weights=_body_weights(Gamma, physical))

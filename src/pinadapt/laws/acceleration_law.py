@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy import empty
@@ -28,13 +28,10 @@ from .law import (
     Truth,
     check_in_place,
     check_margin,
-    merged,
 )
 from .posture import Posture
 
 _NO_POSTURE = np.zeros((4, 0))
-
-Own = TypeVar("Own", bound="AccelerationLaw")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,18 +90,8 @@ class AccelerationLaw(Law):
         )
 
     @classmethod
-    def tuned(
-        cls: type[Own], motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
-    ) -> Own:
-        """Return the law with the default gains of the class; see ``Law.tuned``."""
-        w = share * motion.bandwidth
-        gains = merged(cls._defaults(w), given)
-        posture = Posture.of(motion.robot, given.get("posture"), share * motion.bandwidth)
-        return cls(motion.kinematics.task, posture, **gains)
-
-    @classmethod
-    def _defaults(cls, w: float) -> dict[str, Any]:
-        """Return the default gains for a bandwidth w [rad/s], by the names that users write."""
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, as the class states them."""
         return {
             "Kv": 2.0 * w,
             "Kp": w * w,
@@ -114,7 +101,7 @@ class AccelerationLaw(Law):
             "lambda_a": 1.0 / (3.0 * w),
         }
 
-    def with_prediction_weight(self: Own, weight: float) -> Own:
+    def with_prediction_weight(self, weight: float) -> AccelerationLaw:
         """Return the law with another R_k, a number times the identity."""
         return replace(self, R_k=weight)
 
@@ -217,7 +204,8 @@ class ResolvedAcceleration(EstimatedVelocityLaw):
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return M v + C qd + g, (8); nothing drives the estimates."""
         v = self._commanded_acceleration(s, np.zeros(s.a_k.size))
-        return Command(model.torque(s.q, s.v, v), Drives.none(s.a_d.size, s.a_k.size))  # (8)
+        torque = model.dynamics.torque(s.q, s.v, v)  # (8)
+        return Command(torque, Drives.none(s.a_d.size, s.a_k.size))
 
 
 @dataclass(frozen=True, eq=False)

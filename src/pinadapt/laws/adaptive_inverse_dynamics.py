@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..adaptation.adaptation import Drive, Drives
+from ..models.typical_motion import TypicalMotion
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw, EstimatedVelocityLaw
 from .law import Command, EstimatedModel, Truth, check_margin, task_gain
@@ -45,12 +46,9 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self._commanded_acceleration(s, a_k_rate)
         # tau = M_hat v + C_hat qd + g_hat (11)
-        torque = model.torque(s.q, s.v, v)
+        torque = model.dynamics.torque(s.q, s.v, v)
         # g_d = Phi^T e, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (18)
-        M_hat, Y = (
-            model.mass_matrix(s.q),
-            model.regressor(s.q, s.v, s.a),
-        )
+        M_hat, Y = model.dynamics.mass_matrix(s.q), model.dynamics.regressor(s.q, s.v, s.a)
         dynamic = model.acceleration_drive(M_hat, s.J, e, Y)
         return Command(torque, Drives(dynamic, kinematic))
 
@@ -97,8 +95,9 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         object.__setattr__(self, "Q", task_gain(self.Q, self.task, "Q", copies=2))
 
     @classmethod
-    def _defaults(cls, w: float) -> dict[str, Any]:
-        return {**super()._defaults(w), "Q": None}
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, as the class states them."""
+        return {**super().default_gains(motion, dt, w), "Q": None}
 
     @cached_property
     def P(self) -> np.ndarray:
@@ -130,15 +129,13 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
             u -= self._turning.dot(s.delta)
         psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
         # tau = M_hat J_hat^+ u + C_hat qd + g_hat (25)
-        torque = model.torque(s.q, s.v, s.inverse.solve(u, psi))
+        dynamics = model.dynamics
+        torque = dynamics.torque(s.q, s.v, s.inverse.solve(u, psi))
         # g_d = Phi^T B^T P xi, Phi = J_hat M_hat^-1 Y(q, qd, qdd) (29)
-        z, M_hat = self._B_T_P.dot(xi), model.mass_matrix(s.q)
-        dynamic = model.acceleration_drive(M_hat, s.J, z, model.regressor(s.q, s.v, s.a))
+        z, M_hat = self._B_T_P.dot(xi), dynamics.mass_matrix(s.q)
+        dynamic = model.acceleration_drive(M_hat, s.J, z, dynamics.regressor(s.q, s.v, s.a))
         # g_k = -Ybar_k^T B^T P xi + Y_k^T R_k (Y_k a_k - xd) (30), Ybar_k of (27)
-        Y_bar, residual = (
-            model.acceleration_regressor(s.a),
-            (s.xd_hat - s.xd)[:m_p],
-        )
+        Y_bar, residual = model.kinematics.acceleration_regressor(s.a), (s.xd_hat - s.xd)[:m_p]
         kinematic = Drive(Y_bar, -z, s.Y_k[:m_p], residual, self.R_k)
         return Command(torque, Drives(dynamic, kinematic))
 
@@ -206,14 +203,15 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
         e, kinematic = self._errors(s)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self._commanded_acceleration(s, a_k_rate)
-        model.load(s.a_0)
-        M_0 = model.mass_matrix(s.q)
-        model.load(s.a_d)
+        dynamics = model.dynamics
+        dynamics.load(s.a_0)
+        M_0 = dynamics.mass_matrix(s.q)
+        dynamics.load(s.a_d)
         # tau = M_0 v + C_hat qd + g_hat (32) + (M_hat - M_0) qdd (34)
-        torque = M_0.dot(v) + model.torque(s.q, s.v, np.zeros(s.v.size))
-        feedthrough = model.mass_matrix(s.q) - M_0
+        torque = M_0.dot(v) + dynamics.torque(s.q, s.v, np.zeros(s.v.size))
+        feedthrough = dynamics.mass_matrix(s.q) - M_0
         # g_d = Phi_1^T e, Phi_1 = J_hat M_0^-1 Y(q, qd, qdd) (36)
-        dynamic = model.acceleration_drive(M_0, s.J, e, model.regressor(s.q, s.v, s.a))
+        dynamic = model.acceleration_drive(M_0, s.J, e, dynamics.regressor(s.q, s.v, s.a))
         return Command(torque, Drives(dynamic, kinematic), feedthrough)
 
 

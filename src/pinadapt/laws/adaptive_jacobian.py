@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy import empty
@@ -30,12 +30,9 @@ from .law import (
     Law,
     Truth,
     check_in_place,
-    merged,
 )
 from .posture import Posture
 
-Own = TypeVar("Own", bound="AdaptiveJacobian")
-_ERROR_RATE = 0.25  # alpha in bandwidths
 _NOTHING = np.zeros(0)
 
 
@@ -90,6 +87,7 @@ class AdaptiveJacobian(Law):
     name = "adaptive-jacobian"
     sources = ("CheahLiuSlotine2006",)
     needs_task_velocity = True
+    posture_share = 0.25
     velocity_error = True
     uses_acceleration = False
     units = ("N s/m, for rotations N m s/rad", "N/m, for rotations N m/rad")
@@ -114,29 +112,18 @@ class AdaptiveJacobian(Law):
         return MotionFilters(velocity, velocity)
 
     @classmethod
-    def tuned(
-        cls: type[Own], motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
-    ) -> Own:
-        """Return the law with the default gains of the class; see ``Law.tuned``."""
-        gains = merged(cls._defaults(motion, dt, share), given)
-        posture = Posture.of(
-            motion.robot, given.get("posture"), _ERROR_RATE * share * motion.bandwidth
-        )
-        return cls(motion.kinematics.task, posture, **gains)
-
-    @classmethod
-    def _defaults(cls, motion: TypicalMotion, dt: float, share: float) -> dict[str, Any]:
-        """Return the default gains for a share of the bandwidth, by the names that users write."""
-        w, felt = share * motion.bandwidth, felt_by_task(motion, dt)
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, as the class states them."""
+        felt = felt_by_task(motion, dt)
         return {
             "Kv": 2.0 * w * felt,
             "Kp": w * w * felt,
-            "alpha": _ERROR_RATE * w,
+            "alpha": w / 4.0,
             "R_k": 1.0,
             "lambda_": w / 2.0,
         }
 
-    def with_prediction_weight(self: Own, weight: float) -> Own:
+    def with_prediction_weight(self, weight: float) -> AdaptiveJacobian:
         """Return the law with another R_k, a number times the identity."""
         return replace(self, R_k=weight)
 
@@ -157,10 +144,10 @@ class AdaptiveJacobian(Law):
         """Return the torque and the drives of both estimates."""
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
-        Jdot = model.jacobian_rate(a_k_rate)
+        Jdot = model.kinematics.jacobian_rate(a_k_rate)
         qd_r, qdd_r = self._reference(s, Jdot)
         # tau = Y_r a_d - J_hat^T (K_v dxd_hat + K_P dx) - N D N s, s = qd - qd_r
-        Y_r, feedforward = model.slotine_li(s.q, s.v, qd_r, qdd_r)
+        Y_r, feedforward = model.dynamics.slotine_li(s.q, s.v, qd_r, qdd_r)
         error = s.v - qd_r
         torque = feedforward - (self.K_v.dot(s.xd_hat - s.xd_d) + self.K_P.dot(s.dx)).dot(s.J)
         s.inverse.subtract_null_damping(self.posture.damping, error, torque)
@@ -200,27 +187,26 @@ class AdaptiveJacobian(Law):
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
         """Return the feedback at each state, joints in coordinates of unit mass."""
-        return [
-            self._feedback_at(*state)
-            for state in zip(
-                motion.jacobians,
-                motion.right_inverses,
-                motion.mass_matrices,
-                motion.unit_masses,
-                strict=True,
-            )
-        ]
-
-    def _feedback_at(
-        self, J: np.ndarray, inverse: np.ndarray, M: np.ndarray, W: np.ndarray
-    ) -> Feedback:
-        tracked = inverse @ J
-        null = np.eye(len(M)) - tracked
-        damping = self.posture.damping if self.posture else np.zeros(len(M))
-        N = W @ null @ np.diag(damping) @ null @ W.T
-        P, J = W @ M @ tracked @ W.T, J @ W.T  # P projects onto what the task feels
-        D = J.T @ self.K_v @ J
-        return Feedback(J.T @ self.K_P @ J, D + self.alpha * P, N, D + N)
+        D, one, found = (
+            self.posture.damping if self.posture else 0.0,
+            np.eye(motion.robot.model.nv),
+            [],
+        )
+        for J, inverse, M, W in zip(
+            motion.jacobians,
+            motion.right_inverses,
+            motion.mass_matrices,
+            motion.unit_masses,
+            strict=True,
+        ):
+            tracked, J_W = inverse @ J, J @ W.T
+            null = one - tracked
+            N = W @ null @ (D * one) @ null @ W.T
+            P = W @ M @ tracked @ W.T  # projects onto what the task feels
+            damping = J_W.T @ self.K_v @ J_W
+            stiffness = J_W.T @ self.K_P @ J_W
+            found.append(Feedback(stiffness, damping + self.alpha * P, N, damping + N))
+        return found
 
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling by K_P + alpha K_v on the positions."""

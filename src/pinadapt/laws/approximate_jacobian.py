@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix, numbers, positive
+from .._checks import definite_matrix, numbers
 from ..adaptation.adaptation import Adaptation, Drive, Drives
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
@@ -20,11 +20,19 @@ from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Payload
-from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
-from .law import Command, EstimatedModel, Feedback, Law, Truth, check_in_place, merged
+from .law import (
+    Command,
+    EstimatedModel,
+    Feedback,
+    Law,
+    Truth,
+    check_in_place,
+    merged,
+    task_gain,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +51,6 @@ class Saturation:
 
     task: Task
     width: Any
-    _turning: Any = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Turn the width into one per row.
@@ -51,57 +58,54 @@ class Saturation:
         Raises:
             GainError: not positive, of another size, or different on the axes of a rotation.
         """
-        given = numbers(self.width, "width", error=GainError)
-        if given.shape not in ((), (self.task.size,)):
+        given, size = numbers(self.width, "width", error=GainError), self.task.size
+        if given.shape not in ((), (size,)) or not (given > 0.0).all():
             raise GainError(
-                f"expected one number or {self.task.size}, got shape {given.shape}.", where="width"
+                f"expected a positive number or {size} of them, got {given.tolist()}.",
+                where="width",
             )
-        width = np.broadcast_to(given, self.task.size).astype(float)
-        for w in width:
-            positive(float(w), "width")
-        for group in self.task.groups:
-            if group.name == "rotation":
-                if np.ptp(width[group.rows]) > 0.0:
-                    raise GainError("must be one number on the rotation rows.", where="width")
-                object.__setattr__(self, "_turning", group.rows)
-        object.__setattr__(self, "width", width)
+        object.__setattr__(self, "width", np.broadcast_to(given, size).astype(float))
+        if any(np.ptp(self.width[rows]) > 0.0 for rows in self._rotations):
+            raise GainError("must be one number on the rotation rows.", where="width")
+
+    @cached_property
+    def _rotations(self) -> list[slice]:
+        return [group.rows for group in self.task.groups if group.name == "rotation"]
+
+    def _sizes(self, dx: np.ndarray) -> np.ndarray:
+        """Return |dx_i| / w_i (m), on the rows of a rotation |phi| / w."""
+        sizes = np.abs(dx)
+        for rows in self._rotations:
+            sizes[rows] = np.linalg.norm(dx[rows])
+        return np.asarray(sizes / self.width)
 
     def of(self, dx: np.ndarray) -> np.ndarray:
         """Return s (m) of an error dx (m) [m or rad]."""
-        s = np.asarray(self.width * np.tanh(dx / self.width))
-        if self._turning is not None:
-            phi, w = dx[self._turning], self.width[self._turning][0]
-            s[self._turning] = _gain(float(np.linalg.norm(phi)), w) * phi
-        return s
+        return _ratio(self._sizes(dx)) * dx
 
     def rate(self, dx: np.ndarray, dxd: np.ndarray) -> np.ndarray:
         """Return ds/dt (m) of an error dx (m) that moves at dxd (m)."""
-        sd = np.asarray(dxd / np.cosh(np.minimum(np.abs(dx / self.width), 300.0)) ** 2)
-        if self._turning is not None:
-            phi, phid = dx[self._turning], dxd[self._turning]
-            w, size = self.width[self._turning][0], float(np.linalg.norm(phi))
-            gain = _gain(size, w)
-            along = phi @ phid / size**2 if size > 0.0 else 0.0
-            slope = 1.0 / np.cosh(min(size / w, 300.0)) ** 2
-            sd[self._turning] = gain * phid + (slope - gain) * along * phi
-        return sd
+        u, radial = self._sizes(dx), dxd.copy()
+        for rows in self._rotations:
+            phi = dx[rows]
+            radial[rows] = phi @ dxd[rows] / max(phi @ phi, np.finfo(float).tiny) * phi
+        slope, ratio = 1.0 / np.cosh(np.minimum(u, 300.0)) ** 2, _ratio(u)
+        return np.asarray(ratio * dxd + (slope - ratio) * radial)
 
     def potential(self, dx: np.ndarray) -> np.ndarray:
-        """Return S_i (m) with S = sum K_P,i S_i [m^2 or rad^2]; a rotation's in its first row."""
-        x = np.abs(dx)
-        if self._turning is not None:
-            x[self._turning] = 0.0
-            x[self._turning.start] = np.linalg.norm(dx[self._turning])
-        u = x / self.width
-        return np.asarray(self.width**2 * (u + np.log1p(np.exp(-2.0 * u)) - np.log(2.0)))
+        """Return S_i (m) with S = sum K_P,i S_i [m^2 or rad^2]; a rotation's in equal parts."""
+        u = self._sizes(dx)
+        S = self.width**2 * (u + np.log1p(np.exp(-2.0 * u)) - np.log(2.0))
+        for rows in self._rotations:
+            S[rows] /= 3.0
+        return np.asarray(S)
 
 
-def _gain(size: float, w: float) -> float:
-    """Return w tanh(size / w) / size."""
-    return float(w * np.tanh(size / w) / size) if size > 0.0 else 1.0
+def _ratio(u: np.ndarray) -> np.ndarray:
+    """Return tanh(u) / u."""
+    return np.divide(np.tanh(u), u, out=np.ones(u.size), where=u > 0.0)
 
 
-Own = TypeVar("Own", bound="ApproximateJacobian")
 _WIDTH, _TURN = 0.05, 0.1  # of the reach; [rad]
 _NULL = 0.5  # in bandwidths, the slowest mode that is damped critically
 _WEIGHT = 0.6  # for which the tolerated error of the Jacobian is largest
@@ -203,22 +207,22 @@ class ApproximateJacobian(Law):
 
     @classmethod
     def tuned(
-        cls: type[Own], motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
-    ) -> Own:
+        cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
+    ) -> ApproximateJacobian:
         """Return the law with the default gains of the class; see ``Law.tuned``."""
-        return cls(motion.kinematics, **merged(cls._defaults(motion, dt, share, given), given))
+        gains = merged(cls.default_gains(motion, dt, share * motion.bandwidth), given)
+        return cls(motion.kinematics, **gains)
 
     @classmethod
-    def _defaults(
-        cls, motion: TypicalMotion, dt: float, share: float, given: dict[str, Any]
-    ) -> dict[str, Any]:
-        """Return the default gains, by the names that users write."""
-        w = share * motion.bandwidth
-        stiffness = w * w * felt_by_task(motion, dt)
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, as the class states them."""
+        stiffness, task = w * w * felt_by_task(motion, dt), motion.kinematics.task
+        width = np.full(task.size, _TURN)
+        width[: task.positions] = _WIDTH * motion.robot.reach
         return {
-            "Kv": joint_damping(motion, stiffness, w),
+            "Kv": _joint_damping(motion, stiffness, w),
             "Kp": stiffness,
-            "width": default_width(motion),
+            "width": width,
             "weight": _WEIGHT,
         }
 
@@ -229,10 +233,10 @@ class ApproximateJacobian(Law):
             raise DivergedError("the error of the task, or the desired motion, is not finite.")
         rest, pull = np.zeros(s.v.size), self._pull(s)
         # tau = Z a_d + g_0 - J_hat^T K_P s(dx) - K_v qd
-        torque = model.torque(s.q, rest, rest) - pull - self.brake(s.v)
+        torque = model.dynamics.torque(s.q, rest, rest) - pull - self.brake(s.v)
         # Z^T y, y = qd + weight K_v^-1 J_hat^T K_P s(dx)
         y = s.v + self.weight * self._compliance.dot(pull)
-        dynamic = Drive(model.regressor(s.q, rest, rest), y)
+        dynamic = Drive(model.dynamics.regressor(s.q, rest, rest), y)
         return Command(torque, Drives(dynamic, Drive.none(s.a_k.size)))
 
     def brake(self, v: np.ndarray) -> np.ndarray:
@@ -278,7 +282,7 @@ class ApproximateJacobian(Law):
         return found
 
 
-def joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarray:
+def _joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarray:
     """Return the default K_v (n, n) for a stiffness of the task and a bandwidth w [rad/s]."""
     K_P = np.diag(np.broadcast_to(stiffness, motion.kinematics.task.size))
     W, J = motion.unit_masses, np.array(motion.jacobians)
@@ -288,12 +292,6 @@ def joint_damping(motion: TypicalMotion, stiffness: Any, w: float) -> np.ndarray
     frequencies = np.sqrt(np.maximum(squares, (_NULL * w) ** 2))
     dampings = (root * frequencies[:, None]) @ root.swapaxes(1, 2)
     return np.asarray(2.0 * dampings.mean(axis=0))
-
-
-def default_width(motion: TypicalMotion) -> np.ndarray:
-    """Return the default width (m) of the saturation [m or rad]."""
-    p, m = motion.kinematics.task.positions, motion.kinematics.task.size
-    return np.repeat([_WIDTH * motion.robot.reach, _TURN], [p, m - p])
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,11 +325,10 @@ class ApproximateJacobianGravity(ApproximateJacobian):
     approximate_regressor = True
 
 
-_LEAST, _SPRING = 0.1, 0.5  # share of the bound left to the feedback; of that to the spring
+_LEAST = 0.1  # share of the bound left to the feedback, half of it to the spring
 _HEAVIER = 1.3  # bodies, for what gravity may ask
 _LOAD, _ARM = 0.1, 0.05  # of the mass, of the reach off the frame
 _SMALL = 0.01  # of the bound
-_TIGHTER = 1.0 / 3.0  # how much of a smaller spring is a smaller width, as a power
 _CONFIGURATIONS = 500
 
 
@@ -365,7 +362,7 @@ class BoundedTorque(ApproximateJacobian):
     in the workspace with bodies 30 % heavier and a load of a tenth of the mass, a twentieth of the
     reach off the frame, plus what the feedback leaves, at most 90 % of the bound. Half of the rest
     is for the spring: K_P and width are reduced where necessary, K_P by the square of the factor of
-    width. K_v damps critically.
+    width, unless one of them or K_v is given. K_v damps critically.
 
     Attributes:
         kinematics, K_v, K_P, width, weight: as ``ApproximateJacobian``.
@@ -393,11 +390,9 @@ class BoundedTorque(ApproximateJacobian):
             object.__setattr__(self, name, _torques(getattr(self, name), self.kinematics, name))
         if not (self.brake_limit > 0.0).all():
             i = int(np.argmin(self.brake_limit))
-            spring = _spring(self.kinematics, self.K_P, self.width)
             raise GainError(
-                f"{self.kinematics.joint_names[i]} may give {self.bound[i]:.4g}: gravity's share "
-                f"is {self.gravity[i]:.4g}, the position feedback's {spring[i]:.4g}, nothing is "
-                "left for damping.",
+                f"nothing is left of {self.kinematics.joint_names[i]}'s {self.bound[i]:.4g} N m or "
+                f"N for damping: gravity's share is {self.gravity[i]:.4g}.",
                 where="bound",
                 hint="Take a smaller Kp, width or gravity, or a larger bound.",
             )
@@ -409,34 +404,38 @@ class BoundedTorque(ApproximateJacobian):
         return np.asarray(self.bound - self.gravity - spring)
 
     @classmethod
-    def _defaults(
-        cls, motion: TypicalMotion, dt: float, share: float, given: dict[str, Any]
-    ) -> dict[str, Any]:
-        gains, kinematics = super()._defaults(motion, dt, share, given), motion.kinematics
-        width = np.broadcast_to(_or(given.get("width"), gains["width"]), kinematics.task.size)
-        K_P = np.broadcast_to(gains["Kp"], kinematics.task.size)
-        asked, spring = _worst_gravity(motion), _spring(kinematics, np.diag(K_P), width)
-        free = (asked + spring / _SPRING) / (1.0 - _LEAST)
-        bound = _or(given.get("bound"), np.where(np.isfinite(motion.efforts), motion.efforts, free))
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, as the class states them."""
+        return {**super().default_gains(motion, dt, w), "bound": None, "gravity": None}
+
+    @classmethod
+    def tuned(
+        cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
+    ) -> BoundedTorque:
+        """Return the law with its default gains; see ``Law.tuned``."""
+        kinematics = motion.kinematics
+        w = share * motion.bandwidth
+        gains = merged(cls.default_gains(motion, dt, w), given)
+        width = Saturation(kinematics.task, gains["width"]).width
+        spring = _spring(kinematics, task_gain(gains["K_P"], kinematics.task, "Kp"), width)
+        asked = _worst_gravity(motion)
+        bound, gravity = gains["bound"], gains["gravity"]
+        if bound is None:
+            free = (asked + 2.0 * spring) / (1.0 - _LEAST)
+            bound = np.where(np.isfinite(motion.efforts), motion.efforts, free)
         bound = _torques(bound, kinematics, "bound")
-        most = (1.0 - _LEAST) * bound
-        gravity = _or(
-            given.get("gravity"),
-            np.clip(np.maximum(asked, bound - spring / _SPRING), _SMALL * bound, most),
-        )
-        gravity = _torques(gravity, kinematics, "gravity")
-        _check_holds(motion.robot, gravity)
-        part = _affordable(motion, K_P, width, _SPRING * (bound - gravity))
-        width_part = part**_TIGHTER if given.get("width") is None else np.ones(part.size)
-        K_P, slower = K_P * part / width_part, float(np.min(part / width_part)) ** 0.5
-        return gains | {
-            "Kp": K_P,
-            "width": width * width_part,
-            "Kv": joint_damping(motion, K_P, slower * share * motion.bandwidth),
-            "bound": bound,
-            "gravity": gravity,
-            "bandwidth_share": slower,
-        }
+        if gravity is None:
+            gravity = np.maximum(asked, bound - 2.0 * spring)
+            gravity = np.clip(gravity, _SMALL * bound, (1.0 - _LEAST) * bound)
+        gains |= {"bound": bound, "gravity": gravity}
+        if all(given.get(name) is None for name in ("Kv", "Kp", "width")):
+            room = 0.5 * (bound - gravity)
+            part = room / np.maximum(spring, room)
+            narrower = (part.min() if kinematics.positions else part) ** (1.0 / 3.0)
+            K_P, slower = narrower**2 * gains["K_P"], float(np.min(narrower))
+            gains |= {"K_P": K_P, "width": narrower * width, "bandwidth_share": slower}
+            gains["K_v"] = _joint_damping(motion, K_P, slower * w)
+        return cls(kinematics, **gains)
 
     def brake(self, v: np.ndarray) -> np.ndarray:
         """Return the damping torque K_v qd tanh(r) / r (n) [N m or N]."""
@@ -462,10 +461,6 @@ class BoundedTorque(ApproximateJacobian):
         if not dynamics.size:
             return adaptation
         return GravityProjection(adaptation, dynamics, self.gravity)
-
-
-def _or(given: Any, default: Any) -> Any:
-    return default if given is None else given
 
 
 def _torques(given: Any, kinematics: TaskKinematics, name: str) -> np.ndarray:
@@ -512,24 +507,6 @@ def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> n
     return np.asarray(linear * np.linalg.norm(force[:p]) + angular * turning)
 
 
-def _affordable(
-    motion: TypicalMotion, K_P: np.ndarray, width: np.ndarray, torque: np.ndarray
-) -> np.ndarray:
-    """Return the largest parts (m) of K_P (m) whose spring stays below a torque (n)."""
-    kinematics = motion.kinematics
-    (linear, angular), p, part = _levers(kinematics), kinematics.positions, np.ones(K_P.size)
-    if not p:
-        return np.minimum(1.0, torque / (K_P * width))
-    groups = 2.0 if K_P.size > p else 1.0
-    tiny = 1e-9 * linear.max()
-    force = np.min(torque / groups / np.maximum(linear, tiny))
-    part[:p] = min(1.0, force / np.linalg.norm(K_P[:p] * width[:p]))
-    if K_P.size > p:
-        moment = np.min(torque[angular > 0.0] / groups)
-        part[p:] = min(1.0, moment / np.max(K_P[p:] * width[p:]))
-    return part
-
-
 def _worst_gravity(motion: TypicalMotion) -> np.ndarray:
     """Return what gravity may ask of each joint (n) [N m or N] at seeded configurations."""
     load = _LOAD * pin.computeTotalMass(motion.robot.model)
@@ -542,24 +519,3 @@ def _worst_gravity(motion: TypicalMotion) -> np.ndarray:
     worst = np.abs([torque(model, data, robot.q0).copy(), *asked]).max(axis=0)
     weight, turns = load * np.linalg.norm(model.gravity.linear), _levers(motion.kinematics)[1]
     return np.asarray(worst + weight * _ARM * robot.reach * turns)
-
-
-def _check_holds(robot: Robot, gravity: np.ndarray) -> None:
-    """Refuse a share of gravity (n) that does not hold the nominal robot at home.
-
-    Raises:
-        GainError: it does not.
-    """
-    model = robot.model
-    weight = np.abs(pin.computeGeneralizedGravity(model, model.createData(), robot.q0))
-    short = [
-        f"{name} ({weight[i]:.3g} of {gravity[i]:.3g})"
-        for i, name in enumerate(robot.joint_names)
-        if weight[i] > gravity[i]
-    ]
-    if short:
-        raise GainError(
-            f"gravity's share of the torque does not hold the robot at home: {', '.join(short)}.",
-            where="bound",
-            hint="Take a larger bound, or say what gravity may have of it (gravity=).",
-        )

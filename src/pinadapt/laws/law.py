@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy import empty
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .._checks import definite_matrix, positive
 from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
-from ..exceptions import DivergedError, GainError, InputError, did_you_mean
+from ..exceptions import DivergedError, GainError, InputError
 from ..filters import Filters, NoFilters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
@@ -22,6 +22,7 @@ from ..models.typical_motion import TypicalMotion
 from ..robot.changes import Friction
 from ..signals import Signals
 from ..tasks.task import JointTask, Task
+from .posture import Posture
 
 
 @dataclass(slots=True, eq=False)
@@ -49,17 +50,9 @@ class Command:
         return self.torque if self.feedthrough is None else self.torque + self.feedthrough @ a
 
 
-Function: TypeAlias = Callable[[np.ndarray], np.ndarray]
-FunctionOfMotion: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-_OF_DYNAMICS = ("torque", "mass_matrix", "regressor", "slotine_li", "load")
-_OF_KINEMATICS = ("jacobian_rate", "acceleration_regressor")
-
-
 @dataclass(slots=True, eq=False)
 class EstimatedModel:
     """The model at the current estimates, for a law to evaluate while it computes its command.
-
-    Its functions are those of kinematics and dynamics.
 
     Attributes:
         kinematics: evaluated at the signals' q, v and a_k.
@@ -70,13 +63,6 @@ class EstimatedModel:
         dt: time for which the torque will be held [s]; None where the loop is integrated as one
             differential equation.
         stop_on_divergence: whether an M_hat that is not positive definite ends the run.
-        torque: of q, v, a: M_hat a + C_hat v + g_hat (n) [N m or N].
-        mass_matrix: of q: M_hat (n, n).
-        regressor: of q, v, a: Y (n, p_d).
-        slotine_li: of q, v, v_r, a_r: Y_r (n, p_d) and M_hat a_r + C_hat v_r + g_hat (n).
-        load: makes a_d (p_d) the estimate of these.
-        jacobian_rate: of da_k/dt: dJ_hat/dt (m, n).
-        acceleration_regressor: of a: Ybar_k (m, p_k).
     """
 
     kinematics: TaskKinematics
@@ -87,28 +73,6 @@ class EstimatedModel:
     dynamic: Estimate
     dt: float | None = None
     stop_on_divergence: bool = True
-    torque: FunctionOfMotion = field(init=False)
-    mass_matrix: Function = field(init=False)
-    regressor: FunctionOfMotion = field(init=False)
-    slotine_li: Callable[
-        [np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]
-    ] = field(init=False)
-    load: Callable[[np.ndarray], None] = field(init=False)
-    jacobian_rate: Function = field(init=False)
-    acceleration_regressor: Function = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Take the functions of the parts."""
-        for part, names in (self.dynamics, _OF_DYNAMICS), (self.kinematics, _OF_KINEMATICS):
-            for name in names:
-                setattr(self, name, getattr(part, name))
-
-    def dynamic_rate(self, drive: Drive) -> np.ndarray:
-        """Return da_d/dt (p_d) under a drive, its mean over dt if that is not zero."""
-        if not self.dt:
-            return self.adaptation_d.rate(self.dynamic, drive).value
-        after = self.adaptation_d.step(self.dynamic, drive, self.dt)
-        return np.asarray((after.value - self.dynamic.value) / self.dt)
 
     def acceleration_drive(
         self, M: np.ndarray, J: np.ndarray, e: np.ndarray, Y: np.ndarray
@@ -123,25 +87,18 @@ class EstimatedModel:
 
         Raises:
             DivergedError: M is not positive definite, as every mass matrix is; without
-                ``stop_on_divergence`` only if M is singular.
+                ``stop_on_divergence`` any regular M will do.
         """
-        gradient = None
-        if self.stop_on_divergence:
-            n, p = Y.shape
-            L, solution, gradient = empty((n, n)), empty(n), empty(p)
-            solved = kernels.gradient_through_inverse(M, J, e, Y, L, solution, gradient)
-        else:
-            from scipy.linalg.lapack import dgesv  # slow to import, and seldom needed
-
-            _, _, solution, info = dgesv(M.T, e.dot(J))  # M.T is in LAPACK's column order
-            solved = info == 0
-        if not solved:
-            became = "is no longer positive definite" if self.stop_on_divergence else "is singular"
+        if not self.stop_on_divergence:
+            return Drive(Y, np.linalg.solve(M, e.dot(J)))
+        n, p = Y.shape
+        L, solution, gradient = empty((n, n)), empty(n), empty(p)
+        if not kernels.gradient_through_inverse(M, J, e, Y, L, solution, gradient):
             raise DivergedError(
-                f"the estimated mass matrix {became}, and this law inverts it. Natural and "
-                "projected adaptation keep it positive definite; with plain gradient adaptation "
-                "try a smaller gamma_d, or the law 'separation' or 'adaptive-jacobian', which "
-                "invert no mass matrix."
+                "the estimated mass matrix is no longer positive definite, and this law inverts "
+                "it. Natural and projected adaptation keep it positive definite; with plain "
+                "gradient adaptation try a smaller gamma_d, or the law 'separation' or "
+                "'adaptive-jacobian', which invert no mass matrix."
             )
         return Drive(Y, solution, gradient=gradient)
 
@@ -196,13 +153,16 @@ class KinematicLoop(NamedTuple):
     weight: np.ndarray
 
 
+Own = TypeVar("Own", bound="Law")
+
+
 class Law(ABC):
     """A control law: torque, drives of the estimates, and the Lyapunov function that proves it.
 
     A law is an immutable object with its gains, made for one task. A new law is one file with one
     subclass; the three abstract methods are all that a controller and the proof need. To be made by
-    name, with default gains and rates and a check before the run, it also states ``tuned``,
-    ``parameter_effects``, ``feedback`` and ``kinematic_loop``.
+    name, with default gains and rates and a check before the run, it also states
+    ``default_gains``, ``parameter_effects``, ``feedback`` and ``kinematic_loop``.
 
     Attributes:
         name: as written in scenarios.
@@ -235,6 +195,7 @@ class Law(ABC):
         own_bandwidth: w, for robots of every size [rad/s]; None: by the reach.
         prediction_mode: default rate at which the prediction error of the torque decays, in
             bandwidths, for adaptations that use it.
+        posture_share: of the bandwidth, that the default posture follows.
         units: of velocity and position gain, as printed.
         bandwidth_share: share of the bandwidth that the law's own gains use; default rates follow
             it.
@@ -262,6 +223,7 @@ class Law(ABC):
     kinematic_mode: ClassVar[float] = 0.15
     own_bandwidth: ClassVar[float | None] = None
     prediction_mode: ClassVar[float] = 0.5
+    posture_share: ClassVar[float] = 1.0
     units: ClassVar[tuple[str, str]] = ("", "")
     sources: ClassVar[tuple[str, ...]] = ()
     bandwidth_share: float = 1.0
@@ -276,7 +238,7 @@ class Law(ABC):
 
     @abstractmethod
     def storage(self, s: Signals, truth: Truth) -> float:
-        """Return V without the parts of the parameters, the adaptations' ``divergence``."""
+        """Return V without the parts of the parameters, the adaptations' ``storage``."""
 
     @abstractmethod
     def dissipation(self, s: Signals, truth: Truth) -> float:
@@ -291,7 +253,9 @@ class Law(ABC):
         return NoFilters()
 
     @classmethod
-    def tuned(cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any) -> Law:
+    def tuned(
+        cls: type[Own], motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
+    ) -> Own:
         """Return the law with default gains for a model at the period dt [s].
 
         Args:
@@ -301,7 +265,23 @@ class Law(ABC):
             given: gains in place of the defaults, by name.
 
         Raises:
-            GainError: a gain that the law does not have, or that breaks a hypothesis of its proof.
+            GainError: a gain that breaks a hypothesis of the proof.
+        """
+        w = share * motion.bandwidth
+        gains = merged(cls.default_gains(motion, dt, w), given)
+        posture = Posture.of(motion.robot, given.get("posture"), cls.posture_share * w)
+        make: Any = cls
+        made: Own = make(motion.kinematics.task, posture, **gains)
+        return made
+
+    @classmethod
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, by the names that users write.
+
+        Args:
+            motion: the model along a typical motion.
+            dt: sampling period [s].
+            w: bandwidth [rad/s].
         """
         raise InputError(
             f"the law '{cls.name}' has no default gains.", where="law", hint="Pass it as an object."
@@ -387,11 +367,18 @@ def task_gain(value: ArrayLike, task: Task, name: str, *, copies: int = 1) -> np
             of the identity.
     """
     gain, m = definite_matrix(value, copies * task.size, name), task.size
-    turning = [group.rows for group in task.groups if group.name == "rotation"]
-    for rows in turning:
-        for i in range(copies):
-            for j in range(copies):
-                _check_rotations(gain[i * m : (i + 1) * m, j * m : (j + 1) * m], rows.start, name)
+    blocks = gain.reshape(copies, m, copies, m).swapaxes(1, 2).reshape(-1, m, m)
+    for rows in (group.rows for group in task.groups if group.name == "rotation"):
+        for block in blocks / np.abs(gain).max():
+            turning = block[rows.start, rows.start] * np.eye(m)[rows]
+            if not np.allclose((block[rows], block[:, rows].T), turning, rtol=1e-9, atol=1e-9):
+                raise GainError(
+                    "the rotation rows must be one number times the identity, not coupled to the "
+                    "position: phi^T K delta = 0, on which the proof for a pose rests, holds for "
+                    "such gains only.",
+                    where=name,
+                    hint=f"Give one number, or {m} numbers whose last three are equal.",
+                )
     return gain
 
 
@@ -406,13 +393,13 @@ def check_in_place(law: Any, *names: str) -> None:
     """
     task: Task = law.task
     for name in names:
-        value, shown = getattr(law, name), name
+        value = getattr(law, name)
         if name in _TASK_GAINS:
             value = task_gain(value, task, _TASK_GAINS[name])
         elif name == "R_k":
-            value = definite_matrix(value, task.positions, shown)
+            value = definite_matrix(value, task.positions, name)
         else:
-            value = positive(value, shown)
+            value = positive(value, name)
         object.__setattr__(law, name, value)
 
 
@@ -435,34 +422,10 @@ def merged(defaults: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, A
     """Return the defaults of a law's gains with the given ones in their place, by its own symbols.
 
     None gives nothing; gains that only other laws have are left out, so that one set of gains
-    serves for a comparison of laws; ``make_controller`` names them.
-
-    Raises:
-        GainError: a gain that no law has; the nearest is suggested.
+    serves for a comparison of laws.
     """
-    for name in given:
-        if name not in NAMES:
-            raise GainError(
-                f"no gain is called '{name}'; there are {list(NAMES)}.{did_you_mean(name, NAMES)}",
-                where=name,
-            )
-    own = {
-        name: default if given.get(name) is None else given[name]
-        for name, default in defaults.items()
-    }
-    return {SYMBOLS.get(name, name): gain for name, gain in own.items()}
-
-
-def _check_rotations(block: np.ndarray, first: int, name: str) -> None:
-    """Refuse a block (m, m) whose rows from ``first`` on are not one number times the identity."""
-    expected = np.zeros_like(block)
-    expected[:first, :first] = block[:first, :first]
-    turning = np.arange(first, len(block))
-    expected[turning, turning] = block[first, first]
-    if not np.allclose(block, expected, rtol=1e-9, atol=1e-9 * np.abs(block).max()):
-        raise GainError(
-            "the rotation rows must be one number times the identity, not coupled to the position: "
-            "phi^T K delta = 0, on which the proof for a pose rests, holds for such gains only.",
-            where=name,
-            hint=f"Give one number, or {len(block)} numbers whose last {turning.size} are equal.",
-        )
+    own = {}
+    for name, default in defaults.items():
+        value = given.get(name)
+        own[SYMBOLS.get(name, name)] = default if value is None else value
+    return own

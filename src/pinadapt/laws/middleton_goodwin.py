@@ -80,35 +80,22 @@ class MiddletonGoodwin(AccelerationLaw):
         """Return the modified computed torque; the controller adds the prediction error."""
         drives = Drives.none(s.a_d.size, s.a_k.size)
         u = s.xdd_d - self.K_v.dot(s.dxd_hat) - self.K_P.dot(s.dx)
-        torque = model.torque(s.q, s.v, u)  # M_hat u + C_hat qd + g_hat
+        torque = model.dynamics.torque(s.q, s.v, u)  # M_hat u + C_hat qd + g_hat
         if s.filtered_torque is None:
             return Command(torque, drives)
         W, lambda_ = s.filtered_torque.W, s.filtered_torque.bandwidth
         epsilon = s.filtered_torque.error(s.a_d)  # W a_d - y
-        a_rate = model.dynamic_rate(drives.dynamic.with_prediction_error(W, epsilon))
-        M_hat = model.mass_matrix(s.q)
+        predicting = drives.dynamic.with_prediction_error(W, epsilon)
+        if model.dt:  # the mean over the period
+            after = model.adaptation_d.step(model.dynamic, predicting, model.dt)
+            a_rate = (after.value - model.dynamic.value) / model.dt
+        else:
+            a_rate = model.adaptation_d.rate(model.dynamic, predicting).value
+        M_hat = model.dynamics.mass_matrix(s.q)
         zeta = model.acceleration_drive(M_hat, s.J, epsilon, W).e / lambda_
         # + W (da_d/dt) / lambda - (dM_hat/dt) zeta
-        torque = torque + W.dot(a_rate) / lambda_ - self._mass_rate_times(s, model, a_rate, zeta)
+        torque = torque + W.dot(a_rate) / lambda_ - _mass_rate_times(s, model, a_rate, zeta)
         return Command(torque, drives)
-
-    def _mass_rate_times(
-        self, s: Signals, model: EstimatedModel, a_rate: np.ndarray, z: np.ndarray
-    ) -> np.ndarray:
-        """Return (dM_hat/dt) z (n): a central difference along the motion, exact in the estimate.
-
-        M_hat(q; a) z is Y(q, 0, z) a - Y(q, 0, 0) a plus a part that does not depend on a.
-        """
-        rest, chain = np.zeros(s.v.size), model.kinematics.robot.model
-        speed = float(np.abs(s.v).max())
-        Y = model.regressor(s.q, rest, z) - model.regressor(s.q, rest, rest)
-        of_estimate = Y.dot(a_rate)
-        if not speed > 0.0:
-            return np.asarray(of_estimate)
-        h = _STEP / speed
-        ahead = model.mass_matrix(pin.integrate(chain, s.q, h * s.v)).dot(z)
-        behind = model.mass_matrix(pin.integrate(chain, s.q, -h * s.v)).dot(z)
-        return np.asarray((ahead - behind) / (2.0 * h) + of_estimate)
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return zero: V is of the parameters alone."""
@@ -117,3 +104,19 @@ class MiddletonGoodwin(AccelerationLaw):
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return zero."""
         return 0.0
+
+
+def _mass_rate_times(
+    s: Signals, model: EstimatedModel, a_rate: np.ndarray, z: np.ndarray
+) -> np.ndarray:
+    """Return (dM_hat/dt) z (n): a central difference along the motion, exact in the estimate.
+
+    M_hat(q; a) z is Y(q, 0, z) a - Y(q, 0, 0) a plus a part that does not depend on a.
+    """
+    rest, chain, dynamics = np.zeros(s.v.size), model.kinematics.robot.model, model.dynamics
+    of_estimate = dynamics.regressor(s.q, rest, z) - dynamics.regressor(s.q, rest, rest)
+    h = _STEP / max(float(np.abs(s.v).max()), _STEP)
+    ahead, behind = (
+        dynamics.mass_matrix(pin.integrate(chain, s.q, way * s.v)).dot(z) for way in (h, -h)
+    )
+    return np.asarray((ahead - behind) / (2.0 * h) + of_estimate.dot(a_rate))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -32,7 +32,6 @@ from .law import (
     Law,
     Truth,
     check_in_place,
-    merged,
 )
 from .posture import Posture
 
@@ -125,7 +124,7 @@ class Separation(Law):
         lag: [s], with which K_D^-1 = K_v^-1 + lag M_hat(q)^-1: no eigenvalue of M_hat^-1 K_D then
             exceeds 1 / lag, at no configuration and whatever load has been learned. Zero:
             K_D = K_v. V is the same for any K_D > 0, which may change in time.
-        M_hat: returns the estimated mass matrix (n, n) of q (nq) and a_d (p), where there is a lag.
+        dynamics: with the estimated mass matrix, where there is a lag.
         lead: the time by which a low pass delays qd [s], see ``PositionObserver``.
         speeds: (n) limits that qd_r keeps [rad/s or m/s], see ``RightInverse.keeping``; None: no
             limits. With a governor they are those of the path. V has the same derivative with any
@@ -145,7 +144,7 @@ class Separation(Law):
     lambda_s: float = math.inf
     lambda_d: Any = 0.0
     lag: float = 0.0
-    M_hat: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    dynamics: Dynamics | None = None
     lead: float = 0.0
     speeds: np.ndarray | None = None
     lever: float = 0.0
@@ -183,8 +182,8 @@ class Separation(Law):
         object.__setattr__(self, "K_v", K_D)
         lambda_d = np.broadcast_to(np.asarray(self.lambda_d, dtype=float), len(K_D))
         object.__setattr__(self, "lambda_d", lambda_d)
-        if positive(self.lag, "lag", zero=True) and self.M_hat is None:
-            raise GainError("a lag needs the mass matrix that it belongs to.", where="M_hat")
+        if positive(self.lag, "lag", zero=True) and self.dynamics is None:
+            raise GainError("a lag needs the mass matrix of a model.", where="dynamics")
 
     @cached_property
     def filters(self) -> PositionObserver | PoseObserver:
@@ -194,39 +193,40 @@ class Separation(Law):
         return PoseObserver(position) if self.lever else position
 
     @classmethod
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, as the class states them."""
+        kinematics = motion.kinematics
+        turns = not kinematics.calibrated and kinematics.task.size > kinematics.positions
+        return {
+            "Kv": _DAMPING * w * _loaded_inertia(motion.robot),
+            "alpha": w,
+            "beta": w,
+            "c": 1.0 if kinematics.affine else 0.0,
+            "R_k": 1.0,
+            "lambda_s": math.inf,
+            "lag": max(_LAG, 2.0 * dt),
+            "dynamics": motion.dynamics,
+            "lever": _LEVER * motion.robot.reach if turns else 0.0,
+        }
+
+    @classmethod
     def tuned(
         cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any
     ) -> Separation:
         """Return the law with its default gains; see ``Law.tuned``."""
-        w = share * motion.bandwidth
-        defaults = {
-            "Kv": _DAMPING * w * _loaded_inertia(motion.robot),
-            "alpha": w,
-            "beta": w,
-            "c": 1.0 if motion.kinematics.affine else 0.0,
-            "R_k": 1.0,
-            "lambda_s": math.inf,
-            "lag": max(_LAG, 2.0 * dt) if given.get("Kv") is None else 0.0,
-        }
-        kinematics = motion.kinematics
-        turns = not kinematics.calibrated and kinematics.task.size > kinematics.positions
-        posture = Posture.of(motion.robot, given.get("posture"), w)
-        law = cls(
-            motion.kinematics.task,
-            posture,
-            M_hat=partial(_mass_matrix, motion.dynamics),
-            lever=_LEVER * motion.robot.reach if turns else 0.0,
-            **merged(defaults, given),
-        )
+        if given.get("Kv") is not None and given.get("lag") is None:
+            given["lag"] = 0.0
+        law = super().tuned(motion, dt, share, **given)
         K_D = law.K_D(motion.robot.q0, motion.dynamics.initial)
         damped = np.diag(K_D) / _loaded_inertia(motion.robot)
-        return replace(law, lambda_d=np.minimum(w, damped))
+        return replace(law, lambda_d=np.minimum(share * motion.bandwidth, damped))
 
     def K_D(self, q: np.ndarray, a_d: np.ndarray) -> np.ndarray:
         """Return K_D (n, n) [N m s/rad or N s/m] at q (nq) and an estimate a_d (p)."""
-        if self.M_hat is None or not self.lag:
+        if self.dynamics is None or not self.lag:
             return np.asarray(self.K_v)
-        return self._limited(self.M_hat(q, a_d))
+        self.dynamics.load(a_d)
+        return self._limited(self.dynamics.mass_matrix(q))
 
     def _limited(self, M: np.ndarray) -> np.ndarray:
         """Return (K_v^-1 + lag M^-1)^-1 (n, n)."""
@@ -278,7 +278,7 @@ class Separation(Law):
         kinematic = self._kinematic_drive(s)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         # qd_r = J_hat^+ u + N psi and its derivative, dJ_hat/dt with the moving estimate
-        Jdot = model.jacobian_rate(a_k_rate)
+        Jdot = model.kinematics.jacobian_rate(a_k_rate)
         psi, psid = self.posture.null_motion(s)
         qd_r, qdd_r = s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
         if self.speeds is not None:
@@ -288,10 +288,10 @@ class Separation(Law):
             noise = v - qd_r - s.filtered.s_f
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
-        Y, feedforward = model.slotine_li(s.q, v, qd_r, qdd_r)
+        Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
         qd = s.v + self.lead * qdd_r  # the measured one is late by the lead
         if self.lag:
-            M_hat = model.mass_matrix(s.q)
+            M_hat = model.dynamics.mass_matrix(s.q)
             kernels.subtract_limited_damping(
                 feedforward, self.K_v, M_hat, 1.0 / self.lag, qd, qd_r, error, torque
             )
@@ -348,20 +348,18 @@ class Separation(Law):
 
         The null space follows its reference motion, which feels nothing of it.
         """
-        J, M, inverse, W = (
-            np.array(each)
-            for each in (
-                motion.jacobians, motion.mass_matrices, motion.right_inverses, motion.unit_masses
-            )
-        )  # fmt: skip
-        unit = W.swapaxes(1, 2)
-        D, tracked = (
-            W @ np.array([self._limited(each) for each in M]) @ unit,
-            W @ M @ inverse @ J @ unit,
-        )
-        null = self.posture.frequency * (np.eye(M.shape[1]) - tracked)
-        K_P, K_D = self.alpha * D @ tracked, D + self.alpha * tracked
-        return [Feedback(*each) for each in zip(K_P, K_D, null, D, strict=True)]
+        found = []
+        for J, M, inverse, W in zip(
+            motion.jacobians,
+            motion.mass_matrices,
+            motion.right_inverses,
+            motion.unit_masses,
+            strict=True,
+        ):
+            D, tracked = W @ self._limited(M) @ W.T, W @ M @ inverse @ J @ W.T
+            null = self.posture.frequency * (np.eye(len(M)) - tracked)
+            found.append(Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D))
+        return found
 
     def kinematic_loop(self) -> KinematicLoop:
         """Return the coupling of observation and prediction."""
@@ -378,12 +376,6 @@ def _turning(s: Signals, beta: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
     xd[3:] -= beta * eta
     delta[3:] = rotation_drift(dx[3:], xd[3:], s.xd_d[3:])
     return dx, xd, delta
-
-
-def _mass_matrix(dynamics: Dynamics, q: np.ndarray, a_d: np.ndarray) -> np.ndarray:
-    """Return M_hat (n, n) at q (nq) and an estimate a_d (p)."""
-    dynamics.load(a_d)
-    return np.array(dynamics.mass_matrix(q))
 
 
 def _loaded_inertia(robot: Robot) -> np.ndarray:

@@ -57,6 +57,11 @@ class SlotineLi(AdaptiveJacobian):
         object.__setattr__(self, "K_P", self.alpha * self.K_v)
 
     @classmethod
+    def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
+        """Return the default gains, as the class states them."""
+        return {"Kv": 2.0 * w * joint_inertia(motion.robot), "alpha": w / 2.0}
+
+    @classmethod
     def tuned(cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any) -> SlotineLi:
         """Return the law with its default gains; see ``Law.tuned``.
 
@@ -64,17 +69,8 @@ class SlotineLi(AdaptiveJacobian):
             GainError: K_P is given.
         """
         if given.get("Kp") is not None:
-            raise GainError(
-                "the law 'slotine-li' has no position gain: K_P is alpha Kv.",
-                where="Kp",
-                hint="Give Kv, which is K_D, and alpha, which is Lambda.",
-            )
+            raise GainError("the law 'slotine-li' has none: K_P is alpha Kv.", where="Kp")
         return super().tuned(motion, dt, share, **given)
-
-    @classmethod
-    def _defaults(cls, motion: TypicalMotion, dt: float, share: float) -> dict[str, Any]:
-        w = share * motion.bandwidth
-        return {"Kv": 2.0 * w * joint_inertia(motion.robot), "alpha": w / 2.0}
 
     def with_prediction_weight(self, weight: float) -> SlotineLi:
         """Return the law itself: it predicts nothing."""

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from ..adaptation.adaptation import Adaptation
+from ..adaptation.adaptation import Adaptation, Estimate
 from ..adaptation.natural import BodyInequality
 from ..models.bodies import UNCERTAINTY, nearest_physical, pseudo_inertia, ten_parameters
 from ..models.dynamics import Dynamics
@@ -41,18 +41,16 @@ def frequency(effects: Sequence[np.ndarray], Gamma: np.ndarray) -> float:
     return float(np.sqrt(max(np.median(largest), 0.0)))
 
 
-def rate_for(
-    mode: float, effects: Sequence[np.ndarray], unit: Adaptation, value: np.ndarray
-) -> float:
+def rate_for(mode: float, effects: Sequence[np.ndarray], unit: Adaptation, at: Estimate) -> float:
     """Return the rate gamma at which the ``frequency`` is ``mode`` [rad/s].
 
     Args:
         mode: the wanted frequency [rad/s].
         effects: Phi (., p) at each state.
         unit: the adaptation at rate one.
-        value: (p) the estimate at which to look.
+        at: the estimate at which to look.
     """
-    natural = frequency(effects, unit.gain(value))
+    natural = frequency(effects, unit.gain(at))
     return (mode / natural) ** 2 if natural > 0.0 else 1.0
 
 
@@ -227,13 +225,13 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
     return np.diag(1.0 / np.maximum(excitation, _LEAST_EXCITATION * excitation.max(initial=1e-12)))
 
 
-def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
-    """Return the typical parameters (p), moved into the adaptation's domain."""
+def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
+    """Return the typical parameters, moved into the adaptation's domain, with an empty memory."""
     with warnings.catch_warnings():
         warnings.simplefilter(
             "ignore"
         )  # that bodies are moved into the cone is warned of at the start
-        return adaptation.validate(motion.dynamics.typical)
+        return Estimate(adaptation.validate(motion.dynamics.typical))
 
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:

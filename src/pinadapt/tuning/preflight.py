@@ -27,6 +27,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import arithmetic, instance, positive
+from ..adaptation.adaptation import Estimate
 from ..controller.controller import Controller
 from ..laws.fast_feedback import FastFeedback
 from ..laws.law import Feedback
@@ -280,7 +281,7 @@ def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the start of a run warns of unphysical bodies
             start = controller.adaptation_d.validate(motion.dynamics.initial)
-        Gamma_d = controller.adaptation_d.gain(start)
+        Gamma_d = controller.adaptation_d.gain(Estimate(start))
         if Gamma_d.any():
             effects = law.parameter_effects(motion)
             pairs = [
@@ -293,7 +294,8 @@ def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) 
         if M is not None and actuators.ideal:  # springs need rotors
             described = ActuatedJoints(motion, actuators, of_task=of_task, true=M)
             yield _ROTORLESS, {}, partial(described.feedback_radius, feedback)
-    Gamma_k, loop = controller.adaptation_k.gain(motion.kinematics.initial), law.kinematic_loop()
+    Gamma_k = controller.adaptation_k.gain(Estimate(motion.kinematics.initial))
+    loop = law.kinematic_loop()
     if loop is not None and Gamma_k.any():
         speed = frequency(motion.kinematic_regressors, Gamma_k)
         mode = speed * loop.stiffness**0.5

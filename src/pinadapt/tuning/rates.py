@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import positive
-from ..adaptation.adaptation import Adaptation, Frozen, Stacked
+from ..adaptation.adaptation import Adaptation, Estimate, Frozen, Stacked
 from ..adaptation.composite import Composite, CompositeMemory
 from ..adaptation.gradient import Gradient
 from ..adaptation.least_squares import LeastSquares
@@ -208,7 +208,7 @@ def _tracking_adaptation(
     if gamma_joint is None:
         own = [Phi[:, inertial.size :] for Phi in effects]
         unit = Stacked(_of_joints(1.0, typical, joints.signed))
-        gamma_joint = rate_for(law.joint_mode * w, own, unit, typical)
+        gamma_joint = rate_for(law.joint_mode * w, own, unit, Estimate(typical))
     of_joints = _of_joints(gamma_joint, typical, joints.signed)
     return Stacked([(adaptation, inertial.size), *of_joints])
 
@@ -242,14 +242,15 @@ def _inertial_adaptation(
         cone = _cone(robot, dynamics, lmi)
         unit = Natural(1.0, cone)
         if gamma_d is None:
-            gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
+            gamma_d = rate_for(mode, effects, unit, Estimate(unit.validate(dynamics.initial)))
         if isinstance(gamma_d, Iterable) and not isinstance(gamma_d, str):
             raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
         shares = _shares(robot, dynamics, unit, load)
         return Natural(positive(gamma_d, "gamma_d"), cone, shares=shares)
     if gamma_d is None:
         shape = gradient_shape(robot, dynamics, effects)
-        gamma_d = shape * rate_for(mode, effects, Gradient(shape, dynamics.size), dynamics.initial)
+        start = Estimate(dynamics.initial)
+        gamma_d = shape * rate_for(mode, effects, Gradient(shape, dynamics.size), start)
     gradient = Gradient(gamma_d, dynamics.size, "gamma_d")
     return MassMatrixProjection(gradient, dynamics, robot) if kind == "projected" else gradient
 
@@ -498,10 +499,11 @@ def kinematic_adaptation(
         effects = [np.sqrt(stiffness) * Y_p for Y_p in motion.kinematic_regressors]
         mode = min(law.kinematic_mode * bandwidth, settings.kinematic)
         unit = Gradient(kinematics.sizes**2, size)
-        gamma_k = rate_for(mode, effects, unit, kinematics.initial) * kinematics.sizes**2
+        start = Estimate(kinematics.initial)
+        gamma_k = rate_for(mode, effects, unit, start) * kinematics.sizes**2
     moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
     if kind == LeastSquares.name:
-        P_0 = moved.gain(kinematics.initial)
+        P_0 = moved.gain(Estimate(kinematics.initial))
         moved = kinematic_least_squares(P_0, law, motion, bandwidth, rates, settings, quality)
     if box is None:
         return moved
@@ -577,5 +579,5 @@ def prediction_weight(
         noise: largest rate that the camera's noise allows [1/s].
     """
     seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
-    rate = frequency(seen, adaptation.gain(motion.kinematics.initial)) ** 2
+    rate = frequency(seen, adaptation.gain(Estimate(motion.kinematics.initial))) ** 2
     return min(PREDICTION_RATE * bandwidth, noise) / rate if rate > 0.0 else 1.0

@@ -383,12 +383,6 @@ def lumped_lengths(
             '"adaptive-jacobian" or "adaptive-inverse-dynamics-improved", which never invert '
             'M_hat, or "projected", which keeps it positive definite, with any law.',
         )
-    if kind == "gradient" and law.inverts_estimate:
-        warnings.warn(
-            f"the law '{law.name}' inverts M_hat, which plain gradient adaptation does not keep "
-            'positive definite; adaptation = "projected" does.',
-            stacklevel=5,
-        )
     return lengths
 
 
