@@ -689,8 +689,11 @@ class Controller:
         if dt is not ...:
             elapsed = guards.elapsed(state.t, measurement.t, dt, self.period, before.trail)
             since = measurement.t - state.t if guards.clock else elapsed
-        given = before, state.t, measurement, self.kinematics, state.kinematic.value, since
-        return *self.senses.read(*given, self._position_error), desired, elapsed
+        sensed, resting, measurement = self.senses.read(
+            before, state.t, measurement, self.kinematics, state.kinematic.value, since,
+            self._position_error,
+        )  # fmt: skip
+        return sensed, resting, measurement, desired, elapsed
 
     def rate(
         self, state: ControllerState, s: Signals, drives: Drives, torque: np.ndarray
