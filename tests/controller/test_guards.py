@@ -80,7 +80,7 @@ def test_plausible_samples_pass_to_the_bit():
     one, other = Loop(), Loop(False)
     checked, free = one.step(one.sample(3)), other.step(other.sample(3))
     assert checked.sensed.first is not None and free.sensed.first is None
-    assert unchanged(guarded_alike(checked), snapshot(free))
+    assert unchanged(guarded_alike(checked), snapshot(guarded_alike(free)))
 
 
 # --- dropped samples ---

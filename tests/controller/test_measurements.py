@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 
 import pinadapt as pa
 from benchmarks.lying_sensors import CONTINUOUS, FAULTS, MEASURES, WRAPS, _apart, begun
+from pinadapt.controller.sensing import new_trail
 from pinadapt.models.delay_compensation import SensedState
 from tests.support.paths import ROOT
 
@@ -35,7 +36,7 @@ JOINT, STOP = 1, 0.35  # which joint stops, and when [s]
 def read(controller, t, q, v):
     """Let a controller's sensing read samples of q and v; return what it holds last."""
     senses, kinematics = controller.senses, controller.kinematics
-    sensed = SensedState(q[0], v[0], trail=senses.guards.trail(v[0]))
+    sensed = SensedState(q[0], v[0], trail=new_trail(v[0]))
     now, period = t[0], controller.period
     for k in range(1, len(t)):
         sample = pa.Measurement(t[k], q[k], v[k])
@@ -71,7 +72,7 @@ def test_a_recorded_motion_is_healthy(rate, kind):
     t = np.arange(t_log[0], t_log[-1], 1.0 / rate)
     q = q_log[np.searchsorted(t_log, t - 1e-9)]
     sensed = read(controller_of("tx40", rate), t, q, VELOCITIES[kind](q, 1.0 / rate))
-    assert not sensed.trail[2]  # none was bridged
+    assert not sensed.trail[0]  # none was bridged
 
 
 @cache

@@ -2,165 +2,195 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .._compiled import compiled
 
-FOLLOWS, JUMP, SPIKE, STOPPED, APART, OUT = range(6)  # what is wrong with a joint
+FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED = range(6)  # what is wrong with a joint
+OUT, FAR, TURNED, MOVED, FROZEN, STRONG = range(6, 12)  # and with the rest of a sample
+JOINTS, FRAME, TORQUE, TIME = range(4)  # channels
+NO_Q, NO_V = 1, 2  # what is not used of a joint
 
-# Rows of bounds, one number a joint, and numbers of all joints together; see ``Guards``.
-FASTEST, TOLERANCE, LEAP, LOWEST, HIGHEST, CLEAR = range(6)
-SLOW, FARTHEST, LONGEST, FLOOR, UNKNOWN, RECENTLY = range(6)
+# Rows of bounds, one number a joint, and numbers of a frame; see ``Guards``.
+FASTEST, TOLERANCE, LEAP, CLEAR, SLOW = range(5)
+FARTHEST, FLOOR, UNKNOWN = range(3)
 
-# The trail: what is kept of the samples to compare the next one with. Numbers of all joints, the
-# last frame's error (3) and position (3), and then some of each joint.
-STEPPED, BAD, BRIDGED, LOST, FRAMES, STALE, REPEATED, DEAF, TORQUES, STEP, SEEN = range(11)
-SINCE, RECENT, ERROR, PLACE, DOUBT, TRAIL = 11, 12, 13, 16, 19, 20
-RATE, RAW, LEAST, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, DISTRUST, UNSEEN = range(10)
-DISPLACED, TORQUE, AGAINST, GAINED, PUSHED, SAME, TRAIL_ROWS = range(10, 17)
+# The trail: what is kept of the samples to compare the next one with. By channel how many were
+# bridged, and from BRIDGED on for how long [s, or samples with the same time]; numbers of all
+# joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
+BRIDGED, STEPPED, STEP, SEEN, SINCE, RECENT, ERROR, PLACE, TRAIL = 4, 8, 9, 10, 11, 12, 13, 16, 19
+RATE, RAW_Q, RAW_V, LEAST, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
+UNSEEN, DISPLACED, ROWS = 11, 12, 13
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
-LATE, EARLY = 0.1, 0.01  # [s] by which v may come after q, and q after v; half: filters of 80 ms
-# are refused, double: a wrong v is found 0.1 s later where it changes
+_LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
+# v is found 0.1 s later where it changes
 _SHARE = 0.25  # of the way, by which v may be off for good; half: 20 % is refused
 _REPEATED = 0.02  # [s] for which a v may be the same while q goes on, as one of 50 Hz; half: that
 # is refused, double: a stuck v is found as much later
-_TIGHT = 0.5  # of the tolerance, which a v that is the same to the bit has less; half: a stuck one
-# is found 20 ms later, double: one in steps is refused
-_CIRCLE = 0.02  # of cosine^2 + sine^2: half or double change nothing, rounding is below 1e-6
-_COARSE = 10.0  # [1/s] times the tolerance: largest step of a v that is taken for its resolution
 _COUNTS = 3.0  # least changes of q, by which a joint clearly moves from sample to sample
+_DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; half: ``safe`` brakes
+# late, double: counts of an encoder shake it
 
 
 @compiled(
-    "i8(f8[:], f8[:], f8[:], f8, f8[:,::1], i8[::1], f8[::1], f8[:], f8[::1], i8[::1])", fills=2
+    "i8(f8[:], f8[:], f8[:], f8, f8, f8, f8[:,::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1])",
+    fills=3,
 )
 def check_joints(
     q: np.ndarray,
     q_before: np.ndarray,
     v: np.ndarray,
     dt: float,
+    decay: float,
+    late: float,
     bounds: np.ndarray,
     places: np.ndarray,
-    numbers: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
-    kinds: np.ndarray,
+    q_used: np.ndarray,
+    v_used: np.ndarray,
 ) -> int:
-    """Write what is wrong with each joint (n) of a sample; return 2 if something may be, 1 at rest.
+    """Write q and v (n) as far as they follow; return 2 if something may not, 1 at rest, else 0.
 
-    ``after`` becomes ``before`` with the sample added; where it is empty, the sample is compared
-    with none before. NaN is never wrong. With the residual r = dq - v dt (trapezoid) and sums that
-    forget over T, R = sum r, D = sum dq, W = D - R, C = sum dv,
+    ``after`` becomes ``before`` with the sample added. With the residual r = dq - v dt (trapezoid)
+    and sums that forget over 0.2 s, R = sum r, D = sum dq, C = sum dv, a joint is
 
-    * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it.
+    * MISSING: q or v is not finite.
+    * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it; or cosine^2 +
+      sine^2 is not 1.
     * SPIKE: v changed by more than a bound, and q went on as before, not by the mean of both v;
       or |v| is beyond all bounds.
-    * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
-      the nearest of these between -10 and 100 ms: beyond tol + share max(|D|, |W|) + T (least
-      change of any v, its resolution). There is no share of a v that is the same to the
-      bit, half of tol for r since then, and for 20 ms it is not judged.
-    * OUT: cosine^2 + sine^2 is not 1; or q is outside its range, and no sample before it is known.
+      the nearest of these up to 100 ms: beyond tol + share max(|D|, |D - R|) + T (least change of
+      any v, its resolution). There is no share of a v that is the same to the bit, and half of
+      tol if it is not zero; in the first 20 ms it is not judged.
+    * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
+      Only the momentum tells whether the joint did.
+
+    What is not used is replaced: q by the integral of v, v by the rate of q, both by the velocity
+    before, which decays. Once v and q are APART, the one that is not stuck is used from then on.
 
     Args:
         q: (nq) configuration, of a continuous joint cosine and sine.
-        q_before: (nq) at the sample before.
+        q_before: (nq) used at the sample before.
         v: (n) joint velocity [rad/s or m/s].
-        dt: since the sample before [s]; that one is forgotten where it is long ago.
-        bounds: (6, n), see ``Guards``.
+        dt: since the sample before [s]; infinite: it is compared with none.
+        decay: of the velocity of which nothing is used, as of an arm that is damped [1/s].
+        late: time in which turns of the joints are remembered for frames [s].
+        bounds: (5, n), see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
-        numbers: (6), see ``Guards``.
-        before: the trail, or empty.
+        before: the trail.
         after: the trail with this sample.
-        kinds: (n) what is wrong.
+        q_used: (nq) of the sample, as far as it is used.
+        v_used: (n) the same.
     """
-    n, kept, leak, recent = len(v), len(after) > 0, 1.0, 1.0
-    follows = kept and 0.0 <= dt <= numbers[LONGEST]
+    n, follows, halted = len(v), dt < math.inf, dt > 0.0
     for k in range(len(after)):
-        after[k] = before[k]
-    if kept and not follows:
-        after[SEEN] = after[SINCE] = after[RECENT] = 0.0
-        for k in range(TRAIL, len(after)):
-            if (k - TRAIL) % TRAIL_ROWS != LEAST:
-                after[k] = 0.0
-    halted = follows and dt > 0.0  # all joints stopped at once: by brakes, or in a simulation
+        after[k] = before[k] if follows or k < BRIDGED else 0.0
+    for k in range(len(q)):
+        q_used[k] = q[k]
+    if follows and dt > 0.0:
+        after[BRIDGED + TIME] = 0.0
+    elif follows and before[STEPPED] != 0.0:
+        after[BRIDGED + TIME] += 1.0
+        after[TIME] += 1.0
     for i in range(n):
-        halted = halted and v[i] == 0.0 and q[places[i]] == before[TRAIL + TRAIL_ROWS * i + RAW]
-    if follows:
-        leak, recent = np.exp(-dt / MEMORY), np.exp(-dt / numbers[RECENTLY])
-        if dt > 0.0:
-            after[STALE] = 0.0
-        elif before[STEPPED] != 0.0:
-            after[STALE] += 1.0
-            after[REPEATED] += 1.0
-        for i in range(n):
-            change = abs(v[i] - before[TRAIL + TRAIL_ROWS * i + RATE])
-            if change > 0.0 and not 0.0 < after[STEP] < change:
-                after[STEP] = change
-    resting, wrong, turned = True, False, 0.0
+        at = TRAIL + ROWS * i
+        # all joints stopped at once: by brakes, or in a simulation
+        halted = halted and v[i] == 0.0 and q[places[i]] == before[at + RAW_Q]
+        change = abs(v[i] - before[at + RAW_V])
+        if follows and change > 0.0 and not 0.0 < after[STEP] < change:
+            after[STEP] = change
+    leak, resting, wrong, turned = math.exp(-dt / MEMORY), True, False, 0.0
     for i in range(n):
-        now, first, at = v[i], places[i], TRAIL + TRAIL_ROWS * i
-        speed, plain = abs(now), places[i + 1] - first == 1
-        resting &= speed < numbers[SLOW]
-        kinds[i] = SPIKE if speed > bounds[FASTEST, i] else FOLLOWS
-        if kept:
-            after[at + RATE], after[at + RAW] = now, q[first]
-        off = 0.0 if plain else abs(q[first] ** 2 + q[first + 1] ** 2 - 1.0)
-        if not follows:
-            outside = plain and (q[first] < bounds[LOWEST, i] or q[first] > bounds[HIGHEST, i])
-            if off > _CIRCLE or (kept and outside):
-                kinds[i] = OUT
-            wrong |= kinds[i] != FOLLOWS
-            continue
-        if plain:
-            way = q[first] - q_before[first]
-        else:
-            way = np.arctan2(
-                q[first + 1] * q_before[first] - q[first] * q_before[first + 1],
-                q[first] * q_before[first] + q[first + 1] * q_before[first + 1],
+        at, k, plain, speed = TRAIL + ROWS * i, places[i], places[i + 1] == places[i] + 1, v[i]
+        rate, way, circle = before[at + RATE] if follows else speed, 0.0, True
+        resting &= abs(speed) < bounds[SLOW, i]
+        if not plain:
+            circle = abs(q[k] ** 2 + q[k + 1] ** 2 - 1.0) < 0.02
+        if plain and follows:
+            way = q[k] - q_before[k]
+        elif follows:
+            way = math.atan2(
+                q[k + 1] * q_before[k] - q[k] * q_before[k + 1],
+                q[k] * q_before[k] + q[k + 1] * q_before[k + 1],
             )
-        rate, least, tolerance = before[at + RATE], before[at + LEAST], bounds[TOLERANCE, i]
-        r = way - 0.5 * dt * (now + rate)  # exact for a torque that is held
-        same, quick = q[first] == before[at + RAW], max(speed, abs(rate))
-        step = abs(way)
-        turned += step
-        after[at + LEAST] = step if step > 0.0 and not 0.0 < least < step else least
+        r = way - 0.5 * dt * (speed + rate) if follows else 0.0  # exact for a torque that is held
         R, D = leak * before[at + RESIDUAL] + r, leak * before[at + WAY] + way
-        C = leak * before[at + CHANGE] + now - rate
-        after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C
-        after[at + STILL_Q] = before[at + STILL_Q] + dt if same else 0.0
-        after[at + STILL_V] = before[at + STILL_V] + dt if now == rate else 0.0
-        after[at + DISTRUST] = after[at + UNSEEN] = after[at + DISPLACED] = 0.0
-        low, high = min(-EARLY * C, LATE * C), max(-EARLY * C, LATE * C)
-        off_R = R - min(max(R, low), high)
-        still, bound = after[at + STILL_V], tolerance
-        if still == 0.0:
+        C = leak * before[at + CHANGE] + speed - rate
+        same = follows and q[k] == before[at + RAW_Q]
+        still_q = before[at + STILL_Q] + dt if same else 0.0
+        still_v = before[at + STILL_V] + dt if follows and speed == before[at + RAW_V] else 0.0
+
+        tolerance, fastest, least = bounds[TOLERANCE, i], bounds[FASTEST, i], before[at + LEAST]
+        bound, C_late = tolerance + MEMORY * after[STEP], _LATE * C
+        if still_v == 0.0:
             bound += _SHARE * max(abs(D), abs(D - R))
-        bound += MEMORY * min(after[STEP], _COARSE * tolerance)
-        leap = abs(now - rate) > bounds[LEAP, i]
-        if leap and abs(way - rate * dt) < abs(r):
-            kinds[i] = SPIKE
-        elif abs(r) > tolerance + 2.0 * dt * min(quick, bounds[FASTEST, i]):
-            kinds[i] = JUMP
-        elif kinds[i] == FOLLOWS and same and now == 0.0 and not halted:
-            clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
-            kinds[i] = STOPPED if clear else FOLLOWS
-        S = leak * before[at + SAME] + r if now == rate else 0.0
-        after[at + SAME] = S
-        told = still == 0.0 or still > _REPEATED  # else v may come less often than q
-        tight = bound - (0.0 if now == 0.0 else _TIGHT * tolerance)  # zero: a dead band
-        if kinds[i] == FOLLOWS and told and (abs(off_R) > bound or abs(S) > tight):
-            kinds[i] = APART
-        if off > _CIRCLE:
-            kinds[i] = OUT
-        wrong |= kinds[i] != FOLLOWS
-    if kept:
-        after[STEPPED], after[BAD] = 1.0, before[BAD] if wrong else 0.0
-        after[LOST] += dt if after[LOST] > 0.0 else 0.0
-        after[SINCE] += turned
-        after[RECENT] = recent * before[RECENT] + turned
-    doubted = kept and after[DOUBT] != 0.0
-    return 2 if wrong or doubted else 1 if resting else 0
+        elif speed != 0.0:
+            bound, C_late = bound - 0.5 * tolerance, 0.0
+        jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
+        leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
+        clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
+        no_q, no_v, kind = not math.isfinite(q[k] + way), not math.isfinite(speed), FOLLOWS
+        if no_q or no_v:
+            kind = MISSING
+        elif abs(speed) > fastest or leap:
+            kind = SPIKE
+        elif abs(r) > jump or not circle:
+            kind = JUMP
+        elif (
+            not 0.0 < still_v < _REPEATED
+            and abs(R - min(max(R, min(C_late, 0.0)), max(C_late, 0.0))) > bound
+        ):
+            kind = APART
+        elif same and speed == 0.0 and clear and not halted:
+            kind = STOPPED
+        distrust = before[at + DISTRUST] if follows else 0.0
+        if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
+            distrust = 0.0
+        if (kind == APART or (kind == SPIKE and decay > 0.0)) and distrust == 0.0:
+            distrust = NO_V
+            if still_q > 3.0 * dt:
+                distrust = NO_Q + NO_V if still_v > 3.0 * dt else NO_Q
+        no_v |= distrust >= NO_V
+        no_q |= distrust == NO_Q or distrust == NO_Q + NO_V or (kind == JUMP and not no_v)
+        no_v |= kind == SPIKE
+
+        v_used[i] = speed
+        if no_q and no_v:
+            v_used[i] = rate * math.exp(-decay * dt)
+        elif no_v and follows:
+            v_used[i] = rate + (way - dt * rate) / max(dt, 1.0 / _DIFFERENCED)
+        step = abs(way)
+        if no_q and follows:
+            way = 0.5 * dt * (rate + v_used[i])
+            q_used[k] = q_before[k] + way
+            if not plain:
+                q_used[k] = math.cos(way) * q_before[k] - math.sin(way) * q_before[k + 1]
+                q_used[k + 1] = math.sin(way) * q_before[k] + math.cos(way) * q_before[k + 1]
+        if kind in (JUMP, SPIKE, MISSING):
+            R = leak * before[at + RESIDUAL] + way - 0.5 * dt * (rate + v_used[i])
+            D = leak * before[at + WAY] + way
+            C = leak * before[at + CHANGE] + v_used[i] - rate
+        turned += abs(way)
+        wrong |= kind != FOLLOWS or distrust != 0.0
+        after[at + RATE], after[at + RAW_Q], after[at + RAW_V] = v_used[i], q[k], speed
+        after[at + KIND] = kind
+        after[at + LEAST] = step if step > 0.0 and not 0.0 < least < step else least
+        after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C
+        after[at + STILL_Q], after[at + STILL_V], after[at + DISTRUST] = still_q, still_v, distrust
+        after[at + UNSEEN] = before[at + UNSEEN] + dt if no_q and no_v else 0.0
+        after[at + DISPLACED] = before[at + DISPLACED] + way if decay > 0.0 else 0.0
+    after[STEPPED] = 1.0
+    after[SINCE] += turned
+    after[RECENT] = math.exp(-dt / late) * after[RECENT] + turned
+    if not wrong:
+        after[BRIDGED + JOINTS] = 0.0
+    if after[BRIDGED + FRAME] > 0.0:
+        after[BRIDGED + FRAME] += dt
+    return 2 if wrong else 1 if resting else 0
 
 
 @compiled("b1(f8[:], f8[:], f8[::1], f8[::1])", fills=1)
@@ -168,27 +198,22 @@ def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np
     """Return whether a frame x cannot be one of the arm; else keep it in the trail.
 
     The residual is the change of e = p_hat - x since the last frame. Learning explains |e|, and
-    unknown translations ``unknown`` times the turns of all joints since then and shortly before.
-    A frame that is the same to the bit while the joints move explains nothing.
+    unknown translations ``numbers[UNKNOWN]`` times the turns of all joints since then and shortly
+    before. A frame that is the same to the bit while the joints move explains nothing.
     """
     m, error, change, far = len(p_hat), 0.0, 0.0, 0.0
-    for k in range(m):
-        far += (p_hat[k] - x[k]) ** 2
-    if far > numbers[FARTHEST] ** 2:
-        return True
-    if len(trail) == 0:
-        return False
     same, moved = trail[SEEN] != 0.0, trail[SINCE] * numbers[UNKNOWN]
     for k in range(m):
+        far += (p_hat[k] - x[k]) ** 2
         same &= x[k] == trail[PLACE + k]
         change += (p_hat[k] - x[k] - trail[ERROR + k]) ** 2
         error += trail[ERROR + k] ** 2
+    bound = numbers[FLOOR] + moved + numbers[UNKNOWN] * trail[RECENT] + np.sqrt(error)
+    if far > numbers[FARTHEST] ** 2 or (trail[SEEN] != 0.0 and change > bound**2):
+        return True
     if same:
         return moved > numbers[FLOOR] and change > numbers[FLOOR] ** 2
-    bound = numbers[FLOOR] + numbers[UNKNOWN] * (trail[SINCE] + trail[RECENT]) + np.sqrt(error)
-    if trail[SEEN] != 0.0 and change > bound**2:
-        return True
-    trail[SEEN], trail[LOST], trail[SINCE] = 1.0, 0.0, 0.0
+    trail[SEEN], trail[BRIDGED + FRAME], trail[SINCE] = 1.0, 0.0, 0.0
     for k in range(m):
         trail[PLACE + k], trail[ERROR + k] = x[k], p_hat[k] - x[k]
     return False

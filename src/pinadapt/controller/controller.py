@@ -34,6 +34,7 @@ from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
+from .first_samples import remember
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, rows_of
 from .learned import AlongExcited, learned_robot
@@ -89,7 +90,7 @@ class Controller:
         self.law, self.kinematics, self.dynamics = law, kinematics, dynamics
         self.adaptation_k, self.adaptation_d = adaptation_k, adaptation_d
         self.limits = ControllerLimits() if limits is None else limits
-        self.senses = Senses(Guards.none(kinematics.nv)) if senses is None else senses
+        self.senses = senses or Senses(Guards.none(kinematics.robot.model))
         self.sensors = self.senses.sensors
         self.motion, self.period, self.nominal = motion, period, nominal
         self.compensation = compensation
@@ -423,7 +424,8 @@ class Controller:
             filters = self._filters.step(state.filters, s, elapsed)
             torque_filter, path = state.torque_filter, state.path
             given = torque if self.compensation is None else torque + self.compensation(s.q)
-            self.senses.remember(sensed, given)
+            if sensed.first is not None:
+                remember(sensed.first, given)
             if path is not None:
                 path = self._governed(path, s, sensed, given, elapsed)
             if self._torque_filter is not None:
@@ -490,20 +492,17 @@ class Controller:
             dt = elapsed if 0.0 < elapsed <= LATEST * period else period
             damping = min(damping, _DAMPED / period)
             model, dynamics = self.kinematics.robot.model, self.dynamics
-            sensed = self.senses.believed(
-                state.sensed, measurement, dt, damping, model, known=elapsed == 0.0
-            )
+            sensed = self.senses.believed(state.sensed, measurement, dt, damping, model)
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
             torque = np.array(dynamics.torque(sensed.q, zero, zero))
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
-            if hold and sensed.trail.size:
-                spring = 0.25 * damping**2 * inertia * row(sensed.trail, kernels.DISPLACED)
-                most = math.inf if limits is None else _SPRING * limits
-                torque -= np.clip(spring, -most, most)
-            elif sensed.trail.size:
-                row(sensed.trail, kernels.DISPLACED)[:] = 0.0
+            displaced = row(sensed.trail, kernels.DISPLACED)
+            if not hold:
+                displaced[:] = 0.0
+            most = math.inf if limits is None else _SPRING * limits
+            torque -= np.clip(0.25 * damping**2 * inertia * displaced, -most, most)
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:
@@ -690,8 +689,11 @@ class Controller:
         if dt is not ...:
             elapsed = guards.elapsed(state.t, measurement.t, dt, self.period, before.trail)
             since = measurement.t - state.t if guards.clock else elapsed
-        given = before, state.t, measurement, self.kinematics, state.kinematic.value, since
-        return *self.senses.read(*given, self._position_error), desired, elapsed
+        sensed, resting, measurement = self.senses.read(
+            before, state.t, measurement, self.kinematics, state.kinematic.value, since,
+            self._position_error,
+        )  # fmt: skip
+        return sensed, resting, measurement, desired, elapsed
 
     def rate(
         self, state: ControllerState, s: Signals, drives: Drives, torque: np.ndarray

@@ -164,15 +164,15 @@ class Estimator:
         if elapsed <= 0.0:
             raise ImplausibleError("t", sample.t, f"is not after the last sample's, {state.t:g} s")
         a_k = state.a_k
+        paused = elapsed > LATEST * parts.period
         sensed, still, sample = self._senses.read(
-            state.sensed, state.t, sample, self._kinematics, a_k, elapsed
+            state.sensed, state.t, sample, self._kinematics, a_k, None if paused else elapsed
         )
         dynamic, kinematic = state.dynamic, state.kinematic
         filtered = self._filtered(state, sensed, sample.tau, elapsed)
-        paused = elapsed > LATEST * parts.period
         if state.adapting and not still and not paused:
             if isinstance(filtered, FilteredTorque):
-                dynamic = self._dynamic_step(dynamic, filtered, sample.q, elapsed)
+                dynamic = self._dynamic_step(dynamic, filtered, sensed.q, elapsed)
             kinematic = self._kinematic_step(kinematic, sensed, elapsed)
             torque = np.zeros(0) if sample.tau is None else sample.tau
             parts.watch(torque, dynamic.value, kinematic.value)

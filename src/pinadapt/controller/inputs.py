@@ -33,9 +33,6 @@ class InputCheck:
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
-        self._given = (
-            *(self._x, self._m, self._m, self._q, self._v), *(self._a_d, self._a_d, self._a_k)
-        )  # fmt: skip
 
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -49,19 +46,31 @@ class InputCheck:
         """
         try:
             t, q, v, x, x_time, xd, a, _, w = measurement
-            given = (*desired, q, v, state.dynamic.value, state.a_0, state.kinematic.value)
-            fits = state.__class__ is ControllerState and a is None and t.__class__ is float
-            fits = fits and t - t == 0.0 and (x_time is None or x_time.__class__ is float)
-            for part, shape in zip(given, self._given, strict=True):
-                fits = fits and part.__class__ is _ARRAY and part.dtype is _FLOAT
-                fits = fits and part.shape == shape
-            for optional, shape in ((x, self._x), (xd, self._m), (w, self._v)):
-                if optional is not None:
-                    fits = fits and optional.__class__ is _ARRAY and optional.dtype is _FLOAT
-                    fits = fits and optional.shape == shape
+            (x_d, xd_d, xdd_d), a_0 = desired, state.a_0
+            a_d, a_k = state.dynamic.value, state.kinematic.value
+            fits = (
+                state.__class__ is ControllerState
+                and q.__class__ is v.__class__ is x_d.__class__ is _ARRAY
+                and xd_d.__class__ is xdd_d.__class__ is _ARRAY
+                and q.dtype is v.dtype is x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
+                and a_d.dtype is a_0.dtype is a_k.dtype is _FLOAT
+                and q.shape == self._q
+                and v.shape == self._v
+                and x_d.shape == self._x
+                and xd_d.shape == xdd_d.shape == self._m
+                and a_d.shape == a_0.shape == self._a_d
+                and a_k.shape == self._a_k
+                and (x is None or _is(x, self._x))
+                and (xd is None or _is(xd, self._m))
+                and (w is None or _is(w, self._v))
+                and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
+                and a is None
+                and t.__class__ is float
+                and t - t == 0.0
+            )
         except (AttributeError, TypeError, ValueError):
             fits = False
-        if fits and (x_time is None or x_time - x_time == 0.0):
+        if fits:
             return measurement, desired
         self.state(state)
         return self.measurement(measurement), self.desired(desired)
@@ -201,6 +210,11 @@ class InputCheck:
                 raise MeasurementError(name, value)
         if measurement.x is not None and (flaw := self._task.flaw(measurement.x)):
             raise MeasurementError("x", measurement.x, flaw)
+
+
+def _is(value: Any, shape: tuple[int, ...]) -> bool:
+    """Return whether this is an array of native floats of a shape."""
+    return value.__class__ is _ARRAY and value.dtype is _FLOAT and value.shape == shape
 
 
 def _array(

@@ -27,6 +27,7 @@ from ..models.tracker_kinematics import TrackerKinematics
 from ..records import Desired, Measurement
 from ..signals import Signals
 from .controller import Controller, believed
+from .first_samples import remember
 from .governor import PathTime
 from .sensing import Guards, Senses
 from .state import ControllerState
@@ -125,7 +126,6 @@ class SlowStart(Controller):
         law = self.law.of_joints(kinematics.task)
         if law is None:
             return None
-        places = self.senses.guards.places
         return Controller(
             law,
             kinematics,
@@ -133,7 +133,7 @@ class SlowStart(Controller):
             adaptation_k=Frozen(),
             adaptation_d=self.adaptation_d,
             limits=replace(self.limits, governor=None),
-            senses=Senses(replace(Guards.none(kinematics.nv), places=places)),
+            senses=Senses(Guards.none(kinematics.robot.model)),
             compensation=self.compensation,
             period=self.period,
         )
@@ -203,15 +203,16 @@ class SlowStart(Controller):
             kinematic=Estimate(np.zeros(0)),
             filters=start.filters,
             adapting=state.adapting and elapsed > 0.0,
-            sensed=SensedState(state.sensed.q, state.sensed.v),
+            sensed=state.sensed._replace(first=None),
             path=None,
             start=None,
         )
         held = held._replace(q=sensed.q, v=sensed.v, x=None, x_time=None, xd=None)
         goal = Desired(joints.kinematics.task.measured(None, start.q) + e, ed, edd)
         torque, after = joints.step(inner, held, goal, elapsed or dt)
-        own = 0.0 if self.compensation is None else self.compensation(sensed.q)
-        self.senses.remember(sensed, torque + own)
+        if sensed.first is not None:
+            own = 0.0 if self.compensation is None else self.compensation(sensed.q)
+            remember(sensed.first, torque + own)
         return torque, after._replace(
             kinematic=state.kinematic,
             filters=state.filters,

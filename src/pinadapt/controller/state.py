@@ -40,8 +40,7 @@ class Bridged(NamedTuple):
         """Return the numbers in the trail of a state."""
         if not trail.size:
             return cls()
-        places = (kernels.BRIDGED, kernels.FRAMES, kernels.TORQUES, kernels.REPEATED)
-        return cls(*(int(trail[place]) for place in places))
+        return cls(*trail[: kernels.BRIDGED].astype(int).tolist())
 
 
 class ControllerState(NamedTuple):
