@@ -336,7 +336,6 @@ def _write_intake(options: argparse.Namespace, source: Path, intake: Intake | No
         f"Joints: {', '.join(robot.joint_names)}.",
         f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms.",
         f"Checked: {check.verdict}",
-        *check.notes,
         "Keys in comments are as by default.",
     ]
     write_text(place, intake.updated(**log.assumed).text(about))
