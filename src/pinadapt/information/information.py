@@ -349,17 +349,17 @@ class Excitation:
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
         seen = {name: part for name, part in parts.items() if part.names}
         overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
-        header = ("parameter", "estimate", "known to", "unit")
-        tables = [Table(self._rows(part), header) for part in seen.values()]
+        tables = [parameter_table(part, self.units) for part in seen.values()]
         return [Table(overview or [("nothing", "was adapted")]), *tables]
 
-    def _rows(self, part: Information) -> list[tuple[str, ...]]:
-        return [
-            (name, f"{value:.4g}", known_to(deviation), self.units.get(name, ""))
-            for name, value, deviation in zip(
-                part.names, part.estimate, part.deviations, strict=True
-            )
-        ]
+
+def parameter_table(part: Information, units: Mapping[str, str]) -> Table:
+    """Return a row for each parameter: its estimate, its uncertainty, its unit."""
+    rows = [
+        (name, f"{value:.4g}", known_to(deviation), units.get(name, ""))
+        for name, value, deviation in zip(part.names, part.estimate, part.deviations, strict=True)
+    ]
+    return Table(rows, ("parameter", "estimate", "known to", "unit"))
 
 
 def known_to(deviation: float) -> str:
@@ -431,8 +431,8 @@ class TorquePrediction:
             before, after = (excited.distance(a, truth) for a in ends)
             left = after / before if before > 0.0 else None
         still = [name for name, no in zip(excited.names, excited.still, strict=True) if no]
-        errors = map(torques.sums.error, ends)
-        return cls(torques.sums.size, *errors, excited.rank, left, tuple(still))
+        first, last = map(torques.sums.error, ends)
+        return cls(torques.sums.size, first, last, excited.rank, left, tuple(still))
 
 
 def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionTorques | None:
