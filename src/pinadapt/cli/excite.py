@@ -16,7 +16,6 @@ from ..description.urdf import is_path
 from ..exceptions import InputError
 from ..excitation.exciting_motion import ExcitingMotion
 from ..excitation.exciting_motion import excite as find
-from ..models.translations import BASE, TOOL
 from ..robot.loading import load
 from ..scenario.scenario import Scenario
 from ..scenario.tables import Tables, moved
@@ -49,8 +48,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--unknown",
         type=names,
         metavar="A,B",
-        help="unknown bodies: all, payload (the last body), none or joint names; and tool, base "
-        "(default: all)",
+        help="unknown bodies: all, payload (the last body), none or joint names (default: all)",
     )
     parser.add_argument(
         "--joint",
@@ -107,10 +105,7 @@ def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     """Return tables of a scenario for a robot and a motion for the given unknown parameters."""
     robot = load(options.source, frame=options.frame)
     names, joint = options.unknown or ["all"], options.joint or ["all"]
-    placed = {word: True for word in (TOOL, BASE) if word in names}
-    bodies = [name for name in names if name not in placed] or ["none"]
-    unknown = Unknown(**{"tool": False, **placed, "bodies": _words(bodies)})  # type: ignore[arg-type]
-    unknown = unknown.with_effects(_words(joint))
+    unknown = Unknown(tool=False, bodies=_words(names)).with_effects(_words(joint))
     tables = {
         "title": f"{robot.name}, an exciting motion",
         "robot": {

@@ -30,12 +30,13 @@ _MARGIN = 0.05  # of a joint's range at both ends, and of the reach above a plan
 _SHARE = 0.8  # of the description's limits of velocity and effort
 _FASTEST_TURN, _FASTEST_SLIDE = 2.5, 1.0  # [rad/s, m/s] even if a description allows more
 _TURN, _SLIDE = 0.5 * np.pi, 0.5  # [rad, m] default excursion from home
-_LOAD, _HALVINGS = 0.1, 6  # default load as a share of the robot's mass, and how often halved
+_LOAD = 0.1  # default load, as a share of the robot's mass
 _APART = 0.02  # of the reach, between two bodies or above the floor
 _TOUCHING = 1e-3  # [m] up to which two bodies touch at home
 _ALIKE = 4  # digits of alike angles; distances differ by less than a touch between them
 _TOLERANCE, _ITERATIONS = 1e-9, 256  # of a distance
 _FLOOR = "the floor"
+_EPS = np.finfo(float).eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,18 +219,18 @@ class Allowance:
         slides = np.array([is_slide(joint) for joint in model.joints[1:]])
         low, high = _range(robot, slides, excursion)
         fastest = np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
-        speed, effort = _SHARE * velocity_limits(model), _SHARE * effort_limits(model)
-        masses = [_LOAD * robot.mass / 2**halvings for halvings in range(_HALVINGS)] + [0.0]
+        speed = np.minimum(_SHARE * velocity_limits(model), fastest)
+        effort, rest = _SHARE * effort_limits(model), np.zeros(model.nv)
+        held, with_one = (
+            pin.rnea(one, one.createData(), robot.q0, rest, rest)
+            for one in (model, robot.changed(payload=Payload(1.0)).model)
+        )
+        room = (effort - np.abs(held)) / np.maximum(np.abs(with_one - held), _EPS)  # [kg]
+        mass = min(_LOAD * robot.mass, max(0.5 * float(room.min()), 0.0))
         if load is not None:
-            masses = [positive(load, "load", zero=True)]
-        for mass in masses:
-            loaded = robot.changed(payload=Payload(mass)).model if mass else model
-            rest = np.zeros(model.nv)
-            needed = np.abs([
-                pin.rnea(one, one.createData(), robot.q0, rest, rest) for one in (model, loaded)
-            ]).max(axis=0)  # fmt: skip
-            if (needed < effort).all():
-                break
+            mass = positive(load, "load", zero=True)
+        loaded = robot.changed(payload=Payload(mass)).model if mass else model
+        needed = np.maximum(np.abs(held), np.abs(held + mass * (with_one - held)))
         for name, torque, most in zip(robot.joint_names, needed, effort, strict=True):
             if torque >= most:
                 raise RobotError(
@@ -243,12 +244,11 @@ class Allowance:
         if plane is not None:
             if floor is not None and shapes is None:
                 plane = replace(plane, level=max(plane.level, floor), side=1.0)
-            distance = plane.distance(model, model.createData(), robot.frame_id, robot.q0)
+            distance = float(plane.distances(model, robot.frame_id, [robot.q0])[0])
             if distance <= 0.0 and floor is not None and shapes is None:
                 raise _below(robot.frame, distance, robot)
             margin = min(_MARGIN * robot.reach, 0.5 * distance)
             plane = plane if distance > 0.0 else None
-        speed = np.minimum(speed, fastest)
         return cls(robot, low, high, speed, effort, mass, loaded, plane, margin, shapes)
 
     def torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -261,9 +261,13 @@ class Allowance:
             ]
         )
 
-    def clearance(self, q: np.ndarray) -> float:
-        """Return the smallest distance of configurations (N, nq) from the plane [m], or inf."""
-        return float(np.min(self._distances(q), initial=np.inf))
+    def clearances(self, q: np.ndarray) -> np.ndarray:
+        """Return the distances (N) of configurations (N, nq) from the plane [m], or infinity."""
+        if self.plane is None:
+            return np.full(len(q), np.inf)
+        different, which = np.unique(q, axis=0, return_inverse=True)
+        found = self.plane.distances(self.robot.model, self.robot.frame_id, different)
+        return np.asarray(found[which.ravel()])
 
     def apart(self, q: np.ndarray) -> tuple[float, str]:
         """Return the smallest distance of two shapes in configurations (N, nq) [m], and whose."""
@@ -291,17 +295,9 @@ class Allowance:
         if np.isfinite(self.effort).any():
             yield (np.abs(self.torques(q, v, a)) / self.effort).reshape(len(q), -1)
         if self.plane is not None:
-            yield 2.0 - self._distances(q)[:, None] / self.margin
+            yield 2.0 - self.clearances(q)[:, None] / self.margin
         if self.shapes is not None:
             yield 2.0 - self.shapes.distances(q) / self.shapes.margins
-
-    def _distances(self, q: np.ndarray) -> np.ndarray:
-        """Return the distance (N) [m] of each configuration (N, nq) from the plane, if any."""
-        if self.plane is None:
-            return np.zeros(0)
-        different, which = np.unique(q, axis=0, return_inverse=True)
-        found = self.plane.distances(self.robot.model, self.robot.frame_id, different)
-        return np.asarray(found[which.ravel()])
 
 
 def _range(

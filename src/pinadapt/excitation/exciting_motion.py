@@ -8,13 +8,12 @@ P and H are taken in base parameters, the combinations of parameters that motion
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_SAMPLES, instance, numbers, positive, whole
@@ -22,203 +21,19 @@ from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError, ParameterError, RobotError
-from ..information.information import BLOCK, Excitation, Information
+from ..information.information import BLOCK, Information, identifiable, parameter_table
 from ..information.payload import described_robot
-from ..models.basis import base_parameters, independent_columns
+from ..models.basis import base_parameters
 from ..models.dynamics import Dynamics
+from ..models.excited import scales
 from ..models.joint_effects import ALL
-from ..models.linear_kinematics import FrameKinematics
-from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..robot.robot import Robot
 from ..simulation.simulate import Progress, watched
-from ..tasks.frame import TASKS
-from ..tasks.task import JointTask
 from ..trajectories.periodic import FourierSeries
-from ..tuning.defaults import prior_covariance
 from ..tuning.unknowns import Unknown, nominal_dynamics
 from .allowance import Allowance, Shapes, configurations
 
-_TORQUE_NOISE = 0.01  # of the effort limit, or of the typical torque of a joint without one
-_POSITION_NOISE = 1e-3  # of the reach
-_TRANSLATION_PRIOR = 0.1  # of the reach: standard deviation of a translation
-_SAMPLES, _SPREAD, _SPEED = 50, 0.5, 1.0  # random states [rad, rad/s, rad/s^2 or m]
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """Parameters (p) of one model: prior in base parameters, and noise of the measured signals."""
-
-    names: tuple[str, ...]
-    initial: np.ndarray
-    chosen: np.ndarray  # (b) indices of the base parameters
-    root: np.ndarray  # (b, b) L of the prior covariance L L^T of the base parameters
-    noise: np.ndarray  # (n) of the signals of a row
-
-    def gain(self, W: np.ndarray, rows: float) -> tuple[float, np.ndarray]:
-        """Return the information gain [nat] and its derivative (N, n, p) by W.
-
-        Args:
-            W: (N, n, p) regressors.
-            rows: number of measurements for which the N stand.
-        """
-        slope = np.zeros(W.shape)
-        if not len(self.chosen):
-            return 0.0, slope
-        share = rows / len(W)
-        scaled = W[:, :, self.chosen] / self.noise[:, None] @ self.root
-        flat = scaled.reshape(-1, len(self.chosen))
-        information = np.eye(len(self.chosen)) + share * (flat.T @ flat)
-        by_scaled = share * np.linalg.solve(information, flat.T).T.reshape(scaled.shape)
-        slope[:, :, self.chosen] = by_scaled @ self.root.T / self.noise[:, None]
-        return 0.5 * float(np.linalg.slogdet(information)[1]), slope
-
-    def information(self, W: np.ndarray, rows: float) -> Information:
-        """Return the information of ``rows`` measurements, for which W (N, n, p) stand."""
-        noise = self.noise * np.sqrt(max(len(W), 1) / rows)
-        none = np.zeros(W.shape[:2])
-        found = Information.of_rows(self.names, self.initial, W, none, noise)
-        return replace(found, noise=self.noise, rows=round(rows * len(self.noise)))
-
-
-class Aim:
-    """The unknown parameters of a robot, to be identified from torques and frame positions.
-
-    Attributes:
-        dynamic, kinematic: numbers of combinations of parameters that any motion can identify.
-    """
-
-    def __init__(self, robot: Robot, dynamics: Dynamics, kinematics: TaskKinematics) -> None:
-        """Take the nominal robot and its models.
-
-        Raises:
-            ParameterError: nothing is unknown, or no motion identifies any of it.
-        """
-        self._robot, self._dynamics, self._kinematics = robot, dynamics, kinematics
-        if not dynamics.size + kinematics.size:
-            raise ParameterError(
-                "nothing is unknown, so there is nothing to excite.",
-                where="unknown",
-                hint='Name bodies ("all", "payload", joints) or translations ("tool", joints).',
-            )
-        dynamics.load(dynamics.initial)
-        self._torque = _torque_part(robot, dynamics)
-        self._position = _position_part(robot, kinematics)
-        self.dynamic, self.kinematic = len(self._torque.chosen), len(self._position.chosen)
-        if not self.dynamic + self.kinematic:
-            names = ", ".join((*dynamics.names, *kinematics.names)[:10])
-            raise ParameterError(
-                f"no motion of '{robot.name}' from its base to '{robot.frame}' identifies any of "
-                f"the unknown parameters ({names}).",
-                where="unknown",
-                hint="Name bodies further out; pinadapt.base_parameters returns the identifiable "
-                "combinations.",
-            )
-
-    def gain(
-        self,
-        q: np.ndarray,
-        v: np.ndarray,
-        a: np.ndarray,
-        duration: float,
-        first: int | None = None,
-    ) -> tuple[float, np.ndarray]:
-        """Return the expected information gain [nat] of N states (N, .) over a duration [s].
-
-        The second is its change when one of the ``first`` states, which count alone, is replaced.
-        The other states are k blocks, each with a replacement for every one of the first. The
-        changes (k first) are to first order, of one replacement at a time.
-        """
-        count = len(q) if first is None else first
-        total, changes = 0.0, np.zeros(len(q) - count)
-        for part, W in (
-            (self._torque, self._regressors(q, v, a)),
-            (self._position, self._position_regressors(q)),
-        ):
-            if not W.size:
-                continue
-            gain, slope = part.gain(W[:count], duration / BLOCK)
-            others = W[count:].reshape(-1, *W[:count].shape)
-            changes += np.einsum("tij,ktij->kt", slope, others - W[:count]).ravel()
-            total += gain
-        return total, changes
-
-    def excitation(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float
-    ) -> Excitation:
-        """Return the information of N states (N, .), spread over a duration [s]."""
-        rows, dynamics = duration / BLOCK, self._dynamics
-        units: Mapping[str, str] = {name: "m" for name in self._kinematics.names} | dict(
-            zip(dynamics.names, dynamics.units, strict=True)
-        )
-        return Excitation(
-            self._torque.information(self._regressors(q, v, a), rows),
-            self._position.information(self._position_regressors(q), rows),
-            units,
-        )
-
-    def _regressors(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return the regressors Y (N, n, p) of the torques."""
-        shape = len(q), self._robot.model.nv, self._dynamics.size
-        if not self._dynamics.size:
-            return np.zeros(shape)
-        regressor = self._dynamics.regressor
-        return np.array([regressor(*each) for each in zip(q, v, a, strict=True)])
-
-    def _position_regressors(self, q: np.ndarray) -> np.ndarray:
-        """Return dx/da_k (N, m, p) of the positions."""
-        kinematics = self._kinematics
-        if not kinematics.size:
-            return np.zeros((len(q), kinematics.positions, 0))
-        kinematics.update(kinematics.initial, q[0], np.zeros(kinematics.nv))
-        return np.array([kinematics.at(each)[1] for each in q])
-
-
-def _torque_part(robot: Robot, dynamics: Dynamics) -> _Part:
-    """Return the dynamic parameters; prior: inertias within 30 %, coefficients typical ones."""
-    model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
-    torques, regressors = [], []
-    for _ in range(_SAMPLES):
-        q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
-        v, a = _SPEED * rng.standard_normal((2, model.nv))
-        torques.append(pin.rnea(model, data, q, v, a))
-        regressors.append(dynamics.regressor(q, v, a))
-    typical, Y = np.sqrt(np.mean(np.square(torques), axis=0)), np.array(regressors)
-    efforts, size = effort_limits(model), dynamics.inertial.size
-    noise = _TORQUE_NOISE * np.where(
-        np.isfinite(efforts), efforts, np.maximum(typical, typical.max())
-    )
-    base = base_parameters(dynamics, robot)
-    prior = np.diag(dynamics.typical**2)
-    inertial = prior_covariance(robot, dynamics) if size else np.zeros((0, 0))
-    if inertial is None:  # of which nothing is known but the torques
-        effects = np.sqrt(np.mean(Y**2, axis=(0, 1)))[:size]
-        level = np.sqrt(np.mean(typical**2))
-        inertial = np.diag((level / np.where(effects > 0.0, effects, np.inf)) ** 2)
-    prior[:size, :size] = inertial
-    root = _root(base.regrouping @ prior @ base.regrouping.T)
-    return _Part(tuple(dynamics.names), dynamics.initial, base.chosen, root, noise)
-
-
-def _position_part(robot: Robot, kinematics: TaskKinematics) -> _Part:
-    """Return the kinematic parameters; prior: each within a tenth of the reach."""
-    rng, m, size = np.random.default_rng(0), kinematics.positions, kinematics.size
-    rows = [np.zeros((0, size))]
-    for _ in range(_SAMPLES if size else 0):
-        q = pin.integrate(robot.model, robot.q0, rng.uniform(-np.pi, np.pi, robot.model.nv))
-        kinematics.update(kinematics.initial, q, np.zeros(robot.model.nv))
-        rows.append(kinematics.X_k)
-    chosen, R = independent_columns(np.vstack(rows))
-    root = _TRANSLATION_PRIOR * robot.reach * _root(R @ R.T)
-    noise = np.full(m, _POSITION_NOISE * robot.reach)
-    return _Part(tuple(kinematics.names), kinematics.initial, chosen, root, noise)
-
-
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """Return an L with covariance = L L^T."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
+_NOISE = 0.01  # of the effort limit; half or twice as much changes the stated uncertainty by that
 _FASTEST = 0.5  # [Hz] of the harmonics, unless the duration is too short
 _FEWEST, _MOST = 3, 8  # harmonics, by default
 _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
@@ -241,11 +56,11 @@ def excite(
     seed: int = 0,
     progress: Progress | bool | None = None,
 ) -> ExcitingMotion:
-    """Find a motion of the joints that identifies unknown parameters, within all limits.
+    """Find a motion of the joints that identifies unknown dynamic parameters, within all limits.
 
     The motion is a Fourier series for each joint, from rest at home and back (Swevers and others,
-    1997), with the largest expected information gain about the base parameters (see ``Aim``). It is
-    found by quasi-Newton steps from the best of some random series.
+    1997), with the largest expected information gain about the base parameters. It is found by
+    quasi-Newton steps from the best of some random series.
 
     It stays away from the ends of each joint's range by a twentieth of it, uses at most four fifths
     of the velocity and effort limits, the latter with and without a load, and keeps joints and
@@ -256,15 +71,14 @@ def excite(
         robot: the nominal model, of any task, at its home; or a controller, whose unknown
             parameters are taken.
         unknown: what the motion is to excite, an ``Unknown`` or words for it; by default all
-            bodies, friction and rotor inertias. Translations, ``tool`` among them, are those that a
-            camera would show.
+            bodies, friction and rotor inertias.
         duration: of the motion, and period of the series [s].
         harmonics: of the series, at least 2; by default as many as stay within half a hertz, from 3
             to 8.
         excursion: how far joints may move from home, one or one per joint [rad or m]; by default a
             quarter of a turn and half a metre.
         load: mass of the heaviest load at the frame [kg]; by default a tenth of the robot's mass,
-            halved until the motors hold it at home.
+            and at most half of what the motors hold at home.
         srdf: a file whose ``disable_collisions`` name links that may touch.
         floor: height of a floor [m], in the axes of the robot's base; None for none.
         seed: of the random series.
@@ -274,7 +88,7 @@ def excite(
         InputError: nothing is unknown, no motion identifies it, or impossible numbers.
         RobotError: home is outside the limits, or the motors cannot hold arm and load there.
     """
-    nominal, aim = _nominal_and_aim(robot, unknown)
+    nominal, dynamics = _nominal_and_dynamics(robot, unknown)
     duration = positive(duration, "duration", error=InputError)
     if harmonics is None:
         harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
@@ -282,75 +96,119 @@ def excite(
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))
     shapes = Shapes.of(nominal, srdf, level)
     allowed = Allowance.of(nominal, excursion, load, shapes, level)
-    search = _Search(aim, allowed, RestToRest(harmonics, duration, _PER_HARMONIC * harmonics))
-    theta = search.best(whole(seed, "seed", 0), watched(range(_ITERATIONS), progress, "excite"))
-    fine = RestToRest(harmonics, duration, _FINE * harmonics)
-    check = _Search(aim, allowed, fine)
-    theta = check.inside(theta)
-    angles, q, v, a = check.states(theta)
+    coarse, fine = (
+        _Search(dynamics, allowed, RestToRest(harmonics, duration, count * harmonics))
+        for count in (_PER_HARMONIC, _FINE)
+    )
+    steps = watched(range(_ITERATIONS), progress, "excite")
+    theta = fine.inside(coarse.best(whole(seed, "seed", 0), steps))
     return ExcitingMotion(
-        fine.series(nominal.home_angles, theta),
+        fine.basis.series(nominal.home_angles, theta),
         duration,
-        aim.excitation(q, v, a, duration),
-        LimitUse.of(allowed, angles, q, v, a),
-        (aim.dynamic, aim.kinematic),
-        aim.gain(q, v, a, duration)[0],
+        fine.information(theta),
+        dict(zip(dynamics.names, dynamics.units, strict=True)),
+        LimitUse.of(allowed, *fine.states(theta)),
+        len(fine.chosen),
+        fine.gain(*fine.states(theta)[1:])[0],
     )
 
 
-def _nominal_and_aim(
+def _nominal_and_dynamics(
     given: Robot | Controller, unknown: Unknown | str | Sequence[str] | None
-) -> tuple[Robot, Aim]:
-    """Return the nominal robot and its unknown parameters.
+) -> tuple[Robot, Dynamics]:
+    """Return the nominal robot and the dynamics of its unknown parameters.
 
     Raises:
-        InputError: unknown words, or no parameter that a motion identifies.
+        InputError: unknown words, or both a controller and what is unknown.
     """
     instance(given, Robot | Controller, "robot")
-    if isinstance(given, Controller):
-        if unknown is not None:
-            raise InputError("a controller has its own unknown parameters.", where="unknown")
-        nominal = described_robot(given)
-        return nominal, Aim(nominal, given.dynamics, given.kinematics)
-    nominal, unknown = given, Unknown.of(unknown)
-    dynamics = nominal_dynamics(nominal, unknown, ALL)
-    translations = unknown.translation_words(tool=False)
-    kinematics: TaskKinematics
-    if not translations:
-        kinematics = JointKinematics(replace(nominal, task=JointTask.of_chain(nominal.model)), ())
-    else:
-        in_joints = isinstance(nominal.task, JointTask)
-        framed = replace(nominal, task=TASKS["xyz"]) if in_joints else nominal
-        kinematics = FrameKinematics(framed, translations)
-    return nominal, Aim(nominal, dynamics, kinematics)
+    if isinstance(given, Robot):
+        return given, nominal_dynamics(given, Unknown.of(unknown), ALL)
+    if unknown is not None:
+        raise InputError("a controller has its own unknown parameters.", where="unknown")
+    return described_robot(given), given.dynamics
 
 
 class _Search:
-    """Motions of coefficients theta (n, size), evaluated at the instants of a period."""
+    """Motions of coefficients theta (n, size), evaluated at the instants of a period.
 
-    def __init__(self, aim: Aim, allowed: Allowance, basis: RestToRest) -> None:
-        """Take the unknown parameters, the allowance, and the family of motions."""
-        self._aim, self._allowed, self._basis = aim, allowed, basis
-        self._home = allowed.robot.home_angles
+    Attributes:
+        basis: the family of motions.
+        chosen: (b) indices of the base parameters.
+    """
+
+    def __init__(self, dynamics: Dynamics, allowed: Allowance, basis: RestToRest) -> None:
+        """Take the unknown parameters, the allowance, and the family of motions.
+
+        Raises:
+            ParameterError: no motion identifies any of the parameters.
+        """
+        self._dynamics, self._allowed, self.basis = dynamics, allowed, basis
+        robot = allowed.robot
+        self._home, efforts = robot.home_angles, effort_limits(robot.model)
+        self._noise = _NOISE * np.where(
+            np.isfinite(efforts), efforts, 9.81 * robot.mass * robot.reach
+        )
+        dynamics.load(dynamics.initial)
+        base = base_parameters(dynamics, robot) if dynamics.size else None
+        if base is None or not base.size:
+            raise ParameterError(
+                f"no motion of '{robot.name}' from its base to '{robot.frame}' identifies any "
+                f"unknown dynamic parameter ({', '.join(dynamics.names[:10])}).",
+                where="unknown",
+                hint='Name bodies ("all", "payload", joints further out).',
+            )
+        self.chosen = base.chosen
+        prior = base.regrouping @ scales(dynamics, dynamics.initial)
+        values, vectors = np.linalg.eigh(prior @ prior.T)
+        self._root = vectors * np.sqrt(np.maximum(values, 0.0))
 
     def states(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return angles (N, n), configurations (N, nq), velocities and accelerations (N, n)."""
-        displacement, v, a = self._basis.motion(theta)
+        displacement, v, a = self.basis.motion(theta)
         angles = self._home + displacement
         return angles, configurations(self._allowed.robot, angles), v, a
+
+    def gain(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, first: int | None = None
+    ) -> tuple[float, np.ndarray]:
+        """Return the expected information gain [nat] of N states (N, .) over the period.
+
+        The second is its change when one of the ``first`` states, which count alone, is replaced.
+        The other states are k blocks, each with a replacement for every one of the first. The
+        changes (k, first) are to first order, of one replacement at a time.
+        """
+        count, b = len(q) if first is None else first, len(self.chosen)
+        rows = self._regressors(q, v, a)[:, :, self.chosen] / self._noise[:, None] @ self._root
+        W, others = rows[:count], rows[count:].reshape(-1, count, *rows.shape[1:])
+        share, flat = self.basis.period / BLOCK / count, W.reshape(-1, b)
+        information = np.eye(b) + share * (flat.T @ flat)
+        slope = share * np.linalg.solve(information, flat.T).T.reshape(W.shape)
+        changes = np.einsum("tij,ktij->kt", slope, others - W)
+        return 0.5 * float(np.linalg.slogdet(information)[1]), changes
+
+    def information(self, theta: np.ndarray) -> Information:
+        """Return the information of a motion, one measurement in each block of time."""
+        W, rows = self._regressors(*self.states(theta)[1:]), self.basis.period / BLOCK
+        noise, names = self._noise * np.sqrt(len(W) / rows), self._dynamics.names
+        return Information.of_rows(names, self._dynamics.initial, W, 0.0 * W[:, :, 0], noise)
+
+    def _regressors(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the regressors Y (N, n, p) of the torques."""
+        return np.array([self._dynamics.regressor(*each) for each in zip(q, v, a, strict=True)])
 
     def best(self, seed: int, iterations: Iterable[int]) -> np.ndarray:
         """Return the coefficients of largest gain, nearly within the allowance."""
         from scipy.optimize import minimize  # here, because scipy is slow to import
 
-        rng, shape = np.random.default_rng(seed), (len(self._home), self._basis.size)
+        rng, shape = np.random.default_rng(seed), (len(self._home), self.basis.size)
         starts = [self.inside(rng.standard_normal(shape)) for _ in range(_STARTS)]
-        first = min(starts, key=self._negative_gain)
+        first = max(starts, key=lambda theta: self.gain(*self.states(theta)[1:])[0])
         size, steps = np.abs(first).max(), iter(iterations)
 
         def cost(z: np.ndarray) -> tuple[float, np.ndarray]:
             """Return the cost and its slope in coordinates of order one."""
-            value, slope = self._cost(size * z.reshape(shape))
+            value, slope = self.cost(size * z.reshape(shape))
             return value, size * slope.ravel()
 
         next(steps, None)
@@ -372,12 +230,12 @@ class _Search:
         Raises:
             RobotError: no factor does.
         """
-        if self._kept(theta):
+        kept, low, high = self._allowed.kept, 0.0, 1.0
+        if kept(*self.states(theta)):
             return theta
-        low, high = 0.0, 1.0
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._kept(middle * theta) else (low, middle)
+            low, high = (middle, high) if kept(*self.states(middle * theta)) else (low, middle)
         if not low:
             raise RobotError(
                 "no motion from home keeps the limits.",
@@ -386,33 +244,24 @@ class _Search:
             )
         return low * theta
 
-    def _kept(self, theta: np.ndarray) -> bool:
-        return self._allowed.kept(*self.states(theta))
-
-    def _negative_gain(self, theta: np.ndarray) -> float:
-        return -self._aim.gain(*self.states(theta)[1:], self._basis.period)[0]
-
-    def _cost(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
+    def cost(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the penalty for exceeded allowances minus the gain [nat], and its derivative.
 
         The derivative (n, size) is by differences in the 3 n states of each instant, fewer than the
         coefficients.
         """
-        displacement, v, a = self._basis.motion(theta)
+        displacement, v, a = self.basis.motion(theta)
         now = np.stack([self._home + displacement, v, a])  # (3, N, n)
         count, n = v.shape
         shifts = _STEP * np.eye(3 * n).reshape(3 * n, 3, 1, n)
         states = np.concatenate([now[None], now + shifts]).transpose(1, 0, 2, 3)
         angles, v, a = states.reshape(3, -1, n)
         q = configurations(self._allowed.robot, angles)
-        gain, changes = self._aim.gain(q, v, a, self._basis.period, count)
+        gain, changes = self.gain(q, v, a, count)
         beyond = _PENALTY / count * np.sum(self._allowed.excess(angles, q, v, a) ** 2, axis=1)
         beyond = beyond.reshape(1 + 3 * n, count)
-        slopes = (beyond[1:] - beyond[0] - changes.reshape(3 * n, count)) / _STEP
-        return float(beyond[0].sum()) - gain, self._basis.derivative(slopes.reshape(3, n, count))
-
-
-_DIGITS = 7  # of a coefficient in a file
+        slopes = (beyond[1:] - beyond[0] - changes) / _STEP
+        return float(beyond[0].sum()) - gain, self.basis.derivative(slopes.reshape(3, n, count))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -421,23 +270,24 @@ class ExcitingMotion:
 
     ``print`` shows the use of each limit, the identifiable combinations, and the uncertainty that
     each parameter would have with the assumed noise: 1 % of the effort limits in the torque,
-    averaged over 50 ms, and a thousandth of the reach in a position.
+    averaged over 50 ms.
 
     Attributes:
         trajectory: of the joints, for a robot loaded with ``task="joint"``; it repeats itself.
         duration: of the motion [s].
-        excitation: information about the parameters, at their nominal values.
+        information: about the dynamic parameters, at their nominal values.
+        units: name of a parameter -> its unit.
         limits: the share of each limit that it uses.
-        identifiable: numbers of combinations of dynamic and of kinematic parameters that any motion
-            can identify.
+        identifiable: number of combinations of the parameters that any motion can identify.
         information_gain: expected from the data, given the prior [nat].
     """
 
     trajectory: FourierSeries
     duration: float
-    excitation: Excitation
+    information: Information
+    units: dict[str, str]
     limits: LimitUse
-    identifiable: tuple[int, int]
+    identifiable: int
     information_gain: float
 
     def reference(self) -> dict[str, Any]:
@@ -459,28 +309,24 @@ class ExcitingMotion:
         return self._sheet().html()
 
     def _sheet(self) -> Sheet:
-        limits, found = self.limits, self.excitation
-        rows = [("duration", f"{self.duration:g} s, {self.trajectory.harmonics} harmonics")]
-        for part, name, most in (
-            (found.dynamic, "dynamic", self.identifiable[0]),
-            (found.kinematic, "kinematic", self.identifiable[1]),
-        ):
-            if part.names:
-                share = f"all {most}" if part.rank == most else f"{part.rank} of {most}"
-                rows.append((name, f"{share} identifiable combinations are excited"))
-        rows.append(("efforts", f"with and without a load of {limits.load:.3g} kg"))
-        if np.isfinite(limits.clearance):
-            rows.append(("clearance", f"{limits.clearance:.3g} m above the mounting plane"))
-        if np.isfinite(limits.apart):
-            rows.append(("distance", f"{limits.apart:.3g} m between {limits.closest}"))
+        limits, found = self.limits, self.information
+        rows = [
+            ("duration", f"{self.duration:g} s, {self.trajectory.harmonics} harmonics"),
+            ("parameters", f"{identifiable(found)}, {self.identifiable} by any motion"),
+            ("efforts", f"with and without a load of {limits.load:.3g} kg"),
+            ("clearance", f"{limits.clearance:.3g} m above the mounting plane"),
+            ("distance", f"{limits.apart:.3g} m between {limits.closest}"),
+        ]
         note = "Collisions of the robot with its surroundings are not checked."
-        if not limits.shapes:
+        if not np.isfinite(limits.apart):
             note += " Nor are those with itself: the description has no collision geometry."
-        return Sheet("Exciting motion", [Table(rows), limits.table(), *found.tables()], note)
+        tables = [Table(rows), limits.table(), parameter_table(found, self.units)]
+        return Sheet("Exciting motion", tables, note)
 
 
 def _written(values: np.ndarray) -> list[float]:
-    return [float(f"{value:.{_DIGITS}g}") + 0.0 for value in values]
+    """Return numbers to seven digits, as a file has them."""
+    return [float(f"{value:.7g}") + 0.0 for value in values]
 
 
 @dataclass(frozen=True, eq=False)
@@ -498,7 +344,6 @@ class LimitUse:
         apart: smallest distance of two bodies, or of a body from the floor [m]; infinite where
             none was checked.
         closest: the names of these two.
-        shapes: whether the bodies have shapes; otherwise only joints and frame stay off the floor.
     """
 
     joints: tuple[str, ...]
@@ -507,9 +352,8 @@ class LimitUse:
     effort: np.ndarray
     load: float
     clearance: float
-    apart: float = np.inf
-    closest: str = ""
-    shapes: bool = False
+    apart: float
+    closest: str
 
     @classmethod
     def of(
@@ -527,9 +371,8 @@ class LimitUse:
             np.abs(v).max(axis=0) / velocity_limits(robot.model),
             efforts / effort_limits(robot.model),
             allowed.load,
-            allowed.clearance(q),
+            float(np.min(allowed.clearances(q))),
             *allowed.apart(q),
-            allowed.shapes is not None,
         )
 
     def table(self) -> Table:

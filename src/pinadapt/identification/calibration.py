@@ -26,6 +26,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -136,13 +137,10 @@ class Calibration:
         placement has the same effect, three times the deviation is granted to the offset, so that
         nine tenths of the effect are taken for it.
         """
-        rows = zip(self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True)
-        ending = f".{_OWN}"
-        return {
-            name.removesuffix(ending): (value, deviation)
-            for name, value, deviation in rows
-            if name.endswith(ending)
-        }
+        pairs = zip(self.estimate.tolist(), self.deviations.tolist(), strict=True)
+        found = dict(zip(self.names, pairs, strict=True))
+        keys = {name: f"{name}.{_OWN}" for name in self.described.joint_names}
+        return {name: found[key] for name, key in keys.items() if key in found}
 
     @property
     def trusted(self) -> bool:
@@ -154,16 +152,12 @@ class Calibration:
     def verdict(self) -> str:
         """The result in one line."""
         words = f"error of held-out frames: {self.before.words()} -> {self.after.words()} (rms)"
-        if self.after.position > _WORST * self.motion:
-            return (
-                f"NOT TO BE TRUSTED: {words}, in a motion of {1e3 * self.motion:.3g} mm. Is x of "
-                "this frame, of this robot, and timed on the clock of q?"
-            )
-        if self.after.position > _AS_GOOD * self.before.position:
-            return f"NOT TO BE TRUSTED: {words}, WORSE than described. Record more frames."
-        if self.before.position < _AS_GOOD * self.after.position:
-            return f"{words}: the description is as good."
-        return f"{words}."
+        if self.trusted:
+            return f"{words}."
+        return (
+            f"NOT TO BE TRUSTED: {words}, in a motion of {1e3 * self.motion:.3g} mm. Is x of this "
+            "frame, of this robot, and timed on the clock of q? Are these enough frames?"
+        )
 
     def __repr__(self) -> str:
         """Return the report."""
@@ -175,21 +169,18 @@ class Calibration:
     @cached_property
     def sheet(self) -> Sheet:
         """The report: what was measured, the parameters, and what the motion does not identify."""
-        noise, turn = self.noise
-        residual = f"{1e3 * noise:.3g} mm a coordinate"
-        if turn is not None:
-            residual += f", {math.degrees(turn):.3g} deg"
-        identified = f"{len(self.combinations)} combinations of {len(self.names)} numbers"
+        noise = FrameErrors(self.noise[0], np.nan, self.noise[1])
         summary = [
             ("frames", f"{self.frames}, {self.outliers} others left out as impossible"),
-            ("identified by this motion", identified),
-            ("residual", residual),
+            (
+                "identified by this motion",
+                f"{len(self.combinations)} combinations of {len(self.names)} numbers",
+            ),
+            ("residual", f"{noise.words()} a coordinate"),
             ("largest held-out error", f"{1e3 * self.after.largest:.3g} mm"),
         ]
         rows, slides = [], self.described.slides
-        for name, value, deviation in zip(
-            self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True
-        ):
+        for name, value, deviation in zip(self.names, self.estimate, self.deviations, strict=True):
             place, _, kind = name.rpartition(".")
             shifted = slides.get(place) if kind == _OWN else kind.startswith("shift")
             scale, unit = (1e3, "mm") if shifted else (math.degrees(1.0), "deg")
@@ -253,9 +244,7 @@ def calibrate(
         RobotError: a robot that cannot be loaded.
     """
     described = (robot if isinstance(robot, Robot) else load(robot)).in_base_axes
-    share = positive(held_out, "held_out", error=InputError)
-    if share > 0.5:
-        raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
+    share = positive(held_out, "held_out", most=0.5, error=InputError)
     words = name_list(unknown, "unknown", InputError)
     logs = []
     for source in log if isinstance(log, list | tuple) else (log,):
@@ -271,20 +260,20 @@ def calibrate(
     kept, held = fit.kept, _held_out(len(seen.x), share)
     last, first = seen.only(kept & held), seen.only(kept & ~held)
     errors = []
-    for some in (parts.only(parts.tracked), parts):
+    for some in ([part for part in parts if part.tracked], parts):
         geometry = _Geometry(described, some, start)
-        if some.names:
+        if some:
             _fitted(geometry, first, name, fit.noise)
         errors.append(_errors(geometry, last))
-    combinations, unidentified = _identified(parts, fit.rows)
+    combinations, unidentified = _identified(whole, fit.rows)
     return Calibration(
         described=described,
         robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
         tracker=whole.tracker() if tracker else None,
-        names=parts.names,
+        names=whole.names,
         estimate=whole.value(),
         deviations=fit.deviations,
-        prior=parts.prior,
+        prior=whole.prior,
         combinations=combinations,
         unidentified=unidentified,
         noise=(float(fit.noise[0]), float(fit.noise[1]) if len(fit.noise) > 1 else None),
@@ -341,23 +330,14 @@ def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
         within, q, _ = at_times(robot.model, log.t[finite], known[finite], times)
         if within.any():
             parts.append((q, frames[within]))
-    if not parts:
+    sizes = {x.shape[1] for _, x in parts}
+    task = {3: TASKS["xyz"], 7: TASKS["pose"]}.get(min(sizes, default=0), robot.task)
+    if sizes != {task.coordinates} or not isinstance(task, FrameTask):
         raise LogError(
-            "has no positions or poses of the frame at the times of q.",
-            where=where,
+            "has no positions (3) or poses (7) of the frame at the times of q.",
+            where=f"{where}: x",
             hint="Record x, y, z in metres, or with a quaternion xyzw; --columns x=NAME,... names "
             "them.",
-        )
-    size = parts[0][1].shape[1]
-    task = {3: TASKS["xyz"], 7: TASKS["pose"]}.get(size, robot.task)
-    if (
-        not isinstance(task, FrameTask)
-        or task.coordinates != size
-        or any(part[1].shape[1] != size for part in parts)
-    ):
-        raise LogError(
-            f"frames of {size} coordinates are neither positions (3) nor poses (7) in all logs.",
-            where=f"{where}: x",
         )
     q, x = (np.concatenate(part) for part in zip(*parts, strict=True))
     chosen = np.unique(np.linspace(0, len(x) - 1, _MOST).astype(int))
@@ -421,40 +401,29 @@ _TOOL = (1.0, 0.5)  # a turn [rad] and a shift [reaches] of the tool
 _TRACKER = (10.0, 100.0)  # of the base, where x is in the axes of a tracker
 
 
-class _Columns(NamedTuple):
-    """Unknown displacements of placements, p parameters.
+class _Displacement(NamedTuple):
+    """Unknown displacements of a placement, k parameters.
 
     Attributes:
-        names: (p) of the parameters.
-        joints: (p) index of the joint whose placement each displaces; of the tool their number.
-        motions: (6, p) shift and turn, in the axes of what is placed.
-        prior: (p) standard deviations of the description [m or rad].
-        along: (p) whether they are along or about the axis of a joint.
+        joint: whose placement it is; of the tool their number.
+        names: (k) of the parameters.
+        axes: (6, k) shift and turn, in the axes of what is placed.
+        prior: (k) standard deviations of the description [m or rad].
+        along: (k) whether they are along or about the axis of the joint.
+        tracked: whether it is that of the base in the axes of a tracker.
     """
 
+    joint: int
     names: tuple[str, ...]
-    joints: np.ndarray
-    motions: np.ndarray
+    axes: np.ndarray
     prior: np.ndarray
     along: np.ndarray
-
-    @property
-    def tracked(self) -> np.ndarray:
-        """Which are those of a tracker (p)."""
-        return np.array([name.startswith(f"{TRACKER}.") for name in self.names], dtype=bool)
-
-    def only(self, kept: np.ndarray) -> _Columns:
-        """Return those of a mask (p)."""
-        names = tuple(name for name, own in zip(self.names, kept, strict=True) if own)
-        return _Columns(names, *(part[..., kept] for part in self[1:]))
-
-
-_PLAIN = tuple(f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz")
+    tracked: bool = False
 
 
 def _unknown_placements(
     robot: Robot, words: Sequence[str], task: FrameTask, base: pin.SE3 | None
-) -> _Columns:
+) -> list[_Displacement]:
     """Return the displacements of the placements that a user's words name.
 
     Args:
@@ -467,95 +436,103 @@ def _unknown_placements(
     Raises:
         InputError: an unknown word, or none.
     """
-    known, names, model = (BASE, JOINTS, TOOL, OFFSETS), robot.joint_names, robot.model
+    known, model = [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names], robot.model
     for word in words:
-        if word not in (*known, *names):
+        if word not in known:
             raise InputError(
-                f"there is no placement '{word}'; expected {', '.join(known)}, or joints among "
-                f"{names}.{did_you_mean(word, [*known, *names])}",
+                f"there is no placement '{word}'; expected {', '.join(known)}."
+                f"{did_you_mean(word, known)}",
                 where="unknown",
             )
-    found: list[tuple[str, int, np.ndarray, float, bool]] = []
-    for joint, place in enumerate((*names, TOOL), 1):
-        name, axes, labels = place, np.eye(6), list(_PLAIN)
-        along, chosen = np.full(6, False), list(range(6))
-        prior = np.repeat([SHIFT * robot.reach, TURN], 3)
+    found = []
+    labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
+    reach, six = robot.reach, np.arange(6)
+    for joint, name in enumerate(robot.joint_names, 1):
         if joint == FIRST and base is not None:
-            name = TRACKER
             turned = base.rotation @ model.jointPlacements[FIRST].rotation
-            axes = np.kron(np.eye(2), turned).T
-            prior = np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
-        elif joint == model.njoints:
-            prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)
-            # a position does not show how a tool is turned
-            chosen = chosen[: 6 if task.size > task.positions else 3] if TOOL in words else []
-        else:
-            axes, own = axes_of(model, joint)
-            labels[own], along = _OWN, np.arange(6) % 3 == own % 3
-            prior[own] *= _OFFSET
-            if not (name in words or (BASE if joint == FIRST else JOINTS) in words):
-                chosen = [own] if OFFSETS in words else []
-        found += [(f"{name}.{labels[k]}", joint, axes[:, k], prior[k], along[k]) for k in chosen]
+            axes, prior = np.kron(np.eye(2), turned).T, np.repeat(_TRACKER[::-1], 3)
+            names = tuple(f"{TRACKER}.{label}" for label in labels)
+            prior[:3] *= reach
+            found.append(_Displacement(joint, names, axes, prior, six < 0, tracked=True))
+            continue
+        axes, own = axes_of(model, joint)
+        prior = np.repeat([SHIFT * reach, TURN], 3)
+        prior[own] *= _OFFSET
+        whole = {name, BASE if joint == FIRST else JOINTS} & set(words)
+        kept = six >= 0 if whole else (six == own) & (OFFSETS in words)
+        names = tuple(f"{name}.{_OWN if k == own else labels[k]}" for k in six[kept])
+        along = (six % 3 == own % 3)[kept]
+        found.append(_Displacement(joint, names, axes[:, kept], prior[kept], along))
+    if TOOL in words:  # a position does not show how a tool is turned
+        size = 6 if task.size > task.positions else 3
+        prior = np.repeat([_TOOL[1] * reach, _TOOL[0]], 3)[:size]
+        names = tuple(f"{TOOL}.{label}" for label in labels[:size])
+        found.append(
+            _Displacement(model.njoints, names, np.eye(6)[:, :size], prior, six[:size] < 0)
+        )
+    found = [one for one in found if one.names]
     if not found:
         raise InputError("nothing is unknown, so there is nothing to calibrate.", where="unknown")
-    own, *rest = zip(*found, strict=True)
-    joints, motions, sizes, axial = (np.array(part) for part in rest)
-    return _Columns(own, joints, motions.T, sizes, axial)
+    return found
 
 
 # The chain that is moved
 
 
 class _Geometry:
-    """A chain whose unknown placements are moved.
+    """A chain whose unknown placements are moved by p parameters.
 
     Attributes:
-        columns: the parameters (p).
         reach: of the robot [m].
+        names, prior, along: (p) of all displacements, one after the other.
     """
 
-    def __init__(self, robot: Robot, columns: _Columns, base: pin.SE3) -> None:
+    def __init__(self, robot: Robot, parts: Sequence[_Displacement], base: pin.SE3) -> None:
         """Use the unknown placements of a robot, its base at a placement in the axes of x."""
-        self.model, self.frame, self.reach = robot.model.copy(), robot.frame_id, robot.reach
+        self.model, self._frame, self.reach = robot.model.copy(), robot.frame_id, robot.reach
         move_base(self.model, base)
-        self.data, self.columns = self.model.createData(), columns
-        self._own = [
-            (joint, columns.joints == joint) for joint in np.unique(columns.joints).tolist()
+        self._data = self.model.createData()
+        self.names = tuple(name for part in parts for name in part.names)
+        self.prior = np.concatenate([np.zeros(0), *(part.prior for part in parts)])
+        self.along = np.concatenate([np.zeros(0, bool), *(part.along for part in parts)])
+        ends = np.cumsum([0, *(len(part.names) for part in parts)])
+        self._parts = [
+            (part, slice(*own), self._place(self.model, part.joint).copy())
+            for part, own in zip(parts, pairwise(ends.tolist()), strict=True)
         ]
-        self._described = [self._place(self.model, joint).copy() for joint, _ in self._own]
         self._first = robot.model.jointPlacements[FIRST].copy()
 
     def _place(self, model: pin.Model, joint: int) -> pin.SE3:
         """Return the placement of a joint, or of the task frame, as a view."""
-        return placement_of(model, self.frame, None if joint == model.njoints else joint)
+        return placement_of(model, self._frame, None if joint == model.njoints else joint)
 
     def move(self, step: np.ndarray) -> None:
         """Move the placements by a step (p) of their displacements."""
-        for joint, own in self._own:
-            place = self._place(self.model, joint)
-            moved = place * pin.exp6(self.columns.motions[:, own] @ step[own])
+        for part, own, _ in self._parts:
+            place = self._place(self.model, part.joint)
+            moved = place * pin.exp6(part.axes @ step[own])
             place.translation, place.rotation = moved.translation, moved.rotation
-        self.data = self.model.createData()
+        self._data = self.model.createData()
 
     def value(self) -> np.ndarray:
         """Return how far each placement is from the description (p) [m or rad].
 
         That of a tracker is the placement of the base in its axes.
         """
-        found, tracked = np.zeros(len(self.columns.names)), self.columns.tracked
-        for (joint, own), described in zip(self._own, self._described, strict=True):
-            known = tracked[own].any()
-            off = self.tracker() if known else described.actInv(self._place(self.model, joint))
+        found = np.zeros(len(self.names))
+        for part, own, described in self._parts:
+            now = self._place(self.model, part.joint)
+            off = self.tracker() if part.tracked else described.actInv(now)
             six = np.concatenate([off.translation, pin.log3(off.rotation)])
-            found[own] = six if known else self.columns.motions[:, own].T @ six
+            found[own] = six if part.tracked else part.axes.T @ six
         return found
 
     def robot(self, described: Robot, remark: str) -> Robot:
         """Return a described robot with these placements, but for that of the tracker."""
-        model, tracked = described.model.copy(), self.columns.tracked
-        for joint, own in self._own:
-            if not tracked[own].any():
-                place, moved = self._place(model, joint), self._place(self.model, joint)
+        model = described.model.copy()
+        for part, _, _ in self._parts:
+            if not part.tracked:
+                place, moved = (self._place(m, part.joint) for m in (model, self.model))
                 place.translation, place.rotation = moved.translation, moved.rotation
         return replace(described, model=model, remark=remark)
 
@@ -570,32 +547,28 @@ class _Geometry:
             (M, m), and (M, m, p) by the parameters. Orientations are compared by the vector phi of
             a turn, exp(phi) R = R_measured, in the axes of x.
         """
-        model, data, rows = self.model, self.data, seen.task.rows
-        shape = len(seen.q), 6
-        r = np.zeros(shape)
-        K = np.empty((*shape, 6 * model.njoints))
-        pose, place = seen.task.size > seen.task.positions, seen.task.place
-        K[:, :, -6:] = 0.0
+        model, data, count = self.model, self._data, seen.task.positions
+        r, W = np.zeros((len(seen.q), 6)), np.zeros((len(seen.q), 6, len(self.names)))
+        pose, place = seen.task.size > count, seen.task.place
         for k, (q, x) in enumerate(zip(seen.q, seen.x, strict=True)):
             pin.computeJointJacobians(model, data, q)
-            at = pin.updateFramePlacement(model, data, self.frame)
-            K[k, :, :-6] = pin.computeFrameKinematicRegressor(
-                model, data, self.frame, pin.LOCAL_WORLD_ALIGNED
+            at = pin.updateFramePlacement(model, data, self._frame)
+            K = pin.computeFrameKinematicRegressor(
+                model, data, self._frame, pin.LOCAL_WORLD_ALIGNED
             )
-            K[k, :3, -6:-3] = K[k, 3:, -3:] = at.rotation
-            r[k, :3][place] = x[: seen.task.positions] - at.translation[place]
+            K = np.hstack([K, np.kron(np.eye(2), at.rotation)])
+            for part, own, _ in self._parts:
+                W[k, :, own] = K[:, 6 * part.joint - 6 : 6 * part.joint] @ part.axes
+            r[k, :3][place] = x[:count] - at.translation[place]
             if pose:
                 r[k, 3:] = pin.log3(matrix(x[3:]) @ at.rotation.T)
-        columns = np.zeros((model.njoints, 6, len(self.columns.names)))
-        columns[self.columns.joints - 1, :, np.arange(columns.shape[2])] = self.columns.motions.T
-        columns = columns.reshape(6 * model.njoints, -1)
-        return r[:, rows], (K @ columns)[:, rows]
+        return r[:, seen.task.rows], W[:, seen.task.rows]
 
 
 # The fit
 
 _LEAST = 1.5  # equations for each identified combination
-_HUBER, _OUTLIER = 3.0, 6.0  # deviations from which a frame counts less, and not at all
+_OUTLIER = 6.0  # times the median deviation, from which a frame does not count; half leaves out 1 %
 _MOST_OUTLIERS = 0.2  # share of the frames
 
 
@@ -620,8 +593,8 @@ def _fitted(
 ) -> _GeometryFit:
     """Move the placements of a geometry such that it fits frames best.
 
-    Frames with large residuals count less at first (Huber), then those beyond six deviations do not
-    count. The noise is that of the residuals, found along with the placements.
+    The noise is that of the residuals, found along with the placements. Frames with residuals of
+    more than six times the median do not count.
 
     Args:
         geometry: that is moved.
@@ -633,56 +606,44 @@ def _fitted(
     Raises:
         LogError: too few frames, or too many that do not fit.
     """
-    from scipy.special import chdtri  # here, because scipy is slow to import
-
-    m, s, count = seen.task.size, geometry.columns.prior, len(seen.x)
+    prior, (count, m) = geometry.prior, (len(seen.x), seen.task.size)
     groups = [group.rows for group in seen.task.groups]
     least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: len(groups)]
-    kept, robust, explained = np.ones(count, dtype=bool), known is None, 0.0
-    noise = least.copy() if known is None else known
+    kept, explained, noise = np.ones(count, dtype=bool), 0.0, least
 
-    def whitened() -> tuple[np.ndarray, np.ndarray]:
-        """Return slopes (M, m, p) and residuals (M, m) in units of the noise."""
+    def whitened(geometry: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return slopes (M, m, p), residuals (M, m) in units of the noise, and the prior's (p)."""
+        nonlocal kept, noise
         r, W = geometry.rows(seen)
-        for g, part in enumerate(groups if known is None else ()):
-            squares, size = np.sum(r[:, part] ** 2, axis=1), part.stop - part.start
-            if robust:
-                variance = float(np.median(squares)) / float(chdtri(size, 0.5))
-            else:
-                variance = float(np.mean(squares[kept])) / size / (1.0 - explained)
-            noise[g] = max(math.sqrt(variance), least[g])
+        squares = np.column_stack([np.mean(r[:, part] ** 2, axis=1) for part in groups])
+        if known is None:
+            most = np.maximum(_OUTLIER**2 * np.median(squares, axis=0), least**2)
+            kept = (squares <= most).all(axis=1)
+            noise = np.sqrt(np.mean(squares[kept], axis=0) / (1.0 - explained))
+        noise = np.maximum(noise if known is None else known, least)
         sigma = np.repeat(noise, [part.stop - part.start for part in groups])
-        return W * s / sigma[:, None], r / sigma
-
-    def rows(geometry: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        A, b = whitened()
-        off = np.sqrt(np.mean(b**2, axis=1))
-        weights = np.minimum(1.0, _HUBER / np.maximum(off, 1.0)) if robust else kept
-        counted = np.sqrt(weights)[:, None]
-        return A * counted[:, :, None], b * counted, -geometry.value() / s
+        W = W * kept[:, None, None] * prior / sigma[:, None]
+        return W, r * kept[:, None] / sigma, -geometry.value() / prior
 
     def moved(geometry: _Geometry, step: np.ndarray) -> _Geometry:
-        geometry.move(step * s)
+        geometry.move(step * prior)
         return geometry
 
-    while True:
-        gauss_newton(rows, moved, geometry, np.ones(len(s)))
-        A, b = whitened()
-        R = np.linalg.qr(np.vstack([A[kept].reshape(-1, len(s)), np.eye(len(s))]), mode="r")
-        deviations = np.linalg.norm(np.linalg.inv(R), axis=1)
-        rank, used = len(s) - float(np.sum(deviations**2)), m * np.count_nonzero(kept)
-        if used < _LEAST * rank:
+    for _ in range(2 if known is None else 1):  # at first as if no parameter explained the noise
+        gauss_newton(whitened, moved, geometry, np.ones(len(prior)))
+        rows = whitened(geometry)[0][kept].reshape(-1, len(prior))
+        R = np.linalg.qr(np.vstack([rows, np.eye(len(prior))]), mode="r")
+        shares = np.linalg.norm(np.linalg.inv(R), axis=1)
+        rank = len(prior) - float(np.sum(shares**2))
+        explained = rank / len(rows)
+        if explained > 1.0 / _LEAST:
             raise LogError(
-                f"{used // m} frames of {m} numbers are too few for {rank:.0f} combinations of the "
-                "geometry.",
+                f"{len(rows) // m} frames of {m} numbers are too few for {rank:.0f} combinations "
+                "of the geometry.",
                 where=where,
                 hint=f"Record {math.ceil(2.0 * _LEAST * rank / m)} or more, or name fewer "
                 "unknowns.",
             )
-        if not robust:
-            break
-        robust, explained = False, rank / used
-        kept = np.sqrt(np.mean(b**2, axis=1)) < _OUTLIER
     if np.mean(kept) < 1.0 - _MOST_OUTLIERS:
         raise LogError(
             f"no geometry near the described one explains these frames: {np.mean(~kept):.0%} of "
@@ -691,8 +652,7 @@ def _fitted(
             hint="Is x of this frame, of this robot, and timed on the clock of q? Lost frames of a "
             "tracker are NaN, not 0.",
         )
-    scaled = A[kept].reshape(-1, len(s)) / s
-    return _GeometryFit(kept, scaled, s * deviations, noise)
+    return _GeometryFit(kept, rows, shares * prior, noise)
 
 
 # What the motion identifies
@@ -702,7 +662,7 @@ _SHOWN = 0.05  # of the effect of a parameter, from which another one that cance
 
 
 def _identified(
-    columns: _Columns, rows: np.ndarray
+    geometry: _Geometry, rows: np.ndarray
 ) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
     """Return the combinations of p parameters that rows identify, and the parameters they do not.
 
@@ -712,34 +672,34 @@ def _identified(
     Displacements along and about the axis of a joint are taken last.
 
     Args:
-        columns: the parameters.
-        rows: (N, p) in units of the noise.
+        geometry: with the parameters.
+        rows: (N, p) in units of the noise and of the prior.
 
     Returns:
-        The combinations as text, and name -> names of those that can cancel it.
+        The combinations as text, and name -> names of those that can cancel it, the strongest
+        first.
     """
     from scipy.linalg import qr  # here, because scipy is slow to import
 
-    names, rows = columns.names, rows * columns.prior
-    last = np.where(columns.along, _KEPT_LAST, 1.0)
+    names, last = np.array(geometry.names), np.where(geometry.along, _KEPT_LAST, 1.0)
     R, order = qr(rows * last, mode="r", pivoting=True)
     order = order[: min(R.shape)]
     taken = np.sort(order[np.abs(np.diag(R)) > last[order]])
     others = np.setdiff1d(np.arange(len(names)), taken)
     parts = np.linalg.lstsq(rows[:, taken], rows[:, others], rcond=None)[0]
     sizes = np.linalg.norm(rows, axis=0)
-    shown = np.abs(parts) * sizes[taken, None] > _SHOWN * np.maximum(sizes[others], 1.0)
-    parts *= columns.prior[taken, None] / columns.prior[others]
+    effects = np.abs(parts) * sizes[taken, None]
+    shown = effects > _SHOWN * np.maximum(sizes[others], 1.0)
+    parts *= geometry.prior[taken, None] / geometry.prior[others]
     combinations = [
         names[i]
-        + "".join(f" {parts[k, d]:+.3g} {names[others[d]]}" for d in np.flatnonzero(shown[k]))
-        for k, i in enumerate(taken)
+        + "".join(f" {part:+.3g} {name}" for part, name in zip(row[own], names[others[own]]))
+        for i, row, own in zip(taken, parts, shown, strict=True)
     ]
-    strongest = np.argsort(-np.abs(parts) * sizes[taken, None], axis=0)
-    unidentified = {
-        names[other]: tuple(names[taken[k]] for k in strongest[:, d] if shown[k, d])
-        for d, other in enumerate(others)
-    }
+    unidentified = {}
+    for d, name in enumerate(names[others]):
+        strongest = np.argsort(-effects[:, d])
+        unidentified[str(name)] = tuple(names[taken[strongest[shown[strongest, d]]]].tolist())
     return tuple(combinations), unidentified
 
 

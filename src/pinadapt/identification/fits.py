@@ -8,8 +8,7 @@ integrated by parts (Shinbrot 1957), so that they need no accelerations:
 Each window is one row W a = y for each joint. ``torque_fit`` solves the equations of all windows in
 the physical cone.
 
-Positions. The position of the task frame is linear in the unknown translations. ``position_fit``
-solves for all of them with the description as a weak prior.
+Positions. The position of the task frame is linear in the unknown translations.
 """
 
 from __future__ import annotations
@@ -37,7 +36,6 @@ WEIGHT = 1.0
 _ROUNDS = 3  # in which the noise is found
 _TORQUE_NOISE, _LEAST_TORQUE_NOISE = 0.05, 1e-4  # first and least, share of a joint's torque
 _POSITION_NOISE = 1e-2  # first, share of the reach
-_PRIOR = 0.5  # of the reach: standard deviation of a described translation
 _LEAST_WEIGHT = 1e-6
 _EPS = np.finfo(float).eps
 _FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
@@ -62,18 +60,14 @@ def torque_fit(
         windows: the rows.
     """
     noise, least = noise_levels(windows.tau)
-    a, rows, near = physical.center, windows.y.size, None
-    if not names:
-        return Information((), a, np.zeros((0, 0)), a, noise, rows)
-    physical = weighted(physical, windows)
-    for _ in range(_ROUNDS):
-        A, b = windows.whitened(noise)
-        near = a = physical_fit(A, b, physical, gamma=WEIGHT, near=near)
-        rank = min(np.linalg.matrix_rank(A, tol=1e-8 * np.linalg.norm(A)), rows - 1)
-        residual = windows.residual(a)
-        deviation = np.sqrt(np.mean(residual**2, axis=0) / (1.0 - rank / rows))
-        noise = np.maximum(deviation, least)
-    noise = np.maximum(deviation * np.sqrt(_repetition(residual)), least)
+    physical, a = weighted(physical, windows), None
+    for _ in range(_ROUNDS if names else 0):
+        rows = (windows.W / noise[:, None]).reshape(windows.y.size, len(names))
+        a = physical_fit(rows, (windows.y / noise).ravel(), physical, gamma=WEIGHT, near=a)
+        noise = np.maximum(columns_rms(windows.residual(a)), least)
+    a = physical.center if a is None else a
+    residual = windows.residual(a)
+    noise = np.maximum(columns_rms(residual) * np.sqrt(_repetition(residual)), least)
     return Information.of_rows(names, a, windows.W, residual, noise)
 
 
@@ -178,25 +172,20 @@ def frames_of(log: Log, robot: Robot) -> Frames:
     Raises:
         LogError: coordinates that the task does not have, or further apart than it can move.
     """
-    t, x = log.frames()
+    (t, x), wanted = log.frames(), robot.task.coordinates
     if not len(t):
-        return Frames(np.zeros(0), np.zeros((0, robot.task.coordinates)))
-    wanted, got = robot.task.coordinates, x.shape[1]
+        return Frames(t, np.zeros((0, wanted)))
+    got = x.shape[1]
     if got != wanted and wanted <= 3 <= got:
-        x = x[:, :3][:, robot.frame_task.place]
-    elif got != wanted:
-        raise LogError(
-            f"{got} coordinates, and the task '{robot.task.name}' has {wanted}.",
-            where=f"{log.source}: x",
-            hint="Positions are x, y, z in world axes, poses x, y, z, qx, qy, qz, qw; a robot is "
-            'loaded with task = "xyz" or "pose".',
-        )
+        x, got = x[:, :3][:, robot.frame_task.place], wanted
     span = float(np.ptp(x[:, : robot.task.positions], axis=0).max(initial=0.0))
-    if span > _FARTHEST * robot.reach:
+    if got != wanted or span > _FARTHEST * robot.reach:
         raise LogError(
-            f"the frame moves by {span:.4g} m, and the robot reaches {robot.reach:.3g} m.",
+            f"{got} coordinates that move by {span:.4g} do not fit the task '{robot.task.name}' of "
+            f"{wanted} and a reach of {robot.reach:.3g} m.",
             where=f"{log.source}: x",
-            hint="Positions are in metres. In millimetres? A tracker's lost frames are NaN, not 0.",
+            hint="Positions are x, y, z in world axes, in metres, poses x, y, z, qx, qy, qz, qw; a "
+            'robot is loaded with task = "xyz" or "pose". Lost frames are NaN, not 0.',
         )
     order = np.argsort(t, kind="stable")
     return Frames(t[order], x[order])
@@ -236,14 +225,10 @@ class PositionRows(NamedTuple):
 def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
     """Return the least-squares estimate of all translations with its information.
 
-    The prior is the description, with a standard deviation of half the reach in every direction, so
-    that no choice of axes matters. It decides only what the motion does not identify.
+    What the motion does not identify stays as described.
     """
-    reach, names, start = kinematics.robot.reach, kinematics.names, kinematics.initial
-    level, prior = np.full(rows.r.shape[1], _POSITION_NOISE * reach), 1.0 / (_PRIOR * reach) ** 2
-    found = fitted(names, start, rows.W, rows.r, level, prior=prior)
-    step = found.correction
-    return Information.of_rows(names, start + step, rows.W, rows.residual(step), found.noise)
+    level = np.full(rows.r.shape[1], _POSITION_NOISE * kinematics.robot.reach)
+    return fitted(kinematics.names, kinematics.initial, rows.W, rows.r, level).refined()
 
 
 class Windows(NamedTuple):
@@ -296,24 +281,16 @@ class Windows(NamedTuple):
         both = np.concatenate([inertial.W, W[whole]], axis=2)
         return inertial._replace(W=both, y=inertial.y - y[whole])
 
-    def only(self, chosen: np.ndarray) -> Windows:
-        """Return the windows of a mask or of indices."""
-        t, W, y, tau = (part[chosen] for part in (self.t, self.W, self.y, self.tau))
-        return Windows(t, W, y, tau, self.length)
-
     def between(self, first: float, last: float) -> Windows:
         """Return the windows that lie wholly between two times [s]."""
         half = 0.5 * self.length
-        return self.only((self.t - half >= first) & (self.t + half <= last))
+        chosen = (self.t - half >= first) & (self.t + half <= last)
+        t, W, y, tau = (part[chosen] for part in (self.t, self.W, self.y, self.tau))
+        return Windows(t, W, y, tau, self.length)
 
     def residual(self, a: np.ndarray) -> np.ndarray:
         """Return y - W a (N, n) [N m or N] at parameters a (p)."""
         return np.asarray(self.y - self.W @ a)
-
-    def whitened(self, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return rows (N n, p) and right-hand side (N n) in units of the noise (n)."""
-        rows = (self.W / noise[:, None]).reshape(self.y.size, self.W.shape[2])
-        return rows, (self.y / noise).ravel()
 
 
 def _equations(

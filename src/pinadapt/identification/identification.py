@@ -38,8 +38,8 @@ from .fits import (
     position_fit,
     torque_fit,
 )
-from .identified_model import estimate_online, measurements
 from .logged_motion import motion_of_log
+from .online_estimates import estimate_online, measurements
 from .report import Identification
 from .selection import choose_effects
 from .torque_check import TorqueCheck, check_torques, on_wall
@@ -84,10 +84,9 @@ def identify(
             ``friction`` or ``effects``.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
         held_out: share of the log that is held out, at most a half.
-        intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by
-            default, each by the file beside it.
-        progress: of the stages, then of the online estimates, as of ``simulate``: by default a bar
-            on a terminal. A function wraps the samples of the online estimates alone.
+        intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by default,
+            each by the file beside it.
+        progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
 
     Raises:
         LogError: a log that cannot be used.
@@ -100,13 +99,9 @@ def identify(
     share = positive(held_out, "held_out", error=InputError)
     if share > 0.5:
         raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
-    sources, tests, extra = (
-        _several(log),
-        _several(test),
-        _several(() if empty is None else [empty]),
-    )
+    sources, tests = _several(log), _several(test)
     logs, intakes = list[Log](), list[ImportOptions]()
-    for source in (*sources, *tests, *extra):
+    for source in (*sources, *tests, *_several(() if empty is None else [empty])):
         intakes.append(ImportOptions.of(ImportOptions.beside(source) if intake is None else intake))
         one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
@@ -123,13 +118,10 @@ def identify(
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
     physical_set(dynamics, nominal)  # refuses other parameters
-    doubtful = any(way.doubtful for way in intakes)
     check = None
     if dynamics.size:
+        doubtful = any(way.doubtful for way in intakes)
         check = _torques_checked([*logs, *without], described, doubtful=doubtful)
-    stages = False if callable(progress) else progress
-    bar = iter(watched(range(3), stages, "identify"))  # windows, effects, estimate
-    next(bar)
     motion, starts = _motion_of(nominal, logs), starts_of(logs, _PAUSE)
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     if tests:
@@ -147,7 +139,6 @@ def identify(
             where=found.source,
             hint="Record longer, without gaps between samples.",
         )
-    next(bar)
     effects = None
     others = unknown.friction is None and not unknown.effects
     if (unknown.armature is None or others) and placed.controller.dynamics.joints is not None:
@@ -160,22 +151,15 @@ def identify(
         estimator = _estimator(nominal, options)
         placed = _placed(estimator, nominal, located.estimate, options)
         dynamics = estimator.controller.dynamics
-    next(bar)
-    names, physical, model = (
-        dynamics.names,
-        physical_set(dynamics, nominal),
-        placed.controller.dynamics,
-    )
+    model, names = placed.controller.dynamics, dynamics.names
+    physical = physical_set(dynamics, nominal)
     windows = Windows.of(motion, model, found.period, held=found.held, inertial=bodies)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows
     load_estimate = None
     for one in without:
         bare = Windows.of(motion_of_log(nominal, one), model, one.period, held=one.held)
-        both = learned_from, bare
-        load_estimate = load_fit(model, physical_set(model, nominal), both, nominal)
-    dynamic = torque_fit(names, physical, learned_from)
-    next(bar, None)
+        load_estimate = load_fit(model, physical_set(model, nominal), (learned_from, bare), nominal)
     recorded = measurements(motion_of_log(nominal, first_log), frames, held=first_log.held)
     steps = watched(range(len(first_log.t)), progress, "online")
     samples = (sample for sample, _ in zip(recorded, steps, strict=False))
@@ -187,7 +171,7 @@ def identify(
         windows=windows,
         rows=rows,
         split=split,
-        dynamic=dynamic,
+        dynamic=torque_fit(names, physical, learned_from),
         kinematic=located,
         before_split=torque_fit(names, physical, first).estimate,
         unknown=options["unknown"].with_joints(),
@@ -223,13 +207,12 @@ def _estimator(robot: Robot, options: Mapping[str, Any]) -> Estimator:
 
 
 def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> TorqueCheck:
-    """Return the check of the first log, or of the first one that does not fit.
+    """Return the check of the first log that does not fit, or of the first one.
 
     Raises:
         TorqueMismatchError: one does not fit, and doubts are not accepted.
     """
-    checks = [check_torques(one, robot) for one in logs]
-    check = next((one for one in checks if not one.fits), checks[0])
+    check = min((check_torques(one, robot) for one in logs), key=lambda check: check.fits)
     if check.fits or doubtful:
         return check
     raise TorqueMismatchError(
@@ -274,8 +257,9 @@ def _placed(
 
 def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, Robot]:
     """Return the frames of a log and the robot; with a joint task if there are no frames."""
-    without = log.x is None or robot.task.positions == 0
-    frames = Frames(np.zeros(0), np.zeros((0, 0))) if without else frames_of(log, robot)
+    frames = Frames(np.zeros(0), np.zeros((0, 0)))
+    if log.x is not None and robot.task.positions:
+        frames = frames_of(log, robot)
     if len(frames.t):
         return frames, robot
     if unknown.translation_words(tool=False):

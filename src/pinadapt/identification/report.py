@@ -1,32 +1,43 @@
-"""The report of an identification: its record, of which text, page and ``summary.json`` consist."""
+"""The result of an identification, and its report."""
 
 from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._output import Sheet, Table, html_page, whole_file, write_text
 from .._version import __version__
+from ..adaptation.adaptation import Estimate
+from ..controller.estimator import Estimator
+from ..controller.learned import LearnedParameters
+from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
-from ..information.information import identifiable, known_to
-from ..information.measured_motion import CUTOFF
-from ..information.payload import PayloadEstimate
-from ..information.tracker import CERTAIN
+from ..information.information import Excitation, Information, identifiable, known_to
+from ..information.measured_motion import MeasuredMotion
+from ..information.payload import (
+    ArmPrior,
+    PayloadEstimate,
+    described_robot,
+    payload_estimate,
+    payload_of_uncertain_arm,
+)
+from ..logs.import_options import ImportOptions
+from ..logs.log import Log
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import Windows, columns_rms
-from .identified_model import Errors, IdentifiedModel, rms
-
-if TYPE_CHECKING:
-    from ..plots.style import Picture
+from .fits import PositionRows, Windows, columns_rms
+from .online_estimates import OnlineEstimates
+from .selection import ChosenEffects
+from .torque_check import TorqueCheck
 
 FILES = (
     "estimates.npz",
@@ -39,34 +50,40 @@ FILES = (
     "learned.xml",
     "summary.json",
 )
-# Gain up to which the estimate is hardly better than the description, and the share of the torques
-# up to which a description is correct: half or twice as much changes words for borderline logs.
-_HARDLY, _RIGHT = 2.0, 1e-3
+_HARDLY = 2.0  # gain up to which the estimate is hardly better than the description; it says so
 _OFF = 0.02  # of the reach, error of positions from which the robot is another one; half: the same
 
 
-def _change(errors: Errors, scale: float = 1.0) -> str:
-    """Return the errors of the held-out part before and after, in words."""
-    both = errors.described_held_out, errors.learned_held_out
-    return " -> ".join(f"{scale * rms(part):.3g}" for part in both)
+class Errors(NamedTuple):
+    """Root mean squares over time of n joints or m coordinates.
+
+    Attributes:
+        size: (n) of the measured signal, less its mean for positions [N m, N or m].
+        described_held_out: (n) error of the description, over the held-out part.
+        learned_held_out: (n) error of the estimate from the first part, over the held-out part.
+        gain: factor by which the held-out error falls, all signals together; None without data.
+    """
+
+    size: np.ndarray
+    described_held_out: np.ndarray
+    learned_held_out: np.ndarray
+    gain: float | None
+
+    @classmethod
+    def of(cls, signal: np.ndarray, described: np.ndarray, learned: np.ndarray) -> Errors:
+        """Take the signal (N, n), and the errors in the held-out part (K, n)."""
+        size, before, after = map(columns_rms, (signal, described, learned))
+        return cls(size, before, after, rms(before) / rms(after) if rms(after) > 0.0 else None)
+
+    def change(self, scale: float = 1.0) -> str:
+        """Return the errors of the held-out part before and after, in words."""
+        both = self.described_held_out, self.learned_held_out
+        return " -> ".join(f"{scale * rms(part):.3g}" for part in both)
 
 
-def _parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the identifiable parameters, and how many others there are."""
-    shown = [one for one in parameters if np.isfinite(one["known_to"])]
-    rows = [
-        (
-            str(one["name"]),
-            *(f"{one[kind]:.4g}" for kind in ("described", "value")),
-            known_to(one["known_to"]),
-            str(one["unit"]),
-        )
-        for one in shown
-    ]
-    if len(shown) < len(parameters):
-        others = f"{len(parameters) - len(shown)} others"
-        rows.append((others, "", "", "", "only combinations of them are identifiable"))
-    return Table(rows, ("parameter", "described", "learned", "known to", "unit"))
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square of all numbers; NaN of none."""
+    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else np.nan
 
 
 def plain(value: Any) -> Any:
@@ -84,31 +101,140 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-class Pictures(NamedTuple):
-    """The pictures of an identification; in Jupyter each shows itself.
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification:
+    """A robot identified from a log, in SI units; ``print`` shows a report.
 
     Attributes:
-        torque: of each joint as measured, and as predicted by the description and by the estimate
-            from the log before the held-out part.
-        parameters: the online estimates in time; dashed: the estimates from the whole log.
+        log: the motion, its columns in the order of the joints.
+        motion: in it, with the velocities that were used.
+        described: the robot as described.
+        estimator: of the online estimates; its ``controller`` has models and names.
+        windows: equations of the torque, averaged over windows.
+        rows: equations of the positions.
+        split: time [s] from which on the log was held out once.
+        dynamic: the dynamic parameters from the whole log, with their information.
+        kinematic: the translations from the whole log, likewise.
+        before_split: (p_d) the dynamic parameters from the log before ``split``.
+        position_before_split: (p_k) the translations from it.
+        online: the online estimates in time.
+        unknown: what was identified. A controller with the same parameters is
+            ``make_controller(found.robot, unknown=found.unknown)``.
+        effects: of the joints, as cross-validation chose them; None where the caller named them.
+        tested: names of the logs that were held out; empty where it is the last part of one log.
+        load: estimated from this log and one without it; None without such a log.
+        check: the comparison of the torques with the description, None where none were needed.
+        intake: how the log was read.
     """
 
-    torque: Picture
-    parameters: Picture
+    log: Log
+    motion: MeasuredMotion
+    described: Robot
+    estimator: Estimator
+    windows: Windows
+    rows: PositionRows
+    split: float
+    dynamic: Information
+    kinematic: Information
+    before_split: np.ndarray
+    position_before_split: np.ndarray
+    online: OnlineEstimates
+    unknown: Unknown
+    effects: ChosenEffects | None = None
+    tested: tuple[str, ...] = ()
+    load: PayloadEstimate | None = None
+    check: TorqueCheck | None = None
+    intake: ImportOptions = field(default_factory=ImportOptions)
 
+    @property
+    def state(self) -> ControllerState:
+        """The state of a controller with these estimates; see ``Controller.learned``."""
+        return self.online.state._replace(
+            dynamic=Estimate(self.dynamic.estimate), kinematic=Estimate(self.kinematic.estimate)
+        )
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Identification(IdentifiedModel):
-    """A robot identified from a log; ``print`` shows a report.
+    @property
+    def robot(self) -> Robot:
+        """The robot with the estimated parameters; ``robot.save("learned.urdf")`` writes it.
 
-    The estimates and their errors are those of ``IdentifiedModel``.
-    """
+        Raises:
+            ParameterError: a body is on the border of what is physical.
+        """
+        learned = self.estimator.learned(self.state)
+        return replace(learned, drawn=self.described.drawn, task=self.described.task)
+
+    def parameters(self) -> LearnedParameters:
+        """Return the estimates by name and their information, from which a controller can start."""
+        rows = self.dynamic.equations[0][: self.dynamic.rank]
+        return LearnedParameters.of(self.estimator.controller, self.state, rows=rows)
+
+    def payload(self) -> PayloadEstimate:
+        """Return the load that best explains the change of all bodies, and what else does.
+
+        With a log of the arm without its load: the load that explains the difference.
+
+        Raises:
+            ParameterError: the last body is not among the parameters.
+        """
+        if self.load is not None:
+            return self.load
+        controller, found = self.estimator.controller, self.dynamic
+        dynamics = controller.dynamics
+        if dynamics.per_body and len(dynamics.bodies) == len(self.described.joint_names):
+            return payload_of_uncertain_arm(controller, dynamics, found)
+        prior = ArmPrior.of(described_robot(controller), dynamics, 0.0)
+        return payload_estimate(controller, found, prior)
+
+    def excitation(self) -> Excitation:
+        """Return which parameters the motion can identify, and how well."""
+        return Excitation(self.dynamic, self.kinematic, self.parameters().units)
+
+    @cached_property
+    def described_parameters(self) -> np.ndarray:
+        """The dynamic parameters (p_d) of the description, its friction and rotors included."""
+        controller = self.estimator.controller
+        value = controller.dynamics.value(controller.kinematics.robot)
+        return controller.dynamics.initial if value is None else value
+
+    @cached_property
+    def _held_out(self) -> Windows:
+        return self.windows.between(self.split, np.inf)
+
+    @cached_property
+    def torque_errors(self) -> Errors:
+        """Errors of the window-averaged torques of the joints (n) [N m or N]."""
+        last = self._held_out
+        before = last.residual(self.described_parameters)
+        return Errors.of(self.windows.tau, before, last.residual(self.before_split))
+
+    @cached_property
+    def online_held_out(self) -> np.ndarray:
+        """Errors (n) of the held-out torques with the online estimate at the split [N m or N]."""
+        return columns_rms(self._held_out.residual(self.online.at(self.split)))
+
+    @cached_property
+    def position_errors(self) -> Errors | None:
+        """Errors of the positions (m) [m], or None where no translation was estimated."""
+        rows, start = self.rows, self.estimator.controller.kinematics.initial
+        if not len(rows.t) or not self.kinematic.names:
+            return None
+        last = rows.split(self.split)[1]
+        after = last.residual(self.position_before_split - start)
+        return Errors.of(rows.r - rows.r.mean(axis=0), last.r, after)
 
     @property
     def trusted(self) -> bool:
         """Whether the log can be one of the described robot, by its torques and positions."""
-        fits = self.check is None or self.check.fits
-        return fits and (not self.dynamic.names or self._position_doubt is None)
+        return (self.check is None or self.check.fits) and self._far_off is None
+
+    @property
+    def _far_off(self) -> float | None:
+        """Error of the positions as identified [m], where it is that of another robot."""
+        positions = self.position_errors
+        if positions is None or not self.described.task.positions or not self.dynamic.names:
+            return None
+        off = float(np.linalg.norm(positions.learned_held_out))
+        return off if off > _OFF * self.described.reach else None
 
     @property
     def verdict(self) -> str:
@@ -116,89 +242,80 @@ class Identification(IdentifiedModel):
         if self.check is not None and not self.check.fits:
             return f"NOT TO BE TRUSTED: {self.check.verdict}"
         if self.position_errors is not None and not self.dynamic.names:
-            return f"error of held-out positions: {_change(self.position_errors, 1e3)} mm (rms)."
+            return f"error of held-out positions: {self.position_errors.change(1e3)} mm (rms)."
         errors = self.torque_errors
-        gain, words = errors.gain or 0.0, f"error of held-out torques: {_change(errors)} "
+        gain, words = errors.gain or 0.0, f"error of held-out torques: {errors.change()} "
         words += f"{self._unit} (rms), {gain:.3g} times less"
-        if (off := self._position_doubt) is not None:
-            return f"{words}. {off}"
+        if self._far_off is not None:
+            return (
+                f"{words}. The positions are {1e3 * self._far_off:.3g} mm off even as identified. "
+                "Is this the log of another robot, frame or base?"
+            )
         if gain >= _HARDLY:
             return f"{words}."
-        if np.linalg.norm(errors.described_held_out) < _RIGHT * np.linalg.norm(errors.size):
-            return f"{words}. The description was already correct to 0.1 % of the torques."
         if gain < 1.0:
             return f"{words}: WORSE. The estimate from the first part does not predict the last."
-        return f"{words}, hardly better than the description. Are these the joints' torques?"
-
-    @property
-    def _position_doubt(self) -> str | None:
-        """Why a log seems to be that of another robot by its positions, None if it does not."""
-        positions = self.position_errors
-        if positions is None or not self.described.task.positions:
-            return None
-        off = float(np.linalg.norm(positions.learned_held_out))
-        if off < _OFF * self.described.reach:
-            return None
-        return (
-            "Is this the log of another robot, frame or base, or are its joints in another order? "
-            f"The positions are {1e3 * off:.3g} mm off even as identified."
-        )
+        return f"{words}, hardly better than the description, which may be correct already."
 
     @property
     def _unit(self) -> str:
         """Unit of the torques."""
         return "N m or N" if any(self.described.slides.values()) else "N m"
 
-    @property
-    def _record(self) -> dict[str, Any]:
-        """What there is to say of an identification: text and page consist of it too."""
+    def _loaded(self) -> PayloadEstimate | None:
+        """Return the load, None where the last body was not among the parameters."""
         try:
-            load: PayloadEstimate | None = self.payload()
-        except ParameterError:  # the last body was not among the parameters
-            load = None
-        log, effects, units = self.log, self.effects, self.parameters().units
-        start = self.estimator.controller.kinematics.initial
-        signals = np.hstack([log.q, log.tau, *([] if log.v is None else [log.v])])
-        parts = {"dynamic": (self.dynamic, self.described_parameters)}
-        parts["kinematic"] = self.kinematic, start
+            return self.payload()
+        except ParameterError:
+            return None
+
+    @cached_property
+    def _parameters(self) -> dict[str, list[dict[str, Any]]]:
+        """The parameters, kinematic and dynamic: name, described, value, known_to, unit."""
+        units, kinematics = self.parameters().units, self.estimator.controller.kinematics
+        described = {"kinematic": kinematics.initial, "dynamic": self.described_parameters}
         columns = ("name", "described", "value", "known_to", "unit")
-        tables = {
-            kind: [
-                dict(zip(columns, (*each, units.get(each[0], "")), strict=True))
-                for each in zip(
-                    part.names, before.tolist(), part.estimate.tolist(), part.deviations.tolist(),
-                    strict=True,
-                )
+        found = {}
+        for kind, before in described.items():
+            part: Information = getattr(self, kind)
+            numbers = np.column_stack([before, part.estimate, part.deviations]).tolist()
+            found[kind] = [
+                dict(zip(columns, (name, *row, units.get(name, "")), strict=True))
+                for name, row in zip(part.names, numbers, strict=True)
             ]
-            for kind, (part, before) in parts.items()
-        }  # fmt: skip
-        return {
+        return found
+
+    @property
+    def _left_out(self) -> int:
+        """Number of samples that are not finite."""
+        log = self.log
+        signals = np.hstack([log.q, log.tau, *([] if log.v is None else [log.v])])
+        return int(np.count_nonzero(~np.isfinite(signals).all(axis=1)))
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of ``summary.json``; None stands for what is not finite."""
+        log, effects = self.log, self.effects
+        record = {
             "verdict": self.verdict,
             "log": log.source,
             "robot": self.described.name,
             "joint_names": self.described.joint_names,
             "samples": len(log.t),
-            "left_out": int(np.count_nonzero(~np.isfinite(signals).all(axis=1))),
+            "left_out": self._left_out,
             "duration": log.duration,
-            "period": log.period,
-            "velocities_from_positions": self.motion.smoothed,
             "windows": len(self.windows.t),
             "held_out_from": self.split,
             "tested": self.tested,
             "check": None if self.check is None else self.check.summary(),
             "torque": self.torque_errors if self.dynamic.names else None,
             "torque_online_held_out": self.online_held_out,
-            "torque_late": self.late if self.dynamic.names else None,
             "position": self.position_errors,
-            "dynamic_identifiable": self.dynamic.rank,
-            "kinematic_identifiable": self.kinematic.rank,
-            **tables,
-            "effects": None
-            if effects is None
-            else {"unknown": effects.words, "gains": effects.gains},
-            "payload": load,
+            **self._parameters,
+            "effects": [] if effects is None else effects.gains,
+            "payload": self._loaded(),
             "version": __version__,
         }
+        return dict(plain(record))
 
     def _sheet(self, compared: Mapping[str, Robot] | None = None) -> Sheet:
         """Return the whole report, with the held-out errors of other models by name.
@@ -206,64 +323,45 @@ class Identification(IdentifiedModel):
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        of, log = self._record, self.log
-        velocities = "as measured"
-        if self.motion.smoothed:
-            reason = "none" if log.v is None else "those of the log disagree with the positions"
-            velocities = f"{reason}; computed from the positions (zero phase, {CUTOFF:g} Hz)"
-        period, count = f"every {1e3 * log.period:.4g} ms", of["left_out"]
+        log, described = self.log, self.described
+        length = f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms"
         rows = [
-            ("log", f"{of['samples']} samples, {log.duration:.4g} s, {period}"),
-            ("left out", f"{count} samples that are not finite"),
-            ("velocities", velocities),
-            ("torques", "held until the next sample" if log.held else "measured at each sample"),
-            ("averaged over", f"{of['windows']} windows of {self.windows.length:.2g} s"),
+            ("log", length),
+            ("left out", f"{self._left_out} samples that are not finite"),
+            ("velocities", "from the positions" if self.motion.smoothed else "as measured"),
+            ("averaged over", f"{len(self.windows.t)} windows of {self.windows.length:.2g} s"),
             ("held out", ", ".join(self.tested) or f"from {self.split:.4g} s on"),
         ]
         for name, part in (("kinematic", self.kinematic), ("dynamic", self.dynamic)):
             if part.names:
                 rows.append((f"{name} parameters", identifiable(part)))
-        rows += [("note", note) for note in self._notes()]
         if self.position_errors is not None:
-            rows.append(("held-out positions", f"{_change(self.position_errors, 1e3)} mm (rms)"))
+            rows.append(("held-out positions", f"{self.position_errors.change(1e3)} mm (rms)"))
         tables = [Table(rows)]
         if self.check is not None:
             tables.append(self.check.table())
         if self.dynamic.names:
             tables.append(self._torque_table(compared or {}))
-        if of["effects"] is not None:
+        if self.effects is not None:
             gains = [
                 (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}")
-                for one in of["effects"]["gains"]
+                for one in self.effects.gains
             ]
             what = "effect of the joints, beside viscous and Coulomb friction"
             gains = gains or [("none lowers the error in cross-validation", "", "")]
             tables.append(Table(gains, (what, "lowers the squared error by", "")))
-        if of["payload"] is not None:
-            tables.append(of["payload"].table())
-        tables += [_parameter_table(of[kind]) for kind in ("kinematic", "dynamic") if of[kind]]
-        logs = [name for name in log.source.split(", ") if name not in self.tested]
-        tested = f", tested on {', '.join(self.tested)}" if self.tested else ""
-        title = f"{self.described.name}, identified from {', '.join(logs)}{tested}"
-        return Sheet(title, tables, of["verdict"])
-
-    def _notes(self) -> Iterator[str]:
-        """Yield what a user should look at: loads, another clock, bodies that became others."""
-        if self.check is not None:
-            yield from self.check.notes
-        if not self.dynamic.names:
-            return
-        late, known = self.late
-        if abs(late) > CERTAIN * known:
-            yield (
-                f"the torques seem to be {1e3 * late:.2g} +- {1e3 * known:.1g} ms later than the "
-                "positions; part of this is learned as friction and inertia."
-            )
-        for name, before, after in zip(
-            self.dynamic.names, self.described_parameters, self.dynamic.estimate, strict=True
-        ):
-            if name.endswith(".m") and not 0.5 < after / max(before, np.finfo(float).tiny) < 2.0:
-                yield f"the mass of {name[:-2]} changed from {before:.3g} to {after:.3g} kg."
+        load = self._loaded()
+        tables += [load.table()] if load is not None else []
+        header = ("parameter", "described", "learned", "known to", "unit")
+        for parameters in filter(None, self._parameters.values()):
+            cells = [
+                (one["name"], f"{one['described']:.4g}", f"{one['value']:.4g}",
+                 known_to(one["known_to"]), one["unit"])
+                for one in parameters
+                if np.isfinite(one["known_to"])
+            ]  # fmt: skip
+            tables.append(Table(cells, header))
+        return Sheet(f"{described.name}, identified from {log.source}", tables, self.verdict)
 
     def _torque_table(self, compared: Mapping[str, Robot]) -> Table:
         """Return held-out errors of the torques, one row for each joint.
@@ -271,12 +369,11 @@ class Identification(IdentifiedModel):
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        errors, others = self.torque_errors, {}
+        errors, others, joints = self.torque_errors, {}, self.described.joint_names
         for name, robot in compared.items():
-            if robot.joint_names != self.described.joint_names:
+            if robot.joint_names != joints:
                 raise ParameterError(
-                    f"its joints are {list(robot.joint_names)}, those of the log "
-                    f"{list(self.described.joint_names)}.",
+                    f"its joints are {list(robot.joint_names)}, those of the log {list(joints)}.",
                     where=f"compared model {robot.name}",
                 )
             nothing = Unknown(bodies="none", friction=False, armature=False)
@@ -290,11 +387,10 @@ class Identification(IdentifiedModel):
             "identified": errors.learned_held_out,
             "online": self.online_held_out,
         }
-        names = [*self.described.joint_names, f"all, rms, {self._unit}"]
         values = np.array([[*part, rms(part)] for part in columns.values()]).T
         rows = [
             (name, *(f"{value:.3g}" for value in row), "")
-            for name, row in zip(names, values, strict=True)
+            for name, row in zip([*joints, f"all, rms, {self._unit}"], values, strict=True)
         ]
         return Table(rows, ("error of held-out torques", *columns, ""))
 
@@ -307,10 +403,6 @@ class Identification(IdentifiedModel):
     def _repr_html_(self) -> str:
         return self._sheet().html()
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; None stands for what is not finite."""
-        return dict(plain(self._record))
-
     def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
         """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
 
@@ -322,22 +414,22 @@ class Identification(IdentifiedModel):
             ParameterError: files of the robot that could not be written; the others are.
             OSError: they cannot be written.
         """
-        folder = Path(folder)
-        arrays: dict[str, Any] = {
-            "t": self.online.t,
-            "a_k": self.online.a_k,
-            "a_d": self.online.a_d,
-            "dynamic": self.dynamic.estimate,
-            "dynamic_information": self.dynamic.H,
-            "kinematic": self.kinematic.estimate,
-            "kinematic_information": self.kinematic.H,
-            "window_t": self.windows.t,
-            "window_tau": self.windows.tau,
-            "window_error_described": self.windows.residual(self.described_parameters),
-            "window_error_learned": self.windows.residual(self.dynamic.estimate),
-        }
+        folder, online, windows = Path(folder), self.online, self.windows
         with whole_file(folder / "estimates.npz") as file:
-            np.savez_compressed(file, **arrays)
+            np.savez_compressed(
+                file,
+                t=online.t,
+                a_k=online.a_k,
+                a_d=online.a_d,
+                dynamic=self.dynamic.estimate,
+                dynamic_information=self.dynamic.H,
+                kinematic=self.kinematic.estimate,
+                kinematic_information=self.kinematic.H,
+                window_t=windows.t,
+                window_tau=windows.tau,
+                window_error_described=windows.residual(self.described_parameters),
+                window_error_learned=windows.residual(self.dynamic.estimate),
+            )
         self.parameters().save(folder / "learned.json")
         about = f"How {Path(self.log.source).name} was read."
         write_text(folder / "intake.toml", self.intake.text([about]))
@@ -367,7 +459,6 @@ class Identification(IdentifiedModel):
             f"<h1>{escape(whole.title)}</h1>",
             f'<div class="note">{escape(whole.note)}</div>',
             *(table.html() for table in whole.tables),
-            "<h2>Torques</h2>",
             f'<img alt="torques of each joint over time" src="data:image/png;base64,{data}">',
         ]
         return html_page(whole.title, parts)
@@ -379,7 +470,7 @@ class Identification(IdentifiedModel):
             folder: into which to write ``torque.png`` and ``parameters.png``.
 
         Returns:
-            The paths of the files; without a folder the two figures, which Jupyter displays.
+            The figures ``torque`` and ``parameters``, or the paths of the files.
         """
         from ..plots.figures import parameter_figure, prediction_figure
         from ..plots.style import (
@@ -409,11 +500,12 @@ class Identification(IdentifiedModel):
         slides = self.described.slides
         with matplotlib.rc_context(RC):
             torque = prediction_figure(title, slides, windows.t, windows.tau, predicted, self.split)
-            both = Pictures(torque, parameter_figure(online, "dashed: whole log"))
+            parameters = parameter_figure(online, "dashed: whole log")
+        figures = SimpleNamespace(torque=torque, parameters=parameters)
         if folder is None:
-            return both
+            return figures
         paths = []
-        for name, picture in both._asdict().items():
+        for name, picture in vars(figures).items():
             paths.append(Path(folder) / f"{name}.png")
             with whole_file(paths[-1]) as file:
                 file.write(picture.png(dpi=130))

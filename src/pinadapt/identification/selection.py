@@ -12,7 +12,6 @@ quadratic form of the same divergence.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any, NamedTuple
@@ -26,12 +25,11 @@ from ..models.physical_fit import PhysicalSet
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown
-from .fits import WEIGHT, Windows, columns_rms, noise_levels
+from .fits import WEIGHT, Windows, noise_levels
 
 # Blocks of time in cross-validation. Half as many leave too little to learn from, and twice as many
 # are predicted from neighbours that share their errors.
-BLOCKS = 8
-_FEWEST = 4  # windows in a block, else there are fewer blocks; it matters for logs of some seconds
+_BLOCKS = 8
 # Standard errors that an effect has to gain: of a hundred that are none, 2 take two, 1 sixteen; 4
 # takes hardly any that a log of a minute shows.
 _SURE = 2.0
@@ -41,13 +39,6 @@ _LEAST, _SHAFT_LEAST = 0.015, 0.1
 _FADINGS = (0.03, 0.1, 0.3, 1.0)  # [rad/s or m/s] of friction near rest; every second costs 14 %
 _BREAKAWAY = 5.0  # largest dry friction near rest, as a share of that at speed; no log had 2
 _JITTER = 1e-9  # of a squared column, where columns depend on each other; a thousand times is alike
-
-
-def blocks_of(windows: int) -> list[np.ndarray]:
-    """Return the indices of windows in blocks of time, without those that two blocks share."""
-    count = max(min(BLOCKS, windows // (_FEWEST + OVERLAP - 1)), 2)
-    edges = np.linspace(0, windows + OVERLAP - 1, count + 1).round().astype(int)
-    return [np.arange(a, b - OVERLAP + 1) for a, b in pairwise(edges)]
 
 
 class Gain(NamedTuple):
@@ -124,60 +115,81 @@ def choose_effects(
         armature: whether rotor inertias are chosen.
         effects: whether all else is chosen: friction near rest, loads, asymmetry, offsets, shafts.
     """
-    whole, blocks = np.isin(averages.t, windows.t), blocks_of(len(windows.t))
     bodies, y = windows.W @ physical.local(physical.center)[0], windows.residual(physical.center)
-    friction, chosen, gains = robot.friction, list[_Candidate](), list[Gain]()
-    (noise, least), n, count = noise_levels(windows.tau), robot.model.nv, bodies.shape[2]
+    plain, rotors, others = _candidates(robot, motion, averages, np.isin(averages.t, windows.t))
+    candidates = [rotors] * armature + others * effects
+    parts = [bodies, plain, *(one.columns for one in candidates), y[:, :, None]]
+    X, ends = np.concatenate(parts, axis=2), np.cumsum([part.shape[2] for part in parts])
+    columns = [np.arange(a, b) for a, b in pairwise(ends[1:-1])]
+    # products of all columns, by block of time and joint; no window is in two blocks
+    edges = np.linspace(0, len(X) + OVERLAP - 1, _BLOCKS + 1).round().astype(int)
+    blocks = [X[a : max(b - OVERLAP + 1, a)].swapaxes(0, 1) for a, b in pairwise(edges)]
+    products = np.array([block.swapaxes(1, 2) @ block for block in blocks])
+    rows = np.array([block.shape[0] * block.shape[1] for block in blocks])
+    prior = np.where(np.arange(ends[-1]) < ends[0], WEIGHT, 0.0)
+    (noise, least), index = noise_levels(windows.tau), np.arange(ends[1])
+    chosen, gains, friction = list[_Candidate](), list[Gain](), robot.friction
+    breakaway, fadings = friction.breakaway.copy(), friction.fading.copy()
     while True:
-        moved = replace(robot, friction=friction)
-        plain, candidates = _candidates(moved, motion, averages, whole)
+        left = _fitted(np.tensordot(noise**-2.0, products.sum(axis=0), axes=1), prior, index)
+        squares = left @ products.sum(axis=0) @ left
+        noise = np.maximum(np.sqrt(squares / rows.sum() * len(noise)), least)
+        H = np.tensordot(noise**-2.0, products, axes=(0, 1))
+        before, found = _held_out(H, prior, index) / rows, []
         taken = {name for one in chosen for name in one.coefficients}
-        names = {one.words for one in chosen if one.fading is None}
-        kept = [one for one in candidates if one.words in names]
-        open_ = [
-            one
-            for one in candidates
-            if not taken & set(one.coefficients)
-            and (armature if one.shaft is None and "armature" in one.coefficients[0] else effects)
-        ]
-        parts = [bodies, plain, *(one.columns for one in (*kept, *open_)), y[:, :, None]]
-        X, first = np.concatenate(parts, axis=2), len(kept) + 2
-        ends = np.cumsum([part.shape[2] for part in parts])
-        index = np.arange(ends[first - 1])
-        added = [np.arange(a, b) for a, b in pairwise(ends[first - 1 : -1])]
-        solved, _ = _eliminated(_sums(X / noise[:, None], count), index)
-        left = X[:, :, -1] - X[:, :, index] @ solved[:, -1]
-        noise = np.maximum(columns_rms(left), least)
-        squares = _held_out(X / noise[:, None], count, blocks, index, [index[:0], *added])
-        shares = (squares[0] - squares[1:]) / squares[0].mean()
-        errors = shares.std(axis=1, ddof=1) / np.sqrt(len(blocks))
-        found = [
-            (share, error, k)
-            for k, (share, error) in enumerate(zip(shares.mean(axis=1), errors, strict=True))
-            if share > max(_SURE * error, _LEAST if open_[k].shaft is None else _SHAFT_LEAST)
-        ]
+        for k, one in enumerate(candidates):
+            if taken & set(one.coefficients):
+                continue
+            after = _held_out(H, prior, np.append(index, columns[k])) / rows
+            shares = (before - after) / before.mean()
+            share, error = shares.mean(), shares.std(ddof=1) / np.sqrt(_BLOCKS)
+            if share > max(_SURE * error, _LEAST if one.shaft is None else _SHAFT_LEAST):
+                found.append((share, error, k))
         if not found:
             break
-        share, error, k = max(found)
-        best = open_[k]
-        gains.append(Gain(best.words, float(share), float(error)))
-        chosen.append(best)
-        if best.shaft is not None:
-            friction = replace(friction, shafts=(*friction.shafts, best.shaft))
-        if best.fading is not None:
-            both = np.append(index, added[k])
-            solved, _ = _eliminated(_sums(X / noise[:, None], count), both)
-            j, speed = best.fading
-            dry, other = solved[count + n + j, -1], solved[-1, -1]
-            friction = _shaped(friction, j, speed, dry, other)
+        share, error, best = max(found)
+        one, index = candidates[best], np.append(index, columns[best])
+        gains.append(Gain(one.words, float(share), float(error)))
+        chosen.append(one)
+        if one.fading is not None:
+            fit = _fitted(H.sum(axis=0), prior, index)
+            j, fadings[j] = one.fading
+            dry, other = -fit[ends[0] + len(noise) + j], -fit[index[-1]]
+            ratio = (dry + other) / dry if dry > 0.0 else _BREAKAWAY
+            breakaway[j] = np.clip(ratio, 0.0, _BREAKAWAY)
+    shafts = *friction.shafts, *(one.shaft for one in chosen if one.shaft is not None)
     words = [name for one in chosen for name in one.coefficients if one.fading is None]
-    return ChosenEffects(friction, tuple(words), tuple(gains))
+    shaped = replace(friction, breakaway=breakaway, fading=fadings, shafts=shafts)
+    return ChosenEffects(shaped, tuple(words), tuple(gains))
+
+
+def _fitted(H: np.ndarray, prior: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Return the weights (..., P) of columns in what a least-squares fit of the last one leaves.
+
+    Args:
+        H: (..., P, P) products of all columns.
+        prior: (P) inverse variances of their coefficients.
+        index: columns that are fitted.
+    """
+    A = H[..., index[:, None], index]
+    size = np.diagonal(A, axis1=-2, axis2=-1)
+    A = A + (prior[index] + _JITTER * size + (size == 0.0))[..., None, :] * np.eye(len(index))
+    left = np.zeros(H.shape[:-1])
+    left[..., -1] = 1.0
+    left[..., index] = -np.linalg.solve(A, H[..., index, -1:])[..., 0]
+    return left
+
+
+def _held_out(H: np.ndarray, prior: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Return the squared error (B) of each block, of products H (B, P, P), by the others' fit."""
+    left = _fitted(H.sum(axis=0) - H, prior, index)
+    return np.einsum("bi,bij,bj->b", left, H, left)
 
 
 def _candidates(
     robot: Robot, motion: MeasuredMotion, averages: Averages, whole: np.ndarray
-) -> tuple[np.ndarray, list[_Candidate]]:
-    """Return columns (K, n, 2 n) of viscous and Coulomb friction, and effects that may be added.
+) -> tuple[np.ndarray, _Candidate, list[_Candidate]]:
+    """Return columns (K, n, 2 n) of viscous and Coulomb friction, rotor inertias, other effects.
 
     Args:
         robot: as described.
@@ -197,17 +209,16 @@ def _candidates(
         """Return columns (K, n, n), each of which acts on one joint, of averages (K, n)."""
         return np.asarray(values[whole][:, :, None] * turns)
 
-    rotor = columns(averages.derivative(v))
     kinds = {
         "gear_friction": columns(averages.mean(sign * gravity)),
         "asymmetry": columns(averages.mean(np.abs(sign))),
         "offset": columns(np.ones(whole.shape + v.shape[1:])),
-        "armature": rotor,
     }
     fadings = [(f, columns(averages.mean(sign * np.exp(-np.abs(v) / f)))) for f in _FADINGS]
     plain = np.concatenate([columns(averages.mean(v)), columns(averages.mean(sign))], axis=2)
     armatures = tuple(f"{name}.armature" for name in names)
-    found = [_Candidate("rotor inertias of all joints", armatures, rotor)]
+    rotors = _Candidate("rotor inertias of all joints", armatures, columns(averages.derivative(v)))
+    found = []
     for j, name in enumerate(names):
         unit, own = "m/s" if robot.slides[name] else "rad/s", slice(j, j + 1)
         for kind, part in kinds.items():
@@ -226,52 +237,4 @@ def _candidates(
         both = signals[:, None] * (turns[j] + turn * turns[j + 1])[:, None]
         words = f"a motor that turns with {name}"
         found.append(_Candidate(words, (f"{name}.armature",), both, shaft=shaft))
-    return plain, found
-
-
-def _shaped(friction: Friction, j: int, fading: float, dry: float, other: float) -> Friction:
-    """Return friction whose joint j has a dry friction, and other friction near rest."""
-    breakaway, fadings = friction.breakaway.copy(), friction.fading.copy()
-    ratio = (dry + other) / dry if dry > 0.0 else _BREAKAWAY
-    breakaway[j], fadings[j] = np.clip(ratio, 0.0, _BREAKAWAY), fading
-    return replace(friction, breakaway=breakaway, fading=fadings)
-
-
-def _sums(X: np.ndarray, bodies: int) -> np.ndarray:
-    """Return X^T X (P, P) of rows X (K, n, P), and the prior of the first columns."""
-    rows = X.reshape(-1, X.shape[2])
-    return rows.T @ rows + np.diag(np.where(np.arange(X.shape[2]) < bodies, WEIGHT, _JITTER))
-
-
-def _eliminated(H: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return what columns (k) explain of all (k, P), and the sums (P, P) of what is left."""
-    solved = np.linalg.lstsq(H[np.ix_(index, index)], H[index], rcond=None)[0]
-    return solved, H - H[:, index] @ solved
-
-
-def _held_out(
-    X: np.ndarray,
-    bodies: int,
-    blocks: Sequence[np.ndarray],
-    index: np.ndarray,
-    added: Sequence[np.ndarray],
-) -> np.ndarray:
-    """Return the mean square (C, B) of each block, predicted from the others with columns added.
-
-    Args:
-        X: (K, n, P + 1) columns in units of the noise, the last of which is explained.
-        bodies: number of columns that have a prior.
-        blocks: B of windows.
-        index: columns of the model.
-        added: C sets of columns.
-    """
-    own = [_sums(X[block], 0) for block in blocks]
-    total, found = sum(own) + _sums(X[:0], bodies), np.empty((len(added), len(blocks)))
-    for b, block in enumerate(blocks):
-        solved, left = _eliminated(total - own[b], index)
-        rows = X[block].reshape(-1, X.shape[2])
-        rest = rows - rows[:, index] @ solved
-        for c, part in enumerate(added):
-            x = np.linalg.lstsq(left[np.ix_(part, part)], left[part, -1], rcond=None)[0]
-            found[c, b] = np.mean((rest[:, -1] - rest[:, part] @ x) ** 2)
-    return found
+    return plain, rotors, found

@@ -7,13 +7,13 @@ friction of the joint could explain is removed from both. Then
     factor = <tau, d> / <d, d>,        correlation = <tau, d> / (|tau| |d|).
 
 Friction, noise, inertias that are wrong by a third and wear leave the factor between 0.5 and 2.2:
-logs of four real arms gave 0.65 to 2.0, correlations of at least 0.79. Currents, torques before the
+logs of four real arms gave 0.7 to 1.9, correlations of at least 0.79. Currents, torques before the
 gear, a wrong sign or another mounting do not.
 
 Usual mistakes are undone one by one, each without and with a load that is not described. What is
 then left of a joint's torque, with a factor between 0.65 and 2 and friction that takes energy,
-judges them: the sum over the joints of log(residual^2), and a price for each number that is chosen.
-A log fits if no mistake is surely likelier than none.
+judges them: the sum over the joints of log(residual^2). A log fits if no mistake is surely likelier
+than none.
 """
 
 from __future__ import annotations
@@ -38,26 +38,23 @@ from .logged_motion import motion_of_log
 
 _MOST = 250  # windows; half as many give the same verdicts on the real logs
 _SLIDING = 0.02  # [rad/s or m/s] from where Coulomb friction has its full size; half: the same
-# Factors between which a joint is as described, and between which residuals are compared. Half as
-# wide refuses worn or wrongly described arms, twice as wide accepts a robot of another size.
-_FACTORS, _USUAL = (0.5, 2.2), (0.65, 2.0)
+# Factors between which a joint is as described. Half as wide refuses worn or wrongly described
+# arms, twice as wide accepts a robot of another size.
+_FACTORS = (0.5, 2.2)
+_USUAL = (0.65, 2.0)  # between which residuals are compared; as wide as above accepts a UR5 as UR10
 _CLEAR = 0.75  # correlation of a clear relation
 _LEAST = 0.4  # correlation, and share of a joint's torque, from where on a relation may be there
 # Of the largest described torque, from where on a joint is judged: half as much judges wrists whose
 # friction hides everything else, twice as much overlooks light joints.
 _VISIBLE = 0.05
-_CLOSE = 0.2  # of the torques of judged joints, that a good explanation leaves; it changes words
-# In log(residual^2): the price of a chosen number, and by how much a mistake must be likelier than
-# none. Quarters of real logs gain up to 0.8 by mistakes nobody made; the least visible one that
-# somebody made gains 1.2, so half refuses good logs and twice as much accepts a wrong sign.
-_PRICE, _SURELY = 0.15, 1.0
-_LOAD_NUMBERS = 4  # of a load
+# In log(residual^2): by how much a mistake must be likelier than none, a load by half of that. Half
+# refuses quarters of real logs, twice as much accepts a wrong sign.
+_SURELY = 1.15
 # Of the robot's mass: a load. Half as much refuses rated loads, twice as much takes a UR10 for a
 # loaded UR5. A usual one has this share of mass and reach, a weak prior.
 _HEAVIEST = 1.0 / 3.0
 _LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
 _EPS = np.finfo(float).eps
-_UNITS = "Are they motor currents (A) or torques before the gear, or is the robot of another size?"
 
 
 class JointFactor(NamedTuple):
@@ -81,23 +78,6 @@ class JointFactor(NamedTuple):
     fits: bool
 
 
-class Cause(NamedTuple):
-    """A likely cause of torques that do not fit.
-
-    Attributes:
-        words: what it is.
-        option: of ``pinadapt identify`` that corrects it, or nothing.
-    """
-
-    words: str
-    option: str = ""
-
-    def __str__(self) -> str:
-        """Return both in a sentence."""
-        mark = "" if self.words.endswith("?") else ";"
-        return f"{self.words}{mark} {self.option} corrects that" if self.option else self.words
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class TorqueCheck:
     """The comparison of a log with a description; ``print`` shows a table.
@@ -105,14 +85,16 @@ class TorqueCheck:
     Attributes:
         source: of the log.
         joints: (n) factors and correlations.
-        causes: likely ones of torques that do not fit, the likeliest first; none: they fit.
-        notes: other findings, which do no harm.
+        causes: likely ones of torques that do not fit, the likeliest first, with the option of
+            ``pinadapt identify`` that corrects each; none: they fit.
+        load: behind the last joint, in addition to what is described, that explains the torques
+            surely better than none [kg]; else zero.
     """
 
     source: str
     joints: tuple[JointFactor, ...]
-    causes: tuple[Cause, ...]
-    notes: tuple[str, ...] = ()
+    causes: tuple[str, ...]
+    load: float = 0.0
 
     @property
     def fits(self) -> bool:
@@ -123,12 +105,16 @@ class TorqueCheck:
     def verdict(self) -> str:
         """The result in one line."""
         if self.causes:
-            words = ". Or ".join(map(str, self.causes))
-            return f"the torques do not fit the description: {words}."
+            words = ". Or ".join(self.causes)
+            return (
+                f"the torques do not fit the description: {words}. Or is it the log of another "
+                "robot?"
+            )
         factors = ", ".join(f"{one.factor:.2f}" for one in self.joints if one.judged)
         if not factors:
             return "the description predicts too little torque to judge the log by it."
-        return f"the torques fit the description ({factors} times it at the judged joints)."
+        load = f", with a load of {self.load:.2f} kg behind the last joint" if self.load else ""
+        return f"the torques fit the description ({factors} times it at the judged joints){load}."
 
     def table(self) -> Table:
         """Return one row for each joint."""
@@ -150,8 +136,7 @@ class TorqueCheck:
 
     def sheet(self) -> Sheet:
         """Return table and verdict."""
-        lines = "\n".join([*self.notes, self.verdict])
-        return Sheet(f"torques of {self.source}", [self.table()], lines)
+        return Sheet(f"torques of {self.source}", [self.table()], self.verdict)
 
     def __repr__(self) -> str:
         """Return table and verdict."""
@@ -171,7 +156,31 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     motion = _averages(log, robot)
     if not len(motion.q):
         return TorqueCheck(log.source, (), ())
-    return _Comparison(motion, robot, named=bool(log.joints)).result(log.source)
+    comparison = _Comparison(motion, robot)
+    plain = comparison.fit(motion)
+    likely = sorted(
+        (one for one in comparison.mistakes(named=bool(log.joints)) if one[1].fits.all()),
+        key=lambda one: one[1].score,
+    )
+    causes: list[str] = []
+    if likely and (not plain.fits.all() or likely[0][1].score < plain.score - _SURELY):
+        best = likely[0][1].score
+        causes = [cause for cause, fit in likely if fit.score < best + 0.5 * _SURELY]
+    elif not plain.fits.all():
+        shown = [
+            f"{robot.joint_names[j]} is {plain.factor[j]:.2f} times the description (correlation "
+            f"{plain.correlation[j]:.2f})"
+            for j in np.flatnonzero(~plain.fits)
+        ]
+        causes = [f"{'; '.join(shown)}, and no single mistake explains that"]
+    numbers = np.sqrt(np.mean(motion.tau**2, axis=0)), plain.described, plain.factor
+    rows = zip(
+        robot.joint_names,
+        *(part.tolist() for part in (*numbers, plain.correlation, plain.judged, plain.fits)),
+        strict=True,
+    )
+    joints = tuple(JointFactor._make(row) for row in rows)
+    return TorqueCheck(log.source, joints, tuple(causes), plain.load)
 
 
 def on_wall(log: Log, robot: Robot) -> Robot:
@@ -184,17 +193,18 @@ def on_wall(log: Log, robot: Robot) -> Robot:
     Raises:
         LogError: the torques fit no direction of gravity, or one along the third axis best.
     """
-    likeliest = min(
-        _Comparison(_averages(log, robot), robot).mountings(), key=lambda one: one.score
-    )
-    if not likeliest.fits or likeliest.gravity[2]:
+    motion = _averages(log, robot)
+    comparison = _Comparison(motion, robot)
+    fits = [(gravity, comparison.fit(motion, gravity)) for gravity in comparison.mountings()]
+    gravity, likeliest = min(fits, key=lambda one: one[1].score)
+    if gravity[2] or not likeliest.fits.all():
         raise LogError(
             "the torques are not those of an arm on a wall.",
             where="mount",
             hint="--gravity x,y,z states the gravity in the axes of the base.",
         )
     model = robot.model.copy()
-    model.gravity.linear = likeliest.gravity
+    model.gravity.linear = gravity
     return replace(robot, model=model)
 
 
@@ -218,11 +228,9 @@ class _Motion(NamedTuple):
         return np.stack([self.v.T, self.signs.T], axis=2)
 
     def without_friction(self, values: np.ndarray) -> np.ndarray:
-        """Return values (K, n, ...) of the joints without what their friction can explain."""
-        columns, (K, n, *_) = self.friction, values.shape
-        parts = values.swapaxes(0, 1).reshape(n, K, -1)
-        parts = parts - columns @ (np.linalg.pinv(columns) @ parts)
-        return parts.swapaxes(0, 1).reshape(values.shape)
+        """Return values (K, n, k) of the joints without what their friction can explain."""
+        columns, parts = self.friction, values.swapaxes(0, 1)
+        return (parts - columns @ (np.linalg.pinv(columns) @ parts)).swapaxes(0, 1)
 
 
 def _averages(log: Log, robot: Robot) -> _Motion:
@@ -242,269 +250,182 @@ class _Fit(NamedTuple):
 
     Attributes:
         factor, correlation: see the module.
-        described, torque: root mean squares without friction [N m or N].
+        described: root mean squares without friction [N m or N].
+        judged: whether the description predicts enough of each joint.
+        fits: whether each joint is as described, as far as it is judged.
         left: what neither the description nor friction explains, a share of the torque.
+        load: that was taken off [kg].
     """
 
     factor: np.ndarray
     correlation: np.ndarray
     described: np.ndarray
-    torque: np.ndarray
+    judged: np.ndarray
+    fits: np.ndarray
     left: np.ndarray
-
-    @property
-    def judged(self) -> np.ndarray:
-        """Whether the description predicts enough of each joint (n)."""
-        clear = np.abs(self.correlation) >= _CLEAR
-        enough = self.described > _VISIBLE * self.described.max()
-        return np.asarray(enough & (clear | (self.described >= _LEAST * self.torque)))
-
-    @property
-    def fits(self) -> np.ndarray:
-        """Whether each joint (n) is as described, as far as it is judged."""
-        inside = (self.factor >= _FACTORS[0]) & (self.factor <= _FACTORS[1])
-        return np.asarray(~self.judged | (inside & (self.correlation >= _LEAST)))
+    load: float
 
     @property
     def score(self) -> float:
-        """The sum of log(residual^2) over the joints."""
-        return float(np.log(self.left**2 + _LEAST_RESIDUAL**2).sum())
+        """The sum of log(residual^2) over the joints, and the price of a load."""
+        own = float(np.log(self.left**2 + _LEAST_RESIDUAL**2).sum())
+        return own + 0.5 * _SURELY if self.load else own
 
 
-def _fit(motion: _Motion, tau: np.ndarray, described: np.ndarray, sizes: np.ndarray) -> _Fit:
-    """Return the comparison of torques (K, n) with described ones, friction removed.
+def _fit(
+    motion: _Motion, tau: np.ndarray, described: np.ndarray, sizes: np.ndarray, load: float
+) -> _Fit:
+    """Return the comparison of torques (K, n), without those of a load, with described ones.
 
     Residuals are relative to ``sizes`` (n).
     """
     from scipy.optimize import nnls  # here, because scipy is slow to import
 
-    t, d = motion.without_friction(tau), motion.without_friction(described)
+    both = motion.without_friction(np.stack([tau, described], axis=2))
+    t, d = both[..., 0], both[..., 1]
     size, level = (np.maximum(np.linalg.norm(part, axis=0), _EPS) for part in (d, t))
     factor = (t * d).sum(axis=0) / size**2
+    correlation = factor * size / level
+    clear = (np.abs(correlation) >= _CLEAR) | (size >= _LEAST * level)
+    judged = clear & (size > _VISIBLE * size.max())
+    inside = (factor >= _FACTORS[0]) & (factor <= _FACTORS[1]) & (correlation >= _LEAST)
     rest = tau - np.clip(factor, *_USUAL) * described
     left = [nnls(columns, part)[1] for columns, part in zip(motion.friction, rest.T, strict=True)]
-    root = math.sqrt(len(tau))
-    shares = np.minimum(np.array(left) / np.maximum(sizes, _EPS), 1.0)
-    return _Fit(factor, factor * size / level, size / root, level / root, shares)
-
-
-class _Explanation(NamedTuple):
-    """A mistake, or none, undone.
-
-    Attributes:
-        cause: None without a mistake.
-        bare, loaded: the fits without and with a load that is not described.
-        mass: of that load [kg].
-        gravity: (3) of the base [m/s^2].
-        fits: whether all joints are as described, without or with a load that an arm can carry.
-        score: the smaller one of both.
-    """
-
-    cause: Cause | None
-    bare: _Fit
-    loaded: _Fit
-    mass: float
-    gravity: np.ndarray
-    fits: bool
-    score: float
+    shares = np.minimum(np.array(left) / sizes, 1.0)
+    described = size / math.sqrt(len(tau))
+    return _Fit(factor, correlation, described, judged, ~judged | inside, shares, load)
 
 
 class _Comparison:
     """A motion beside a description, and what mistakes would make of them."""
 
-    def __init__(self, motion: _Motion, robot: Robot, *, named: bool = True) -> None:
+    def __init__(self, motion: _Motion, robot: Robot) -> None:
         self._motion, self._robot, self._model = motion, robot, robot.model.copy()
-        self._named, self._data = named, self._model.createData()
-        self._down = np.array(robot.model.gravity.linear)
-        self._names, self._n = robot.joint_names, robot.model.nv
+        self._data, self._down = self._model.createData(), np.array(robot.model.gravity.linear)
 
-    def result(self, source: str) -> TorqueCheck:
-        """Return factors, likely causes and other findings."""
-        plain = self._explained(None, 0)
-        causes, bare = tuple(self._causes(plain)), plain.bare
-        with_load = not causes and not bare.fits.all()
-        fit = plain.loaded if with_load else bare
-        levels = np.sqrt(np.mean(self._motion.tau**2, axis=0))
-        numbers = np.column_stack([levels, bare.described, bare.factor, bare.correlation])
-        joints = tuple(
-            JointFactor._make([name, *row, bool(judged), bool(fits)])
-            for name, row, judged, fits in zip(
-                self._names, numbers.tolist(), fit.judged, fit.fits, strict=True
-            )
-        )
-        notes = []
-        if not causes and plain.loaded.score + _PRICE * _LOAD_NUMBERS < bare.score - _SURELY:
-            only = "only" if with_load else "better"
-            notes.append(
-                f"the torques fit {only} with a load of {plain.mass:.2f} kg behind the last joint, "
-                "in addition to what is described there."
-            )
-        return TorqueCheck(source, joints, causes, tuple(notes))
+    def fit(
+        self,
+        motion: _Motion,
+        gravity: np.ndarray | None = None,
+        added: np.ndarray | float = 0.0,
+    ) -> _Fit:
+        """Return the likelier fit of those without and with a load that is not described.
 
-    def _states(self, motion: _Motion) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield configuration, velocity and acceleration of each window."""
-        angles, model = motion.q, self._model
-        q = [configuration_from_angles(model, row) for row in angles]
-        return zip(q if model.nq != self._n else angles, motion.v, motion.a, strict=True)
+        Residuals are relative to the torques of the motion, less what is ``added``.
+        """
+        self._model.gravity.linear = self._down if gravity is None else gravity
+        sizes = np.maximum(np.linalg.norm(motion.tau, axis=0), _EPS)
+        d, tau = self._each(motion, pin.rnea), motion.tau + added
+        bare = _fit(motion, tau, d, sizes, 0.0)
+        noise = np.hypot(bare.left, _LEAST_RESIDUAL) * sizes / math.sqrt(len(tau))
+        mass, torque, whole = self._load(motion, tau - d, noise)
+        loaded = _fit(motion, tau - torque, d, sizes, mass)
+        fits = bare.fits if bare.fits.all() else loaded.fits & whole
+        return min(bare, loaded, key=lambda one: one.score)._replace(fits=fits)
 
-    def _torques(self, motion: _Motion, gravity: np.ndarray) -> np.ndarray:
-        """Return the described torques (K, n) of a motion under a gravity (3)."""
-        self._model.gravity.linear = gravity
-        return np.array([pin.rnea(self._model, self._data, *each) for each in self._states(motion)])
+    def _each(self, motion: _Motion, function: Any) -> np.ndarray:
+        """Return a function of configuration, velocity and acceleration in each window."""
+        model, data, q = self._model, self._data, motion.q
+        if model.nq != model.nv:
+            q = np.array([configuration_from_angles(model, row) for row in q])
+        states = zip(q, motion.v, motion.a, strict=True)
+        return np.array([function(model, data, *each).copy() for each in states])
 
     def _load(
-        self, motion: _Motion, rest: np.ndarray, gravity: np.ndarray, noise: np.ndarray
+        self, motion: _Motion, rest: np.ndarray, noise: np.ndarray
     ) -> tuple[float, np.ndarray, bool]:
         """Return the load on the last body that best explains a rest (K, n), near a usual one.
 
         One that is heavier than an arm can carry, or lack, or farther away than it reaches is taken
-        in part: with no mistake and with each of them a load is from the same set.
+        in part.
 
         Returns:
             Its mass [kg], its torque (K, n), and whether it is the whole of it.
         """
-        model, robot = self._model, self._robot
-        model.gravity.linear = gravity
+        robot = self._robot
         usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
         usual *= _HEAVIEST ** np.repeat([1, 2, 3], [1, 3, 6])
-        whole = [
-            pin.computeJointTorqueRegressor(model, self._data, *each)[:, -PER_BODY:]
-            for each in self._states(motion)
-        ]
-        Y = np.array(whole) * usual
+        Y = self._each(motion, pin.computeJointTorqueRegressor)[:, :, -PER_BODY:] * usual
         rows = motion.without_friction(np.concatenate([Y, rest[..., None]], axis=2))
         rows = (rows / noise[:, None]).reshape(-1, PER_BODY + 1)
         H = rows.T @ rows
         x = np.linalg.solve(H[:-1, :-1] + np.eye(PER_BODY), H[:-1, -1])
-        body = float(model.inertias[model.njoints - 1].mass)
-        mass, moment = x[0] * usual[0], np.linalg.norm(x[1:4]) * usual[1]
-        parts = mass / (_HEAVIEST * robot.mass), -mass / max(body, _EPS)
-        share = max(1.0, *parts, moment / (robot.reach * max(mass, body, _EPS)))
-        return float(mass / share), Y @ x / share, bool(share == 1.0)
+        body = max(float(self._model.inertias[self._model.njoints - 1].mass), _EPS)
+        mass, moment = float(x[0] * usual[0]), np.linalg.norm(x[1:4]) * usual[1]
+        parts = (
+            mass / (_HEAVIEST * robot.mass),
+            -mass / body,
+            moment / robot.reach / max(mass, body),
+        )
+        share = max(1.0, *parts)
+        return mass / share, Y @ x / share, bool(share == 1.0)
 
-    def _causes(self, plain: _Explanation) -> Iterator[Cause]:
-        """Yield the likeliest mistakes; none if the log is as likely without one, loaded or not."""
-        tried = [one for one in self._mistakes(plain.bare) if one.fits and one.bare.judged.any()]
-        tried.sort(key=lambda one: one.score)
-        if tried and (not plain.fits or tried[0].score < plain.score - _SURELY):
-            good = [one.cause for one in tried if one.score < tried[0].score + 0.5 * _SURELY]
-            yield from dict.fromkeys(cause for cause in good if cause)
-            left = np.minimum(tried[0].bare.left, tried[0].loaded.left)
-            if (left[tried[0].bare.judged] > _CLOSE).any():
-                yield Cause("it is the log of another robot, as this does not fit well either")
-        elif not plain.fits:
-            yield self._unexplained(plain.bare)
+    def mistakes(self, *, named: bool) -> Iterator[tuple[str, _Fit]]:
+        """Yield all mistakes that are considered, and the fit when each is undone.
 
-    def _mistakes(self, plain: _Fit) -> Iterator[_Explanation]:
-        """Yield all mistakes that are considered, undone."""
-        motion, n, names, explained = self._motion, self._n, self._names, self._explained
-        yield from self._gains(plain)
-        yield from self.mountings()
+        Args:
+            named: whether the log names its joints.
+        """
+        motion, names, fit = self._motion, self._robot.joint_names, self.fit
+        n = len(names)
+        for gravity in self.mountings():
+            option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in gravity)}"
+            yield f"the base is mounted another way; {option}", fit(motion, gravity)
+        self._model.gravity.linear = self._down
         rest = np.zeros_like(motion.v)
-        added = self._torques(motion._replace(v=rest, a=rest), self._down)
-        words = "they are without gravity, which the arm adds by itself"
-        yield explained(Cause(words, "--compensated nominal"), 0, added=added)
+        weight = self._each(motion._replace(v=rest, a=rest), pin.rnea)
+        cause = "they are without gravity, which the arm adds; --compensated nominal"
+        yield cause, fit(motion, added=weight)
         slides = np.array(list(self._robot.slides.values()))
         degrees = motion.turned(np.where(slides, 1.0, math.radians(1.0)))
-        yield explained(Cause("the angles are degrees", "--degrees"), 0, degrees)
-        orders = [list(range(n))[::-1]] if n > 2 else []
-        for i, j in combinations(range(n), 2):
-            orders.append([j if k == i else i if k == j else k for k in range(n)])
-        for order in orders:
-            moved = [names[j] for j in range(n) if order[j] != j]
-            who = " and ".join(moved) + " are swapped"
-            who = who if len(moved) == 2 else "the joints are in another order"
-            listed = ",".join(names[j] for j in (order if self._named else np.argsort(order)))
-            cause = Cause(f"the columns of {who}", f"--joints {listed}")
-            yield explained(cause, 1, _Motion(*(part[:, order] for part in motion)))
-            cause = Cause(f"the torques of {who}", f"--joints tau:{listed}")
-            yield explained(cause, 1, motion._replace(tau=motion.tau[:, order]))
+        yield "the angles are degrees; --degrees", fit(degrees)
+        whole = np.arange(n)
         for j, name in enumerate(names):
-            sign = np.where(np.arange(n) == j, -1.0, 1.0)
-            words = f"the position of {name} has the wrong sign"
-            yield explained(Cause(words, f"--flip q:{name}"), 1, motion.turned(sign))
+            sign = np.where(whole == j, -1.0, 1.0)
+            cause = f"the torque of {name} has the wrong sign; --flip {name}"
+            yield cause, fit(motion._replace(tau=motion.tau * sign))
+            cause = f"the position of {name} has the wrong sign; --flip q:{name}"
+            yield cause, fit(motion.turned(sign))
+        for i, j in combinations(range(n), 2):
+            order = whole.copy()
+            order[[i, j]] = j, i
+            listed, pair = ",".join(names[k] for k in order), f"{names[i]} and {names[j]}"
+            cause = f"the columns of {pair} are swapped; --joints {listed}"
+            yield cause, fit(_Motion(*(part[:, order] for part in motion)))
+            cause = f"the torques of {pair} are swapped; --joints tau:{listed}"
+            yield cause, fit(motion._replace(tau=motion.tau[:, order]))
+        yield from self._gains()
 
-    def _explained(
-        self,
-        cause: Cause | None,
-        numbers: float,
-        motion: _Motion | None = None,
-        gravity: np.ndarray | None = None,
-        added: np.ndarray | float = 0.0,
-        gains: np.ndarray | float = 1.0,
-    ) -> _Explanation:
-        """Return the fits without and with a load after a mistake is undone.
-
-        Residuals are relative to the torques of the corrected motion, less what is ``added``.
-        """
-        motion = self._motion if motion is None else motion
-        motion = motion._replace(tau=motion.tau * gains)
-        gravity = self._down if gravity is None else gravity
-        d, tau = self._torques(motion, gravity), motion.tau + added
-        sizes = np.linalg.norm(motion.tau, axis=0)
-        bare = _fit(motion, tau, d, sizes)
-        noise = np.hypot(bare.left, _LEAST_RESIDUAL) * sizes / math.sqrt(len(tau))
-        mass, torque, whole = self._load(motion, tau - d, gravity, np.maximum(noise, _EPS))
-        loaded = _fit(motion, tau - torque, d, sizes)
-        fits = bare.fits.all() or (whole and loaded.fits.all())
-        score = min(bare.score, loaded.score + _PRICE * _LOAD_NUMBERS) + _PRICE * numbers
-        return _Explanation(cause, bare, loaded, mass, gravity, bool(fits), score)
-
-    def _gains(self, plain: _Fit) -> Iterator[_Explanation]:
-        """Yield explanations by signs of the torques, and by a common factor."""
-        names, n = self._names, self._n
-        against = plain.judged & (plain.factor < 0.0)
-        for one in {*((j,) for j in range(n)), tuple(np.flatnonzero(against).tolist())} - {()}:
-            who = ",".join(names[j] for j in one)
-            cause = Cause(f"the torque of {who} has the wrong sign", f"--flip {who}")
-            yield self._explained(
-                cause, len(one), gains=np.where(np.isin(range(n), one), -1.0, 1.0)
-            )
-        cause = Cause("the torque of all joints has the wrong sign", "--torque-gain=-1")
-        yield self._explained(cause, 1, gains=-np.ones(n))
+    def _gains(self) -> Iterator[tuple[str, _Fit]]:
+        """Yield explanations by factors of the torques: all joints' sign, a unit, a gear."""
+        motion, names = self._motion, self._robot.joint_names
+        cause = "the torque of all joints has the wrong sign; --torque-gain=-1"
+        yield cause, self.fit(motion._replace(tau=-motion.tau))
+        d, sizes = self._each(motion, pin.rnea), np.ones(len(names))
+        plain = _fit(motion, motion.tau, d, sizes, 0.0)
         clear = plain.judged & (np.abs(plain.correlation) >= _CLEAR)
-        if not clear.any():
-            return
-        sign, factors = -1.0 if against[clear].all() else 1.0, plain.factor
-        common = sign * float(np.exp(np.mean(np.log(np.abs(factors[clear])))))
-        spread, sizes = factors[clear] / common, np.abs(factors)
-        off = np.flatnonzero(clear & ((sizes < _FACTORS[0]) | (sizes > _FACTORS[1])))
+        factors, gains = plain.factor, np.ones(len(names))
+        size = np.abs(factors)
+        off = np.flatnonzero(clear & ((size < _FACTORS[0]) | (size > _FACTORS[1])))
         if not off.size:
             return
-        words, gains = f"all torques are about {common:.2g} times the described ones", np.ones(n)
-        option = f"--torque-gain={1.0 / common:.3g}"
-        if ((spread > _USUAL[0]) & (spread < 1.0 / _USUAL[0])).all():
-            off, gains = off[:1], gains / common
+        common = np.exp(np.mean(np.log(size[clear]))) * np.sign(factors[off[0]])
+        spread = factors[clear] / common
+        if spread.min() > _USUAL[0] and spread.max() < 1.0 / _USUAL[0]:
+            gains /= common
+            cause = f"all torques are about {common:.2g} times the described ones"
+            option = f"--torque-gain={1.0 / common:.3g}"
         else:
-            gains[off] = 1.0 / factors[off]
+            gains[off] /= factors[off]
             shown = ", ".join(f"{names[j]} {factors[j]:.2g}" for j in off)
-            words = f"torques are these multiples of the described ones: {shown}"
+            cause = f"torques are these multiples of the described ones: {shown}"
             option = "--torque-gain " + ",".join(f"{names[j]}={gains[j]:.3g}" for j in off)
-        cause = Cause(f"{words}. {_UNITS}", f"{option}, or rather the data sheet's gains,")
-        yield self._explained(cause, off.size, gains=gains)
+        cause += f", as motor currents (A) or torques before the gear are; {option}"
+        yield cause, self.fit(motion._replace(tau=motion.tau * gains))
 
-    def mountings(self) -> Iterator[_Explanation]:
-        """Yield the explanations by gravity along another axis of the base."""
+    def mountings(self) -> Iterator[np.ndarray]:
+        """Yield gravity (3) along the other axes of the base [m/s^2]."""
         size = float(np.linalg.norm(self._down))
         for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
-            if not size or np.allclose(gravity, self._down, atol=0.1 * size):
-                continue
-            side = "upright" if gravity[2] < 0.0 else "upside down" if gravity[2] else "on a wall"
-            mount = {"upside down": " or --mount ceiling", "on a wall": " or --mount wall"}
-            option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in gravity)}{mount.get(side, '')}"
-            cause = Cause(f"the base is mounted {side}", option)
-            yield self._explained(cause, 1, gravity=gravity)
-
-    def _unexplained(self, plain: _Fit) -> Cause:
-        """Return the cause of a log that no single mistake explains."""
-        wrong = np.flatnonzero(~plain.fits)
-        shown = [
-            f"{self._names[j]} is {plain.factor[j]:.2f} times the description (correlation "
-            f"{plain.correlation[j]:.2f})"
-            for j in wrong
-        ]
-        return Cause(
-            f"{'; '.join(shown)}. Neither a sign, a unit, a gear, two swapped columns nor a "
-            "mounting explains it. Is it the log of another robot, or do several of these come "
-            "together?"
-        )
+            if size and not np.allclose(gravity, self._down, atol=0.1 * size):
+                yield gravity

@@ -30,7 +30,6 @@ CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6
 _UNEXCITED = 1e-10  # share of the largest eigenvalue up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
 _ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size up to which it is rounding
-_TINY = np.finfo(float).tiny
 _INSTANTS = 400  # at most, of which the torques are taken
 _ROUNDS = 60  # of Gauss-Newton
 
@@ -85,21 +84,6 @@ class Information:
         score = rows.T @ (r / sizes).ravel() + prior * off
         return cls(tuple(names), estimate, H, score, sizes, r.size)
 
-    def beside(self, W: np.ndarray, r: np.ndarray, column: np.ndarray) -> tuple[float, float]:
-        """Return the value of one more parameter at the best fit, and its deviation.
-
-        Args:
-            W: (N, n, p) slopes of the fit, in units of the noise.
-            r: (N, n) its residuals.
-            column: (N, n) the effect of the other parameter.
-        """
-        rows, column = W.reshape(column.size, -1), column.ravel()
-        own = column - rows @ (self.covariance @ (rows.T @ column))
-        size = float(column @ own)
-        if not size > _UNEXCITED * float(column @ column):
-            return 0.0, np.inf
-        return float(own @ r.ravel()) / size, 1.0 / np.sqrt(size)
-
     @cached_property
     def scale(self) -> np.ndarray:
         """Scale (p) of each parameter's effect, sqrt(H_ii); the largest one if it has no effect."""
@@ -119,17 +103,21 @@ class Information:
         return int(np.count_nonzero(values > _UNEXCITED * values.max(initial=0.0)))
 
     @cached_property
+    def _root(self) -> np.ndarray:
+        """L (p, r) of the covariance L L^T, R L = 1 with the first r rows of R."""
+        values, vectors = self._eigen
+        root = vectors[:, : self.rank] / np.sqrt(values[: self.rank])
+        return np.asarray(root / self.scale[:, None])
+
+    @property
     def covariance(self) -> np.ndarray:
         """Covariance (p, p) of the least-squares estimate within the excited directions."""
-        values, vectors = self._eigen
-        excited = vectors[:, : self.rank]
-        scaled = (excited / values[: self.rank]) @ excited.T
-        return np.asarray(scaled / np.outer(self.scale, self.scale))
+        return self._root @ self._root.T
 
     @cached_property
     def correction(self) -> np.ndarray:
         """Step (p) from the estimate to the least-squares one, within the excited directions."""
-        return self.covariance @ self.score
+        return self._root @ (self._root.T @ self.score)
 
     @cached_property
     def equations(self) -> tuple[np.ndarray, np.ndarray]:
@@ -138,20 +126,17 @@ class Information:
         H = R^T R and, within the excited directions, score = R^T c.
         """
         values, vectors = self._eigen
-        roots = np.sqrt(np.maximum(values, 0.0))
+        R = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * self.scale
         c = np.zeros(len(values))
-        excited = slice(self.rank)
-        c[excited] = vectors[:, excited].T @ (self.score / self.scale) / roots[excited]
-        return roots[:, None] * vectors.T * self.scale, c
+        c[: self.rank] = self._root.T @ self.score
+        return R, c
 
     def refined(self) -> Information:
         """Return the information at the least-squares estimate from all rows."""
         best = self.estimate + self.correction
         return replace(self, estimate=best, score=np.zeros_like(self.score))
 
-    def marginalised(
-        self, root: np.ndarray | None = None, free: slice | None = None
-    ) -> Information:
+    def marginalised(self, root: np.ndarray) -> Information:
         """Return the information if the parameters may also be off by L z, |z| normal of size one.
 
         With H = R^T R and A = R L it is R^T (1 + A A^T)^-1 R, computed as a square of its own so
@@ -159,18 +144,18 @@ class Information:
 
         Args:
             root: L (p, k).
-            free: parameters that may be off by anything.
         """
         R, c = self.equations
-        for columns, known in (
-            (R[:, free or slice(0)], False),
-            (0 * R if root is None else R @ root, True),
-        ):
-            U, s, _ = np.linalg.svd(columns, full_matrices=False)
-            seen = s > np.finfo(float).eps * len(R) * s.max(initial=0.0)
-            less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2) if known else seen)) @ U.T
-            R, c = R - less @ R, c - less @ c
+        U, s, _ = np.linalg.svd(R @ root, full_matrices=False)
+        less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ U.T
+        R, c = R - less @ R, c - less @ c
         return replace(self, H=R.T @ R, score=R.T @ c)
+
+    def within(self, part: Sequence[int]) -> Information:
+        """Return the information on some parameters (k) where the others are as estimated."""
+        names, index = tuple(self.names[i] for i in part), np.array(part)
+        H, score = self.H[np.ix_(index, index)], self.score[index]
+        return replace(self, names=names, estimate=self.estimate[index], H=H, score=score)
 
     def deviation(self, gradient: np.ndarray) -> np.ndarray:
         """Return the uncertainty (k) of quantities whose gradients are the rows of (k, p).
@@ -180,8 +165,8 @@ class Information:
         """
         excited, scaled = self._eigen[1][:, : self.rank], gradient / self.scale
         outside = np.linalg.norm(scaled - scaled @ excited @ excited.T, axis=1)
-        variance = np.einsum("ki,ij,kj->k", gradient, self.covariance, gradient)
-        total = np.sqrt(np.maximum(variance, 0.0) + (gradient @ self.correction) ** 2)
+        variance = np.sum((gradient @ self._root) ** 2, axis=1)
+        total = np.sqrt(variance + (gradient @ self.correction) ** 2)
         return np.where(outside <= _OUTSIDE * np.linalg.norm(scaled, axis=1), total, np.inf)
 
     @cached_property
@@ -220,20 +205,19 @@ def dynamic_information(
         least_noise: of a torque, as a share of its mean size.
     """
     dynamics.load(a_d)
-    nv = model.nv
     motion = motion_of_samples(model, samples, cutoff=CUTOFF)
-    _, q, v, a, tau, smooth = motion
-    reverses = dynamics.joints if smooth else None
     size = max(1, round(BLOCK / motion.period)) if motion.period else 1
-    blocks = len(q) // size if dynamics.size else 0
-    W, r = np.zeros((blocks, nv, dynamics.size)), np.zeros((blocks, nv))
-    kept = np.ones((blocks, nv), dtype=bool)
-    for k in range(blocks * size):
-        W[k // size] += dynamics.regressor(q[k], v[k], a[k]) / size
-        r[k // size] += (tau[k] - dynamics.torque(q[k], v[k], a[k])) / size
-        if reverses is not None:
-            kept[k // size] &= reverses.sliding(v[k])
-    level = np.abs(tau).mean(axis=0) if blocks else np.zeros(nv)
+    blocks = len(motion.t) // size if dynamics.size else 0
+    W, r = np.zeros((blocks, model.nv, dynamics.size)), np.zeros((blocks, model.nv))
+    kept, joints = np.ones(r.shape, dtype=bool), dynamics.joints
+    for k, (q, v, a, tau) in enumerate(zip(*motion[1:5], strict=True)):
+        if k // size == blocks:
+            break
+        W[k // size] += dynamics.regressor(q, v, a) / size
+        r[k // size] += (tau - dynamics.torque(q, v, a)) / size
+        if motion.smoothed and joints is not None:
+            kept[k // size] &= joints.sliding(v)
+    level = np.abs(motion.tau).sum(axis=0) / max(len(motion.t), 1)
     W, r = W * kept[:, :, None], r * kept
     return fitted(dynamics.names, a_d, W, r, level, kept=kept, least_noise=least_noise)
 
@@ -290,23 +274,20 @@ def fitted(
     *,
     kept: np.ndarray | None = None,
     least_noise: float = _ROUNDING,
-    prior: float = 0.0,
 ) -> Information:
     """Return the information of rows W (N, n, p) with residuals r (N, n), zero where not ``kept``.
 
     The noise of each signal is its residual at the least-squares estimate. It is found in two
     rounds: signals are weighted by their ``level`` (n) in the first, by their noise in the second.
-    ``prior`` is an inverse variance of all parameters, known as ``a`` before.
     """
     counts = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
-    count, level = int(counts.sum()), np.maximum(level, _TINY)
-    found = Information.of_rows(names, a, W, r, level, prior)
+    count, level = int(counts.sum()), np.maximum(level, np.finfo(float).tiny)
+    found = Information.of_rows(names, a, W, r, level)
     for _ in range(2 if count else 0):
-        residual = r - W @ found.correction
-        degrees = max(1.0 - found.rank / count, 1.0 / count)
-        variance = np.sum(residual**2, axis=0) / np.maximum(counts, 1)
-        noise = np.maximum(np.sqrt(variance / degrees), least_noise * level)
-        found = Information.of_rows(names, a, W, r, np.where(counts > 0, noise, level), prior)
+        squares = np.sum((r - W @ found.correction) ** 2, axis=0)
+        variance = squares / np.maximum(counts, 1) / max(1.0 - found.rank / count, 1.0 / count)
+        noise = np.maximum(np.sqrt(variance), least_noise * level)
+        found = Information.of_rows(names, a, W, r, np.where(counts > 0, noise, level))
     return replace(found, rows=count)
 
 
@@ -368,17 +349,17 @@ class Excitation:
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
         seen = {name: part for name, part in parts.items() if part.names}
         overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
-        header = ("parameter", "estimate", "known to", "unit")
-        tables = [Table(self._rows(part), header) for part in seen.values()]
+        tables = [parameter_table(part, self.units) for part in seen.values()]
         return [Table(overview or [("nothing", "was adapted")]), *tables]
 
-    def _rows(self, part: Information) -> list[tuple[str, ...]]:
-        return [
-            (name, f"{value:.4g}", known_to(deviation), self.units.get(name, ""))
-            for name, value, deviation in zip(
-                part.names, part.estimate, part.deviations, strict=True
-            )
-        ]
+
+def parameter_table(part: Information, units: Mapping[str, str]) -> Table:
+    """Return a row for each parameter: its estimate, its uncertainty, its unit."""
+    rows = [
+        (name, f"{value:.4g}", known_to(deviation), units.get(name, ""))
+        for name, value, deviation in zip(part.names, part.estimate, part.deviations, strict=True)
+    ]
+    return Table(rows, ("parameter", "estimate", "known to", "unit"))
 
 
 def known_to(deviation: float) -> str:
@@ -406,18 +387,6 @@ class MotionTorques:
     first: np.ndarray
     last: np.ndarray
 
-    def share(self, a: np.ndarray) -> float:
-        """Return the rms error of the torques of the whole motion at a (p), relative to them."""
-        return self.sums.error(a) / (self.sums.size or np.finfo(float).tiny)
-
-    def left(self, a: np.ndarray, truth: np.ndarray) -> float | None:
-        """Return the error of the identifiable combinations at a (p) relative to the first one's.
-
-        None where that is zero.
-        """
-        start = self.excited.distance(self.first, truth)
-        return self.excited.distance(a, truth) / start if start > 0.0 else None
-
 
 @dataclass(frozen=True)
 class TorquePrediction:
@@ -443,12 +412,12 @@ class TorquePrediction:
     @property
     def share_first(self) -> float:
         """The first error relative to the torques."""
-        return self.error_first / (self.rms or np.finfo(float).tiny)
+        return self.error_first / max(self.rms, np.finfo(float).tiny)
 
     @property
     def share_last(self) -> float:
         """The last error relative to the torques."""
-        return self.error_last / (self.rms or np.finfo(float).tiny)
+        return self.error_last / max(self.rms, np.finfo(float).tiny)
 
     def not_excited_words(self) -> str:
         """Return the names of what is not excited, whole bodies and kinds together."""
@@ -457,12 +426,13 @@ class TorquePrediction:
     @classmethod
     def of(cls, torques: MotionTorques, truth: np.ndarray | None) -> TorquePrediction:
         """Take the numbers of a motion, with the true parameters (p) or None."""
-        excited, left = torques.excited, None
+        excited, left, ends = torques.excited, None, (torques.first, torques.last)
         if truth is not None:
-            left = torques.left(torques.last, truth)
+            before, after = (excited.distance(a, truth) for a in ends)
+            left = after / before if before > 0.0 else None
         still = [name for name, no in zip(excited.names, excited.still, strict=True) if no]
-        errors = torques.sums.error(torques.first), torques.sums.error(torques.last)
-        return cls(torques.sums.size, *errors, excited.rank, left, tuple(still))
+        first, last = map(torques.sums.error, ends)
+        return cls(torques.sums.size, first, last, excited.rank, left, tuple(still))
 
 
 def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionTorques | None:

@@ -142,8 +142,8 @@ def payload_estimate(
     joints = list(range(prior.coefficients.start, prior.coefficients.stop))
     part = [*(names.index(name) for name in last), *joints]
     change = replace(found, estimate=found.estimate - prior.mean).marginalised(prior.root)
-    load, rest = _restricted(change, part)
-    _, rest_without_load = _restricted(change, joints)
+    load, rest = _explained(change, part)
+    _, rest_without_load = _explained(change, joints)
     value, gradient = _of_load(robot, load.estimate[:PER_BODY])
     deviation = load.deviation(np.hstack([gradient, np.zeros((PER_BODY, len(joints)))]))
     share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
@@ -177,19 +177,17 @@ def payload_of_uncertain_arm(
     )
 
 
-def _restricted(change: Information, part: list[int]) -> tuple[Information, float]:
+def _explained(change: Information, part: list[int]) -> tuple[Information, float]:
     """Return a change (p) explained by some parameters alone, and the squared rest of the fit."""
-    names, H = tuple(change.names[i] for i in part), change.H[np.ix_(part, part)]
     rest = change.estimate.copy()
     rest[part] = 0.0
-    score = (change.H @ rest)[part]
-    start = Information(names, change.estimate[part], H, score, change.noise, change.rows)
-    fitted = start.estimate + start.correction
-    rest[part] = change.estimate[part] - fitted
-    squared = float(rest @ change.H @ rest)
-    variance = max(squared / max(change.rank - start.rank, 1), 1.0)  # in parts of the noise's
-    score = (change.score + change.H @ rest)[part]
-    return replace(start, estimate=fitted, H=H / variance, score=score / variance), squared
+    fit = replace(change, score=change.H @ rest).within(part).refined()
+    rest[part] = change.estimate[part] - fit.estimate
+    left = change.H @ rest
+    squared = float(rest @ left)
+    variance = max(squared / max(change.rank - fit.rank, 1), 1.0)  # in parts of the noise's
+    score = (change.score + left)[part] / variance
+    return replace(fit, H=fit.H / variance, score=score), squared
 
 
 def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate:
@@ -296,7 +294,9 @@ class ArmPrior:
 
     def _equations(self, found: Information) -> tuple[np.ndarray, np.ndarray]:
         """Return R and c = R (change of the bodies), less what the joints' coefficients explain."""
-        R, c = found.marginalised(free=self.coefficients).equations
+        R, c = found.equations
+        Q, _ = np.linalg.qr(R[:, self.coefficients])
+        R, c = R - Q @ (Q.T @ R), c - Q @ (Q.T @ c)
         return R, c + R @ (found.estimate - self.mean)
 
     def after(self, found: Information) -> ArmPrior:

@@ -36,7 +36,7 @@ _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _LARGEST = 10.0  # motion of a picture over that of the arm
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
-CERTAIN = 5.0  # deviations from which frames have another clock
+_CERTAIN = 5.0  # deviations from which frames have another clock
 _UNSEEN = 0.9  # of the prior deviation
 _ROUNDS = 4  # in which the noise is found
 
@@ -184,17 +184,19 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     a = gauss_newton(rows, lambda a, step: a + step, a_0, known)
     W, r, off = rows(a)
     _, left, rate = seen.rows(a)
-    told = Information.of_rows(kinematics.names, a, W, r, prior=known, off=off)
     sigma = _noise(left, len(a), reach)
     seen.check("camera", left, sigma, motion)
-    late = told.beside(W, r, -rate / sigma)
-    if abs(late[0]) > max(_LATE, CERTAIN * late[1]):
+    also_late = np.concatenate([W, -rate[..., None] / sigma], axis=2)
+    names, prior = (*kinematics.names, "late"), np.append(known, 0.0)
+    timed = Information.of_rows(names, np.append(a, 0.0), also_late, r, prior=prior)
+    late, deviation = timed.correction[-1], math.sqrt(timed.covariance[-1, -1])
+    if abs(late) > max(_LATE, _CERTAIN * deviation):
         raise LogError(
             "the frames have another clock than q: frames taken about "
-            f"{1e3 * late[0]:.2g} ms before their time stamps would explain them.",
+            f"{1e3 * late:.2g} ms before their time stamps would explain them.",
             hint="x_time is when a picture was taken, on the clock of q.",
         )
-    return told
+    return Information.of_rows(kinematics.names, a, W, r, prior=known, off=off)
 
 
 class _Seen(NamedTuple):
