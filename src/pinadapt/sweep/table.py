@@ -1,8 +1,7 @@
 """The rows of a sweep: a table of columns, and the files that hold it while it grows.
 
-A finished case is one line of ``journal.jsonl``, appended by one write, so that neither a killed
-process nor a full disk costs more than the last line. At the end the lines become ``table.csv``.
-Whatever is there is read, each case once.
+A finished case is one line of ``journal.jsonl``, so that a killed process or a full disk costs no
+more than the last line. At the end, and when a sweep is resumed, the lines move to ``table.csv``.
 """
 
 from __future__ import annotations
@@ -28,29 +27,36 @@ FIRST, LAST = ("case", "seed"), ("seconds",)
 DONE, DIVERGED, REFUSED = "done", "diverged", "refused"
 FAILED, CRASHED, TIMEOUT = "failed", "crashed", "timeout"
 AGAIN = (CRASHED, FAILED, TIMEOUT)  # may end otherwise when they run again
-_PRINTED_ROWS = 20  # of a table; half or twice: a shorter or longer text
+PRINTED_ROWS = 20  # of a list; half or twice: a shorter or longer text
 _WORDS = {"": None, "True": True, "False": False}
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON has it; numbers that are not finite stay floats."""
+    """Return a value as JSON and TOML have it, without what is None in a table."""
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items()}
+        return {str(key): plain(each) for key, each in value.items() if each is not None}
     if isinstance(value, list | tuple | range):
         return [plain(each) for each in value]
     return value if isinstance(value, bool | int | float | str | None) else str(value)
 
 
-def flat_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row with a column for each number of a list and each entry of a table."""
+def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the entries of nested tables by dotted keys."""
     found: dict[str, Any] = {}
-    for key, value in row.items():
+    for key, value in table.items():
+        inside = isinstance(value, Mapping)
+        found |= flat(value, f"{prefix}{key}.") if inside else {f"{prefix}{key}": value}
+    return found
+
+
+def flat_row(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row with a column for each entry of a table and each number of a list."""
+    found: dict[str, Any] = {}
+    for key, value in flat(row).items():
         value = plain(value)
-        if isinstance(value, dict):
-            found |= flat_row({f"{key}.{name}": each for name, each in value.items()})
-        elif isinstance(value, list) and value and all(_is_number(each) for each in value):
+        if isinstance(value, list) and value and all(map(_is_number, value)):
             found |= {f"{key}[{i}]": each for i, each in enumerate(value)}
         else:
             found[key] = json.dumps(value) if isinstance(value, list) else value
@@ -141,7 +147,7 @@ class CaseTable:
         ):
             names, *rows = csv.reader(file)
             cells = list(zip(*rows, strict=True)) or [()] * len(names)
-            return cls({n: _of_csv(n, column) for n, column in zip(names, cells, strict=True)})
+            return cls({n: _csv_column(n, column) for n, column in zip(names, cells, strict=True)})
 
     def save(self, path: Path) -> None:
         """Write a CSV file, completely or not at all."""
@@ -155,14 +161,17 @@ class CaseTable:
 
     def __str__(self) -> str:
         """Return the first rows as text, numbers with four digits."""
-        shown = [list(map(_cell, row.values())) for row in islice(self.rows(), _PRINTED_ROWS)]
+        shown = [list(map(cell, row.values())) for row in islice(self.rows(), PRINTED_ROWS)]
         more = len(self) - len(shown)
         text = columns(list(self.columns), shown) if shown else "no case has run"
         return f"{text}\n... and {more} more" if more else text
 
 
-def _cell(value: Any) -> str:
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+def cell(value: Any) -> str:
+    """Return a value of a row as text, numbers with four digits."""
+    if value is None or value != value:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _column(name: str, values: Sequence[Any]) -> np.ndarray:
@@ -177,7 +186,7 @@ def _column(name: str, values: Sequence[Any]) -> np.ndarray:
     return column
 
 
-def _of_csv(name: str, cells: Sequence[str]) -> np.ndarray:
+def _csv_column(name: str, cells: Sequence[str]) -> np.ndarray:
     """Return a column from the cells of a CSV file."""
     if name in FIRST:
         return np.array([int(each) for each in cells], dtype=np.int64)
@@ -188,91 +197,39 @@ def _of_csv(name: str, cells: Sequence[str]) -> np.ndarray:
 
 
 def read(folder: Path) -> CaseTable:
-    """Return the table of a folder: what was joined, and the journal.
+    """Return the table of a folder: the rows of ``table.csv`` and of the journal.
 
     Raises:
         InputError: a file is damaged.
     """
     with read_as_data(folder, InputError):
         path = folder / TABLE
-        joined = CaseTable.load(path).rows() if path.is_file() else ()
-        return CaseTable.of([*joined, *_journal(folder)])
+        rows = list(CaseTable.load(path).rows()) if path.is_file() else []
+        with suppress(FileNotFoundError), (folder / JOURNAL).open("rb") as file:
+            # the last line may not be whole
+            rows += [json.loads(line) for line in file if line.endswith(b"\n")]
+        return CaseTable.of(rows)
 
 
-def _journal(folder: Path) -> Iterator[dict[str, Any]]:
-    """Yield the whole lines of a journal."""
-    with suppress(FileNotFoundError), (folder / JOURNAL).open("rb") as file:
-        for line in file:
-            if line.endswith(b"\n"):
-                yield json.loads(line)
+def append(folder: Path, row: Mapping[str, Any]) -> None:
+    """Append a row to the journal of a folder.
 
-
-class Store:
-    """The files of a sweep that runs, open for one process at a time.
-
-    Attributes:
-        folder: that holds them.
+    Raises:
+        OSError: it could not be written; all rows before it are kept.
     """
-
-    def __init__(self, folder: Path) -> None:
-        """Open the journal of a folder, which exists.
-
-        Raises:
-            InputError: another process writes to it.
-        """
-        self.folder = folder
-        self._file = (folder / JOURNAL).open("ab", buffering=0)
-        try:
-            import fcntl
-
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except ImportError:  # no such locks on this system
-            pass
-        except OSError as error:
-            self._file.close()
-            raise InputError("another process runs this sweep now.", where=str(folder)) from error
-        text = (folder / JOURNAL).read_bytes()
-        self._file.truncate(text.rfind(b"\n") + 1)  # the end of a line that was not written whole
-
-    def done(self) -> set[int]:
-        """Return the numbers of the cases that have a row."""
-        return set(read(self.folder)["case"].tolist())
-
-    def add(self, row: Mapping[str, Any]) -> None:
-        """Append a row.
-
-        Raises:
-            OSError: it could not be written; all rows before it are kept.
-        """
-        line = json.dumps(flat_row(row)).encode() + b"\n"
-        if self._file.write(line) != len(line):
-            raise OSError(f"{self.folder / JOURNAL}: the disk is full.")
-
-    def join(self, without: Sequence[str] = ()) -> CaseTable:
-        """Write one file of all rows in place of the others and return the table.
-
-        Args:
-            without: rows of these statuses are left out.
-        """
-        table = read(self.folder)
-        if without:
-            table = CaseTable.of([row for row in table.rows() if row["status"] not in without])
-        table.save(self.folder / TABLE)
-        self._file.truncate(0)
-        return table
-
-    def __enter__(self) -> Store:
-        """Return the store itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the journal; an empty one is removed."""
-        if not (self.folder / JOURNAL).stat().st_size:
-            (self.folder / JOURNAL).unlink()
-        self._file.close()
+    with (folder / JOURNAL).open("a", encoding="utf-8") as file:
+        file.write(json.dumps(flat_row(row)) + "\n")
 
 
-def remove(folder: Path) -> None:
-    """Remove all rows of a folder."""
-    for name in (TABLE, JOURNAL):
-        (folder / name).unlink(missing_ok=True)
+def join(folder: Path, without: Sequence[str] = ()) -> CaseTable:
+    """Move the rows of the journal of a folder to ``table.csv`` and return the table.
+
+    Args:
+        folder: of the sweep.
+        without: rows of these statuses are left out.
+    """
+    kept = [row for row in read(folder).rows() if row["status"] not in without]
+    table = CaseTable.of(kept)
+    table.save(folder / TABLE)
+    (folder / JOURNAL).unlink(missing_ok=True)
+    return table
