@@ -283,10 +283,10 @@ class Plan:
                 "is a column of every table.", where=key, hint="Give the argument another name."
             )
         ordinary = self.cases[0].values
-        self._check(ordinary)
+        self.check(ordinary)
         for each in self.values:
             for value in () if each.drawn else each.arguments:
-                self._check(ordinary | {each.key: each.used(value)})
+                self.check(ordinary | {each.key: each.used(value)})
 
     @classmethod
     def read(
@@ -343,7 +343,7 @@ class Plan:
         tables = deepcopy(dict(self.scenario or {}))
         return at_folder(with_values(tables, values), Path(self.folder))
 
-    def _check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: Mapping[str, Any]) -> None:
         """Check that the scenario, if it is one, has such keys and values.
 
         Raises:
