@@ -52,7 +52,7 @@ def report(count=200, lost=True, **options):
             {"status": "diverged", "reason": "at 1 s"} if gone else {"status": "done", "reason": ""}
         )
         rows.append(row | ({"value": None, "ok": None} if gone else {"value": value, "ok": True}))
-    return Report(CaseTable.of(rows), plan, **options)
+    return Report(CaseTable(rows), plan, **options)
 
 
 @pytest.mark.parametrize("lost", [True, False])

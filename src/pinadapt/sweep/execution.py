@@ -553,7 +553,7 @@ def run_plan(
         leave=False,
     )
     if folder is None:
-        return CaseTable.of(list(found))
+        return CaseTable(found)
     for row in found:
         append(folder, row)
     return join(folder)

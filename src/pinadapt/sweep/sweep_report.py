@@ -137,7 +137,7 @@ class Report:
     @cached_property
     def parameters(self) -> list[str]:
         """The columns of what is varied, with more than one value."""
-        there = [name for name in self._varied if name in self.table.columns]
+        there = [name for name in self._varied if name in self.table.names]
         return [name for name in there if len(set(self.table[name].astype(str))) > 1]
 
     @cached_property
@@ -145,9 +145,9 @@ class Report:
         """The columns of numbers that came out."""
         return [
             name
-            for name, column in self.table.columns.items()
+            for name in self.table.names
             if name not in (*FIRST, *LAST, *self._varied)
-            and column.dtype == float
+            and self.table[name].dtype == float
             and np.isfinite(self.values(name)).any()
         ]
 
@@ -175,7 +175,7 @@ class Report:
     def success(self) -> Rate | None:
         """The share of cases that succeeded; None where no column says so."""
         name, sign, bound = condition(self.plan.success)
-        if not self.plan.success and name not in self.table.columns:
+        if not self.plan.success and name not in self.table.names:
             return None
         column = [np.nan if each is None else float(each) for each in self.table[name]]
         return rate(_COMPARED[sign](np.array(column), bound) & ~self.table.lost)

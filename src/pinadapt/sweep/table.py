@@ -9,11 +9,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -52,70 +49,81 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def flat_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row with a column for each entry of a table and each number of a list."""
+    """Return a row as a CSV file has it, a column for each entry of a table or number of a list."""
     found: dict[str, Any] = {}
     for key, value in flat(row).items():
         value = plain(value)
         if isinstance(value, list) and value and all(map(_is_number, value)):
             found |= {f"{key}[{i}]": each for i, each in enumerate(value)}
+        elif isinstance(value, str | list):
+            found[key] = _value(value if isinstance(value, str) else json.dumps(value))
         else:
-            found[key] = json.dumps(value) if isinstance(value, list) else value
+            found[key] = value if value == value else None
     return found
+
+
+def _value(text: str) -> Any:
+    """Return the value of a cell of a CSV file."""
+    if text in _WORDS:
+        return _WORDS[text]
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-@dataclass(frozen=True, eq=False)
 class CaseTable:
-    """The table of a sweep, sorted by case.
-
-    Numbers are floats with NaN where a case has none, ``case`` and ``seed`` whole numbers, words
-    and truth values objects with None.
+    """The table of a sweep, sorted by case; ``table["error_share"]`` is a column.
 
     Attributes:
-        columns: by name (N).
+        names: of the columns.
     """
 
-    columns: Mapping[str, np.ndarray]
-
-    @classmethod
-    def of(cls, rows: Sequence[Mapping[str, Any]]) -> CaseTable:
-        """Return the table of rows; of several of one case the first counts."""
+    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Take rows, each with its ``case``; of several of one case the first counts."""
         by_case: dict[int, dict[str, Any]] = {}
         for row in rows:
             by_case.setdefault(row["case"], flat_row(row))
         ordered = [by_case[case] for case in sorted(by_case)]
         # columns in the order of their first value, which does not depend on what ended first
-        filled = dict.fromkeys(k for row in ordered for k in row if row[k] is not None)
-        names = [*filled, *dict.fromkeys(k for row in ordered for k in row if k not in filled)]
-        names = sorted(names or ["case"], key=lambda name: name in LAST)
-        return cls({name: _column(name, [row.get(name) for row in ordered]) for name in names})
+        filled = [name for row in ordered for name in row if row[name] is not None]
+        found = dict.fromkeys([*filled, *(name for row in ordered for name in row)])
+        self.names = sorted(found or ["case"], key=lambda name: name in LAST)
+        self._rows = [{name: row.get(name) for name in self.names} for row in ordered]
 
     def __len__(self) -> int:
         """Number of cases."""
-        return len(self.columns["case"])
+        return len(self._rows)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Return a column (N).
 
+        Numbers are floats with NaN where a case has none, ``case`` and ``seed`` whole numbers,
+        words and truth values objects with None.
+
         Raises:
             InputError: there is none of this name; the nearest is suggested.
         """
-        if name not in self.columns:
+        if name not in self.names:
             raise InputError(
-                f"there is no column '{name}' among {', '.join(self.columns)}."
-                f"{did_you_mean(name, self.columns)}",
+                f"there is no column '{name}' among {', '.join(self.names)}."
+                f"{did_you_mean(name, self.names)}",
                 where="table",
             )
-        return self.columns[name]
+        values = [row[name] for row in self._rows]
+        if name in FIRST:
+            return np.array(values, dtype=np.int64)
+        there = [value for value in values if value is not None]
+        numeric = there and all(map(_is_number, there))
+        return np.array(values, dtype=float if numeric else object)  # None becomes NaN
 
-    def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield the rows as dictionaries; None where a case has no value."""
-        for values in zip(*(column.tolist() for column in self.columns.values()), strict=True):
-            cells = (None if value != value else value for value in values)
-            yield dict(zip(self.columns, cells, strict=True))
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows; None where a case has no value."""
+        return [dict(row) for row in self._rows]
 
     @property
     def lost(self) -> np.ndarray:
@@ -125,14 +133,10 @@ class CaseTable:
     def same_as(self, other: CaseTable) -> bool:
         """Return whether two tables are equal to the bit, but for the time that cases took."""
         one, two = (
-            [
-                (name, column.dtype, column.tolist() if column.dtype == object else bytes(column))
-                for name, column in table.columns.items()
-                if name not in LAST
-            ]
+            [{name: row[name] for name in row if name not in LAST} for row in table.rows()]
             for table in (self, other)
         )
-        return one == two
+        return repr(one) == repr(two)
 
     @classmethod
     def load(cls, path: Path) -> CaseTable:
@@ -146,54 +150,27 @@ class CaseTable:
             path.open(encoding="utf-8", errors="replace", newline="") as file,
         ):
             names, *rows = csv.reader(file)
-            cells = list(zip(*rows, strict=True)) or [()] * len(names)
-            return cls({n: _csv_column(n, column) for n, column in zip(names, cells, strict=True)})
+            return cls(dict(zip(names, map(_value, row), strict=True)) for row in rows)
 
     def save(self, path: Path) -> None:
         """Write a CSV file, completely or not at all."""
         text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.columns)
-        writer.writerows(
-            ["" if value is None else value for value in row.values()] for row in self.rows()
-        )
+        writer = csv.DictWriter(text, self.names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self._rows)
         write_text(path, text.getvalue())
 
     def __str__(self) -> str:
         """Return the first rows as text, numbers with four digits."""
-        shown = [list(map(cell, row.values())) for row in islice(self.rows(), PRINTED_ROWS)]
+        shown = [list(map(cell, row.values())) for row in self._rows[:PRINTED_ROWS]]
         more = len(self) - len(shown)
-        text = columns(list(self.columns), shown) if shown else "no case has run"
+        text = columns(self.names, shown) if shown else "no case has run"
         return f"{text}\n... and {more} more" if more else text
 
 
 def cell(value: Any) -> str:
     """Return a value of a row as text, numbers with four digits."""
-    if value is None or value != value:
-        return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _column(name: str, values: Sequence[Any]) -> np.ndarray:
-    """Return a column: whole numbers for case and seed, floats for numbers, else objects."""
-    if name in FIRST:
-        return np.array(values, dtype=np.int64)
-    there = [each for each in values if each is not None]
-    if there and all(map(_is_number, there)):
-        return np.array([math.nan if each is None else each for each in values], dtype=float)
-    column = np.empty(len(values), dtype=object)
-    column[:] = values
-    return column
-
-
-def _csv_column(name: str, cells: Sequence[str]) -> np.ndarray:
-    """Return a column from the cells of a CSV file."""
-    if name in FIRST:
-        return np.array([int(each) for each in cells], dtype=np.int64)
-    with suppress(ValueError):
-        if any(cells):
-            return np.array([float(each) if each else math.nan for each in cells])
-    return _column(name, [_WORDS.get(each, each) for each in cells])
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def read(folder: Path) -> CaseTable:
@@ -204,11 +181,11 @@ def read(folder: Path) -> CaseTable:
     """
     with read_as_data(folder, InputError):
         path = folder / TABLE
-        rows = list(CaseTable.load(path).rows()) if path.is_file() else []
+        rows = CaseTable.load(path).rows() if path.is_file() else []
         with suppress(FileNotFoundError), (folder / JOURNAL).open("rb") as file:
             # the last line may not be whole
             rows += [json.loads(line) for line in file if line.endswith(b"\n")]
-        return CaseTable.of(rows)
+        return CaseTable(rows)
 
 
 def append(folder: Path, row: Mapping[str, Any]) -> None:
@@ -228,8 +205,7 @@ def join(folder: Path, without: Sequence[str] = ()) -> CaseTable:
         folder: of the sweep.
         without: rows of these statuses are left out.
     """
-    kept = [row for row in read(folder).rows() if row["status"] not in without]
-    table = CaseTable.of(kept)
+    table = CaseTable(row for row in read(folder).rows() if row["status"] not in without)
     table.save(folder / TABLE)
     (folder / JOURNAL).unlink(missing_ok=True)
     return table

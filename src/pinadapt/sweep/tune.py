@@ -145,7 +145,7 @@ def tune(
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
         rows_ = rows(work_of(plan), changed, executor, plan.timeout)
-        return _judged(chosen, CaseTable.of(list(rows_)), objective, share)
+        return _judged(chosen, CaseTable(rows_), objective, share)
 
     study = _study(plan.seed)
     default, tried = judge({}, plan), []
@@ -172,7 +172,7 @@ def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: floa
     value = percentile(errors, share).value
     if not math.isfinite(value):
         value = _PENALTY * (1.0 + float(np.mean(np.isinf(errors))))
-    follows = table["follows"] if "follows" in table.columns else ~lost
+    follows = table["follows"] if "follows" in table.names else ~lost
     return Judged(dict(gains), value, errors, rate((follows == 1) & ~lost))
 
 
