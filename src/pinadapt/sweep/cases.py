@@ -73,8 +73,8 @@ class Values:
     Attributes:
         key: a dotted key of a scenario, or the name of an argument of a function.
         kind: "list", "uniform", "loguniform", "normal" or "choice".
-        arguments: the values of the axis; low and high, or mean and deviation, each a number or a
-            list of n; or the choices.
+        arguments: the values of the axis; low and high, or mean and deviation, each () or (n); or
+            the choices.
         names: of the joints that have one number each in a table; empty: no table.
     """
 
@@ -99,7 +99,7 @@ class Values:
                     f"cannot be read: {shown(given)}.", where=key, hint=_HINT
                 ) from error
         listed = isinstance(given, np.ndarray | range | tuple | list)
-        arguments = tuple(plain(given)) if listed else (given,)
+        arguments = tuple(plain(given) if kind == "list" else given) if listed else (given,)
         if not arguments:
             raise InputError("expected at least one value.", where=key, hint=_HINT)
         return cls(key, kind, arguments)
@@ -110,18 +110,16 @@ class Values:
         return self.kind != "list"
 
     @property
-    def size(self) -> int | None:
-        """Number n of numbers that are drawn, None for a single value."""
-        sizes = [len(each) for each in self.arguments if isinstance(each, list)]
-        return sizes[0] if sizes and self.kind in _DISTRIBUTIONS else None
+    def shape(self) -> tuple[int, ...]:
+        """(n) where n numbers are drawn, () for a single value."""
+        return np.shape(self.arguments[0]) if self.kind in _DISTRIBUTIONS else ()
 
     def at(self, u: np.ndarray) -> Any:
         """Return the value at the quantiles u (n), or (1) for a single one."""
         if self.kind == "choice":
             return self.arguments[min(int(u[0] * len(self.arguments)), len(self.arguments) - 1)]
-        a, b = (np.broadcast_to(np.asarray(each, float), u.shape) for each in self.arguments)
-        found = _DISTRIBUTIONS[self.kind](a, b, u).tolist()
-        return found[0] if self.size is None else found
+        found = _DISTRIBUTIONS[self.kind](*self.arguments, u).tolist()
+        return found if self.shape else found[0]
 
     def by_joint(self, names: tuple[str, ...]) -> Values:
         """Return "KEY.*" as KEY with a number of its own for each of n joints; others as they are.
@@ -132,14 +130,11 @@ class Values:
         key = self.key.removesuffix(".*")
         if key == self.key:
             return self
-        if self.size not in (None, len(names)):
-            raise InputError(
-                f"there are {len(names)} numbers, the bounds are lists of {self.size}.",
-                where=self.key,
-            )
         arguments = self.arguments
-        if self.kind in _DISTRIBUTIONS and self.size is None:
-            arguments = tuple([bound] * len(names) for bound in arguments)
+        if self.kind in _DISTRIBUTIONS:
+            if self.shape not in ((), (len(names),)):
+                raise InputError(f"has a number for each of {len(names)} joints.", where=self.key)
+            arguments = tuple(np.broadcast_to(bound, len(names)) for bound in arguments)
         # these keys hold a table of joints, where others hold a list
         by_name = key.endswith(("inertial_scale", "link_translation"))
         return replace(self, key=key, arguments=arguments, names=names if by_name else ())
@@ -191,7 +186,7 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     possible = np.isfinite([low, high]).all() and (least < high).all()
     if kind not in _DISTRIBUTIONS or not possible or (kind == "loguniform" and low.min() <= 0.0):
         raise ValueError
-    return kind, given
+    return kind, [low.astype(float), high.astype(float)]
 
 
 def _case_seed(seed: int, number: int) -> int:
@@ -223,7 +218,6 @@ class Plan:
         folder: to which the scenario's paths are relative.
         function: "module:name", or a function; None for a scenario.
         path: folder from which a module is imported; empty: as installed.
-        reduce: "module:name", or a function, that returns the numbers of a rollout.
         vary: values by key.
         case: explicit cases, with which the others are combined.
         samples: number of samples of the distributions.
@@ -242,7 +236,6 @@ class Plan:
     folder: str = ""
     function: Callable[..., Any] | str | None = None
     path: str = ""
-    reduce: Callable[..., Any] | str | None = None
     vary: Mapping[str, Any] = field(default_factory=dict)
     case: Sequence[Mapping[str, Any]] = ()
     samples: int | None = None
@@ -372,14 +365,11 @@ class Plan:
         """The product of listed cases, grid, samples and repetitions, the last changing fastest."""
         axes = [each for each in self.values if not each.drawn]
         drawn = [each for each in self.values if each.drawn]
-        ends = np.cumsum([each.size or 1 for each in drawn])
-        design = _design(self.method, self.seed, self.samples or 1, int(ends[-1]) if drawn else 0)
-        samples = [
-            [each.at(u) for each, u in zip(drawn, np.split(row, ends[:-1]), strict=True)]
-            if drawn
-            else []
-            for row in design
-        ]
+        sizes = [math.prod(each.shape) for each in drawn]
+        design = _design(self.method, self.seed, self.samples or 1, sum(sizes))
+        # row of the design -> its quantiles of each key
+        split = [np.split(row, np.cumsum(sizes)[:-1]) for row in design] if drawn else [[]]
+        samples = [[each.at(u) for each, u in zip(drawn, row, strict=True)] for row in split]
         grid = product(*(each.arguments for each in axes))
         points = product(self.case or [{}], grid, samples, range(self.repeat))
         found = []
@@ -394,9 +384,8 @@ class Plan:
         """Return the keys of a sweep file that says the same."""
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         found = {key: value for key, value in given.items() if value not in (None, "", (), {}, [])}
-        for key in {"function", "reduce"} & set(found):
-            if callable(function := found[key]):
-                found[key] = f"{function.__module__}:{function.__qualname__}"
+        if callable(self.function):
+            found["function"] = f"{self.function.__module__}:{self.function.__qualname__}"
         return found
 
     def differs(self, other: Plan) -> list[str]:

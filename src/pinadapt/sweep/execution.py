@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import shown
+from .._checks import mapping
 from .._output import check_writable, collect_seldom, read_toml
 from ..exceptions import InputError
 from ..rollout.recording import extreme
@@ -71,14 +71,10 @@ class ScenarioWork:
     Attributes:
         raw: its tables.
         folder: to which its paths are relative.
-        reduce: returns the numbers of a rollout by name, or "module:name"; None: ``numbers_of``.
-        path: folder in which the module of ``reduce`` is.
     """
 
     raw: Mapping[str, Any]
     folder: str
-    reduce: Callable[[Rollout], Mapping[str, Any]] | str | None = None
-    path: str = ""
 
     def scenario(self, case: Case) -> Scenario:
         """Return the scenario of a case; its ``simulation.seed`` is the case's, unless varied.
@@ -91,8 +87,7 @@ class ScenarioWork:
 
     def __call__(self, case: Case) -> Mapping[str, Any]:
         """Return the numbers of a case."""
-        reduce = numbers_of if self.reduce is None else resolved(self.reduce, self.path)
-        return reduce(self.scenario(case).run(progress=False))
+        return numbers_of(self.scenario(case).run(progress=False))
 
 
 @dataclass(frozen=True)
@@ -146,12 +141,10 @@ def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
     Raises:
         InputError: a function cannot be imported.
     """
-    for function in (plan.function, plan.reduce):
-        if function is not None:
-            resolved(function, plan.path)
-    if plan.function is not None:
-        return FunctionWork(plan.function, plan.path)
-    return ScenarioWork(plan.scenario or {}, plan.folder, plan.reduce, plan.path)
+    if plan.function is None:
+        return ScenarioWork(plan.scenario or {}, plan.folder)
+    resolved(plan.function, plan.path)
+    return FunctionWork(plan.function, plan.path)
 
 
 def numbers_of(rollout: Rollout) -> dict[str, Any]:
@@ -437,7 +430,6 @@ def sweep(
     repeat: int = 1,
     seed: int = 0,
     executor: Executor | int | None = None,
-    reduce: Callable[[Rollout], Mapping[str, Any]] | None = None,
     folder: Path | str | None = None,
     timeout: float | None = None,
     progress: bool | None = None,
@@ -459,8 +451,7 @@ def sweep(
         repeat: runs of each case, each with its own seed.
         seed: of the sweep.
         executor: any ``concurrent.futures.Executor``; a number of processes, 0 for this one; None:
-            a process for each core. Functions and ``reduce`` have to be at the top of a module.
-        reduce: returns what is kept of a rollout, numbers by name; None: ``numbers_of``.
+            a process for each core. A function has to be at the top of a module.
         folder: keeps the table while it grows; a folder of the same sweep is completed.
         timeout: [s] of a case, on systems with alarm signals.
         progress: whether to show a bar; None: if standard error is a terminal.
@@ -470,15 +461,11 @@ def sweep(
             run.
     """
     tables: dict[str, Any] = {"samples": samples, "method": method, "repeat": repeat, "seed": seed}
-    tables |= {"timeout": timeout, "reduce": reduce}
+    tables["timeout"] = timeout
     if isinstance(cases, Mapping):
         tables["vary"] = dict(cases)
-    elif cases and all(isinstance(each, Mapping) for each in cases):
-        tables["case"] = list(cases)
     else:
-        raise InputError(
-            f"expected values by key, or a list of them, got {shown(cases)}.", where="cases"
-        )
+        tables["case"] = [mapping(each, "cases") for each in cases]
     if callable(work):
         tables["function"] = work
     else:

@@ -6,13 +6,11 @@ A lost case has no number and counts as worse than any.
 from __future__ import annotations
 
 import json
-import operator
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,11 +30,11 @@ PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one
 _COMPARED = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
+    "<": np.less,
+    "<=": np.less_equal,
+    ">": np.greater,
+    ">=": np.greater_equal,
+    "==": np.equal,
 }
 
 
@@ -209,57 +207,36 @@ class Report:
         """Rows of the lost cases, of many the first."""
         return np.flatnonzero(self.table.lost)[:PRINTED_ROWS].tolist()  # type: ignore[no-any-return]
 
-    def tables(self) -> dict[str, Table]:
-        """Return percentiles, worst and lost cases, by title; none that is empty."""
-        found = {}
-        if self.results:
-            rows = [[name, *map(str, each), ""] for name, each in self.percentiles.items()]
-            levels = (f"{p:.0%} ({LEVEL:.0%} interval)" for p in PERCENTILES)
-            found["Results"] = Table(rows, ["result", *levels, ""])
-            found["Worst cases"] = self._listed(self.worst, [self.main])
-        if self.lost:
-            found["Lost cases"] = self._listed(self.lost, ["status", "reason"])
-        return found
-
-    def _listed(self, rows: Sequence[int], names: Sequence[str]) -> Table:
+    def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""
         columns = {name: self.table[name].tolist() for name in ("case", *self.parameters, *names)}
         cells = [[cell(column[i]) for column in columns.values()] for i in rows]
-        return Table(cells, list(columns))
-
-    def _command(self) -> str:
-        """Return the command that runs a lost case or the worst one alone; empty: no folder."""
-        rows = self.lost or (self.worst if self.results else [])
-        if self.folder is None or not rows:
-            return ""
-        return f"pinadapt sweep {self.folder} --case {self.table['case'][rows[0]]}"
+        return Table(cells, list(columns), title)
 
     def sheet(self) -> Sheet:
-        """Return verdict, percentiles and lost cases as text."""
-        tables = [table for name, table in self.tables().items() if name != "Worst cases"]
-        command = self._command()
-        alone = f"Run a case alone: {command}\n" if command else ""
-        return Sheet(
-            self.title,
-            tables or [Table([("cases", str(len(self.table)))])],
-            f"{alone}{self.verdict()}",
-        )
+        """Return percentiles, worst and lost cases, the verdict and how to run a case alone."""
+        tables, chosen = [], self.lost
+        if self.results:
+            rows = [[name, *map(str, each), ""] for name, each in self.percentiles.items()]
+            levels = (f"{p:.0%} ({LEVEL:.0%} interval)" for p in PERCENTILES)
+            tables.append(Table(rows, ["result", *levels, ""], "Results"))
+            tables.append(self._listed("Worst cases", self.worst, [self.main]))
+            chosen = chosen or self.worst
+        if self.lost:
+            tables.append(self._listed("Lost cases", self.lost, ["status", "reason"]))
+        note = self.verdict()
+        if self.folder is not None and chosen:
+            number = self.table["case"][chosen[0]]
+            note += f" Run a case alone: pinadapt sweep {self.folder} --case {number}"
+        return Sheet(self.title, tables or [Table([("cases", str(len(self.table)))])], note)
 
     def page(self) -> str:
         """Return the report as one page without external resources."""
-        good = self.success is None or self.success.low > 0.5
-        parts = [
-            f"<h1>{escape(self.title)}</h1>",
-            f'<div class="{"note" if good else "warning"}">{escape(self.verdict())}</div>',
-        ]
-        for title, table in self.tables().items():
-            parts += [f"<h2>{title}</h2>", table.html()]
-        if command := self._command():
-            parts.append(f"<p>Run a case alone: <code>{escape(command)}</code></p>")
-        for name, drawn in self._pictures.items():
-            picture = b64encode(drawn).decode()
-            parts.append(f'<p><img alt="{name}" src="data:image/png;base64,{picture}"></p>')
-        return html_page(self.title, parts)
+        pictures = (
+            f'<p><img alt="{name}" src="data:image/png;base64,{b64encode(drawn).decode()}"></p>'
+            for name, drawn in self._pictures.items()
+        )
+        return html_page(self.title, [self.sheet().html(), *pictures])
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers of the report; None stands for what is not finite."""
@@ -303,37 +280,35 @@ class Report:
 
     def map(self, x: str, y: str) -> Picture:
         """Return a map of the main result over two parameters, lost cases marked."""
-        import matplotlib
-
         a, b, values = self.table[x], self.table[y], self.values(self.main)
         finite = np.isfinite(values)
-        with matplotlib.rc_context(RC):
-            figure = Picture(figsize=(7.0, 4.6), layout="constrained")
-            ax = figure.add_subplot(xlabel=literal(x), ylabel=literal(y))
-            drawn = ax.scatter(a[finite], b[finite], c=values[finite], s=18)
-            ax.scatter(a[~finite], b[~finite], marker="x", color="C3", s=28, label="lost")
-            if not finite.all():
-                legend(ax)
-            figure.colorbar(drawn, ax=ax, label=literal(self.main), format="%g")
+        figure, ax = _axes(x, y)
+        drawn = ax.scatter(a[finite], b[finite], c=values[finite], s=18)
+        ax.scatter(a[~finite], b[~finite], marker="x", color="C3", s=28, label="lost")
+        if not finite.all():
+            legend(ax)
+        figure.colorbar(drawn, ax=ax, label=literal(self.main), format="%g")
         return figure
 
     def bands(self, x: str) -> Picture:
         """Return percentiles of the main result over one parameter; lost cases leave gaps."""
-        import matplotlib
-
-        values = self.values(self.main)
-        places, groups = _classes(self.table[x])
-        levels = np.array(
-            [np.quantile(values[g], PERCENTILES, method="inverted_cdf") for g in groups]
-        ).T
-        low, median, high = np.where(np.isfinite(levels), levels, np.nan)
-        with matplotlib.rc_context(RC):
-            figure = Picture(figsize=(7.0, 4.6), layout="constrained")
-            ax = figure.add_subplot(xlabel=literal(x), ylabel=literal(self.main))
-            ax.fill_between(places, low, high, color="C0", alpha=0.2, lw=0.0, label="5 to 95 %")
-            ax.plot(places, median, marker="o", label="median")
-            legend(ax)
+        values, (places, groups) = self.values(self.main), _classes(self.table[x])
+        levels = [np.quantile(values[g], PERCENTILES, method="inverted_cdf") for g in groups]
+        low, median, high = np.where(np.isfinite(levels), levels, np.nan).T
+        figure, ax = _axes(x, self.main)
+        ax.fill_between(places, low, high, color="C0", alpha=0.2, lw=0.0, label="5 to 95 %")
+        ax.plot(places, median, marker="o", label="median")
+        legend(ax)
         return figure
+
+
+def _axes(x: str, y: str) -> tuple[Picture, Any]:
+    """Return a figure with labelled axes."""
+    import matplotlib
+
+    with matplotlib.rc_context(RC):
+        figure = Picture(figsize=(7.0, 4.6), layout="constrained")
+        return figure, figure.add_subplot(xlabel=literal(x), ylabel=literal(y))
 
 
 def _classes(column: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from .._output import columns, read_as_data, write_text
+from .._output import Table, read_as_data, write_text
 from ..exceptions import InputError, did_you_mean
 
 JOURNAL, TABLE = "journal.jsonl", "table.csv"
@@ -164,7 +164,7 @@ class CaseTable:
         """Return the first rows as text, numbers with four digits."""
         shown = [list(map(cell, row.values())) for row in self._rows[:PRINTED_ROWS]]
         more = len(self) - len(shown)
-        text = columns(self.names, shown) if shown else "no case has run"
+        text = str(Table(shown, self.names)) if shown else "no case has run"
         return f"{text}\n... and {more} more" if more else text
 
 

@@ -187,7 +187,7 @@ def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
         values = Values.of(key, value)
         if not values.drawn:
             values = replace(values, kind="choice")
-        if values.size is not None or values.kind == "normal" or key in plan.keys:
+        if values.shape or values.kind == "normal" or key in plan.keys:
             raise InputError(
                 "give one uniform, loguniform or choice, of what the sweep does not vary.",
                 where=key,
@@ -226,7 +226,9 @@ def _suggested(trial: Any, gains: Mapping[str, Values]) -> dict[str, Any]:
     return {
         key: trial.suggest_categorical(key, values.arguments)
         if values.kind == "choice"
-        else trial.suggest_float(key, *values.arguments, log=values.kind == "loguniform")
+        else trial.suggest_float(
+            key, *map(float, values.arguments), log=values.kind == "loguniform"
+        )
         for key, values in gains.items()
     }
 
