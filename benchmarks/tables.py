@@ -179,15 +179,15 @@ def measure(name: str, again: Sequence[str] | None, processes: int | None) -> No
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         rows = [] if not table.is_file() else table_rows(name)
-        CaseTable.of(kept(plan, rows, again)).save(folder / "table.csv")
+        CaseTable(kept(plan, rows, again)).save(folder / "table.csv")
         plan.save(folder)
     found = run_plan(plan, processes, folder, retry=True)
     bad = [row for row in found.rows() if row["status"] in AGAIN]
     if bad:
         words = "\n".join(f"case {row['case']}: {row['reason']}" for row in bad)
         raise InputError(f"failed; the other rows are in {folder}.\n{words}", where=name)
-    columns = {key: column for key, column in read(folder).columns.items() if key not in LAST}
-    CaseTable(columns).save(table)
+    rows = [{key: row[key] for key in row if key not in LAST} for row in read(folder).rows()]
+    CaseTable(rows).save(table)
     shutil.rmtree(folder)
 
 

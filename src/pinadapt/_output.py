@@ -23,15 +23,16 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as toml
 
-_GARBAGE = (100_000, 50, 100)  # how seldom to search for it: by default a tenth of a run's time
 UNFINISHED = ".unfinished-"  # prefix of files and folders that are being written
-_ABANDONED = 3600.0  # [s]; an older one was left by a process that was killed
-_PROBE = bytes(4096)  # written to test whether a folder is writable
+_ABANDONED = 3600.0  # [s] of age; half or twice: what killed processes left stays as long
 
 
 def collect_seldom() -> None:
-    """Search seldom for garbage, in a process of our own in which nearly all objects stay."""
-    gc.set_threshold(*_GARBAGE)
+    """Search seldom for garbage, in a process of our own in which nearly all objects stay.
+
+    As often as by default, the search takes a tenth of a run's time.
+    """
+    gc.set_threshold(100_000)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -42,18 +43,10 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         raise ScenarioError("no such file.", where=str(path))
-    try:
-        return toml.loads(
-            path.read_text(encoding="utf-8-sig")
-        )  # some editors write a byte order mark
-    except UnicodeDecodeError as error:
-        raise ScenarioError(
-            f"not valid TOML: {error}", where=str(path), hint="Save the file as UTF-8."
-        ) from error
-    except ValueError as error:  # a TOML error, or an integer with too many digits
-        raise ScenarioError(f"not valid TOML: {error}", where=str(path)) from error
-    except RecursionError as error:
-        raise ScenarioError("not valid TOML: nested too deeply.", where=str(path)) from error
+    try:  # some editors write a byte order mark
+        return toml.loads(path.read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # also no UTF-8, or a number that is too long
+        raise ScenarioError(f"not valid TOML: {error}.", where=str(path)) from error
 
 
 @contextmanager
@@ -70,17 +63,12 @@ def read_as_data(path: Path, error: type[InputError]) -> Iterator[None]:
         yield
     except (PinadaptError, Warning):
         raise
-    except MemoryError as reason:
-        raise error(
-            "is damaged, or larger than the memory: it claims more data than can be read.",
-            where=str(path),
-        ) from reason
     except Exception as reason:
         words = " ".join(str(reason).split()).rstrip(".")
         raise error(
             f"cannot be read: {type(reason).__name__}{': ' * bool(words)}{words[:200]}.",
             where=str(path),
-            hint="It is damaged, or of another kind than its name says.",
+            hint="It is damaged, too large, or of another kind than its name says.",
         ) from reason
 
 
@@ -144,21 +132,20 @@ def check_writable(folder: Path, names: Sequence[str] = ()) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as probe:
-            probe.write(_PROBE)
-        taken = [name for name in names if (folder / name).is_dir()]
+            probe.write(bytes(4096))  # a full disk takes less
         if missing:
             folder.rmdir()
     except OSError as error:
-        reason = error.strerror or str(error)
         raise InputError(
-            f"cannot be written: {reason}.",
+            f"cannot be written: {error.strerror or error}.",
             where=str(folder),
             hint="Choose another folder by --out.",
         ) from error
-    if taken:
-        raise InputError(
-            "is a folder, but a file of this name has to be written.", where=str(folder / taken[0])
-        )
+    for name in names:
+        if (folder / name).is_dir():
+            raise InputError(
+                "is a folder, but a file of this name has to be written.", where=str(folder / name)
+            )
 
 
 def _tidy(folder: Path) -> None:
@@ -175,23 +162,45 @@ class Table(NamedTuple):
     Attributes:
         rows: the cells of each row.
         header: a title for each column; empty: no header.
+        title: above the table; empty: none.
     """
 
     rows: Sequence[Sequence[str]]
     header: Sequence[str] = ()
+    title: str = ""
+
+    @property
+    def sides(self) -> str:
+        """Alignment of each column: l or r."""
+        return f"l{'r' * (len(self.header) - 2)}l" if self.header else "ll"
 
     def __str__(self) -> str:
-        """Return the table as text."""
-        if not self.header:
-            return _drawn(self.rows, "ll", header=False)
-        return columns(self.header, self.rows)
+        """Return the table as text, without borders."""
+        from texttable import Texttable  # here, because `import pinadapt` does not need it
+
+        drawn = Texttable(max_width=0)
+        drawn.set_deco(Texttable.HEADER).set_chars(["-", "|", "+", "-"])
+        drawn.set_header_align(self.sides).set_cols_align(self.sides)
+        drawn.set_cols_dtype(["t"] * len(self.sides))
+        rows = [self.header, *self.rows] if self.header else self.rows
+        lines = drawn.add_rows(rows, header=bool(self.header)).draw().splitlines()
+        return "\n".join([*filter(None, [self.title]), *(line.rstrip() for line in lines)])
 
     def html(self) -> str:
         """Return the table as HTML; every cell is escaped."""
-        kinds = _sides(self.header or ("", ""))
-        head = [_html_row("th", self.header, kinds)] if self.header else []
-        rows = [_html_row("td", row, kinds) for row in self.rows]
-        return f"<table>{''.join([*head, *rows])}</table>"
+        aligned = [{"l": "left", "r": "right"}[side] for side in self.sides]
+
+        def row(kind: str, cells: Sequence[str]) -> str:
+            """Return one row."""
+            drawn = (
+                f'<{kind} style="text-align:{side}">{escape(cell)}</{kind}>'
+                for cell, side in zip(cells, aligned, strict=True)
+            )
+            return f"<tr>{''.join(drawn)}</tr>"
+
+        title = f"<h2>{escape(self.title)}</h2>" if self.title else ""
+        head = row("th", self.header) if self.header else ""
+        return f"{title}<table>{head}{''.join(row('td', cells) for cells in self.rows)}</table>"
 
 
 class Sheet(NamedTuple):
@@ -240,36 +249,6 @@ def html_page(title: str, parts: Sequence[str]) -> str:
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}'
         f"</title><style>{_STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
-
-
-def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as text: first and last column left-aligned, the others right-aligned."""
-    return _drawn([header, *rows], _sides(header), header=True)
-
-
-def _sides(header: Sequence[str]) -> str:
-    """Return the alignment of each column: l or r."""
-    return f"l{'r' * (len(header) - 2)}l"
-
-
-def _html_row(kind: str, cells: Sequence[str], sides: str) -> str:
-    align = {"l": "left", "r": "right"}
-    drawn = [
-        f'<{kind} style="text-align:{align[side]}">{escape(cell)}</{kind}>'
-        for cell, side in zip(cells, sides, strict=True)
-    ]
-    return f"<tr>{''.join(drawn)}</tr>"
-
-
-def _drawn(rows: Sequence[Sequence[str]], sides: str, *, header: bool) -> str:
-    """Return rows as text without borders; ``sides`` has an l or r for each column."""
-    from texttable import Texttable  # here, because `import pinadapt` does not need it
-
-    table = Texttable(max_width=0)
-    table.set_deco(Texttable.HEADER).set_chars(["-", "|", "+", "-"])
-    table.set_header_align(sides).set_cols_align(sides).set_cols_dtype(["t"] * len(sides))
-    lines = table.add_rows(rows, header=header).draw().splitlines()
-    return "\n".join(line.rstrip() for line in lines)
 
 
 def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: int = 3) -> str:

@@ -54,7 +54,7 @@ def whole(tmp_path_factory, robot, planar):
     controller = pa.make_controller(planar, adaptation="natural")
     state = controller.init(pa.plants.PinocchioPlant(planar).measure())
     LearnedParameters.of(controller, state).save(folder / "a.json")
-    table = CaseTable.of([{"case": 0, "seed": 1, "x": 1.5}, {"case": 1, "seed": 2, "x": 2.5}])
+    table = CaseTable([{"case": 0, "seed": 1, "x": 1.5}, {"case": 1, "seed": 2, "x": 2.5}])
     table.save(folder / "table.csv")
     arm = (ROOT / "tests" / "data" / "arm4.urdf").read_text()
     (folder / "a.urdf").write_text(arm)

@@ -16,7 +16,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.sweep import execution, read
-from pinadapt.sweep.table import JOURNAL, Store
+from pinadapt.sweep.table import JOURNAL, TABLE, append, join
 from tests.support.paths import ROOT
 from tests.support.swept import doubled, slow, troubled
 
@@ -99,12 +99,10 @@ def test_a_folder_is_completed_and_nothing_runs_twice(tmp_path):
     for file in marks.iterdir():
         file.unlink()
     pa.sweep(slow, given, executor=0, folder=folder)
-    with Store(folder) as store:  # as if cases 2 and 4 had been lost with a process
-        rest = [row for row in read(folder).rows() if row["case"] not in (2, 4)]
-        for path in folder.glob("table.*"):
-            path.unlink()
-        for row in rest:
-            store.add(row)
+    rest = [row for row in read(folder).rows() if row["case"] not in (2, 4)]
+    (folder / TABLE).unlink()
+    for row in rest:  # as if cases 2 and 4 had been lost with a process
+        append(folder, row)
     (folder / JOURNAL).open("ab").write(b'{"case": 2, "seed"')  # not written whole
     assert pa.sweep(slow, given, executor=0, folder=folder).same_as(whole)
     runs = {path.name: path.read_text() for path in marks.iterdir()}
@@ -114,8 +112,7 @@ def test_a_folder_is_completed_and_nothing_runs_twice(tmp_path):
 def test_crashed_cases_run_again_on_request(tmp_path):
     given = {"a": [0, 1, 4]}
     whole = pa.sweep(troubled, given, executor=0, folder=tmp_path)
-    with Store(tmp_path) as store:
-        assert len(store.join(without=("failed",))) == 2 and store.done() == {0, 2}
+    assert join(tmp_path, without=("failed",))["case"].tolist() == [0, 2]
     assert pa.sweep(troubled, given, executor=0, folder=tmp_path).same_as(whole)
     file = (tmp_path / "sweep.toml").read_text()
     (tmp_path / "sweep.toml").write_text(f"{file}".replace("troubled", "fewer_troubles"))
@@ -125,27 +122,15 @@ def test_crashed_cases_run_again_on_request(tmp_path):
 
 
 def test_a_full_disk_keeps_the_rows_before(tmp_path, monkeypatch):
-    class Full:
-        """A file that takes no more than two lines."""
+    added = []
 
-        def __init__(self, file):
-            self.file, self.left = file, 2
+    def until_full(folder, row):
+        if len(added) == 2:
+            raise OSError("no space left on device")
+        added.append(append(folder, row))
 
-        def write(self, line):
-            self.left -= 1
-            return self.file.write(line if self.left >= 0 else line[:5])
-
-        def __getattr__(self, name):
-            return getattr(self.file, name)
-
-    opened = Store.__init__
-
-    def limited(self, *arguments, **options):
-        opened(self, *arguments, **options)
-        self._file = Full(self._file)
-
-    monkeypatch.setattr(Store, "__init__", limited)
-    with pytest.raises(OSError, match="the disk is full"):
+    monkeypatch.setattr(execution, "append", until_full)
+    with pytest.raises(OSError, match="no space"):
         pa.sweep(doubled, {"a": [1.0, 2.0, 3.0]}, executor=0, folder=tmp_path)
     monkeypatch.undo()
     assert len(read(tmp_path)) == 2

@@ -118,7 +118,7 @@ def robots_arguments(parser: argparse.ArgumentParser) -> None:
 
 def robots(options: argparse.Namespace) -> int:
     """Print the catalogue: name, number of joints, task, frame, source of the model, remark."""
-    from .._output import columns  # here, because no other command needs them at once
+    from .._output import Table  # here, because no other command needs them at once
     from ..description.catalogue import catalogue
 
     rows = [
@@ -132,7 +132,7 @@ def robots(options: argparse.Namespace) -> int:
         )
         for each in catalogue().values()
     ]
-    print(columns(("name", "joints", "task", "frame", "from", "about"), rows))
+    print(Table(rows, ("name", "joints", "task", "frame", "from", "about")))
     return DONE
 
 

@@ -67,10 +67,8 @@ def init(options: argparse.Namespace) -> int:
     file = options.out or Path(f"{template.name}.toml")
     check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
-    print(f"{file}: {template.words}")
-    if template.planar:
-        plane = template.robot.task.name
-        print(f"No circle in space is within this chain's limits; the task is the plane {plane}.")
+    robot, task = template.robot, template.task
+    print(f"{file}: {robot.model.nv} joints to '{robot.frame}', task {task}.")
     warn_of_findings(Scenario.read(file))
     print(f"\npinadapt run {file}")
     return 0

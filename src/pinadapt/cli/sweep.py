@@ -129,7 +129,7 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
     for key, value in case.values.items():
         print(f"{key} = {value}")
     if not isinstance(work, ScenarioWork):
-        print(CaseTable.of([{"case": number, "seed": case.seed, **dict(work(case))}]))
+        print(CaseTable([{"case": number, "seed": case.seed, **dict(work(case))}]))
         return DONE
     place = folder / f"case-{number}"
     check_writable(place, RUN_FILES)

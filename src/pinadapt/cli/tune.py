@@ -74,6 +74,6 @@ def tune(options: argparse.Namespace) -> int:
     )
     write_text(folder / FILE, json.dumps(found.summary(), indent=2) + "\n")
     if found.better:
-        print("--set " + " ".join(f"{key}={value}" for key, value in found.best.gains.items()))
+        print("--set " + " ".join(f"{key}={value}" for key, value in found.gains.items()))
     print(f"{found}\n\nwritten to {folder}")
     return DONE

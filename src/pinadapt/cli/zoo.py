@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .._output import check_writable, columns, write_text
+from .._output import Table, check_writable, write_text
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
@@ -112,7 +112,7 @@ def zoo_table(rows: Sequence[Mapping[str, Any]]) -> str:
         ]
         for row in rows
     ]
-    return columns(["robot", "joints", *titles.values(), "verdict"], cells)
+    return str(Table(cells, ["robot", "joints", *titles.values(), "verdict"]))
 
 
 def _shown(value: float | None, title: str) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._output import columns, number
+from .._output import Table, number
 from ..exceptions import Interrupted, UnusedGainWarning
 from ..laws import LAWS
 from ..rollout.recording import extreme
@@ -123,4 +123,4 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
         [each.title, each.law, each.adaptation, *(cells[k] for cells in there.values()), each.grade]
         for k, each in enumerate(rollouts)
     ]
-    return columns(["run", "law", "adaptation", *there, "verdict"], rows)
+    return str(Table(rows, ["run", "law", "adaptation", *there, "verdict"]))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -32,13 +31,6 @@ from ..tuning.make_controller import make_controller
 from .tables import KEYS, TABLES, Tables, at_folder, motion, parts, read, read_tables
 
 _OF_PICTURES = ("center", "radius", "amplitude", "points", "point", "cosine", "sine")
-
-
-class Kept(Protocol):
-    """Robots and controllers that were made before."""
-
-    def once(self, kind: str, of: str, make: Callable[[], Any]) -> Any:
-        """Return what was made before from the same, or make it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,34 +77,28 @@ class Scenario:
         return cls.build(read_tables(Path(path), settings), Path(path).parent)
 
     @classmethod
-    def build(cls, tables: Tables, folder: Path, kept: Kept | None = None) -> Scenario:
-        """Build a scenario from tables; relative paths are relative to ``folder``.
+    def build(cls, tables: Tables, folder: Path) -> Scenario:
+        """Build a scenario from tables, as a file has them.
 
         Args:
-            tables: as a file has them.
-            folder: to which paths are relative.
-            kept: robots and controllers of other scenarios, taken where they are the same; one
-                controller must not step in two threads at a time.
+            tables: read only.
+            folder: to which relative paths in them are relative.
 
         Raises:
             InputError: the tables cannot be used.
         """
         tables = at_folder(tables, folder)
-        given = parts(tables)
-        written, cameras = _text_of(tables, "robot"), len(given["truth"]["camera"])
-        described: Robot = _once(
-            kept, "robot", f"{written} {cameras}", lambda: described_robot(tables)
-        )
-        pixel = getattr(described.task, "pixel", None) or 1.0
-        sensors = _scaled(given["sensors"], pixel)
+        given, described = parts(tables), described_robot(tables)
+        sensors = _scaled(given["sensors"], getattr(described.task, "pixel", None) or 1.0)
         truth, model = given["truth"], given["model"]
         with located("truth", KEYS["truth"][1], TABLES):
             true = true_robot(described, truth)
         learned = model.pop("learned", None)
         with located("model", KEYS["model"][1], TABLES):
-            learned = None if learned is None else LearnedParameters.load(learned)
             unloaded = described.changed(**model)
-            unloaded = unloaded if learned is None else learned.shaped(unloaded)
+            if learned is not None:
+                learned = LearnedParameters.load(learned)
+                unloaded = learned.shaped(unloaded)
         unknown, start = given["unknown"], given["start"] or None
         if learned is not None:
             if start:
@@ -124,16 +110,10 @@ class Scenario:
             with located("controller.compensated"):
                 compensation = read(changes, "controller.compensated", Robot.changed)
                 options["compensated"] = Gravity(described.changed(**compensation))
-
-        def controller_of() -> Controller:
-            """Return the controller."""
-            return make_controller(
+        with located("controller", KEYS["controller"][1], TABLES):
+            controller = make_controller(
                 unloaded, unknown=unknown, sensors=sensors, limits=given["limits"], **options
             )
-
-        made_from = _text_of(tables, "robot", "model", "unknown", "controller", "sensors", "limits")
-        with located("controller", KEYS["controller"][1], TABLES):
-            controller = _once(kept, "controller", f"{made_from} {cameras}", controller_of)
         if learned is not None:
             with located("model.learned"):
                 start = learned.start(controller)
@@ -143,7 +123,6 @@ class Scenario:
             _changes(described, truth, given["events"]["changes"]),
             _in_time(given["events"]["announcements"], "announcements"),
         )
-        title = given["title"] or true.name
         scenario = cls(
             tables,
             true,
@@ -155,7 +134,7 @@ class Scenario:
             given["engine"],
             start,
             **given["simulation"],
-            title=title,
+            title=given["title"] or true.name,
         )
         scenario.check()
         return scenario
@@ -219,20 +198,6 @@ class Scenario:
                 title=self.title,
                 progress="live" if view else progress,
             )
-
-
-def _once(kept: Kept | None, kind: str, of: str, make: Callable[[], Any]) -> Any:
-    return make() if kept is None else kept.once(kind, of, make)
-
-
-def _text_of(tables: Tables, *names: str) -> str:
-    """Return tables as a text that differs where they do."""
-
-    def plain(value: Any) -> Any:
-        """Return what JSON has not in words or lists."""
-        return value.tolist() if hasattr(value, "tolist") else str(value)
-
-    return json.dumps([tables.get(name) for name in names], default=plain)
 
 
 def described_robot(tables: Tables) -> Robot:
@@ -303,11 +268,12 @@ def _in_time(events: Sequence[Mapping[str, Any]], name: str) -> dict[float, dict
     found: dict[float, dict[str, Any]] = {}
     for number, event in enumerate(events):
         others = dict(event)
-        at, where = others.pop("at", None), f"events.{name}.{number}.at"
-        if not isinstance(at, int | float) or isinstance(at, bool):
-            raise ScenarioError("the time of the event is needed [s].", where=where)
-        if at in found:
-            raise ScenarioError(f"there is another event at {at:g} s.", where=where)
+        at = others.pop("at", None)
+        if not isinstance(at, int | float) or isinstance(at, bool) or at in found:
+            raise ScenarioError(
+                "expected a time [s] at which there is no other event.",
+                where=f"events.{name}.{number}.at",
+            )
         found[at] = others
     return dict(sorted(found.items()))
 

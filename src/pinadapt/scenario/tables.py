@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import is_dataclass
 from functools import cache
 from inspect import Parameter, signature
@@ -153,18 +154,9 @@ def made(make: Callable[..., Any], table: Any, path: str) -> Any:
     given = read(table, path, make)
     for name in arguments(make):
         if name not in given and signature(make).parameters[name].default is Parameter.empty:
-            raise ScenarioError(
-                f"this key is required; in the file, or by --set {path}.{name}=VALUE",
-                where=f"{path}.{name}",
-            )
+            raise _required(f"{path}.{name}")
     with located(path, arguments(make), TABLES):
         return make(**given)
-
-
-def _kind(table: Any, name: str) -> Any:
-    """Return the kind of motion that a table describes."""
-    usual = "swing" if name == "orientation" else "circle"
-    return table.get("kind", usual) if isinstance(table, Mapping) else usual
 
 
 def motion(table: Any, path: str = "trajectory") -> Trajectory:
@@ -175,7 +167,8 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     Raises:
         InputError: there is no such kind, or its class refuses the arguments.
     """
-    kind = _kind(table, path.rpartition(".")[2])
+    usual = "swing" if path.endswith(".orientation") else "circle"
+    kind = table.get("kind", usual) if isinstance(table, Mapping) else usual
     if not isinstance(kind, str) or kind not in MOTIONS:
         raise ScenarioError(
             f"must be one of {list(MOTIONS)}, got {shown(kind)}.{did_you_mean(kind, MOTIONS)}",
@@ -210,21 +203,26 @@ def parts(tables: Tables) -> dict[str, Any]:
         else:
             found[name] = read(table, name, make, names)
     if "source" not in found["robot"]:
-        made(load, found["robot"], "robot")
+        raise _required("robot.source")
     for key, allowed in _WORDS.items():
         if isinstance(value := found["controller"].get(key), str):
             word(value, allowed, f"controller.{key}")
-    _, keys = KEYS["truth"]
     found["truth"]["camera"] = [
         dict(checked(each, f"truth.camera.{i}", arguments(pinhole_camera)))
         for i, each in enumerate(found["truth"].get("camera", []))
     ]
-    for name, allowed in (("changes", keys), ("announcements", ("payload", "tool_translation"))):
+    changes = {"changes": KEYS["truth"][1], "announcements": ("payload", "tool_translation")}
+    for name, allowed in changes.items():
         found["events"][name] = [
             read(each, f"events.{name}.{i}", Robot.changed, ("at", *allowed))
             for i, each in enumerate(found["events"].get(name, []))
         ]
     return found
+
+
+def _required(key: str) -> ScenarioError:
+    """Return the error of a key that is missing."""
+    return ScenarioError(f"this key is required; in the file, or by --set {key}=VALUE", where=key)
 
 
 # Files and settings
@@ -238,12 +236,10 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
     Raises:
         ScenarioError: the file is missing or not TOML, or a setting cannot be written into it.
     """
-    bare = not path.exists() and path.name == str(path) and not path.suffix
-    if bare or path.suffix.lower() in _DESCRIPTIONS:
+    named = not path.exists() and is_robot_name(str(path))
+    if named or path.suffix.lower() in _DESCRIPTIONS:
         raise ScenarioError(
-            "no such file; a robot's name is not a scenario."
-            if bare and not is_robot_name(str(path))
-            else "this is a robot, not a scenario.",
+            "this is a robot, not a scenario.",
             where=str(path),
             hint=f"Write a scenario for it first: `pinadapt init {path}`.",
         )
@@ -253,25 +249,12 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
 def with_values(tables: Tables, values: Mapping[str, Any]) -> Tables:
     """Return tables after writing values by dotted keys into them.
 
-    Where a value changes the kind of motion, the keys that only the former kind has are dropped.
-
     Raises:
         ScenarioError: a key has an empty part, or a part of it is not a table.
     """
-    before = _of_kind(tables)
     for key, value in values.items():
         put(tables, key, value)
-    table = tables.get("trajectory")
-    for key in before - _of_kind(tables):
-        if isinstance(table, dict) and f"trajectory.{key}" not in values:
-            table.pop(key, None)
     return tables
-
-
-def _of_kind(tables: Tables) -> set[str]:
-    """Return the keys that motions of the kind in tables have; none if there is no such kind."""
-    kind = _kind(tables.get("trajectory", {}), "trajectory")
-    return set(arguments(MOTIONS[kind])) if isinstance(kind, str) and kind in MOTIONS else set()
 
 
 def setting(text: str, where: str = "--set") -> tuple[str, Any]:
@@ -296,18 +279,14 @@ def put(tables: Tables, key: str, value: Any) -> None:
         ScenarioError: the key has an empty part, or a part of it is not a table.
     """
     table: Any = tables
-    *way, last = key.split(".")
-    if not all((*way, last)):
-        raise ScenarioError(f"expected a dotted key, got '{key}'.", where="--set")
+    *way, last = names = key.split(".")
     for part in way:
         if isinstance(table, list) and part.isdigit() and int(part) < len(table):
             table = table[int(part)]
         else:
             table = table.setdefault(part, {}) if isinstance(table, dict) else None
-        if not isinstance(table, dict | list):
-            raise ScenarioError(f"'{part}' in '{key}' is not a table.", where="--set")
-    if isinstance(table, list):
-        raise ScenarioError(f"'{last}' in '{key}' is not a table.", where="--set")
+    if not all(names) or not isinstance(table, dict):
+        raise ScenarioError(f"'{key}' is not the key of a table.", where="--set")
     table[last] = value
 
 
@@ -328,15 +307,13 @@ def at_folder(tables: Tables, folder: Path) -> Tables:
 
 def moved(tables: Tables, move: Callable[[str], str]) -> Tables:
     """Return a copy of tables with another path wherever they name a file."""
-    found = {key: dict(part) if isinstance(part, Mapping) else part for key, part in tables.items()}
+    found = deepcopy(tables)
     for path in _PATHS:
         *way, last = path.split(".")
         table: Any = found
         for key in way:
-            if isinstance(table, dict) and isinstance(table.get(key), Mapping):
-                table[key] = dict(table[key])
-            table = table.get(key) if isinstance(table, dict) else None
-        name = table.get(last) if isinstance(table, dict) else None
+            table = table.get(key) if isinstance(table, Mapping) else None
+        name = table.get(last) if isinstance(table, Mapping) else None
         if isinstance(name, str) and (path != "robot.source" or is_path(name)):
             table[last] = move(name)
     return found

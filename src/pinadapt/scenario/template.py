@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import textwrap
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from math import ceil, cos, sin
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomlkit
@@ -22,11 +21,11 @@ from ..description.chain import links_of, massless_joints
 from ..description.description import describe
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
-from ..exceptions import InputError, RobotError
+from ..exceptions import InputError
 from ..laws import DEFAULT, LAWS
 from ..laws.law import NAMES, SYMBOLS
 from ..models.joint_effects import typical_coefficients
-from ..robot.loading import JOINT, PLANES, load
+from ..robot.loading import JOINT, load
 from ..robot.robot import Robot
 from ..robot.workspace import JointSwing, WorkspaceCircle, find_circle, find_swing
 from ..tasks.frame import IMAGE, pinhole_camera
@@ -34,13 +33,27 @@ from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 from .tables import KEYS, MOTIONS
 
-_AWAY, _ASIDE = 2.0, (0.25, 0.2)  # reaches to a camera; its way aside, relative to that before
-_FOCAL = 1000.0  # [pixels] of an ordinary camera
-_TOOL = 0.05  # length of the unknown tool, relative to the reach
-_PAYLOAD = 0.05  # mass of the unknown payload, relative to the moving mass
-_FRICTION = 0.5  # unknown friction, relative to what is typical for a robot of this size
-_PLACE = (0.8, -0.5, 0.3)  # of the reach: the base as a tracker sees it, which is turned by 2 rad
-_WIDTH, _SHOWN = 98, 12  # largest width of a comment, and number of names in it
+# The unknown of the example, which users replace: half of it is learned sooner, twice later.
+_SHARE = 0.05  # length of the tool, relative to the reach; mass of the payload, to the moving mass
+_FRICTION = 0.5  # relative to what is typical for a robot of this size
+_FOCAL = 1000.0  # [pixels] of the camera; half: a picture of half the resolution
+_SHOWN = 12  # names in a comment; half: more are left out, twice: longer comments
+
+
+class View(NamedTuple):
+    """A camera, and the circle of the robot in its picture.
+
+    Attributes:
+        position: (3) where the camera stands [m], in the axes of the base.
+        pixel: length that a pixel covers at the tool [m], to one digit.
+        radius: of the circle [pixels].
+        phase: of the circle at the start [rad].
+    """
+
+    position: np.ndarray
+    pixel: float
+    radius: float
+    phase: float
 
 
 @dataclass(frozen=True)
@@ -53,10 +66,8 @@ class Template:
         path: a motion that it can follow: a circle, or for a joint task sines of its joints.
         xacro: arguments of a xacro file.
         mass: total mass of the robot [kg], if links are described without inertia; else None.
-        massless: names of these links, one for each such body.
         law: name of the control law.
         tracker: whether x is measured in the axes of a tracker whose placement is unknown.
-        planar: whether the task is a plane because no circle in space is within the limits.
         filmed: whether the task is the picture of an uncalibrated camera.
     """
 
@@ -65,9 +76,7 @@ class Template:
     path: WorkspaceCircle | JointSwing
     xacro: XacroArguments
     mass: float | None
-    massless: Sequence[str]
     law: str = DEFAULT
-    planar: bool = False
     tracker: bool = False
     filmed: bool = False
 
@@ -85,8 +94,7 @@ class Template:
     ) -> Template:
         """Load a robot, with the choices of ``load`` for what is not given, and find a motion.
 
-        A law of joint space gets the joint task. Where a task in space is not asked for and no
-        circle in space is within the limits, the task is the plane with the largest circle.
+        A law of joint space gets the joint task.
 
         Raises:
             RobotError: as ``load``, ``find_circle`` and ``find_swing``.
@@ -94,7 +102,7 @@ class Template:
                 tracker for a joint task or a picture.
         """
         filmed = task == IMAGE
-        if (tracker and (task == JOINT or filmed)) or (
+        if (tracker and task in (JOINT, IMAGE)) or (
             (tracker or filmed) and not LAWS[law].uses_position_error
         ):
             raise InputError(
@@ -103,26 +111,11 @@ class Template:
                 where="--tracker" if tracker else "--law",
                 hint='Take the law "separation".',
             )
-        task = None if filmed else task
-        if task is None and LAWS[law].joint_space:
+        if LAWS[law].joint_space and task is None:
             task = JOINT
-        make = partial(load, source, xacro=xacro, mass=mass)
-        robot, planar = make(frame=frame, task=task), False
-        path: WorkspaceCircle | JointSwing
-        try:
-            path = find_circle(robot) if robot.task.positions else find_swing(robot)
-        except RobotError:
-            free = task is None and robot.task.positions == 3
-            found = list(_in_planes(robot, make)) if free else []
-            if not found:
-                raise
-            (robot, path), planar = max(found, key=lambda both: both[1].radius), True
-        massless: list[str] = []
-        if mass is not None:
-            model = describe(source, xacro=xacro).model
-            massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
-        plane = planar and not filmed  # a picture is planar anyway
-        return cls(source, robot, path, xacro or {}, mass, massless, law, plane, tracker, filmed)
+        robot = load(source, xacro=xacro, mass=mass, frame=frame, task=None if filmed else task)
+        path = find_circle(robot) if robot.task.positions else find_swing(robot)
+        return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed)
 
     @property
     def name(self) -> str:
@@ -131,10 +124,21 @@ class Template:
             return self.source
         return Path(self.source.removesuffix(".xacro")).stem
 
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+        return IMAGE if self.filmed else self.robot.task.name
+
     @cached_property
     def tool(self) -> np.ndarray:
-        """The unknown tool (3) [m], in the frame's axes."""
-        return _further_out(self.robot)
+        """The unknown tool (3) [m], in the frame's axes: it lengthens the arm."""
+        robot = self.robot
+        frame, out = robot.placement(robot.q0), np.zeros(3)
+        place = robot.frame_task.place if robot.task.positions else slice(None)
+        out[place] = frame.translation[place]
+        length = _SHARE * robot.reach
+        tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
+        return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
     @cached_property
     def controller(self) -> Controller:
@@ -142,46 +146,25 @@ class Template:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the file itself contains what matters
             return make_controller(
-                self.robot.filmed_by(pixel=self.pixel) if self.filmed else self.robot,
+                self.robot.filmed_by(pixel=self.view.pixel) if self.filmed else self.robot,
                 law=self.law,
                 unknown=Unknown(**self.unknown),
             )
 
     @cached_property
-    def camera(self) -> np.ndarray:
-        """Where a camera stands (3) [m], in the axes of the base: before the circle's plane."""
+    def view(self) -> View:
+        """A camera two reaches before the circle's plane and somewhat aside."""
         path, p = self.path, self.robot.placement(self.robot.q0).translation
         assert isinstance(path, WorkspaceCircle)
-        first, second = ("xyz".index(axis) for axis in path.plane)
-        E = np.eye(3)
-        normal = E[3 - first - second]
-        if p @ normal < 0.0:
-            normal = -normal
-        away = normal + _ASIDE[0] * E[first] + _ASIDE[1] * E[second]
-        return np.round(p + _AWAY * self.robot.reach * away / np.linalg.norm(away), 2)
-
-    @property
-    def _covered(self) -> float:
-        """Length [m] that a pixel covers at the tool."""
-        p = self.robot.placement(self.robot.q0).translation
-        return float(np.linalg.norm(self.camera - p)) / _FOCAL
-
-    @property
-    def pixel(self) -> float:
-        """Stated length [m] that a pixel covers, to one digit."""
-        return float(f"{self._covered:.1g}")
-
-    @property
-    def picture(self) -> tuple[float, float]:
-        """Radius [pixels] of the circle in the picture, and its phase at the start [rad]."""
-        path, p = self.path, self.robot.placement(self.robot.q0)
-        assert isinstance(path, WorkspaceCircle)
-        H = pinhole_camera(self.camera, p.translation, _FOCAL)
-        E, (first, second) = np.eye(6), ("xyz".index(axis) for axis in path.plane)
-        out = cos(path.phase) * E[first, :3] + sin(path.phase) * E[second, :3]
-        u, v, _ = H[:, :3] @ out
-        radius = float(f"{path.radius / self._covered:.2g}")
-        return radius, round(float(np.arctan2(v, u)), 3)
+        first, second = (np.eye(3)["xyz".index(axis)] for axis in path.plane)
+        normal = np.cross(first, second)
+        away = np.copysign(1.0, p @ normal) * normal + 0.25 * first + 0.2 * second
+        position = np.round(p + 2.0 * self.robot.reach * away / np.linalg.norm(away), 2)
+        covered = float(np.linalg.norm(position - p)) / _FOCAL
+        out = cos(path.phase) * first + sin(path.phase) * second
+        u, v, _ = pinhole_camera(position, p, _FOCAL)[:, :3] @ out
+        phase = round(float(np.arctan2(v, u)), 3)
+        return View(position, _rounded(covered, 1), _rounded(path.radius / covered, 2), phase)
 
     @property
     def unknown(self) -> dict[str, Any]:
@@ -197,22 +180,9 @@ class Template:
         """Whether the law regulates to a set point; it is the opposite point of the motion."""
         return LAWS[self.law].set_point
 
-    @property
-    def words(self) -> str:
-        """Frame, task and motion in words."""
-        robot, path = self.robot, self.path
-        if self.rests:
-            way = "to a set point"
-        elif isinstance(path, JointSwing):
-            way = f"sines of all joints in {path.period.min():g} to {path.period.max():g} s"
-        else:
-            size = f"{self.picture[0]:g} pixels" if self.filmed else f"{path.radius} m"
-            way = f"a circle of radius {size} in {path.period} s"
-        task = IMAGE if self.filmed else robot.task.name
-        return f"{robot.model.nv} joints to '{robot.frame}', task {task}, {way}."
-
     def tables(self, folder: Path) -> dict[str, dict[str, Any]]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
+        turns = 2.0 * float(np.max(self.path.period))
         found = {
             "robot": self._robot(folder),
             "truth": self._truth(),
@@ -224,7 +194,7 @@ class Template:
             },
             "limits": {"governor": True},
             "trajectory": self._motion(),
-            "simulation": {"duration": self._duration},
+            "simulation": {"duration": float(ceil(max(20.0 if self.rests else 10.0, turns)))},
         }
         if self.filmed:
             found["sensors"] = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
@@ -240,8 +210,8 @@ class Template:
             "xacro": dict(self.xacro) or None,
             "mass": self.mass,
             "frame": robot.frame,
-            "task": IMAGE if self.filmed else robot.task.name,
-            "pixel": self.pixel if self.filmed else None,
+            "task": self.task,
+            "pixel": self.view.pixel if self.filmed else None,
             "weld_root": True if robot.welded else None,
             "locked": [],
             "q0": _numbers(robot.home_angles, digits=12),
@@ -249,21 +219,21 @@ class Template:
         return {key: value for key, value in given.items() if value is not None}
 
     def _truth(self) -> dict[str, Any]:
-        reach = self.robot.reach
-        moment = float(f"{_PAYLOAD * self.robot.mass * 0.1 * (_TOOL * reach) ** 2:.3g}")  # a ball
-        com, (_, viscous, coulomb) = self.tool, _FRICTION * typical_coefficients(self.robot)
+        robot = self.robot
+        mass, radius = _SHARE * robot.mass, _SHARE * robot.reach
+        moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
+        _, viscous, coulomb = _FRICTION * typical_coefficients(robot)
         found: dict[str, Any] = {}
-        if self.robot.task.positions:
+        if robot.task.positions:
             found["tool_translation"] = _numbers(self.tool)
-        if self.tracker:
-            place = _numbers(reach * np.array(_PLACE), 2)
+        if self.tracker:  # the base as the tracker sees it
+            place = _numbers(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
             found["tracker"] = {"rotation": [0.0, 0.0, 2.0], "translation": place}
         if self.filmed:
-            position = _numbers(self.camera)
-            found["camera"] = [{"position": position, "focal": _FOCAL}]
+            found["camera"] = [{"position": _numbers(self.view.position), "focal": _FOCAL}]
         found["payload"] = {
-            "mass": float(f"{_PAYLOAD * self.robot.mass:.3g}"),
-            "com": _numbers(com),
+            "mass": _rounded(mass, 3),
+            "com": _numbers(self.tool),
             "inertia": [moment, 0.0, moment, 0.0, 0.0, moment],
         }
         if not self.rests:  # Coulomb friction would hold the arm beside its set point
@@ -273,85 +243,55 @@ class Template:
     def _motion(self) -> dict[str, Any]:
         path = self.path
         if self.rests:
-            across, segment = self._across()
-            return {
-                "kind": "waypoints",
-                "relative": True,
-                "points": [_numbers(across.round(6))],
-                "segment": float(f"{segment:.3g}"),
-            }
+            return self._set_point()
         if isinstance(path, JointSwing):
             sizes = {"amplitude": _numbers(path.amplitude), "period": _numbers(path.period)}
             return {"kind": "sinusoid", **sizes}
         if self.filmed:
-            radius, phase = self.picture
-            return {"kind": "circle", "radius": radius, "period": path.period, "phase": phase}
+            sizes = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
+            return {"kind": "circle", **sizes}
         plane = path.motion(self.robot.task.positions).plane
         given = {"radius": path.radius, "period": path.period, "plane": plane}
-        return {"kind": "circle", **given, "phase": float(f"{path.phase:.12g}")}
+        return {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
 
-    def _across(self) -> tuple[np.ndarray, float]:
-        """Return the way to the opposite point of the motion, and its duration [s]."""
+    def _set_point(self) -> dict[str, Any]:
+        """Return the way to the opposite point of the motion."""
         path = self.path
         if isinstance(path, JointSwing):
-            return 2.0 * path.amplitude, 0.5 * float(path.period.max())
-        motion, half = path.motion(self.robot.task.positions), 0.5 * path.period
-        return motion.at(half).x_d - motion.at(0.0).x_d, half
-
-    @property
-    def _duration(self) -> float:
-        """Duration of a run [s]: two turns, and time enough to come to rest."""
-        longest = 2.0 * float(np.max(self.path.period))
-        return float(ceil(max(20.0 if self.rests else 10.0, longest)))
+            across, half = 2.0 * path.amplitude, 0.5 * float(path.period.max())
+        else:
+            motion, half = path.motion(self.robot.task.positions), 0.5 * path.period
+            across = motion.at(half).x_d - motion.at(0.0).x_d
+        way = {"points": [_numbers(across.round(6))], "segment": _rounded(half, 3)}
+        return {"kind": "waypoints", "relative": True, **way}
 
     def remarks(self) -> dict[str, str]:
         """Return what the robot adds to the meaning of keys."""
-        robot = self.robot
-        found = {
+        robot, massless = self.robot, list[str]()
+        if self.mass is not None:
+            model = describe(self.source, xacro=self.xacro).model
+            massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
+        return {
             "robot.frame": f"Other ends of chains: {_names(robot.ends)}.",
             "robot.locked": f"Always locked, off the chain: {_names(robot.locked)}.",
             "robot.q0": f"Joints: {', '.join(robot.joint_names)}.",
-            "robot.mass": f"Links described without inertia: {_names(self.massless)}.",
+            "robot.mass": f"Links described without inertia: {_names(massless)}.",
         }
-        if self.planar:
-            found["robot.task"] = "No circle in space is within this chain's limits."
-        return found
 
     def gains(self) -> Iterator[tuple[str, float | list[float]]]:
         """Yield key and value of each gain of the law that is a number or a list."""
         law: Any = self.controller.law
         for key in NAMES:
-            if key == "Kp" and not law.units[1]:
-                continue  # it follows from the other gains
             gain = getattr(law, SYMBOLS.get(key, key), None)
-            if isinstance(gain, bool) or not isinstance(gain, int | float | np.ndarray):
+            follows = key == "Kp" and not law.units[1]  # from the other gains
+            if follows or isinstance(gain, bool) or not isinstance(gain, int | float | np.ndarray):
                 continue
             numbers = np.asarray(gain, dtype=float)
-            if numbers.ndim == 2:
-                if not np.array_equal(numbers, np.diag(np.diag(numbers))):
-                    continue  # a full matrix is too long for a comment
-                numbers = np.diag(numbers)
-            values = _numbers(numbers.flat, 3)
+            if numbers.ndim == 2 and np.count_nonzero(numbers - np.diag(np.diag(numbers))):
+                continue  # a full matrix is too long for a comment
+            values = _numbers(np.diag(numbers) if numbers.ndim == 2 else numbers.flat, 3)
             if values and np.isfinite(values).all():
                 yield key, values[0] if len(set(values)) == 1 else values
-
-
-def _in_planes(robot: Robot, make: Callable[..., Robot]) -> Iterator[tuple[Robot, WorkspaceCircle]]:
-    """Yield the robot with a plane as its task, and its circle, for the planes that have one."""
-    for plane in PLANES:
-        with suppress(RobotError):
-            planar = make(frame=robot.frame, task=plane)
-            yield planar, find_circle(planar)
-
-
-def _further_out(robot: Robot) -> np.ndarray:
-    """Return a tool (3) [m], in the frame's axes, that lengthens the arm in task coordinates."""
-    frame, out = robot.placement(robot.q0), np.zeros(3)
-    place = robot.frame_task.place if robot.task.positions else slice(None)
-    out[place] = frame.translation[place]
-    length = _TOOL * robot.reach
-    tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
-    return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
 
 # The file
@@ -394,7 +334,7 @@ def scenario_text(template: Template, folder: Path) -> str:
 def _comment(text: str) -> list[str]:
     """Return the lines of a comment; unprintable characters become spaces."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
-    lines = textwrap.wrap(printable, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(printable, 98, break_long_words=False, break_on_hyphens=False)
     return [f"# {line}" for line in lines]
 
 
@@ -407,8 +347,12 @@ def _written(value: Any) -> str:
     return tomlkit.item(value).as_string()
 
 
+def _rounded(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
+
+
 def _numbers(values: Any, digits: int = 6) -> list[float]:
-    return [float(f"{value:.{digits}g}") + 0.0 for value in values]
+    return [_rounded(value, digits) + 0.0 for value in values]
 
 
 def _names(names: Sequence[str]) -> str:

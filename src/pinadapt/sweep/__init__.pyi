@@ -1,6 +1,5 @@
 from .cases import Case as Case
 from .cases import Plan as Plan
-from .execution import EngineError as EngineError
 from .execution import numbers_of as numbers_of
 from .execution import run_case as run_case
 from .execution import sweep as sweep

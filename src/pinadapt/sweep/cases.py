@@ -35,25 +35,20 @@ from .._output import read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..scenario.scenario import described_robot
-from ..scenario.tables import (
-    at_folder,
-    made,
-    parts,
-    put,
-    setting,
-    toml_value,
-    with_values,
-)
-from .table import plain
+from ..scenario.tables import at_folder, made, parts, put, setting, toml_value, with_values
+from .table import flat, plain
 
 METHODS = ("random", "lhs", "sobol")
+COPY = "sweep.toml"
+SUCCESS = "follows"
 _OWN = {"case", "status", "reason", "seconds"}  # columns that no argument of a function may have
-_EDGE = 2.0**-53  # least distance of a quantile from 0 and 1, where normal ones are infinite
-_DESIGN = 1  # spawn key of the design's random numbers; cases have (0, number)
+_MAY_DIFFER = ("title", "timeout", "success")  # between a sweep and its resumption
 _HINT = (
     "Write values such as 1.0, 2.0 or a, b, or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
     "loguniform(a, b), normal(mean, deviation), choice([...]), finite numbers and a below b."
 )
+_LIST_TEXT = re.compile(r"\s*(\[|(lin|log)\s*\()")  # a text that is a list or a range
+_CONDITION = re.compile(r"\s*([^\s<>=]+)\s*(?:(<=|>=|<|>|==)\s*(-?[\d.]+(?:e-?\d+)?)\s*)?", re.I)
 
 
 @dataclass(frozen=True)
@@ -78,8 +73,8 @@ class Values:
     Attributes:
         key: a dotted key of a scenario, or the name of an argument of a function.
         kind: "list", "uniform", "loguniform", "normal" or "choice".
-        arguments: the values of the axis; low and high, or mean and deviation, each a number or a
-            list of n; or the choices.
+        arguments: the values of the axis; low and high, or mean and deviation, each () or (n); or
+            the choices.
         names: of the joints that have one number each in a table; empty: no table.
     """
 
@@ -103,10 +98,10 @@ class Values:
                 raise InputError(
                     f"cannot be read: {shown(given)}.", where=key, hint=_HINT
                 ) from error
-        listed = np.ndarray | range | tuple | list
-        arguments = tuple(plain(given)) if isinstance(given, listed) else (given,)
-        if not arguments or not _finite(arguments):
-            raise InputError("expected finite numbers, at least one.", where=key, hint=_HINT)
+        listed = isinstance(given, np.ndarray | range | tuple | list)
+        arguments = tuple(plain(given) if kind == "list" else given) if listed else (given,)
+        if not arguments:
+            raise InputError("expected at least one value.", where=key, hint=_HINT)
         return cls(key, kind, arguments)
 
     @property
@@ -115,18 +110,16 @@ class Values:
         return self.kind != "list"
 
     @property
-    def size(self) -> int | None:
-        """Number n of numbers that are drawn, None for a single value."""
-        sizes = [len(each) for each in self.arguments if isinstance(each, list)]
-        return sizes[0] if sizes and self.kind in _SPACES else None
+    def shape(self) -> tuple[int, ...]:
+        """(n) where n numbers are drawn, () for a single value."""
+        return np.shape(self.arguments[0]) if self.kind in _DISTRIBUTIONS else ()
 
     def at(self, u: np.ndarray) -> Any:
         """Return the value at the quantiles u (n), or (1) for a single one."""
         if self.kind == "choice":
             return self.arguments[min(int(u[0] * len(self.arguments)), len(self.arguments) - 1)]
-        a, b = (np.broadcast_to(np.asarray(each, float), u.shape) for each in self.arguments)
-        found = _SPACES[self.kind](a, b, u).tolist()
-        return found[0] if self.size is None else found
+        found = _DISTRIBUTIONS[self.kind](*self.arguments, u).tolist()
+        return found if self.shape else found[0]
 
     def by_joint(self, names: tuple[str, ...]) -> Values:
         """Return "KEY.*" as KEY with a number of its own for each of n joints; others as they are.
@@ -137,14 +130,11 @@ class Values:
         key = self.key.removesuffix(".*")
         if key == self.key:
             return self
-        if self.size not in (None, len(names)):
-            raise InputError(
-                f"there are {len(names)} numbers, the bounds are lists of {self.size}.",
-                where=self.key,
-            )
         arguments = self.arguments
-        if self.kind in _SPACES and self.size is None:
-            arguments = tuple([bound] * len(names) for bound in arguments)
+        if self.kind in _DISTRIBUTIONS:
+            if self.shape not in ((), (len(names),)):
+                raise InputError(f"has a number for each of {len(names)} joints.", where=self.key)
+            arguments = tuple(np.broadcast_to(bound, len(names)) for bound in arguments)
         # these keys hold a table of joints, where others hold a list
         by_name = key.endswith(("inertial_scale", "link_translation"))
         return replace(self, key=key, arguments=arguments, names=names if by_name else ())
@@ -168,17 +158,11 @@ def _loguniform(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
 def _normal(mean: np.ndarray, deviation: np.ndarray, u: np.ndarray) -> np.ndarray:
     from scipy.special import ndtri
 
-    return np.asarray(mean + deviation * ndtri(np.clip(u, _EDGE, 1.0 - _EDGE)))
+    edge = np.finfo(float).epsneg  # at 0 and 1 it is infinite
+    return np.asarray(mean + deviation * ndtri(np.clip(u, edge, 1.0 - edge)))
 
 
-_SPACES = {"uniform": _uniform, "loguniform": _loguniform, "normal": _normal}
-
-
-def _finite(value: Any) -> bool:
-    """Return whether a value of any depth holds finite numbers, words and truth values alone."""
-    if isinstance(value, list | tuple):
-        return all(map(_finite, value))
-    return not isinstance(value, float) or math.isfinite(value)
+_DISTRIBUTIONS = {"uniform": _uniform, "loguniform": _loguniform, "normal": _normal}
 
 
 def _parsed(text: str) -> tuple[str, list[Any]]:
@@ -194,22 +178,18 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     tree: Any = ast.parse(text, mode="eval").body
     kind, given = str(tree.func.id), [ast.literal_eval(each) for each in tree.args]
     if kind in ("lin", "log"):
-        first, last, count = given
-        spaced = (np.linspace if kind == "lin" else np.geomspace)(first, last, count)
-        if first == last and count > 1:
-            raise ValueError
-        return "list", spaced.tolist()
+        return "list", (np.linspace if kind == "lin" else np.geomspace)(*given).tolist()
     if kind == "choice":
         return kind, list(*given)
-    low, high = (np.asarray(each, float) for each in given)
-    least = np.zeros(1) if kind == "normal" else low
-    if kind not in _SPACES or not (least < high).all() or (kind == "loguniform" and low.min() <= 0):
+    low, high = np.broadcast_arrays(*given)
+    least = 0.0 if kind == "normal" else low
+    possible = np.isfinite([low, high]).all() and (least < high).all()
+    if kind not in _DISTRIBUTIONS or not possible or (kind == "loguniform" and low.min() <= 0.0):
         raise ValueError
-    np.broadcast(low, high)
-    return kind, given
+    return kind, [low.astype(float), high.astype(float)]
 
 
-def _seed_of(seed: int, number: int) -> int:
+def _case_seed(seed: int, number: int) -> int:
     """Return the seed of a case, below 2**63."""
     child = np.random.SeedSequence(seed, spawn_key=(0, number))
     return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
@@ -217,7 +197,8 @@ def _seed_of(seed: int, number: int) -> int:
 
 def _design(method: str, seed: int, count: int, d: int) -> np.ndarray:
     """Return quantiles (count, d): random numbers, a Latin hypercube, or Sobol's sequence."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_DESIGN,)))
+    # cases have the spawn keys (0, number)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
     if method == "random" or not d:
         return rng.random((count, d))
     from scipy.stats import qmc
@@ -225,24 +206,6 @@ def _design(method: str, seed: int, count: int, d: int) -> np.ndarray:
     if method == "lhs":
         return np.asarray(qmc.LatinHypercube(d, seed=rng).random(count))
     return np.asarray(qmc.Sobol(d, seed=rng).random_base2(math.ceil(math.log2(count)))[:count])
-
-
-def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the entries of nested tables by dotted keys."""
-    found: dict[str, Any] = {}
-    for key, value in table.items():
-        inside = isinstance(value, Mapping)
-        found |= flat(value, f"{prefix}{key}.") if inside else {f"{prefix}{key}": value}
-    return found
-
-
-# --- the sweep file ---
-
-_MAY_DIFFER = ("title", "timeout", "success")  # between a sweep and its resumption
-COPY = "sweep.toml"
-SUCCESS = "follows"
-_SPREAD = re.compile(r"\s*(\[|(lin|log)\s*\()")  # a text that is a list or a range
-_CONDITION = re.compile(r"^\s*(\S+)\s*(<=|>=|<|>|==)\s*(\S+)\s*$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +218,6 @@ class Plan:
         folder: to which the scenario's paths are relative.
         function: "module:name", or a function; None for a scenario.
         path: folder from which a module is imported; empty: as installed.
-        reduce: "module:name", or a function, that returns the numbers of a rollout.
         vary: values by key.
         case: explicit cases, with which the others are combined.
         samples: number of samples of the distributions.
@@ -274,7 +236,6 @@ class Plan:
     folder: str = ""
     function: Callable[..., Any] | str | None = None
     path: str = ""
-    reduce: Callable[..., Any] | str | None = None
     vary: Mapping[str, Any] = field(default_factory=dict)
     case: Sequence[Mapping[str, Any]] = ()
     samples: int | None = None
@@ -294,11 +255,12 @@ class Plan:
             )
         if self.timeout is not None:
             positive(self.timeout, "timeout", error=InputError)
-        condition(self.success)
+        if self.samples is not None:
+            whole(self.samples, "samples", least=1)
+        whole(self.repeat, "repeat", least=1)
+        whole(self.seed, "seed", least=0)
         word(self.method, METHODS, "method")
-        for name, least in (("samples", 1), ("repeat", 1), ("seed", 0)):
-            if getattr(self, name) is not None:
-                whole(getattr(self, name), name, least=least)
+        condition(self.success)
         drawn = [each.key for each in self.values if each.drawn]
         if bool(drawn) != (self.samples is not None):
             raise InputError(
@@ -314,10 +276,10 @@ class Plan:
                 "is a column of every table.", where=key, hint="Give the argument another name."
             )
         ordinary = self.cases[0].values
-        self._scenario(ordinary)
+        self.check(ordinary)
         for each in self.values:
             for value in () if each.drawn else each.arguments:
-                self._scenario(ordinary | {each.key: each.used(value)})
+                self.check(ordinary | {each.key: each.used(value)})
 
     @classmethod
     def read(
@@ -336,18 +298,14 @@ class Plan:
             InputError: the file cannot be used.
         """
         tables, folder = read_toml(path), path.resolve().parent
-        own = {"vary", "case", "function"} & set(tables)
-        if not own and not isinstance(tables.get("scenario"), str):
-            tables = {"scenario": tables}
         if isinstance(tables.get("scenario"), str):
             named = path.parent / tables["scenario"]
             tables["scenario"], folder = read_toml(named), named.resolve().parent
-        tables = {"path": str(_root(path)), "folder": str(folder)} | tables
-        tables["vary"] = flat(tables.get("vary", {})) | {
-            key: value for key, _, value in (text.partition("=") for text in vary if _is_set(text))
-        }
-        given = dict(setting(text) for text in settings)
-        tables["set"] = flat(tables.get("set", {})) | given
+        elif not {"vary", "case", "function"} & set(tables):
+            tables = {"scenario": tables}
+        tables = {"path": str(_import_folder(path)), "folder": str(folder)} | tables
+        tables["vary"] = flat(tables.get("vary", {})) | dict(map(_key_and_values, vary))
+        tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
         return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 
     @classmethod
@@ -360,30 +318,32 @@ class Plan:
             InputError: they cannot be used.
         """
         tables = dict(tables)
-        fixed, raw, listed = tables.pop("set", {}), tables.get("scenario"), tables.get("case", [])
-        if raw is None:
-            listed = [fixed | case for case in listed or [{}]] if fixed else listed
-        else:
-            tables["scenario"] = raw = deepcopy(dict(raw))
+        fixed, listed = tables.pop("set", {}), tables.get("case", [])
+        if "scenario" in tables:
+            tables["scenario"] = deepcopy(dict(tables["scenario"]))
             for key, value in fixed.items():
-                put(raw, key, value)
+                put(tables["scenario"], key, value)
             listed = [flat(case) for case in listed]
+        elif fixed:
+            listed = [fixed | case for case in listed or [{}]]
         tables["case"] = [each for case in listed for each in _expanded(case)]
         tables["vary"] = flat(mapping(tables.get("vary"), "vary"))
         found: Plan = made(cls, tables, "sweep file")
         return found
 
-    def _scenario(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the tables of the scenario with other values; empty for a function.
+    def _tables(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the tables of the scenario with other values."""
+        tables = deepcopy(dict(self.scenario or {}))
+        return at_folder(with_values(tables, values), Path(self.folder))
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Check that the scenario, if it is one, has such keys and values.
 
         Raises:
-            InputError: the scenario has no such keys or values.
+            InputError: it has not.
         """
-        if self.scenario is None:
-            return {}
-        tables = at_folder(with_values(deepcopy(dict(self.scenario)), values), Path(self.folder))
-        parts(tables)
-        return tables
+        if self.scenario is not None:
+            parts(self._tables(values))
 
     @cached_property
     def values(self) -> tuple[Values, ...]:
@@ -391,7 +351,7 @@ class Plan:
         values = [Values.of(str(key), each) for key, each in self.vary.items()]
         if self.scenario is None or not any(each.key.endswith(".*") for each in values):
             return tuple(values)
-        names = tuple(described_robot(self._scenario(dict(*self.case[:1]))).joint_names)
+        names = tuple(described_robot(self._tables(dict(*self.case[:1]))).joint_names)
         return tuple(each.by_joint(names) for each in values)
 
     @property
@@ -405,41 +365,39 @@ class Plan:
         """The product of listed cases, grid, samples and repetitions, the last changing fastest."""
         axes = [each for each in self.values if not each.drawn]
         drawn = [each for each in self.values if each.drawn]
-        order = [*axes, *drawn]
-        sizes = [each.size or 1 for each in drawn]
-        places = list(zip(drawn, np.cumsum(sizes), sizes, strict=True))
-        samples = [
-            [each.at(u[end - size : end]) for each, end, size in places]
-            for u in _design(self.method, self.seed, self.samples or 1, sum(sizes))
-        ]
+        sizes = [math.prod(each.shape) for each in drawn]
+        design = _design(self.method, self.seed, self.samples or 1, sum(sizes))
+        # row of the design -> its quantiles of each key
+        split = [np.split(row, np.cumsum(sizes)[:-1]) for row in design] if drawn else [[]]
+        samples = [[each.at(u) for each, u in zip(drawn, row, strict=True)] for row in split]
         grid = product(*(each.arguments for each in axes))
         points = product(self.case or [{}], grid, samples, range(self.repeat))
         found = []
         for number, (listed, point, sample, _) in enumerate(points):
-            values = {each.key: value for each, value in zip(order, (*point, *sample), strict=True)}
-            varied = {each.key: each.used(values[each.key]) for each in self.values}
-            found.append(Case(number, _seed_of(self.seed, number), {**listed, **varied}))
+            chosen = zip([*axes, *drawn], [*point, *sample], strict=True)
+            values = {each.key: each.used(value) for each, value in chosen}
+            in_order = {each.key: values[each.key] for each in self.values}
+            found.append(Case(number, _case_seed(self.seed, number), {**listed, **in_order}))
         return found
 
     def tables(self) -> dict[str, Any]:
         """Return the keys of a sweep file that says the same."""
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         found = {key: value for key, value in given.items() if value not in (None, "", (), {}, [])}
-        for key in {"function", "reduce"} & set(found):
-            found[key] = _name_of(found[key])
+        if callable(self.function):
+            found["function"] = f"{self.function.__module__}:{self.function.__qualname__}"
         return found
 
     def differs(self, other: Plan) -> list[str]:
         """Return the keys in which two sweeps differ so that their rows do not fit together."""
-        a, b = (as_plain(each.tables()) for each in (self, other))
+        a, b = plain(self.tables()), plain(other.tables())
         return [key for key in (a | b) if key not in _MAY_DIFFER and a.get(key) != b.get(key)]
 
     def save(self, folder: Path) -> None:
         """Write ``sweep.toml`` into a folder."""
         import tomlkit
 
-        found = {"version": __version__, **as_plain(self.tables())}
-        write_text(folder / COPY, tomlkit.dumps(found))
+        write_text(folder / COPY, tomlkit.dumps({"version": __version__, **plain(self.tables())}))
 
     @classmethod
     def load(cls, folder: Path) -> Plan:
@@ -462,16 +420,16 @@ class Plan:
         return cls.of(tables)
 
 
-def _is_set(text: str) -> bool:
-    """Return whether a text is a key with values.
+def _key_and_values(text: str) -> tuple[str, str]:
+    """Return key and values of a text.
 
     Raises:
-        InputError: it is not.
+        InputError: it has no equals sign or no key.
     """
-    key, equals, _ = text.partition("=")
+    key, equals, values = text.partition("=")
     if not (equals and key.strip()):
         raise InputError(f"expected key=values, got '{text}'.", where="--vary")
-    return True
+    return key, values
 
 
 def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -485,24 +443,11 @@ def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:
     """
     axes = [
         Values.of(key, value).arguments
-        if isinstance(value, str) and _SPREAD.match(value)
+        if isinstance(value, str) and _LIST_TEXT.match(value)
         else [value]
         for key, value in case.items()
     ]
     return [dict(zip(case, values, strict=True)) for values in product(*axes)]
-
-
-def as_plain(value: Any) -> Any:
-    """Return nested tables and lists as TOML has them, without what is None."""
-    if isinstance(value, Mapping):
-        return {str(key): as_plain(each) for key, each in value.items() if each is not None}
-    return plain(value)
-
-
-def _name_of(function: Callable[..., Any] | str) -> str:
-    if isinstance(function, str):
-        return function
-    return f"{function.__module__}:{getattr(function, '__qualname__', repr(function))}"
 
 
 def condition(text: str) -> tuple[str, str, float]:
@@ -511,22 +456,18 @@ def condition(text: str) -> tuple[str, str, float]:
     Raises:
         InputError: the text is neither.
     """
-    if not text or re.fullmatch(r"[\w.\[\]]+", text):
-        return text or SUCCESS, "==", 1.0
-    found = _CONDITION.match(text)
-    try:
-        if found is None:
-            raise ValueError
-        return found[1], found[2], float(found[3])
-    except ValueError as error:
+    found = _CONDITION.fullmatch(text or SUCCESS)
+    if found is None:
         raise InputError(
             f"cannot be read: {shown(text)}.",
             where="success",
             hint='Write a column and a bound, "error_share < 0.01".',
-        ) from error
+        )
+    column, sign, bound = found.groups()
+    return column, sign or "==", float(bound or 1.0)
 
 
-def _root(path: Path) -> Path:
+def _import_folder(path: Path) -> Path:
     """Return the folder from which modules beside a file are imported: the first no package."""
     folder = path.resolve().parent
     while (folder / "__init__.py").is_file():

@@ -1,8 +1,7 @@
 """Running the cases of a sweep: on processes of this machine, any executor, or in this process.
 
-The case travels to the worker, which makes the robot and the controller, keeps them for the next
-case that has the same, and sends back numbers. A case that raises, diverges, hangs, or takes its
-process with it, is a row with its reason.
+The case travels to the worker, which makes the robot and the controller and sends back numbers. A
+case that raises, diverges, hangs, or takes its process with it, is a row with its reason.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ import threading
 import time
 import traceback
 import warnings
-from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from inspect import Parameter, signature
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
@@ -33,9 +31,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import shown
+from .._checks import mapping
 from .._output import check_writable, collect_seldom, read_toml
-from .._version import __version__
 from ..exceptions import InputError
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
@@ -49,27 +46,19 @@ from .table import (
     DIVERGED,
     DONE,
     FAILED,
+    JOURNAL,
     REFUSED,
+    TABLE,
     TIMEOUT,
     CaseTable,
-    Store,
+    append,
+    join,
     read,
-    remove,
 )
 
 Work = Callable[[Case], Mapping[str, Any]]
-Ended = tuple[Case, "Future[dict[str, Any]]"]
-
-_KEPT = 4  # robots and controllers that a worker keeps; half: made again more often; twice: memory
-_AHEAD = 2  # cases for each worker of a given executor; one: workers wait; four: nothing is gained
-_IMPORTABLE = (
-    "A function must stand at the top of a module that all workers can import, not in a shell, a "
-    "notebook or another function."
-)
-
-
-class EngineError(InputError):
-    """Processes or an executor that cannot run any case."""
+Row = dict[str, Any]
+Ended = tuple[Case, "Future[Row]"]
 
 
 # --- what is run ---
@@ -82,14 +71,10 @@ class ScenarioWork:
     Attributes:
         raw: its tables.
         folder: to which its paths are relative.
-        reduce: returns the numbers of a rollout by name, or "module:name"; None: ``numbers_of``.
-        path: folder in which the module of ``reduce`` is.
     """
 
     raw: Mapping[str, Any]
     folder: str
-    reduce: Callable[[Rollout], Mapping[str, Any]] | str | None = None
-    path: str = ""
 
     def scenario(self, case: Case) -> Scenario:
         """Return the scenario of a case; its ``simulation.seed`` is the case's, unless varied.
@@ -98,14 +83,11 @@ class ScenarioWork:
             InputError: the values cannot be used.
         """
         values = {"simulation.seed": case.seed, **case.values}
-        tables = with_values(deepcopy(dict(self.raw)), values)
-        return Scenario.build(tables, Path(self.folder), _kept())
+        return Scenario.build(with_values(deepcopy(dict(self.raw)), values), Path(self.folder))
 
     def __call__(self, case: Case) -> Mapping[str, Any]:
         """Return the numbers of a case."""
-        rollout = self.scenario(case).run(progress=False)
-        reduce = numbers_of if self.reduce is None else resolved(self.reduce, self.path)
-        return reduce(rollout)
+        return numbers_of(self.scenario(case).run(progress=False))
 
 
 @dataclass(frozen=True)
@@ -125,8 +107,8 @@ class FunctionWork:
         function = resolved(self.function, self.path)
         arguments = signature(function).parameters
         takes_all = any(each.kind is Parameter.VAR_KEYWORD for each in arguments.values())
-        seeded = "seed" not in case.values and ("seed" in arguments or takes_all)
-        found = function(**case.values, **({"seed": case.seed} if seeded else {}))
+        seed = {"seed": case.seed} if "seed" in arguments or takes_all else {}
+        found = function(**{**seed, **case.values})
         return found if isinstance(found, Mapping) else {"result": found}
 
 
@@ -153,28 +135,34 @@ def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[...
     return found
 
 
+def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
+    """Return what a sweep runs for each case.
+
+    Raises:
+        InputError: a function cannot be imported.
+    """
+    if plan.function is None:
+        return ScenarioWork(plan.scenario or {}, plan.folder)
+    resolved(plan.function, plan.path)
+    return FunctionWork(plan.function, plan.path)
+
+
 def numbers_of(rollout: Rollout) -> dict[str, Any]:
     """Return the numbers of a run that a sweep keeps; None where there is none.
 
     ``follows``: whether the verdict is "follows"; ``error_share``, ``max_error_first``,
-    ``max_error_last`` and ``rms_error_last`` as in ``summary.json``; ``worst_after_change`` and
-    ``time_back``: of the worst event during the run; ``torque_use``: largest torque over its
-    limit; ``saturated``: share of samples with a motor at its limit; ``diverged``: when [s]. Errors
-    of a picture are ``max_pixels_first``, ``max_pixels_last`` and ``rms_pixels_last``, with
-    ``max_tool_error_last`` in metres.
+    ``max_error_last``, ``rms_error_last``, ``max_angle_last``, ``max_tool_error_last``,
+    ``saturated`` and ``diverged`` as in ``summary.json``; ``torque_use``: largest torque over its
+    limit; ``worst_after_change``: largest error after an event during the run.
     """
-    t, shown = rollout.transients, rollout.task.groups[0].display
-    scale, error = (1.0, "error") if shown is None else (shown.scale, "pixels")
-    first, last = (scale * rollout.window(first) for first in (True, False))
-    back = [each.back for each in t]
-    limits = rollout.effort_limits
+    last, limits = rollout.window(False), rollout.effort_limits
     used = np.abs(rollout.tau) / limits
     found: dict[str, Any] = {
         "follows": rollout.grade == FOLLOWS,
         "error_share": rollout.error_share,
-        f"max_{error}_first": extreme(np.max, first),
-        f"max_{error}_last": extreme(np.max, last),
-        f"rms_{error}_last": extreme(lambda x: float(np.sqrt(np.mean(x**2))), last),
+        "max_error_first": extreme(np.max, rollout.window(True)),
+        "max_error_last": extreme(np.max, last),
+        "rms_error_last": extreme(lambda x: float(np.sqrt(np.mean(x**2))), last),
         "torque_use": extreme(np.max, used[:, np.isfinite(limits)]),
         "saturated": extreme(np.mean, rollout.saturated),
         "diverged": rollout.diverged,
@@ -183,40 +171,11 @@ def numbers_of(rollout: Rollout) -> dict[str, Any]:
         found["max_tool_error_last"] = rollout.beside_picture
     if rollout.angle is not None:
         found["max_angle_last"] = extreme(np.max, rollout.angle[-len(last) :])
-    if t:
-        found["worst_after_change"] = extreme(
-            np.max, np.array([each.worst for each in t], dtype=float)
-        )
-        found["time_back"] = (
-            None if None in back else max(each for each in back if each is not None)
-        )
+    if rollout.transients:
+        worst = np.array([each.worst for each in rollout.transients])
+        found["worst_after_change"] = extreme(np.max, worst)
     if rollout.diverged is not None:
         found |= {"status": DIVERGED, "reason": f"at {rollout.diverged:.3f} s: {rollout.reason}"}
-    return found
-
-
-_local = threading.local()
-
-
-class _Kept(OrderedDict[Any, Any]):
-    """The last few robots and controllers that were made, by what they were made from."""
-
-    def once(self, kind: str, of: str, make: Callable[[], Any]) -> Any:
-        """Return what was made before, or make it; it is made from nothing but ``of``."""
-        key = (kind, of)
-        if key not in self:
-            self[key] = make()
-            for old in [each for each in self if each[0] == kind][:-_KEPT]:
-                del self[old]
-        self.move_to_end(key)
-        return self[key]
-
-
-def _kept() -> _Kept:
-    """Return what this thread keeps: a controller has scratch memory, so no two may share it."""
-    if not hasattr(_local, "kept"):
-        _local.kept = _Kept()
-    found: _Kept = _local.kept
     return found
 
 
@@ -248,52 +207,48 @@ def _within(seconds: float | None) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def run_case(
-    work: Work, case: Case, version: str = __version__, timeout: float | None = None
-) -> dict[str, Any]:
-    """Return the row of a case, whatever happens in it: status, reason, numbers, seconds.
+def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
+    """Return the row of a case, whatever happens in it: values, status, reason, numbers, seconds.
 
-    Raises:
-        EngineError: this process has another version of the library than the one that asks.
+    A number that has the name of a value of the case is called "NAME (result)", unless it is the
+    same.
     """
-    if version != __version__:
-        raise EngineError(
-            f"pinadapt {version} asks, but a worker has pinadapt {__version__}. Install the same "
-            "version on all workers."
-        )
-    started, found = time.perf_counter(), dict[str, Any]()
+    started, found = time.perf_counter(), Row()
+    status, reason = DONE, None
     try:
         with warnings.catch_warnings(), _within(timeout):
             warnings.simplefilter("ignore")  # the row says how the case ended
             found = dict(work(case))
-        head = {"status": found.pop("status", DONE), "reason": found.pop("reason", None)}
+        status, reason = found.pop("status", DONE), found.pop("reason", None)
     except InputError as error:
-        head = {"status": REFUSED, "reason": str(error)}
+        status, reason = REFUSED, str(error)
     except _TimeUp:
-        head = {"status": TIMEOUT, "reason": f"took longer than {timeout:g} s"}
+        status, reason = TIMEOUT, f"took longer than {timeout:g} s"
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
-        head = {"status": FAILED, "reason": f"{type(error).__name__}: {error} ({place})"}
-    return {**head, **found, "seconds": time.perf_counter() - started}
+        status, reason = FAILED, f"{type(error).__name__}: {error} ({place})"
+    row: Row = {"case": case.number, "seed": case.seed, **case.values}
+    row |= {"status": status, "reason": reason}
+    for key, value in found.items():
+        if key not in row:
+            row[key] = value
+        elif row[key] != value:
+            row[f"{key} (result)"] = value
+    return {**row, "seconds": time.perf_counter() - started}
 
 
-def _run(packed: bytes, version: str, timeout: float | None, case: Case) -> dict[str, Any]:
+def _run(packed: bytes, timeout: float | None, case: Case) -> Row:
     """Run a case of pickled work.
 
     Raises:
-        EngineError: the work cannot be imported here, or the versions differ.
+        InputError: the work cannot be imported here.
     """
-    return run_case(_unpacked(packed), case, version, timeout)
-
-
-@lru_cache(maxsize=2)
-def _unpacked(packed: bytes) -> Work:
     try:
         work: Work = pickle.loads(packed)
     except Exception as error:
-        raise EngineError(f"a worker cannot import what is run: {error}. {_IMPORTABLE}") from error
-    return work
+        raise InputError(f"a worker cannot import it: {error}.", where="function") from error
+    return run_case(work, case, timeout)
 
 
 # --- processes ---
@@ -326,7 +281,7 @@ def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
     """Yield new processes, which end with the block, whatever they do then.
 
     Raises:
-        EngineError: none can be started.
+        InputError: none can be started.
     """
     others = set(active_children())
     pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
@@ -334,9 +289,11 @@ def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
         pool.submit(os.getpid).result()
         yield pool
     except BrokenProcessPool as error:
-        raise EngineError(
-            "no process could be started. In a script, the call must be below "
-            '`if __name__ == "__main__":`, because every process imports the script.'
+        raise InputError(
+            "no process could be started.",
+            where="executor",
+            hint='In a script, put the call below `if __name__ == "__main__":`, because every '
+            "process imports the script.",
         ) from error
     finally:
         for process in set(active_children()) - others:
@@ -345,32 +302,34 @@ def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _in_processes(
-    task: Callable[[Case], Any], cases: Iterable[Case], count: int
+    task: Callable[[Case], Row], cases: Iterable[Case], count: int
 ) -> Iterator[Ended]:
     """Yield cases with their results as they end.
 
     A process that dies takes its pool with it. What was in that pool runs again, each case in a
     pool of its own, so that the one that kills its process is known.
     """
-    coming, again = iter(cases), deque[Case]()
+    coming = iter(cases)
     while True:
-        alone = bool(again)
-        source = iter([again.popleft()]) if alone else coming
-        with _pool(1 if alone else count) as pool:
-            for case, future in _as_ended(pool, task, source, 1 if alone else count):
-                if isinstance(future.exception(), BrokenProcessPool) and not alone:
+        again: list[Case] = []
+        with _pool(count) as pool:
+            for case, future in _as_ended(pool, task, coming, count):
+                if isinstance(future.exception(), BrokenProcessPool):
                     again.append(case)
                 else:
                     yield case, future
-        if not (again or alone):
+        if not again:
             return
+        for case in again:
+            with _pool(1) as pool:
+                yield from _as_ended(pool, task, iter([case]), 1)
 
 
 def _as_ended(
-    executor: Executor, task: Callable[[Case], Any], coming: Iterator[Case], ahead: int
+    executor: Executor, task: Callable[[Case], Row], coming: Iterator[Case], ahead: int
 ) -> Iterator[Ended]:
     """Yield cases with their results as they end, until there are no more or the pool is broken."""
-    running: dict[Future[dict[str, Any]], Case] = {}
+    running: dict[Future[Row], Case] = {}
     broken = False
     try:
         while True:
@@ -387,13 +346,11 @@ def _as_ended(
             future.cancel()
 
 
-def _submitted(
-    executor: Executor, task: Callable[[Case], Any], case: Case
-) -> Future[dict[str, Any]]:
+def _submitted(executor: Executor, task: Callable[[Case], Row], case: Case) -> Future[Row]:
     try:
         return executor.submit(task, case)
     except BrokenProcessPool as error:  # a process died while it had nothing to do
-        future: Future[dict[str, Any]] = Future()
+        future: Future[Row] = Future()
         future.set_exception(error)
         return future
 
@@ -406,7 +363,7 @@ def rows(
     cases: Iterable[Case],
     executor: Executor | int | None = None,
     timeout: float | None = None,
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Row]:
     """Yield the rows of cases as they end; few cases are in work at a time.
 
     Args:
@@ -417,76 +374,51 @@ def rows(
         timeout: [s] of a case.
 
     Raises:
-        EngineError: no case can run.
-        InputError: the work cannot be sent to other processes.
+        InputError: the work cannot be sent to other processes, or none can be started.
     """
     with threadpool_limits(1, "blas"):
         if executor == 0:  # nothing is pickled: any function will do
             for case in cases:
-                yield _row(case, run_case(work, case, timeout=timeout))
+                yield run_case(work, case, timeout)
             return
         try:
-            task = partial(_run, pickle.dumps(work), __version__, timeout)
+            task = partial(_run, pickle.dumps(work), timeout)
         except Exception as error:
             raise InputError(
                 f"cannot be sent to other processes: {error}.",
                 where="function",
-                hint=f"{_IMPORTABLE} Or run it in this process: executor=0.",
+                hint="Define it at the top of a module, not in a shell, a notebook or another "
+                "function; or run it in this process: executor=0.",
             ) from error
         if isinstance(executor, Executor):
-            workers = getattr(executor, "_max_workers", cores())
-            found = _as_ended(executor, task, iter(cases), _AHEAD * workers)
+            # two cases for each worker: with one it would wait for the next
+            ahead = 2 * getattr(executor, "_max_workers", cores())
+            ended = _as_ended(executor, task, iter(cases), ahead)
         else:
-            found = _in_processes(task, cases, executor or cores())
-        for case, future in found:
-            yield _row(case, _result(future))
+            ended = _in_processes(task, cases, executor or cores())
+        for case, future in ended:
+            yield _row(case, future)
 
 
-def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
-    """Return what came of a case.
+def _row(case: Case, future: Future[Row]) -> Row:
+    """Return the row of a case that has ended, or was lost with its process.
 
     Raises:
-        EngineError: no case can run.
+        InputError: the worker cannot import the work.
     """
     error = future.exception()
-    if isinstance(error, EngineError):
+    if isinstance(error, InputError):
         raise error
     if error is None:
         return future.result()
     reason = f"lost by the executor: {type(error).__name__}: {error}"
     if isinstance(error, BrokenProcessPool):
         reason = "its process ended: killed, out of memory, or a crash of compiled code"
-    return {"status": CRASHED, "reason": reason, "seconds": None}
-
-
-def _row(case: Case, found: dict[str, Any]) -> dict[str, Any]:
-    """Return the row of a case that has ended: parameters first, then what came of them."""
-    head = {"status": found.pop("status"), "reason": found.pop("reason")}
-    taken = {"case", "seed", *case.values}
-    results = {
-        f"{key} (result)" if key in taken else key: value
-        for key, value in found.items()
-        if not (key in case.values and case.values[key] == value)
-    }
-    return {"case": case.number, "seed": case.seed, **case.values, **head, **results}
+    ended = {"status": CRASHED, "reason": reason, "seconds": None}
+    return {"case": case.number, "seed": case.seed, **case.values, **ended}
 
 
 # --- the whole sweep ---
-
-
-def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
-    """Return what a sweep runs for each case.
-
-    Raises:
-        InputError: a function cannot be imported.
-    """
-    for function in (plan.function, plan.reduce):
-        if function is not None:
-            resolved(function, plan.path)
-    if plan.function is not None:
-        return FunctionWork(plan.function, plan.path)
-    assert plan.scenario is not None
-    return ScenarioWork(plan.scenario, plan.folder, plan.reduce, plan.path)
 
 
 def sweep(
@@ -498,7 +430,6 @@ def sweep(
     repeat: int = 1,
     seed: int = 0,
     executor: Executor | int | None = None,
-    reduce: Callable[[Rollout], Mapping[str, Any]] | None = None,
     folder: Path | str | None = None,
     timeout: float | None = None,
     progress: bool | None = None,
@@ -520,26 +451,21 @@ def sweep(
         repeat: runs of each case, each with its own seed.
         seed: of the sweep.
         executor: any ``concurrent.futures.Executor``; a number of processes, 0 for this one; None:
-            a process for each core. Functions and ``reduce`` have to be at the top of a module.
-        reduce: returns what is kept of a rollout, numbers by name; None: ``numbers_of``.
+            a process for each core. A function has to be at the top of a module.
         folder: keeps the table while it grows; a folder of the same sweep is completed.
         timeout: [s] of a case, on systems with alarm signals.
         progress: whether to show a bar; None: if standard error is a terminal.
 
     Raises:
-        InputError: a value or a key is not allowed, or the folder holds another sweep.
-        EngineError: no case can run.
+        InputError: a value or a key is not allowed, the folder holds another sweep, or no case can
+            run.
     """
     tables: dict[str, Any] = {"samples": samples, "method": method, "repeat": repeat, "seed": seed}
-    tables |= {"timeout": timeout, "reduce": reduce}
+    tables["timeout"] = timeout
     if isinstance(cases, Mapping):
         tables["vary"] = dict(cases)
-    elif cases and all(isinstance(each, Mapping) for each in cases):
-        tables["case"] = list(cases)
     else:
-        raise InputError(
-            f"expected values by key, or a list of them, got {shown(cases)}.", where="cases"
-        )
+        tables["case"] = [mapping(each, "cases") for each in cases]
     if callable(work):
         tables["function"] = work
     else:
@@ -556,10 +482,11 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
     Raises:
         InputError: it holds another sweep, or this one, without the option to resume it.
     """
-    if not (folder / COPY).is_file() or anew:
+    if anew or not (folder / COPY).is_file():
         check_writable(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        remove(folder)
+        for name in (TABLE, JOURNAL):
+            (folder / name).unlink(missing_ok=True)
         plan.save(folder)
         return folder
     if different := plan.differs(Plan.load(folder)):
@@ -590,40 +517,30 @@ def run_plan(
     Args:
         plan: the sweep.
         executor: as of ``rows``.
-        folder: that holds the rows; None: memory.
+        folder: that holds the rows, of one process at a time; None: memory.
         retry: whether what crashed, failed or took too long runs again.
         shown: whether to show a bar; None: on a terminal.
 
     Raises:
-        EngineError: no case can run.
+        InputError: no case can run.
         OSError: a row could not be written; those before it are kept.
     """
-    work = work_of(plan)
+    from tqdm import tqdm  # here, because workers need it not
+
+    work, done = work_of(plan), set[int]()
+    if folder is not None:
+        done = set(join(folder, AGAIN if retry else ())["case"].tolist())
+    missing = (case for case in plan.cases if case.number not in done)
+    found = tqdm(
+        rows(work, missing, executor, plan.timeout),
+        desc="sweep",
+        total=len(plan.cases),
+        initial=len(done),
+        disable=None if shown is None else not shown,
+        leave=False,
+    )
     if folder is None:
-        found = rows(work, plan.cases, executor, plan.timeout)
-        return CaseTable.of(list(_watched(found, plan, 0, shown)))
-    with Store(folder) as store:
-        if retry:
-            store.join(without=AGAIN)
-        done = store.done()
-        missing = (case for case in plan.cases if case.number not in done)
-        found = rows(work, missing, executor, plan.timeout)
-        for row in _watched(found, plan, len(done), shown):
-            store.add(row)
-        return store.join()
-
-
-def _watched(
-    found: Iterator[dict[str, Any]], plan: Plan, done: int, shown: bool | None
-) -> Iterator[dict[str, Any]]:
-    """Yield rows, with a bar that counts them and those that are lost; None: on a terminal."""
-    from tqdm import tqdm
-
-    disable = None if shown is None else not shown
-    total, lost = len(plan.cases), 0
-    with tqdm(total=total, initial=done, desc="sweep", disable=disable, leave=False) as bar:
-        for row in found:
-            lost += row["status"] != DONE
-            bar.set_postfix_str(f"{lost} lost" if lost else "", refresh=False)
-            bar.update()
-            yield row
+        return CaseTable(found)
+    for row in found:
+        append(folder, row)
+    return join(folder)

@@ -14,7 +14,6 @@ import numpy as np
 from .._checks import positive, whole
 from .._output import Sheet, Table, percent
 from ..exceptions import InputError
-from ..scenario.tables import parts, with_values
 from ..simulation.simulate import watched
 from .cases import Plan, Values
 from .execution import rows, work_of
@@ -22,7 +21,6 @@ from .sweep_report import Rate, percentile, rate
 from .table import DONE, CaseTable
 
 _PENALTY = 1e6  # objective where lost cases reach the percentile, times 1 + their share
-_BETTER, _CHANCE = 0.9, 0.05  # ratio of objectives, and probability, below which gains are better
 
 
 @dataclass(frozen=True)
@@ -48,60 +46,58 @@ class Tuned:
 
     Attributes:
         objective: what was minimised, in words.
-        default, best: the defaults and the best gains on the cases of the search.
-        default_other, best_other: the same on cases with another seed.
+        search: the defaults and the best gains on the cases of the search.
+        validation: the same on cases with another seed.
         trials: all gains that were tried.
         verdict: whether the gains are better, in words.
         better: whether they are.
     """
 
     objective: str
-    default: Judged
-    best: Judged
-    default_other: Judged
-    best_other: Judged
+    search: tuple[Judged, Judged]
+    validation: tuple[Judged, Judged]
     trials: tuple[Judged, ...]
     verdict: str
     better: bool
 
+    @property
+    def gains(self) -> dict[str, Any]:
+        """The best gains, by key."""
+        return self.search[1].gains
+
     def summary(self) -> dict[str, Any]:
         """Return the numbers, as ``tune.json`` has them."""
-        pairs = {
-            "search": (self.default, self.best),
-            "validation": (self.default_other, self.best_other),
-        }
+        pairs = {"search": self.search, "validation": self.validation}
         return {
             "verdict": self.verdict,
             "better": self.better,
             "objective": self.objective,
             "cases": {name: len(pair[0].errors) for name, pair in pairs.items()},
-            "gains": self.best.gains,
+            "gains": self.gains,
             **{
-                name: {"default": one.objective, "best": other.objective}
-                for name, (one, other) in pairs.items()
+                name: {"default": pair[0].objective, "best": pair[1].objective}
+                for name, pair in pairs.items()
             },
             "success": {
-                "default": self.default_other.success._asdict(),
-                "best": self.best_other.success._asdict(),
+                "default": self.validation[0].success._asdict(),
+                "best": self.validation[1].success._asdict(),
             },
             "trials": [{"gains": each.gains, "objective": each.objective} for each in self.trials],
         }
 
     def __str__(self) -> str:
         """Return gains, objectives and verdict as text."""
-        compared = (
-            ("defaults", self.default, self.default_other),
-            ("found", self.best, self.best_other),
+        rows = [
+            [name, _amount(one.objective), _amount(other.objective), str(other.success)]
+            for name, one, other in zip(
+                ("defaults", "found"), self.search, self.validation, strict=True
+            )
+        ]
+        compared = Table(
+            rows, ["gains", "in the search", "on other seeds", "success on other seeds"]
         )
-        table = Table(
-            [
-                [name, _amount(one.objective), _amount(other.objective), str(other.success)]
-                for name, one, other in compared
-            ],
-            ["gains", "in the search", "on other seeds", "success on other seeds"],
-        )
-        chosen = Table([(key, f"{value}") for key, value in self.best.gains.items()])
-        return f"{Sheet(self.objective, [table, chosen])}\n\n{self.verdict}"
+        chosen = Table([(key, f"{value}") for key, value in self.gains.items()])
+        return str(Sheet(self.objective, [compared, chosen], self.verdict))
 
 
 def tune(
@@ -149,7 +145,7 @@ def tune(
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
         rows_ = rows(work_of(plan), changed, executor, plan.timeout)
-        return _judged(chosen, CaseTable.of(list(rows_)), objective, share)
+        return _judged(chosen, CaseTable(rows_), objective, share)
 
     study = _study(plan.seed)
     default, tried = judge({}, plan), []
@@ -161,7 +157,7 @@ def tune(
     other = replace(plan, seed=plan.seed + 1, **more)
     compared = judge({}, other), judge(best.gains, other)
     words = f"{share:.0%} percentile of {objective}"
-    return Tuned(words, default, best, *compared, tuple(tried), *verdict(*compared))
+    return Tuned(words, (default, best), compared, tuple(tried), *verdict(*compared))
 
 
 def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: float) -> Judged:
@@ -176,7 +172,7 @@ def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: floa
     value = percentile(errors, share).value
     if not math.isfinite(value):
         value = _PENALTY * (1.0 + float(np.mean(np.isinf(errors))))
-    follows = table["follows"] if "follows" in table.columns else ~lost
+    follows = table["follows"] if "follows" in table.names else ~lost
     return Judged(dict(gains), value, errors, rate((follows == 1) & ~lost))
 
 
@@ -186,24 +182,24 @@ def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
     Raises:
         InputError: nothing is, a range cannot be used, or a key is varied by the sweep as well.
     """
-    if not gains:
-        raise InputError(
-            "no gain is searched.",
-            where="gains",
-            hint="Name some: controller.alpha=loguniform(5, 100).",
-        )
     found = {}
     for key, value in gains.items():
         values = Values.of(key, value)
         if not values.drawn:
             values = replace(values, kind="choice")
-        if values.size is not None or values.kind == "normal":
-            raise InputError("give one uniform, loguniform or choice.", where=key)
-        if key in plan.keys:
-            raise InputError("is varied by the sweep already.", where=key)
-        if plan.scenario is not None:
-            parts(with_values(plan.tables()["scenario"], {key: values.at(np.array([0.5]))}))
+        if values.shape or values.kind == "normal" or key in plan.keys:
+            raise InputError(
+                "give one uniform, loguniform or choice, of what the sweep does not vary.",
+                where=key,
+            )
+        plan.check({key: values.at(np.array([0.5]))})
         found[key] = values
+    if not found:
+        raise InputError(
+            "no gain is searched.",
+            where="gains",
+            hint="Name some: controller.alpha=loguniform(5, 100).",
+        )
     return found
 
 
@@ -230,7 +226,9 @@ def _suggested(trial: Any, gains: Mapping[str, Values]) -> dict[str, Any]:
     return {
         key: trial.suggest_categorical(key, values.arguments)
         if values.kind == "choice"
-        else trial.suggest_float(key, *values.arguments, log=values.kind == "loguniform")
+        else trial.suggest_float(
+            key, *map(float, values.arguments), log=values.kind == "loguniform"
+        )
         for key, values in gains.items()
     }
 
@@ -238,27 +236,27 @@ def _suggested(trial: Any, gains: Mapping[str, Values]) -> dict[str, Any]:
 def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
     """Return whether the gains found are better than the defaults on the same unseen cases.
 
-    They are if the objective falls by a tenth and Wilcoxon's test of the cases' ratios (1945)
-    says that chance would do as well in less than one of twenty.
+    They are if fewer cases are lost, or as many, the objective falls by a tenth, and Wilcoxon's
+    signed-rank test (1945) says that chance would do as well in less than one of twenty.
     """
     from scipy.stats import wilcoxon
 
     both = np.isfinite(default.errors) & np.isfinite(best.errors)
-    logs = np.log(np.maximum(best.errors[both], 1e-300) / np.maximum(default.errors[both], 1e-300))
+    found, before = best.errors[both], default.errors[both]
+    changed = bool((found != before).any())
+    p = float(wilcoxon(found, before, alternative="less").pvalue) if changed else 1.0
     lost = int(np.isinf(best.errors).sum() - np.isinf(default.errors).sum())
-    p = float(wilcoxon(logs, alternative="less").pvalue) if len(logs) and logs.any() else 1.0
-    ratio = best.objective / default.objective
     words = (
         f"on other seeds the objective is {_amount(best.objective)} with the gains found and "
         f"{_amount(default.objective)} with the defaults"
     )
     if lost > 0:
         return f"The defaults are better: {words}, and {lost} more cases are lost.", False
-    fewer = lost < 0 and best.objective < default.objective
-    if fewer or (ratio < _BETTER and p < _CHANCE):
-        chance = f"a chance of {percent(p, 1)}" if not fewer else f"{-lost} cases fewer are lost"
-        return f"The gains found are better: {words} ({chance}).", True
-    return f"The defaults are as good: {words} (chance alone: {percent(p, 2)}).", False
+    if lost < 0 and best.objective < default.objective:
+        return f"The gains found are better: {words} ({-lost} cases fewer are lost).", True
+    better = best.objective < 0.9 * default.objective and p < 0.05
+    which = "The gains found are better" if better else "The defaults are as good"
+    return f"{which}: {words} (chance alone: {percent(p, 2)}).", better
 
 
 def _amount(value: float) -> str:

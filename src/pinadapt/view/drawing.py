@@ -6,20 +6,17 @@ with a brace, which distinguishes the two.
 
 from __future__ import annotations
 
-import gzip
 import json
 import re
 from abc import ABC, abstractmethod
 from typing import Any, TypeAlias
 
-import coal
-import fast_simplification
 import meshcat
 import numpy as np
 import pinocchio as pin
 import umsgpack
 from meshcat.animation import Animation, AnimationClip, AnimationTrack
-from meshcat.geometry import MeshLambertMaterial, MeshPhongMaterial, TriangularMeshGeometry
+from meshcat.geometry import MeshLambertMaterial, TriangularMeshGeometry
 from pinocchio.visualize import MeshcatVisualizer
 from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry
 from scipy.spatial.transform import Rotation
@@ -74,25 +71,6 @@ def ghost(opacity: float = 0.4, colour: int = ESTIMATED) -> MeshLambertMaterial:
     )
 
 
-def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
-    """Return a tube along points (N, 3) [m], N >= 2: one prism per step, in order of the path."""
-    sides, steps = 8, np.diff(points, axis=0)
-    along = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-12)
-    aside = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
-    aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-12)
-    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[None, :, None]
-    across = np.cross(along, aside)[:, None]
-    ring = radius * (np.cos(angle) * aside[:, None] + np.sin(angle) * across)  # (N-1, sides, 3)
-    vertices = np.concatenate([points[:-1, None] + ring, points[1:, None] + ring], axis=1)
-    i = np.arange(sides)
-    j = (i + 1) % sides
-    faces = np.vstack(
-        [np.column_stack([i, j, i + sides]), np.column_stack([j, j + sides, i + sides])]
-    )
-    first = 2 * sides * np.arange(len(steps))[:, None, None]
-    return TriangularMeshGeometry(vertices.reshape(-1, 3), (first + faces).reshape(-1, 3))
-
-
 def rod(
     start: np.ndarray, end: np.ndarray, radius: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -109,6 +87,21 @@ def rod(
     return 0.5 * (start + end), quaternion, np.column_stack([thick, lengths, thick])
 
 
+def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
+    """Return a tube along points (N, 3) [m], N >= 2: one prism per step, in order of the path."""
+    sides = 8
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    ring = radius * np.array([np.sin(angle), 0.0 * angle, np.cos(angle)])
+    _, quaternion, _ = rod(points[:-1], points[1:], radius)
+    rings = (Rotation.from_quat(quaternion).as_matrix() @ ring).swapaxes(1, 2)  # (N-1, sides, 3)
+    vertices = np.concatenate([points[:-1, None] + rings, points[1:, None] + rings], axis=1)
+    i = np.arange(sides)
+    j = np.roll(i, -1)
+    faces = np.vstack([np.stack([i, j, i + sides], 1), np.stack([j, j + sides, i + sides], 1)])
+    first = 2 * sides * np.arange(len(points) - 1)[:, None, None]
+    return TriangularMeshGeometry(vertices.reshape(-1, 3), (first + faces).reshape(-1, 3))
+
+
 class _AnyImage(set[Any]):
     """Contains everything."""
 
@@ -123,34 +116,26 @@ class Artist(MeshcatVisualizer):
     """
 
     def loadMeshFromFile(self, shape: pin.GeometryObject) -> Any:  # Pinocchio's name
-        """Return a mesh; names of images are removed from it."""
+        """Return a mesh; a Collada mesh without images, and without coordinates on them."""
         if not shape.meshPath.lower().endswith(".dae"):
             return super().loadMeshFromFile(shape)
         mesh = DaeMeshGeometry(shape.meshPath, _AnyImage())  # reads no image that is in the set
-        images, end, rest = mesh.dae_raw.rpartition("</library_images>")
-        mesh.dae_raw = re.sub(">[^<]*</init_from>", "></init_from>", images) + end + rest
+        mesh.img_resources = {}
+        plain = re.sub(r"<library_images>.*?</library_images>", "", mesh.dae_raw, flags=re.S)
+        plain = re.sub(r"<texture\b[^>]*?(/>|>.*?</texture>)", TEXTURED, plain, flags=re.S)
+        # the viewer merges the parts of a mesh only if all of them have coordinates on images
+        mesh.dae_raw = plain.replace('semantic="TEXCOORD"', 'semantic="UNUSED"')
         return mesh
 
 
-# [bytes] of a mesh, compressed, above which it is simplified and has one colour. Half: most meshes
-# of a Panda would be. Twice: one mesh of a z1, whose meshes have 7.6e6.
-HEAVY = 0.75e6
-
-
-class _Last(Window):
-    """Keeps the last message with its key."""
-
-    def keep(self, key: Any, message: bytes) -> None:
-        """Keep the message."""
-        self.message = key, message
+TEXTURED = "<color>0.8 0.8 0.8 1</color>"  # in place of an image
 
 
 def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None:
-    """Draw each shape k of joint i at ``joint i/shape k`` below a node; large meshes simplified."""
-    visual, found, first = visual.copy(), _Last(), dict[Any, Node]()
-    inside = meshcat.Visualizer.view_into(found, root.path)
+    """Draw each shape k of joint i at ``joint i/shape k`` below a node; equal meshes once."""
+    visual, first = visual.copy(), dict[Any, Node]()
     artist = Artist(model, None, visual)
-    artist.initViewer(viewer=inside)
+    artist.initViewer(viewer=root)
     for number, shape in enumerate(visual.geometryObjects):
         joint, shape.name = f"joint {shape.parentJoint}", f"shape {number}"
         place = root[joint][shape.name]
@@ -160,33 +145,12 @@ def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None
             root.window.copy(first[mesh], place)
             continue
         first[mesh], artist.viewerVisualGroupName = place, joint
-        found.message = None, b""
         artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
-        key, message = found.message
-        heavy = len(gzip.compress(message, compresslevel=1)) > HEAVY
-        if heavy and isinstance(shape.geometry, coal.BVHModelBase):
-            red, green, blue = (int(255 * part) for part in shape.meshColor[:3])
-            colour = MeshPhongMaterial(color=red << 16 | green << 8 | blue, flatShading=True)
-            inside[joint][shape.name].set_object(_lighter(shape), colour)
-            key, message = found.message
-        if message:  # else a kind of shape that cannot be drawn
-            root.window.keep(key, message)
 
 
 def scaled_placement(shape: pin.GeometryObject) -> np.ndarray:
     """Return the placement of a shape in its joint's axes, times its scale (4, 4) [m]."""
     return np.asarray(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
-
-
-def _lighter(shape: pin.GeometryObject) -> TriangularMeshGeometry:
-    """Return the unscaled triangles of a mesh, simplified to half of what is heavy."""
-    mesh, most = shape.geometry, int(0.5 * HEAVY / 25.0)  # bytes of a triangle
-    vertices = np.array(mesh.vertices(), dtype=np.float32) / np.float32(shape.meshScale)
-    corners = (mesh.tri_indices(k) for k in range(mesh.num_tris))
-    faces = np.array([[corner[0], corner[1], corner[2]] for corner in corners], dtype=np.int32)
-    if len(faces) > most:
-        vertices, faces = fast_simplification.simplify(vertices, faces, target_count=most)
-    return TriangularMeshGeometry(vertices, faces)
 
 
 Node: TypeAlias = meshcat.Visualizer

@@ -35,6 +35,8 @@ def open_in_browser(address: str) -> bool:
 
 
 _PATIENCE = 2.0  # [s] for browsers to read the last messages before the server stops
+_ARRIVAL = 30.0  # [s] to wait for the browser that was opened; half: a slow one misses the start
+_RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 
 
 class Broadcast(Window):
@@ -105,9 +107,9 @@ class Server(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, page: str, messages: Broadcast, port: int = 0) -> None:
-        """Start the server; port 0 takes any free port."""
-        super().__init__(("127.0.0.1", port), _Handler)
+    def __init__(self, page: str, messages: Broadcast) -> None:
+        """Start the server on a free port."""
+        super().__init__(("127.0.0.1", 0), _Handler)
         self.page, self.messages = page.encode(), messages
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.url = f"http://127.0.0.1:{self.server_port}/"
@@ -150,17 +152,12 @@ class _Handler(BaseHTTPRequestHandler):
         """Log nothing."""
 
 
-_RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
-_ARRIVAL = 30.0  # [s] to wait for the browser; half or twice: so much for who opens it by hand
-
-
 class LiveView:
     """A page that shows a run while it goes on; close it, or use it in a ``with`` statement.
 
     The server is a thread of this process and answers this machine only. If there is a display, a
-    browser is opened. Without one, somebody at a terminal gets half a minute to open the address,
-    and the run starts with the first visitor. The address is printed to standard error, and
-    browsers may connect and leave at any time.
+    browser is opened, and the run waits for it. The address is printed to standard error; browsers
+    may connect and leave at any time.
 
     ```
     with LiveView(true, controller, trajectory, duration=10.0) as view:
@@ -181,8 +178,6 @@ class LiveView:
         duration: float,
         changes: Mapping[float, Robot] | None = None,
         title: str = "",
-        browser: bool = True,
-        port: int = 0,
     ) -> None:
         """Draw the scene and start its server.
 
@@ -193,11 +188,6 @@ class LiveView:
             duration: of the run [s]; the desired path is drawn for this time.
             changes: time [s] -> the true robot from then on.
             title: of the page.
-            browser: whether to open a browser if there is a display.
-            port: of the server; 0 takes any free port.
-
-        Raises:
-            OSError: the port is not available.
         """
         self._robots, self._controller = Succession.of(true, changes), controller
         self._window = Broadcast()
@@ -216,21 +206,10 @@ class LiveView:
         start = x_d[:1], x_d[:1], np.asarray(controller.kinematics.initial)[None]
         curves = [*task_curves(self._robots, controller, t[:1], *start)]
         html = page(title or true.name, self._scene.legend, viewpoint, curves, duration)
-        self._server = Server(html, self._window, port)
+        self._server = Server(html, self._window)
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
-        if not browser:
-            return
-        if not (opened := open_in_browser(self.url)):
-            at = self.url.rpartition(":")[2].rstrip("/")
-            print(
-                "live view: There is no display here: open the address in a browser of this "
-                f"machine, or of another one after `ssh -L {at}:127.0.0.1:{at}`. To see a run "
-                "afterwards: `pinadapt run` writes a page, which any browser shows.",
-                file=sys.stderr,
-                flush=True,
-            )
-        if opened or (sys.stderr is not None and sys.stderr.isatty()):
+        if open_in_browser(self.url):
             self._window.wait_for_reader(_ARRIVAL)
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:

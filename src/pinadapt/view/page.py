@@ -20,9 +20,8 @@ from .._checks import positive
 from .._output import write_text
 from ..controller.controller import Controller
 from ..robot.robot import Succession
-from ..tasks.frame import ImageTask
 from .drawing import TRUE, Keyframes, Window, framed, ghost, solid
-from .scene import Scene, desired_tip, motion_in_time, motion_of
+from .scene import Scene, desired_tip, motion_in_time
 
 
 class Curve(NamedTuple):
@@ -60,9 +59,6 @@ def task_curves(
         unit, scale = group.shown
         size = np.linalg.norm(error[:, group.rows], axis=1)
         found[Curve(f"{group.name} error", unit)] = scale * size
-    if isinstance(true.task, ImageTask):
-        back = np.linalg.pinv(true.task.jacobian(true.placement(true.q0), np.eye(6)[:, :3]))
-        found[Curve("at the tool, about", "mm")] = 1e3 * np.linalg.norm(error @ back.T, axis=1)
     truths = [kinematics.value(robot) for robot in robots.robots]
     known = not any(truth is None for truth in truths)
     if known and kinematics.size and kinematics.calibrated:
@@ -195,22 +191,20 @@ class Animation:
 
     Attributes:
         html: the page.
-        height: of the frame in a notebook [pixels].
     """
 
-    def __init__(self, html: str, height: int = 480) -> None:
-        """Take the page, and its height in a notebook [pixels]."""
-        self.html, self.height = html, height
+    def __init__(self, html: str) -> None:
+        """Take the page."""
+        self.html = html
 
     def save(self, path: Path | str) -> Path:
         """Write the page to a file and return its path; a missing folder is made."""
-        path = Path(path)
-        write_text(path, self.html)
-        return path
+        write_text(Path(path), self.html)
+        return Path(path)
 
     def _repr_html_(self) -> str:
         """Return a frame that contains the page and separates it from the notebook."""
-        style = f"width: 100%; height: {self.height}px; border: none"
+        style = "width: 100%; height: 480px; border: none"
         return f'<iframe srcdoc="{escape(self.html)}" style="{style}"></iframe>'
 
     def __repr__(self) -> str:
@@ -233,30 +227,37 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     """
     rate, run = positive(frames_per_second, "frames_per_second"), rollout.evaluated()
     robots, kinematics = run.true, run.controller.kinematics
-    true, t, window = robots.robots[0], rollout.t, Messages()
-    curves, path = Curves(), motion_of(true, true.q0[None]).tip
-    if len(t):
-        line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
-        traced = motion_in_time(robots, t[line], rollout.q[line])
-        path = desired_tip(true, rollout.x_d[line], traced.tip)
-        viewpoint = Viewpoint.of(np.vstack([traced.points, path]), path)
-        wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, _MOST - 1)) + 1
-        frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
+    true, window = robots.robots[0], Messages()
+    t, q, x, x_d, a_k = rollout.t, rollout.q, rollout.x, rollout.x_d, rollout.a_k
+    if not len(t):  # it diverged at once
+        home, here = true.q0, true.position(true.q0)
         t, q, x, x_d, a_k = (
-            part[frames] for part in (t, rollout.q, rollout.x, rollout.x_d, rollout.a_k)
+            np.array([each]) for each in (0.0, home, here, here, kinematics.initial)
         )
-        keys = Keyframes(t)
-        scene = Scene(window, robots, kinematics, viewpoint.size, keys, path)
-        scene.show(t, q, x_d, a_k)
+    line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
+    traced = motion_in_time(robots, t[line], q[line])
+    path = desired_tip(true, x_d[line], traced.tip)
+    viewpoint = Viewpoint.of(np.vstack([traced.points, path]), path)
+    wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, _MOST - 1)) + 1
+    frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
+    t, q, x, x_d, a_k = (part[frames] for part in (t, q, x, x_d, a_k))
+    poses = Keyframes(t)
+    scene = Scene(window, robots, kinematics, viewpoint.size, poses, path)
+    scene.show(t, q, x_d, a_k)
+    if len(traced.tip) > 1:
         scene.add_path("true", traced.tip, 0.005, solid(TRUE))
         window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
-        curves = task_curves(robots, run.controller, t, x, x_d, a_k)
-        for reading in readings(t, curves):
-            window.note(("reading", reading["t"]), reading=reading)
-        keys.play(scene.root)
-    else:
-        viewpoint = Viewpoint.of(motion_of(true, true.q0[None]).points, path)
-        scene = Scene(window, robots, kinematics, viewpoint.size, Keyframes(np.zeros(1)), path)
-    title, end = rollout.title or true.name, rollout.duration
-    around: Any = {"marks": rollout.marks, "messages": window.all}
-    return Animation(page(title, scene.legend, viewpoint, [*curves], end, **around))
+    curves = task_curves(robots, run.controller, t, x, x_d, a_k)
+    for reading in readings(t, curves):
+        window.note(("reading", reading["t"]), reading=reading)
+    poses.play(scene.root)
+    html = page(
+        rollout.title or true.name,
+        scene.legend,
+        viewpoint,
+        [*curves],
+        rollout.duration,
+        marks=rollout.marks,
+        messages=window.all,
+    )
+    return Animation(html)

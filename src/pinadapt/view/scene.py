@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import meshcat
@@ -116,11 +115,19 @@ class DrawnRobot:
         size: length of the scene that thicknesses are multiplied by [m].
     """
 
-    def __init__(self, node: Node, robot: Robot, size: float) -> None:
-        """Take the root node, the robot, and the size of the scene [m]; draw nothing yet."""
+    def __init__(self, node: Node, robot: Robot, size: float, tip: Material) -> None:
+        """Draw a ball at the tip.
+
+        Args:
+            node: root of the robot.
+            robot: the robot.
+            size: of the scene [m].
+            tip: material of the ball.
+        """
         self.node, self.robot, self.size = node, robot, size
         self.carrier = int(robot.model.frames[robot.frame_id].parentJoint)
-        self._rods: list[tuple[Node, int, int, float]] = []
+        self._rods: list[tuple[Node, int, int]] = []
+        node["tip"].set_object(Sphere(0.024 * size), tip)
 
     def joint(self, index: int) -> Node:
         """Return the node that moves with a joint; joint 0 is the base."""
@@ -131,34 +138,29 @@ class DrawnRobot:
         for index in range(motion.joints.shape[1]):
             poses.move_rigidly(self.joint(index), motion.joints[:, index])
         points = [*motion.joints[:, :, :3, 3].swapaxes(0, 1), motion.tip]
-        for node, start, end, radius in self._rods:
-            poses.move(node, *rod(points[start], points[end], radius))
+        for node, start, end in self._rods:
+            poses.move(node, *rod(points[start], points[end], 0.025 * self.size))
         poses.move(self.node["tip"], motion.tip)
 
-    def stick_figure(
-        self, tip: Material, material: Material, thickness: float, joints: Iterable[int]
-    ) -> None:
-        """Draw a ball at the tip and at these joints, and a rod to each from the joint before."""
+    def stick_figure(self, material: Material) -> None:
+        """Draw a ball at each joint, and a rod to it from the joint before; one to the tip too."""
         parents = [*map(int, self.robot.model.parents), self.carrier]
-        self.node["tip"].set_object(Sphere(0.024 * self.size), tip)
-        for index in (*joints, len(parents) - 1):
-            if index < len(parents) - 1:
-                ball = Sphere(1.6 * thickness * self.size)
-                self.joint(index)["ball"].set_object(ball, material)
-            if index:
-                self.node[f"rod {index}"].set_object(Cylinder(1.0), material)
-                ends = parents[index], index if index < len(parents) - 1 else -1
-                self._rods.append((self.node[f"rod {index}"], *ends, thickness * self.size))
+        for end, start in enumerate(parents):
+            if end < len(parents) - 1:
+                self.joint(end)["ball"].set_object(Sphere(0.04 * self.size), material)
+            if end:
+                self._rods.append((self.node[f"rod {end}"], start, end))
+                self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
     def load(self, number: int) -> Node:
         """Return the node of the loads of the robot of this number in the succession."""
         return self.joint(self.carrier)[f"load {number}"]
 
-    def add_loads(self, number: int, loads: Iterable[pin.Inertia], material: Material) -> None:
-        """Draw each load (in axes of the last joint) as a ball of steel of the same mass."""
-        for k, load in enumerate(loads):
+    def add_loads(self, number: int, robot: Robot) -> None:
+        """Draw each load of a robot as a ball of steel of the same mass."""
+        for k, load in enumerate(robot.loads):
             ball, volume = self.load(number)[f"{k}"], load.mass / 7850.0  # [m^3]
-            ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * volume))), material)
+            ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * volume))), ghost(0.6, LOAD))
             ball.set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
 
 
@@ -168,8 +170,7 @@ class Scene:
     The true robot, which may change during the run, has its own colours. The estimated robot is a
     translucent ghost, visible where it differs. Each has a ball at its tip, the task frame. The
     desired path is a wide translucent green one, with the path of the true tip in red inside; loads
-    are orange balls. All lengths are in the axes of the robot's base. Where the axes of x are
-    unknown (a tracker), the blue path is the desired one where the controller takes it to be.
+    are orange balls. All lengths are in the axes of the robot's base.
 
     Attributes:
         root: node of the scene.
@@ -200,25 +201,21 @@ class Scene:
         """
         self.root, self.size, self.robots = meshcat.Visualizer(window=window), size, robots
         self.kinematics, self.poses, true = kinematics, poses, robots.robots[0]
-        self._solid = DrawnRobot(self.root["true"], true, size)
-        self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size)
-        visual, joints = true.visual, list(range(true.model.njoints))
-        thickness, own = 0.025, joints
-        if visual is not None and len(visual.geometryObjects) > 0:
-            draw_shapes(self._solid.node, visual, true.model)
-            for number, shape in enumerate(visual.geometryObjects):  # stored only once
+        self._solid = DrawnRobot(self.root["true"], true, size, solid(TRUE))
+        self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
+        if true.visual is not None and len(true.visual.geometryObjects) > 0:
+            draw_shapes(self._solid.node, true.visual, true.model)
+            for number, shape in enumerate(true.visual.geometryObjects):  # stored only once
                 place = f"joint {shape.parentJoint}/shape {number}"
                 self._ghost.node[place].set_transform(scaled_placement(shape))
                 window.copy(self._solid.node[place], self._ghost.node[place], as_ghost=True)
-            thickness, own, joints = 0.01, [], _uncertain(true, kinematics)
-        self._solid.stick_figure(solid(TRUE), solid(BONES), thickness, own)
-        self._ghost.stick_figure(ghost(0.6), ghost(), thickness, joints)
+        else:
+            self._solid.stick_figure(solid(BONES))
+            self._ghost.stick_figure(ghost())
         for number, robot in enumerate(robots.robots):
-            self._solid.add_loads(number, robot.loads, ghost(0.6, LOAD))
+            self._solid.add_loads(number, robot)
         self.add_path("desired", path, 0.012, ghost(0.4, DESIRED))
         self.root["desired point"].set_object(Sphere(0.034 * size), ghost(0.5, DESIRED))
-        if not kinematics.calibrated and kinematics.affine:
-            self.add_path("estimated", path, 0.004, ghost(0.7))
         self._surroundings(min(0.0, motion_of(true, true.q0[None]).points[:, 2].min()))
 
     @property
@@ -240,24 +237,16 @@ class Scene:
             x_d: (F, .) desired task coordinates.
             a_k: (F, p) estimates.
         """
-        kinematics, true, poses = self.kinematics, self.robots.robots[0], self.poses
+        kinematics, poses, robots = self.kinematics, self.poses, self.robots.robots
         motion = motion_in_time(self.robots, t, q)
         self._solid.place(motion, poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
-        poses.move(self.root["desired point"], desired_tip(true, x_d, motion.tip))
+        poses.move(self.root["desired point"], desired_tip(robots[0], x_d, motion.tip))
         carrying = self.robots.index(t)
-        for number in range(len(self.robots.robots)):
+        for number in range(len(robots)):
             shown = np.where(carrying == number, 1.0, 1e-4)  # a ball too small to be seen
             scale = np.column_stack([shown] * 3)
             poses.move(self._solid.load(number), np.zeros((len(t), 3)), None, scale)
-        if not kinematics.calibrated and kinematics.affine:
-            # a point that the tracker sees at one place seems to be at another, by both trackers
-            tracker, placements = true.tracker or pin.SE3.Identity(), []
-            for estimate in a_k:
-                seen = kinematics.seen(estimate).tracker
-                assert seen is not None
-                placements.append((seen.inverse() * tracker).homogeneous)
-            poses.move_rigidly(self.root["paths"]["estimated"], np.array(placements))
         return motion
 
     def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> None:
@@ -271,16 +260,6 @@ class Scene:
         grid = np.diag([2.0 * spacing, 2.0 * spacing, 1.0, 1.0])  # of lines that are 0.5 m apart
         grid[2, 3] = floor
         self.root["/Grid"].set_transform(grid)
-        self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
-        self.root["/Lights/AmbientLight/<object>"].set_property("intensity", 0.4)
         self.root["/Axes"].set_property("visible", False)
         for end in ("top_color", "bottom_color"):
             self.root["/Background"].set_property(end, [0.93, 0.94, 0.96])
-
-
-def _uncertain(true: Robot, kinematics: TaskKinematics) -> list[int]:
-    """Return the joints whose estimated origin in the parent's axes may differ from the true."""
-    unknown = {part.joint for part in kinematics.translations if part.joint is not None}
-    pairs = zip(true.model.jointPlacements, kinematics.robot.model.jointPlacements, strict=True)
-    apart = [np.abs(ours.translation - theirs.translation).max() for ours, theirs in pairs]
-    return sorted(unknown | {index for index, far in enumerate(apart) if far > 1e-6})

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ..controller.controller import Controller
 from ..controller.limits import Limits
 from ..description.catalogue import catalogue, catalogue_entry
 from ..description.chain import effort_limits
@@ -44,9 +43,7 @@ TOOL_ERROR = 0.05  # relative to the reach
 LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
 FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
 SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
-_TURNS = 4.0  # least number of turns of a run
-_SETTLED = 9.0  # [s] after which a run without adaptation repeats itself
-_LEAST_DURATION = 30.0  # [s]; its last 10 % is a whole turn of the fastest circle, 3 s
+LEAST_DURATION = 30.0  # [s]; its last 10 % is a whole turn of the fastest circle, 3 s
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +80,10 @@ class ZooCase:
     def repeating(self) -> float:
         """Duration [s] of a run without adaptation that ends like one of ``duration``.
 
-        With constant estimates the loop becomes periodic within seconds, so whole turns are
-        omitted.
+        With constant estimates the loop becomes periodic within a third of the run, so whole turns
+        are omitted.
         """
-        least = max(_SETTLED, 2.0 * self.period)
+        least = max(0.3 * LEAST_DURATION, 2.0 * self.period)
         return self.duration - self.period * max(0, (self.duration - least) // self.period)
 
 
@@ -127,7 +124,7 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
         _motion(true, found, rng),
         found.radius,
         found.period,
-        max(_LEAST_DURATION, _TURNS * found.period),
+        max(LEAST_DURATION, 4.0 * found.period),
     )
 
 
@@ -155,7 +152,8 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
-_UNKNOWN = Unknown(friction=True, armature=True)  # the true robot has friction, the model has none
+_MEASURED = ("joints", "radius", "unadapted", "adapted", "min_eig_M_hat", "min_singular_J_hat")
+_MEASURED += ("unadapted_angle", "adapted_angle")
 
 
 def zoo_names(task: str = POSITION) -> list[str]:
@@ -186,32 +184,32 @@ def zoo_numbers(
         adaptation: name of an adaptation; "" is the default.
         case_seed: seed of tool, friction and model errors.
     """
-    names = ("joints", "radius", "unadapted", "adapted", "min_eig_M_hat", "min_singular_J_hat")
-    row: dict[str, Any] = {"robot": robot, "law": law, "task": task, **dict.fromkeys(names)}
-    row |= {"unadapted_angle": None, "adapted_angle": None}
+    row: dict[str, Any] = {"robot": robot, "law": law, "task": task, **dict.fromkeys(_MEASURED)}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
-            row |= _numbers(robot, law, case_seed, task, adaptation or None)
+            row |= _measured(robot, law, case_seed, task, adaptation or None)
         except (PinadaptError, ArithmeticError, ValueError) as error:
             row["verdict"] = f"refused: {error}"
     return {**row, "converged": row["verdict"] == CONVERGED}
 
 
-def _numbers(name: str, law: str, seed: int, task: str, adaptation: str | None) -> dict[str, Any]:
+def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None) -> dict[str, Any]:
+    """Return what both runs of a robot gave, with the verdict."""
     case = zoo_case(name, seed, POSE if task == POSE else None)
-    adapted = _run(case, _controller(case, law, adaptation), case.duration)
-    unadapted = _run(case, _controller(case, law, "none"), case.repeating)
-    found = {
-        "joints": case.true.model.nv,
-        "radius": case.radius,
-        "unadapted": _last(case, unadapted, unadapted.distance),
-        "adapted": _last(case, adapted, adapted.distance),
-        "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
-        "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
-        "unadapted_angle": _last(case, unadapted, unadapted.angle),
-        "adapted_angle": _last(case, adapted, adapted.angle),
-    }
+    adapted = _run(case, law, adaptation, case.duration)
+    unadapted = _run(case, law, "none", case.repeating)
+    values = (
+        case.true.model.nv,
+        case.radius,
+        _last(case, unadapted, unadapted.distance),
+        _last(case, adapted, adapted.distance),
+        extreme(np.min, adapted.min_eig_M_hat),
+        extreme(np.min, adapted.min_singular_J_hat),
+        _last(case, unadapted, unadapted.angle),
+        _last(case, adapted, adapted.angle),
+    )
+    found = dict(zip(_MEASURED, values, strict=True))
     return {**found, "verdict": _verdict(case, found, adapted)}
 
 
@@ -243,27 +241,17 @@ def run_zoo(
     for row in rows(FunctionWork(zoo_numbers), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
-        dropped = ("case", "seed", "case_seed", "status", "reason", "seconds", "converged")
-        yield {key: value for key, value in row.items() if key not in dropped}
+        yield {key: row.get(key) for key in ("robot", "law", "task", *_MEASURED, "verdict")}
 
 
-def _controller(case: ZooCase, law: str, adaptation: str | None = None) -> Controller:
-    return make_controller(
-        case.estimated,
-        law=law,
-        adaptation=adaptation,
-        unknown=_UNKNOWN,
-        limits=Limits(
-            torque=case.efforts_suffice,
-            guards={
-                "velocity": False
-            },  # the simulated sensors are right: implausible speed is divergence
-        ),
-        dt=PERIOD,
+def _run(case: ZooCase, law: str, adaptation: str | None, duration: float) -> Rollout:
+    """Run a case with default gains; its sensors are right: implausible speed is divergence."""
+    limits = Limits(torque=case.efforts_suffice, guards={"velocity": False})
+    # the true robot has friction, the model has none
+    unknown = Unknown(friction=True, armature=True)
+    controller = make_controller(
+        case.estimated, law=law, adaptation=adaptation, unknown=unknown, limits=limits, dt=PERIOD
     )
-
-
-def _run(case: ZooCase, controller: Controller, duration: float) -> Rollout:
     return simulate(
         case.true,
         controller,
