@@ -84,7 +84,7 @@ class CameraKinematics(ProjectedKinematics):
         a = self.nominal + self.displacement(model)
         a_k = self.parameters(robot.task, a)
         q = pin.integrate(model, self.robot.q0, np.linspace(0.1, 0.3, self.nv))
-        self.update(a_k, q, self.still)
+        self.update(a_k, q, self._still)
         return a_k if np.abs(self.p_hat - robot.position(q)).max() < _SAME else None
 
     def seen(self, a_k: np.ndarray) -> Robot:

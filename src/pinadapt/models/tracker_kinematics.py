@@ -72,7 +72,7 @@ class TrackerKinematics(ProjectedKinematics):
 
     def _axes(self) -> np.ndarray:
         """Return the rotation (3, 3) nearest to R_c of the estimate."""
-        return orthonormal(self._N[:, :3])
+        return orthonormal(self._now.maps[0, :3, :3])
 
     def parameters(self, tracker: Tracker) -> np.ndarray:
         """Return the parameters (p) of a tracker and translations."""
@@ -179,7 +179,7 @@ class TrackerKinematics(ProjectedKinematics):
         a = self.nominal + self.displacement(model)
         a_k = self.parameters(Tracker(model.jointPlacements[1] * base.inverse(), a))
         q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 1.1, self.nv))
-        self.update(a_k, q, self.still)
+        self.update(a_k, q, self._still)
         place = robot.placement(q).translation[self._rows]
         return a_k if np.abs(self.p_hat - place).max() < _SAME else None
 
