@@ -50,16 +50,7 @@ class InertialModel:
         return type(self), (self._model,)
 
     def load(self, pi: np.ndarray) -> None:
-        """Set the parameters (10 n) of all bodies; they must not change until others are set.
-
-        Raises:
-            ParameterError: another number of parameters.
-        """
-        if pi.size != self._ballast.size:
-            raise ParameterError(
-                f"expected {self._ballast.size} parameters, got {pi.size}.",
-                where="inertial parameters",
-            )
+        """Set the parameters (10 n) of all bodies; they must not change until others are set."""
         self._pi, self._written = pi, False
 
     def _write(self) -> None:
@@ -95,12 +86,7 @@ class InertialDynamics(Dynamics):
     Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
     from its joint torque regressor. Subclasses define how pi follows from a_d (``expand``) and how
     the regressor of a_d follows from that of pi (``reduce``).
-
-    Attributes:
-        complete: whether a_d is pi, and its regressor that of pi.
     """
-
-    complete: bool = False
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model of a nominal robot."""
@@ -158,7 +144,7 @@ class InertialDynamics(Dynamics):
         Y, tau = self._regressor.slotine_li_torque(self._pi, q, v, v_r, a_r)
         if self._rotors:
             tau = tau + self._armature * a_r
-        return Y if self.complete else self.reduce(Y), tau
+        return self.reduce(Y), tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a rest, with known bodies and rotors.
@@ -167,22 +153,44 @@ class InertialDynamics(Dynamics):
         """
         Y_M, Y_0 = self._regressor.momentum(q, v)
         p_0 = self._armature * v if self._rotors else np.zeros(v.size)
-        if self.complete:
-            return Momentum(Y_M, Y_0, p_0, np.zeros(v.size))
-        known = self._known
-        if not known.any():
-            return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, np.zeros(v.size))
-        return Momentum(
-            self.reduce(Y_M),
-            self.reduce(Y_0),
-            p_0 + Y_M.dot(known),
-            Y_0.dot(known),
-        )
+        known, tau_0 = self._known, np.zeros(v.size)
+        if known is not None:
+            p_0, tau_0 = p_0 + Y_M.dot(known), Y_0.dot(known)
+        return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, tau_0)
 
     @cached_property
-    def _known(self) -> np.ndarray:
-        """The part of pi (10 n) that does not depend on a_d."""
-        return self.expand(np.zeros(self.size))
+    def _known(self) -> np.ndarray | None:
+        """The part of pi (10 n) that does not depend on a_d; None if there is none."""
+        known = self.expand(np.zeros(self.size))
+        return known if known.any() else None
+
+
+class ChosenParameters(InertialDynamics):
+    """Dynamics in some of the parameters pi (10 n); the others are known."""
+
+    def __init__(self, robot: Robot, columns: np.ndarray, *, known: bool = True) -> None:
+        """Choose the parameters by their indices in pi (p); the others are nominal, or zero."""
+        super().__init__(robot)
+        self._columns, self.size = columns, len(columns)
+        self._all = self.size == self._pi.size
+        self._others = self._pi if known else np.zeros(self._pi.size)
+        self.initial = self._pi[columns].copy()
+
+    def expand(self, a_d: np.ndarray) -> np.ndarray:
+        """Return pi (10 n) with the parameters a_d (p) in it."""
+        if self._all:
+            return a_d
+        pi = self._others.copy()
+        pi[self._columns] = a_d
+        return pi
+
+    def reduce(self, Y: np.ndarray) -> np.ndarray:
+        """Return the columns (n, p) of the chosen parameters."""
+        return Y if self._all else Y[:, self._columns]
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot's bodies."""
+        return inertial_parameters(robot.model)[self._columns]
 
 
 ALL, PAYLOAD, NONE = "all", "payload", "none"
@@ -208,7 +216,7 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     )
 
 
-class BodyDynamics(InertialDynamics):
+class BodyDynamics(ChosenParameters):
     """Dynamics in the ten inertial parameters [m, mc, I about the joint] of chosen bodies.
 
     Attributes:
@@ -223,41 +231,25 @@ class BodyDynamics(InertialDynamics):
         Raises:
             RobotError: unknown joint.
         """
-        super().__init__(robot)
+        instance(robot, Robot, "robot", RobotError)
         self.bodies, names = chosen_bodies(robot, unknown), robot.joint_names
+        first = PER_BODY * np.array(self.bodies, dtype=int)
+        super().__init__(robot, (first[:, None] + np.arange(PER_BODY)).ravel())
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
-        self.size = len(self.names)
-        self._columns = np.concatenate(
-            [[PER_BODY * b + i for i in range(PER_BODY)] for b in self.bodies] or [[]]
-        ).astype(int)
         self._last = robot.model.nv - 1
-        self.complete = self.size == PER_BODY * robot.model.nv
         self._placements = [placement.copy() for placement in robot.model.jointPlacements]
-        self.initial = self._pi[self._columns].copy()
 
     @property
     def units(self) -> tuple[str, ...]:
         """One unit a parameter."""
         return UNITS * len(self.bodies)
 
-    def expand(self, a_d: np.ndarray) -> np.ndarray:
-        """Return pi (10 n): a_d for the adapted bodies, nominal parameters for the others."""
-        if self.complete:
-            return a_d
-        pi = self._pi.copy()
-        pi[self._columns] = a_d
-        return pi
-
-    def reduce(self, Y: np.ndarray) -> np.ndarray:
-        """Return the columns of the adapted bodies (n, p)."""
-        return Y if self.complete else Y[:, self._columns]
-
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the ten parameters of each adapted body; None if anything else differs."""
         robot = robot.in_base_axes
-        pi, known = inertial_parameters(robot.model), np.ones(len(self._pi), dtype=bool)
+        pi, known = inertial_parameters(robot.model), np.ones(len(self._others), dtype=bool)
         known[self._columns] = False
-        same = np.allclose(pi[known], self._pi[known], rtol=1e-9, atol=1e-12)
+        same = np.allclose(pi[known], self._others[known], rtol=1e-9, atol=1e-12)
         same = same and self.differs_only_in_bodies(robot)
         pairs = list(zip(self._placements, robot.model.jointPlacements, strict=True))
         base, true_base = pairs[1]  # the torque depends on the rotation of the base alone
