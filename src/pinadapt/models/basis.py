@@ -26,10 +26,9 @@ from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import InertialDynamics
 from .dynamics import Dynamics
-from .regressor import PER_BODY
+from .regressor import PER_BODY, State, random_states
 from .task_kinematics import TaskKinematics
 
-State = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (nq), v (n) and a (n)
 _SAMPLES = 60  # states; 20 suffice for seven joints
 _NEGLIGIBLE = 1e-8  # share of a torque or column that counts as rounding; true ones lie far above
 
@@ -71,8 +70,8 @@ class BasisDynamics(InertialDynamics):
                 where="unknown.basis",
                 hint="Remove parameters without effect on the torque, and lump dependent ones.",
             )
-        self._fit = TorqueFit(states, Y @ self.B)
-        initial = self._fit.parameters(robot.model)
+        self._fit = TorqueFit(states, Y @ self.B, self._armature)
+        initial = self._fit.parameters(robot)
         if initial is None:
             raise ParameterError(
                 "the basis cannot represent the robot's dynamics: no a gives Y B a = rnea.",
@@ -96,36 +95,28 @@ class BasisDynamics(InertialDynamics):
 
         None if there is none.
         """
-        robot = robot.in_base_axes
-        return self._fit.parameters(robot.model) if self.differs_only_in_bodies(robot) else None
+        return self._fit.parameters(robot)
 
 
 class TorqueFit:
-    """The parameters a whose torque Y a is that of a model, exactly, at seeded states."""
+    """The parameters a whose torque Y a is that of a robot, exactly, at seeded states."""
 
-    def __init__(self, states: Sequence[State], Y: np.ndarray) -> None:
-        """Use N states (q, v, a) and the regressors (N n, p) there, of full rank."""
-        self._states, (self._Q, self._R) = states, np.linalg.qr(Y)
+    def __init__(self, states: Sequence[State], Y: np.ndarray, armature: np.ndarray) -> None:
+        """Use N states (q, v, a), regressors (N n, p) there, of full rank, and known rotors (n)."""
+        self._states, self._armature = states, armature
+        self._Q, self._R = np.linalg.qr(Y)
 
-    def parameters(self, model: pin.Model) -> np.ndarray | None:
-        """Return the a (p) of a model with these joints, rotors left out; None if it has none."""
-        model = model.copy()
-        model.armature = np.zeros(model.nv)
-        data = model.createData()
-        tau = np.concatenate([pin.rnea(model, data, *state) for state in self._states])
+    def parameters(self, robot: Robot) -> np.ndarray | None:
+        """Return the a (p) of a robot with these joints; None if it has none, as with friction."""
+        model, data = robot.in_base_axes.model, robot.model.createData()
+        tau = np.concatenate(
+            [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in self._states]
+        )
         components = self._Q.T @ tau
-        if np.linalg.norm(tau - self._Q @ components) > _NEGLIGIBLE * np.linalg.norm(tau):
+        left = np.linalg.norm(tau - self._Q @ components)
+        if robot.friction.present or left > _NEGLIGIBLE * np.linalg.norm(tau):
             return None
         return np.asarray(np.linalg.solve(self._R, components))
-
-
-def random_states(model: pin.Model, count: int) -> list[State]:
-    """Return seeded states (q, v, a), up to 2 rad or m from the neutral configuration."""
-    rng, n, neutral = np.random.default_rng(0), model.nv, pin.neutral(model)
-    return [
-        (pin.integrate(model, neutral, rng.uniform(-2.0, 2.0, n)), *rng.standard_normal((2, n)))
-        for _ in range(count)
-    ]
 
 
 def read_matrix(path: Path) -> np.ndarray:

@@ -18,10 +18,10 @@ import pinocchio as pin
 from .._checks import instance
 from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
-from .basis import TorqueFit, random_states
+from .basis import TorqueFit
 from .bodies import ChosenParameters
 from .dynamics import Dynamics
-from .regressor import LABELS, PER_BODY, Momentum, Regressor
+from .regressor import LABELS, PER_BODY, Momentum, Regressor, random_states
 from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
 
 _DEPENDENT = 1e-8  # relative residual of dependent columns: below 1e-12; of others: above 1e-4
@@ -30,7 +30,7 @@ _REPEATS = 2  # random nodes in a row that must add no column before the search 
 
 
 def lumped_base(
-    model: pin.Model, translations: Sequence[Translation]
+    robot: Robot, translations: Sequence[Translation]
 ) -> tuple[list[pin.Model], list[np.ndarray], TorqueFit]:
     """Return the base of a chain's dynamics for unknown translations.
 
@@ -42,7 +42,8 @@ def lumped_base(
         One virtual chain a node, without rotors; the columns of each node's regressor (n, 10 n)
         that belong to the base; and the parameters of any chain with these joints.
     """
-    rng, states = np.random.default_rng(0), random_states(model, 40 + 10 * model.nv)
+    model, rng = robot.model, np.random.default_rng(0)
+    states = random_states(model, 40 + 10 * model.nv)
     models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
     without_news = 0
     while without_news < _REPEATS:
@@ -60,7 +61,7 @@ def lumped_base(
         models.append(node)
         kept.append(columns)
         Y_kept.append(Y[:, columns])
-    return models, kept, TorqueFit(states, np.hstack(Y_kept))
+    return models, kept, TorqueFit(states, np.hstack(Y_kept), np.array(model.armature))
 
 
 def _independent(Y: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,9 +107,9 @@ class LumpedDynamics(Dynamics):
                 where="unknown.translations",
                 hint="Use BodyDynamics.",
             )
-        models, columns, self._fit = lumped_base(robot.model, self.translations)
+        models, columns, self._fit = lumped_base(robot, self.translations)
         models[0].armature = robot.model.armature
-        initial = self._fit.parameters(robot.model)
+        initial = self._fit.parameters(robot)
         if initial is None:
             raise ParameterError(
                 "the directions and offsets do not contain the placements of the nominal robot.",
@@ -161,5 +162,4 @@ class LumpedDynamics(Dynamics):
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot; None if more than lengths and inertias differ."""
-        robot, first = robot.in_base_axes, self._chains[0]
-        return self._fit.parameters(robot.model) if first.differs_only_in_bodies(robot) else None
+        return self._fit.parameters(robot)

@@ -19,6 +19,7 @@ from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+State = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (nq), v (n) and a (n)
 UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
 
@@ -80,6 +81,15 @@ class Regressor:
 def inertial_parameters(model: pin.Model) -> np.ndarray:
     """Return pi (10 n) of a model."""
     return np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
+
+
+def random_states(model: pin.Model, count: int) -> list[State]:
+    """Return seeded states (q, v, a), up to 2 rad or m from the neutral configuration."""
+    rng, n, neutral = np.random.default_rng(0), model.nv, pin.neutral(model)
+    return [
+        (pin.integrate(model, neutral, rng.uniform(-2.0, 2.0, n)), *rng.standard_normal((2, n)))
+        for _ in range(count)
+    ]
 
 
 class Momentum(NamedTuple):
