@@ -90,9 +90,10 @@ class InertialDynamics(Dynamics):
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g (n), with known bodies and rotors."""
-        Y, tau = self._regressor.slotine_li_torque(self._pi, q, v, v_r, a_r)
+        Y = self._regressor.slotine_li(q, v, v_r, a_r)
+        tau = Y.dot(self._pi)
         if self._rotors:
-            tau = tau + self._armature * a_r
+            tau += self._armature * a_r
         return self.reduce(Y), tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:

@@ -37,7 +37,14 @@ from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .basis import base_parameters
 from .regressor import live_array
 from .task_kinematics import TaskKinematics
-from .translations import FIRST, TOOL, Translation, placement_of, unknown_translations
+from .translations import (
+    FIRST,
+    TOOL,
+    PlacedTranslations,
+    Translation,
+    placement_of,
+    unknown_translations,
+)
 
 GEOMETRY = "geometry"
 TURN, SHIFT = 0.02, 0.005  # [rad] and share of the reach: standard deviations of a description
@@ -92,36 +99,23 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
 
     By default a length lies between a fifth and five times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
-
-    Raises:
-        ParameterError: offset and directions do not contain the nominal translation.
     """
-    model, empty_part = robot.model, np.zeros(0)
-    joints, initial, low, high = [empty_part], [empty_part], [empty_part], [empty_part]
-    for part in translations:
-        nominal = placement_of(model, robot.frame_id, part.joint).translation
-        a = part.parameters(nominal)
-        if np.abs(part.at(a) - nominal).max() > _SAME:
-            raise ParameterError(
-                "the directions and offsets do not contain the placements of the nominal robot.",
-                where="unknown.translations",
-                hint="Use an offset on the line or plane of the nominal translation.",
-            )
+    placed = PlacedTranslations(robot.model, robot.frame_id, translations)
+    initial, bounds = placed.read(), np.zeros((2, placed.size))
+    joints = np.zeros(placed.size, dtype=np.int64)
+    for part, window in zip(translations, placed.windows, strict=True):
+        joints[window] = part.joint or robot.model.njoints
         margin = (_WIDE_BASE if part.joint == FIRST else _WIDE) * robot.reach
-        length = part.size == 1 and not part.offset.any() and a[0] > 0.0
-        joints.append(np.full(part.size, part.joint or model.njoints))
-        initial.append(a)
-        low.append(_SHORTEST * a if length else a - margin)
-        high.append(_LONGEST * a if length else a + margin)
-    directions = [np.zeros((3, 0)), *(part.directions for part in translations)]
-    shifts = np.concatenate(directions, axis=1)
+        bounds[:, window] = initial[window] + margin * np.array([[-1.0], [1.0]])
+        if part.size == 1:
+            bounds[:, window] = initial[window] * np.array([[_SHORTEST], [_LONGEST]])
     return Columns(
         tuple(label for part in translations for label in part.labels),
-        np.concatenate(joints).astype(np.int64),
-        np.concatenate([shifts, np.zeros_like(shifts)]),
-        np.concatenate(initial),
-        np.ones(shifts.shape[1]),
-        np.array([np.concatenate(low), np.concatenate(high)]),
+        joints,
+        np.concatenate([placed.directions, np.zeros((3, placed.size))]),
+        initial,
+        np.ones(placed.size),
+        bounds,
     )
 
 

@@ -94,8 +94,7 @@ class LumpedDynamics(Dynamics):
         """Choose the unknown translations of a nominal robot, as ``unknown_translations``.
 
         Raises:
-            ParameterError: no joint translation is unknown, or their directions and offsets exclude
-                the nominal robot.
+            ParameterError: no joint translation is unknown.
             RobotError: unknown joint.
         """
         instance(robot, Robot, "robot", RobotError)
@@ -110,12 +109,7 @@ class LumpedDynamics(Dynamics):
         models, columns, self._fit = lumped_base(robot, self.translations)
         models[0].armature = robot.model.armature
         initial = self._fit.parameters(robot)
-        if initial is None:
-            raise ParameterError(
-                "the directions and offsets do not contain the placements of the nominal robot.",
-                where="unknown.translations",
-                hint="Use an offset on the line or plane of the nominal translation.",
-            )
+        assert initial is not None  # the nominal translations are along their directions
         self._chains = [
             ChosenParameters(replace(robot, model=model), own, known=False)
             for model, own in zip(models, columns, strict=True)

@@ -12,9 +12,11 @@ prediction error is linear in the errors of N and D, exactly, however wrong they
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 
 from .._checks import instance
 from ..exceptions import RobotError
@@ -22,6 +24,7 @@ from ..robot.robot import Robot
 from .linear_kinematics import LinearKinematics, columns_of_translations
 from .translations import Translation, unknown_translations
 
+_SAME = 1e-9  # [m]
 OFF = 0.1  # of the reach: how far translations and the position at home may be off
 
 
@@ -78,6 +81,35 @@ class ProjectedKinematics(LinearKinematics):
         values, rates = self._past.motion[:, : len(self._home), -1]
         phi = (values + self._home).reshape(-1, 3)
         return phi[0], phi[1:].T, rates[:3].copy()
+
+    def _rows_of(self, H: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """Return the rows (., 4 + 3 k) of N that are rows H (., 4) of a map of positions.
+
+        They are linear in H and in the factors (1 + k) of p and of the r_i.
+        """
+        blocks = np.kron(factors, H[:, :3])
+        return np.column_stack([blocks, H[:, 3] + blocks.dot(self._home)])
+
+    def _factors(self, translations: np.ndarray) -> np.ndarray:
+        """Return one and the errors of translations (k) [m]."""
+        return np.append(1.0, translations - self.nominal)
+
+    @abstractmethod
+    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray | None:
+        """Return the parameters (p) of a robot's sensor and translations (k); None: no sensor."""
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot with the same chain, whose sensor is described.
+
+        None if no parameters give what it sees, because other placements differ.
+        """
+        a_k = self._described(robot, self.nominal + self.displacement(robot.model))
+        if a_k is None:
+            return None
+        q = pin.integrate(self.robot.model, self.robot.q0, np.linspace(0.1, 0.3, self.nv))
+        self.update(a_k, q, self._still)
+        off = self.p_hat - robot.position(q)[: self.positions]
+        return a_k if np.abs(off).max() < _SAME else None
 
     def standing_at(self, y: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of coordinates that stay at y (m_p), however the arm moves."""
