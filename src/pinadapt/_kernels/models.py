@@ -84,7 +84,7 @@ def observed_motion(
     n, last = len(v), maps.shape[2] - 1
     Phi, Phid = motion[0], motion[1]
     turns, turn_rates, p, pd = S[3:], dS[3:], Phi[:3], Phid[:3]
-    w, wd, turning = scratch[0], scratch[1], scratch[2]
+    w, wd, turning, lever = scratch[0], scratch[1], scratch[2], scratch[3]
     for j in range(len(parent)):
         b, at = parent[j], slice(3 * j, 3 * j + 3)
         D, Dd = Phi[at], Phid[at]
@@ -92,26 +92,25 @@ def observed_motion(
         for i in range(3):
             d[i] = o[b, i] if j == 0 else 0.0
             w[i] = turning[i] = dd[i] = 0.0
+            lever[i] = p[i, n] - o[b, i] if j > 0 else 0.0
             for k in range(3):
                 d[i] += R[b, i, k] * columns[k, j]
                 w[i] += R[b, i, k] * columns[k + 3, j]
             for t in range(b):
                 turning[i] += turns[i, t] * v[t]
-        for i in range(3 if j > 0 else 0):
-            d[i] += cross(w, p[:, n], i) - cross(w, o[b], i)
         for i in range(3):
+            d[i] += cross(w, lever, i)
             wd[i] = cross(turning, w, i)
-            for t in range(n):
-                D[i, t] = cross(turns[:, t], d, i) if t < b else cross(w, p[:, t], i)
-                D[i, t] += S[i, t] if j == 0 else 0.0
+        for t in range(n):
+            e, f = (turns[:, t], d) if t < b else (w, p[:, t])
+            for i in range(3):
+                D[i, t] = cross(e, f, i) + (S[i, t] if j == 0 else 0.0)
                 dd[i] += D[i, t] * v[t]
-        for i in range(3):
-            for t in range(n):
-                if t < b:
-                    Dd[i, t] = cross(turn_rates[:, t], d, i) + cross(turns[:, t], dd, i)
-                else:
-                    Dd[i, t] = cross(wd, p[:, t], i) + cross(w, pd[:, t], i)
-                Dd[i, t] += dS[i, t] if j == 0 else 0.0
+        for t in range(n):
+            e, f = (turns[:, t], d) if t < b else (w, p[:, t])
+            ed, fd = (turn_rates[:, t], dd) if t < b else (wd, pd[:, t])
+            for i in range(3):
+                Dd[i, t] = cross(ed, f, i) + cross(e, fd, i) + (dS[i, t] if j == 0 else 0.0)
     for j in range(len(parent)):
         for i in range(3):
             Phi[3 * j + i, n] -= columns[i + 6, j]

@@ -183,7 +183,7 @@ class _ObservedChain:
             np.append(self._model.njoints, columns.joints) - 1,
             self.columns,
         )
-        self._of_sensor = constants, entries, empty((3, 3))
+        self._of_sensor = constants, entries, empty((4, 3))
         self.motion, self.maps = np.zeros((2, width, n + 1)), empty(constants.shape)
         self.motion[0, -1, n] = 1.0
         self.G, self.Jdot = empty((rows, width)), empty((rows, n))
