@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 
 import pinadapt as pa
-from pinadapt.models.basis import identifiable
 from pinadapt.models.regressor import Regressor, inertial_parameters
 from tests.support.chains import catalogue_robot, chains, each_size, random_state, seeded
 from tests.support.differences import derivative
@@ -114,44 +113,3 @@ def test_basis_of_wang_and_xie():
     assert np.allclose(dynamics.mass_matrix(q), M, atol=1e-12)
     v, a = np.array([v1, v2]), np.array([0.2, 1.3])
     assert np.allclose(dynamics.torque(q, v, a), M @ a + h, atol=1e-12)
-
-
-def puma():
-    """Return a robot with the Denavit-Hartenberg parameters of a PUMA 560, under a ceiling."""
-    model, parent = pin.Model(), 0
-    rows = [  # a [m], alpha [rad], d [m] of the link before each joint
-        (0.0, np.pi, 0.0),
-        (0.0, -np.pi / 2, 0.2435),
-        (0.4318, 0.0, -0.0934),
-        (-0.0203, np.pi / 2, 0.4331),
-        (0.0, -np.pi / 2, 0.0),
-        (0.0, np.pi / 2, 0.0),
-    ]
-    for i, (a, alpha, d) in enumerate(rows, 1):
-        turn = pin.SE3(pin.exp3(np.array([alpha, 0.0, 0.0])), np.array([a, 0.0, 0.0]))
-        placement = turn * pin.SE3(np.eye(3), np.array([0.0, 0.0, d]))
-        parent = model.addJoint(parent, pin.JointModelRZ(), placement, f"joint{i}")
-        body = pin.Inertia(1.0 / i, np.full(3, 0.02), np.diag([0.02, 0.03, 0.03]) / i)
-        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
-    model.addFrame(pin.Frame("tip", parent, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    return pa.load(model, frame="tip", q0=[0.1, -0.8, 0.4, 0.2, 0.9, 0.1])
-
-
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [("planar_2r", 4), ("solo8_fl_leg", 6), ("ur5", 36), ("panda", 43), ("kinova", 36)],
-)
-def test_number_of_identifiable_parameters_is_that_of_the_literature(name, count):
-    check_count(catalogue_robot(name), count)
-
-
-def test_number_of_identifiable_parameters_of_a_puma():
-    check_count(puma(), 36)
-
-
-def check_count(robot, count):
-    """The number of base parameters is the textbook's, in any units of the parameters."""
-    B = np.eye(10 * robot.model.nv)
-    units = 10.0 ** np.random.default_rng(0).integers(-6, 6, len(B))
-    for basis in (B, B * units):
-        assert identifiable(Regressor(robot.model), basis, robot) == count

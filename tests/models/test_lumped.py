@@ -28,23 +28,17 @@ IMPROVED = "adaptive-inverse-dynamics-improved"
 
 
 def translations(robot, rng):
-    """Return unknown translations of over half of the joints: whole, or along directions."""
+    """Return unknown translations of over half of the joints: whole, or lengths."""
     found = []
-    for joint in range(1, robot.model.njoints):
+    for joint, name in enumerate(robot.joint_names, 1):
         if rng.random() < 0.4 and joint > 1:
             continue
-        name, nominal = robot.joint_names[joint - 1], robot.model.jointPlacements[joint].translation
-        if rng.random() < 0.4:
-            found.append(
-                Translation(
-                    name, joint, np.eye(3), np.zeros(3), tuple(name + axis for axis in "xyz")
-                )
-            )
-        else:
-            directions = rng.standard_normal((3, rng.choice([1, 2])))
-            labels = tuple(f"{name}_{i}" for i in range(directions.shape[1]))
-            offset = nominal - directions @ rng.standard_normal(len(labels))
-            found.append(Translation(name, joint, directions, offset, labels))
+        nominal = robot.model.jointPlacements[joint].translation
+        directions, length = np.eye(3), np.linalg.norm(nominal)
+        if rng.random() < 0.6 and length > 1e-9:
+            directions = nominal[:, None] / length
+        labels = tuple(f"{name}_{i}" for i in range(directions.shape[1]))
+        found.append(Translation(name, joint, directions, labels))
     return found
 
 

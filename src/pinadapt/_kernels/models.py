@@ -28,189 +28,145 @@ def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
     return c
 
 
-@compiled(
-    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], f8[:], i8[:], f8[:,:], f8[:], f8[:], "
-    "f8[:], f8[:], f8[:,:,:], f8[:,:,:], f8[:,:])",
-    fills=5,
-)
-def column_motion(
-    R: np.ndarray,
-    o: np.ndarray,
-    S: np.ndarray,
-    dS: np.ndarray,
-    lever: np.ndarray,
-    parent: np.ndarray,
-    columns: np.ndarray,
-    home: np.ndarray,
-    v: np.ndarray,
-    phi: np.ndarray,
-    phid: np.ndarray,
-    Phi: np.ndarray,
-    Phid: np.ndarray,
-    scratch: np.ndarray,
-) -> None:
-    """Write phi - home (3 + 3 p), its rate, dphi/dq (1 + p, 3, n), and the rate of that.
-
-    phi_0 is the position of the frame, at ``lever`` (3) from the last joint, and phi_j how it moves
-    with parameter j. Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, S (6, n)
-    axes as motions at the world's origin, linear before angular, dS their rates at the velocity v
-    (n). A column (s, w) is a motion at the origin and in the axes of the joint ``parent`` that
-    carries it, and moves the frame, r away, by d = s + w x r. A joint before it turns d; one behind
-    it moves the frame by some u, which changes d by w x u.
-    """
-    c, n = len(R) - 1, len(v)
-    p, pd, turns = phi[:3], phid[:3], S[3:]
-    w, wd, turning, u = scratch[0], scratch[1], scratch[2], scratch[3]
-    for i in range(3):
-        p[i], pd[i] = o[c, i], 0.0
-        for k in range(3):
-            p[i] += R[c, i, k] * lever[k]
-    for i in range(3):
-        f, h = (i + 1) % 3, (i + 2) % 3
-        for t in range(n):
-            Phi[0, i, t] = S[i, t] + turns[f, t] * p[h] - turns[h, t] * p[f]
-            pd[i] += Phi[0, i, t] * v[t]
-    for i in range(3):
-        f, h = (i + 1) % 3, (i + 2) % 3
-        for t in range(n):
-            Phid[0, i, t] = dS[i, t] + dS[f + 3, t] * p[h] - dS[h + 3, t] * p[f]
-            Phid[0, i, t] += turns[f, t] * pd[h] - turns[h, t] * pd[f]
-    for j in range(len(parent)):
-        at, b = 3 * (j + 1), parent[j]
-        d, dd = phi[at : at + 3], phid[at : at + 3]
-        for i in range(3):  # the column in world axes, and the motion before and behind it
-            w[i] = d[i] = turning[i] = u[i] = 0.0
-            for k in range(3):
-                d[i] += R[b, i, k] * columns[k, j]
-                w[i] += R[b, i, k] * columns[k + 3, j]
-            for t in range(b):
-                turning[i] += turns[i, t] * v[t]
-            for t in range(b, n):
-                u[i] += Phi[0, i, t] * v[t]
-        for i in range(3):
-            f, h = (i + 1) % 3, (i + 2) % 3
-            d[i] += w[f] * (p[h] - o[b, h]) - w[h] * (p[f] - o[b, f])
-        for i in range(3):
-            f, h = (i + 1) % 3, (i + 2) % 3
-            wd[i] = turning[f] * w[h] - turning[h] * w[f]
-            dd[i] = turning[f] * d[h] - turning[h] * d[f] + w[f] * u[h] - w[h] * u[f]
-        for i in range(3):
-            f, h = (i + 1) % 3, (i + 2) % 3
-            for t in range(b):
-                Phi[j + 1, i, t] = turns[f, t] * d[h] - turns[h, t] * d[f]
-                Phid[j + 1, i, t] = dS[f + 3, t] * d[h] - dS[h + 3, t] * d[f]
-                Phid[j + 1, i, t] += turns[f, t] * dd[h] - turns[h, t] * dd[f]
-            for t in range(b, n):
-                Phi[j + 1, i, t] = w[f] * Phi[0, h, t] - w[h] * Phi[0, f, t]
-                Phid[j + 1, i, t] = wd[f] * Phi[0, h, t] - wd[h] * Phi[0, f, t]
-                Phid[j + 1, i, t] += w[f] * Phid[0, h, t] - w[h] * Phid[0, f, t]
-    for i in range(len(home)):
-        phi[i] -= home[i]
-
-
 LEAST_DEPTH = 0.1  # of a camera, relative to that at home
 
 
 @compiled(
-    "void(f8[:], f8[:,:], i8[:,:], i8[:,:], f8[:], f8[:], f8[:,:], f8[:,:], f8[:], f8[:,:], "
-    "f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:])",
-    fills=9,
+    "void(f8[:,:,:], f8[:,:], f8[:,:], f8[:,:], i8[:], f8[:,:], f8[:], f8[:], f8[:,:,:], i8[:,:], "
+    "f8[:,:], f8[:,:,:], f8[:,:,:], f8[:,:], f8[:,:], "
+    "f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:,:])",
+    fills=11,
 )
-def output_map(
-    a: np.ndarray,
-    N_0: np.ndarray,
-    entries: np.ndarray,
-    depths: np.ndarray,
-    phi: np.ndarray,
-    phid: np.ndarray,
-    Phi: np.ndarray,
-    Phid: np.ndarray,
+def observed_motion(
+    R: np.ndarray,
+    o: np.ndarray,
+    S: np.ndarray,
+    dS: np.ndarray,
+    parent: np.ndarray,
+    columns: np.ndarray,
     v: np.ndarray,
-    N: np.ndarray,
-    D: np.ndarray,
+    a: np.ndarray,
+    constants: np.ndarray,
+    entries: np.ndarray,
+    scratch: np.ndarray,
+    motion: np.ndarray,
+    maps: np.ndarray,
     G: np.ndarray,
-    z: np.ndarray,
     Jdot: np.ndarray,
     y: np.ndarray,
     J: np.ndarray,
     yd: np.ndarray,
     Jdot_v: np.ndarray,
+    X: np.ndarray,
+    Y: np.ndarray,
 ) -> None:
-    """Write y = N phi / z (m) with z = D phi, J, the rate of y, and dJ/dt v.
+    """Write what the columns of a chain move the frame by, and what a sensor sees of it.
 
-    N is N_0 with a_j added at the places (j, row, column) of ``entries`` (k, 3), D (0, ..., 0, 1)
-    with them at those of ``depths``. G = (N - y D) / z, J = G Phi (m, n), Jdot = G dPhi/dt.
+    Of the joints, R (N, 3, 3) and o (N, 3) are rotations and origins, S (6, n) axes as motions at
+    the world's origin, linear before angular, dS their rates at the velocity v (n). A column (s, w)
+    is a motion at the origin and in the axes of the joint ``parent`` that carries it, and moves the
+    frame at p by d = s + w x (p - o). A joint before it turns d; one behind it moves the frame by
+    some u, which changes d by w x u. Column 0 is the frame itself, s away from the last joint.
+    ``columns`` (9, 1 + p) has s, w, and what is subtracted from d.
+
+    ``motion`` (2, k, n + 1) becomes [dphi/dq, phi] and its rate, phi (k) the d one after the other,
+    for a pose three zeros whose rate is the angular velocity, and a one. y = N phi / z (m) with z =
+    D phi. ``maps`` are N and D (m, k), ``constants`` with a_j added at the ``entries`` (j, 0 for N
+    or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the last column; J = G dphi/dq and
+    dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the derivative by a, Y that of the rate.
     """
-    m, last = N.shape[0], N.shape[1] - 1
-    for i in range(m):
+
+    def cross(a: np.ndarray, b: np.ndarray, i: int) -> float:
+        """Return entry i of a x b."""
+        f, h = (i + 1) % 3, (i + 2) % 3
+        return a[f] * b[h] - a[h] * b[f]
+
+    n, last = len(v), maps.shape[2] - 1
+    Phi, Phid = motion[0], motion[1]
+    turns, turn_rates, p, pd = S[3:], dS[3:], Phi[:3], Phid[:3]
+    w, wd, turning, lever = scratch[0], scratch[1], scratch[2], scratch[3]
+    for j in range(len(parent)):
+        b, at = parent[j], slice(3 * j, 3 * j + 3)
+        D, Dd = Phi[at], Phid[at]
+        d, dd = D[:, n], Dd[:, n]
+        for i in range(3):
+            d[i] = o[b, i] if j == 0 else 0.0
+            w[i] = turning[i] = dd[i] = 0.0
+            lever[i] = p[i, n] - o[b, i] if j > 0 else 0.0
+            for k in range(3):
+                d[i] += R[b, i, k] * columns[k, j]
+                w[i] += R[b, i, k] * columns[k + 3, j]
+            for t in range(b):
+                turning[i] += turns[i, t] * v[t]
+        for i in range(3):
+            d[i] += cross(w, lever, i)
+            wd[i] = cross(turning, w, i)
+        for t in range(n):
+            e, f = (turns[:, t], d) if t < b else (w, p[:, t])
+            for i in range(3):
+                D[i, t] = cross(e, f, i) + (S[i, t] if j == 0 else 0.0)
+                dd[i] += D[i, t] * v[t]
+        for t in range(n):
+            e, f = (turns[:, t], d) if t < b else (w, p[:, t])
+            ed, fd = (turn_rates[:, t], dd) if t < b else (wd, pd[:, t])
+            for i in range(3):
+                Dd[i, t] = cross(ed, f, i) + cross(e, fd, i) + (dS[i, t] if j == 0 else 0.0)
+    for j in range(len(parent)):
+        for i in range(3):
+            Phi[3 * j + i, n] -= columns[i + 6, j]
+    for c in range(3 * len(parent), last):
+        i = c - 3 * len(parent)
+        Phid[c, n] = 0.0
+        for t in range(n):
+            Phi[c, t], Phid[c, t] = turns[i, t], turn_rates[i, t]
+            Phid[c, n] += turns[i, t] * v[t]
+
+    for i in range(len(y)):
         for c in range(last + 1):
-            N[i, c], D[i, c] = N_0[i, c], 0.0
-        D[i, last] = 1.0
+            maps[0, i, c], maps[1, i, c] = constants[0, i, c], constants[1, i, c]
     for k in range(len(entries)):
-        N[entries[k, 1], entries[k, 2]] += a[entries[k, 0]]
-    for k in range(len(depths)):
-        D[depths[k, 1], depths[k, 2]] += a[depths[k, 0]]
-    for i in range(m):
+        maps[entries[k, 1], entries[k, 2], entries[k, 3]] += a[entries[k, 0]]
+    for i in range(len(y)):
+        N, D = maps[0, i], maps[1, i]
         top = depth = zd = yd[i] = Jdot_v[i] = 0.0
         for c in range(last + 1):
-            top += N[i, c] * phi[c]
-            depth += D[i, c] * phi[c]
-            zd += D[i, c] * phid[c]
-        z[i] = max(depth, LEAST_DEPTH)
-        y[i] = top / z[i]
-        for t in range(len(v)):
+            top += N[c] * Phi[c, n]
+            depth += D[c] * Phi[c, n]
+            zd += D[c] * Phid[c, n]
+        z = G[i, last] = max(depth, LEAST_DEPTH)
+        y[i] = top / z
+        for t in range(n):
             J[i, t] = Jdot[i, t] = 0.0
         for c in range(last):
-            g = G[i, c] = (N[i, c] - y[i] * D[i, c]) / z[i]
-            for t in range(len(v) if g != 0.0 else 0):
+            g = G[i, c] = (N[c] - y[i] * D[c]) / z
+            for t in range(n if g != 0.0 else 0):
                 J[i, t] += g * Phi[c, t]
                 Jdot[i, t] += g * Phid[c, t]
-        for t in range(len(v)):
+        for t in range(n):
             yd[i] += J[i, t] * v[t]
             Jdot_v[i] += Jdot[i, t] * v[t]
-        Jdot_v[i] -= 2.0 * yd[i] * zd / z[i]
-
-
-@compiled("void(i8[:,:], i8[:,:], f8[:], f8[:], f8[:], f8[:,:])")
-def map_regressor(
-    entries: np.ndarray,
-    depths: np.ndarray,
-    phi: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    X: np.ndarray,
-) -> None:
-    """Write the derivative (m, p) of (N phi - y D phi) / z by the parameters of ``output_map``."""
-    for i in range(len(X)):
-        for j in range(X.shape[1]):
-            X[i, j] = 0.0
+        Jdot_v[i] -= 2.0 * yd[i] * zd / z
+        for j in range(len(a)):
+            X[i, j] = Y[i, j] = 0.0
     for k in range(len(entries)):
-        i = entries[k, 1]
-        X[i, entries[k, 0]] += phi[entries[k, 2]] / z[i]
-    for k in range(len(depths)):
-        i = depths[k, 1]
-        X[i, depths[k, 0]] -= y[i] * phi[depths[k, 2]] / z[i]
+        j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
+        share = (1.0 if entries[k, 1] == 0 else -y[i]) / G[i, last]
+        X[i, j], Y[i, j] = share * Phi[c, n], share * Phid[c, n]
 
 
-@compiled("void(f8[:,:], f8[:], f8[:,:], f8[:], f8[:])")
-def add_products(
-    A: np.ndarray, x: np.ndarray, B: np.ndarray, y: np.ndarray, out: np.ndarray
-) -> None:
-    """Add A x + B y to the first entries of a vector."""
-    for i in range(len(A)):
-        for t in range(len(x)):
-            out[i] += A[i, t] * x[t] + B[i, t] * y[t]
-
-
-@compiled("void(f8[:], i8[:,:], f8[:,:], f8[:], f8[:,:])")
+@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:,:], f8[:,:])")
 def add_map_rates(
-    rate: np.ndarray, entries: np.ndarray, Phi: np.ndarray, z: np.ndarray, Jdot: np.ndarray
+    rate: np.ndarray, entries: np.ndarray, motion: np.ndarray, G: np.ndarray, Jdot: np.ndarray
 ) -> None:
-    """Add dN/dt Phi / z to dJ/dt (m, n), for the rates (p) of the parameters of N."""
+    """Add dN/dt dphi/dq / z to dJ/dt (m, n), for the rates (p) of N's parameters.
+
+    The others are as in ``observed_motion``.
+    """
+    last = G.shape[1] - 1
     for k in range(len(entries)):
-        i = entries[k, 1]
-        for t in range(Jdot.shape[1] if entries[k, 2] < len(Phi) else 0):
-            Jdot[i, t] += rate[entries[k, 0]] * Phi[entries[k, 2], t] / z[i]
+        j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
+        for t in range(Jdot.shape[1] if entries[k, 1] == 0 and c < last else 0):
+            Jdot[i, t] += rate[j] * motion[0, c, t] / G[i, last]
 
 
 @compiled(
@@ -295,10 +251,22 @@ def momentum_columns(
     axes. With the row s = (l, r) in the body's axes and its velocity (v, w), s^T h = m l^T v +
     mc^T (l x w + v x r) + r^T I w.
     """
+
+    def add(row: np.ndarray, sign: float, s: np.ndarray, m: np.ndarray) -> None:
+        """Add sign s^T h of a body moving at m = (v, w) to its ten entries of a row."""
+        for t in range(3):
+            f, h = (t + 1) % 3, (t + 2) % 3
+            row[0] += sign * s[t] * m[t]
+            lever = s[f] * m[h + 3] - s[h] * m[f + 3] + m[f] * s[h + 3] - m[h] * s[f + 3]
+            row[1 + t] += sign * lever
+            for e in range(t + 1):  # xx, xy, yy, xz, yz, zz
+                product = s[t + 3] * m[e + 3] + (s[e + 3] * m[t + 3] if e < t else 0.0)
+                row[4 + t * (t + 1) // 2 + e] += sign * product
+
     for i in range(Y_M.shape[0]):
         for j in range(Y_M.shape[1]):
             Y_M[i, j] = Y_0[i, j] = 0.0
-    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 3))
+    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 6))
     for b in range(len(R)):
         for t in range(3):
             for e in range(3):
@@ -316,26 +284,7 @@ def momentum_columns(
                 s[t + 3] += R[b, e, t] * J[e + 3, c]
                 d[t] += R[b, e, t] * rate
                 d[t + 3] += R[b, e, t] * Jdot[e + 3, c]
-        g = weights[b]
-        v, w, i = V[b, :3], V[b, 3:], 10 * b
-        Y_M[c, i] = s[0] * v[0] + s[1] * v[1] + s[2] * v[2]
-        Y_0[c, i] = s[0] * g[0] + s[1] * g[1] + s[2] * g[2]
-        Y_0[c, i] -= d[0] * v[0] + d[1] * v[1] + d[2] * v[2]
-        for t in range(3):
-            f, h = (t + 1) % 3, (t + 2) % 3
-            Y_M[c, i + 1 + t] = s[f] * w[h] - s[h] * w[f] + v[f] * s[h + 3] - v[h] * s[f + 3]
-            Y_0[c, i + 1 + t] = (
-                g[f] * s[h + 3]
-                - g[h] * s[f + 3]
-                - (d[f] * w[h] - d[h] * w[f] + v[f] * d[h + 3] - v[h] * d[f + 3])
-            )
-        j = i + 4
-        for t in range(3):  # xx, xy, yy, xz, yz, zz
-            for e in range(t + 1):
-                if e == t:
-                    Y_M[c, j] = s[t + 3] * w[t]
-                    Y_0[c, j] = -d[t + 3] * w[t]
-                else:
-                    Y_M[c, j] = s[t + 3] * w[e] + s[e + 3] * w[t]
-                    Y_0[c, j] = -d[t + 3] * w[e] - d[e + 3] * w[t]
-                j += 1
+        own = slice(PER_BODY * b, PER_BODY * b + PER_BODY)
+        add(Y_M[c, own], 1.0, s, V[b])
+        add(Y_0[c, own], 1.0, s, weights[b])
+        add(Y_0[c, own], -1.0, d, V[b])

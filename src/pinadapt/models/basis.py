@@ -13,6 +13,7 @@ M. Gautier, *Numerical calculation of the base inertial parameters of robots*, J
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,15 +21,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import MOST_SAMPLES, instance, numbers, whole
-from .._output import Sheet, Table
+from .._checks import instance, numbers
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import InertialDynamics
 from .dynamics import Dynamics
-from .regressor import PER_BODY, Regressor
+from .regressor import PER_BODY, State, random_states
 from .task_kinematics import TaskKinematics
 
+_SAMPLES = 60  # states; 20 suffice for seven joints
 _NEGLIGIBLE = 1e-8  # share of a torque or column that counts as rounding; true ones lie far above
 
 
@@ -60,13 +61,17 @@ class BasisDynamics(InertialDynamics):
             )
         self.size, self.bodies = self.B.shape[1], range(robot.model.nv)
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
-        if identifiable(self._regressor, self.B, robot) < self.size:
+        states = random_states(robot.model, _SAMPLES)
+        Y = np.vstack([self._regressor(*state) for state in states])
+        largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(self.B, axis=0)
+        if len(independent_columns(Y @ self.B, largest)[0]) < self.size:
             raise ParameterError(
                 "not all columns of the basis can be identified: Y B has dependent columns.",
                 where="unknown.basis",
                 hint="Remove parameters without effect on the torque, and lump dependent ones.",
             )
-        initial = equivalent_parameters(self._regressor, self.B, robot)
+        self._fit = TorqueFit(states, Y @ self.B, self._armature)
+        initial = self._fit.parameters(robot)
         if initial is None:
             raise ParameterError(
                 "the basis cannot represent the robot's dynamics: no a gives Y B a = rnea.",
@@ -90,55 +95,28 @@ class BasisDynamics(InertialDynamics):
 
         None if there is none.
         """
-        robot = robot.in_base_axes
-        if not self.differs_only_in_bodies(robot):
+        return self._fit.parameters(robot)
+
+
+class TorqueFit:
+    """The parameters a whose torque Y a is that of a robot, exactly, at seeded states."""
+
+    def __init__(self, states: Sequence[State], Y: np.ndarray, armature: np.ndarray) -> None:
+        """Use N states (q, v, a), regressors (N n, p) there, of full rank, and known rotors (n)."""
+        self._states, self._armature = states, armature
+        self._Q, self._R = np.linalg.qr(Y)
+
+    def parameters(self, robot: Robot) -> np.ndarray | None:
+        """Return the a (p) of a robot with these joints; None if it has none, as with friction."""
+        model, data = robot.in_base_axes.model, robot.model.createData()
+        tau = np.concatenate(
+            [pin.rnea(model, data, q, v, a) - self._armature * a for q, v, a in self._states]
+        )
+        components = self._Q.T @ tau
+        left = np.linalg.norm(tau - self._Q @ components)
+        if robot.friction.present or left > _NEGLIGIBLE * np.linalg.norm(tau):
             return None
-        return equivalent_parameters(self._regressor, self.B, robot)
-
-
-def equivalent_parameters(
-    regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60
-) -> np.ndarray | None:
-    """Return the a (p) for which Y B a is a robot's torque; None if there is none.
-
-    Args:
-        regressor: Y of the nominal chain.
-        B: (10 n, p) basis of the parameters.
-        robot: whose torque is matched, without friction and rotors.
-        samples: number of random states.
-    """
-    Y, tau = _random_motion(regressor, robot, samples)
-    Y = Y @ B
-    a_d = np.linalg.lstsq(Y, tau, rcond=None)[0]
-    residual = np.linalg.norm(Y @ a_d - tau)
-    return np.asarray(a_d) if residual <= _NEGLIGIBLE * np.linalg.norm(tau) else None
-
-
-def identifiable(regressor: Regressor, B: np.ndarray, robot: Robot, *, samples: int = 60) -> int:
-    """Return the number of identifiable parameters a of pi = B a, B (10 n, p): the rank of Y B.
-
-    Columns of Y B that are zero up to the rounding of Y, of size at most |Y| |B_j|, do not count;
-    see ``independent_columns``.
-    """
-    Y = _random_motion(regressor, robot, whole(samples, "samples", 1, most=MOST_SAMPLES))[0]
-    largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
-    return len(independent_columns(Y @ B, largest)[0])
-
-
-def _random_motion(
-    regressor: Regressor, robot: Robot, samples: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return Y (samples n, 10 n) and torque (samples n) without rotors at seeded random states."""
-    model, rng = robot.model.copy(), np.random.default_rng(0)
-    model.armature = np.zeros(model.nv)
-    data = model.createData()
-    rows, torques = [], []
-    for _ in range(samples):
-        q = pin.integrate(model, pin.neutral(model), rng.uniform(-2.0, 2.0, model.nv))
-        v, a = rng.standard_normal((2, model.nv))
-        rows.append(regressor(q, v, a))
-        torques.append(pin.rnea(model, data, q, v, a))
-    return np.vstack(rows), np.concatenate(torques)
+        return np.asarray(np.linalg.solve(self._R, components))
 
 
 def read_matrix(path: Path) -> np.ndarray:
@@ -212,23 +190,14 @@ class BaseParameters:
         return self.parameters[lead] + "".join(others)
 
     def __repr__(self) -> str:
-        """Return a table of the combinations."""
-        return str(self._sheet())
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
-
-    def _sheet(self) -> Sheet:
-        rows = [(str(i + 1), self.expression(i)) for i in range(self.size)]
+        """Return the combinations, one a line."""
+        rows = [f"{i + 1:4d}  {self.expression(i)}" for i in range(self.size)]
         title = f"{self.size} identifiable combinations of {len(self.parameters)} parameters"
-        note = ", ".join(self.without_effect)
-        return Sheet(
-            title, [Table(rows or [("", "none")])], f"without effect: {note}" if note else ""
-        )
+        return "\n".join([title, *rows, f"without effect: {', '.join(self.without_effect) or '-'}"])
 
 
 def base_parameters(
-    model: Dynamics | TaskKinematics, robot: Robot, *, samples: int = 60
+    model: Dynamics | TaskKinematics, robot: Robot, *, samples: int = _SAMPLES
 ) -> BaseParameters:
     """Return the identifiable combinations of the parameters of a model.
 
@@ -240,16 +209,10 @@ def base_parameters(
 
     Raises:
         ParameterError: the model is neither of them.
-        InputError: more than 100000 samples.
     """
     instance(model, Dynamics | TaskKinematics, "model", ParameterError)
-    whole(samples, "samples", 0, most=MOST_SAMPLES)
-    rng, rows = np.random.default_rng(0), [np.zeros((0, model.size))]
-    for _ in range(samples if model.size else 0):
-        q = pin.integrate(
-            robot.model, pin.neutral(robot.model), rng.uniform(-2.0, 2.0, robot.model.nv)
-        )
-        v, a = rng.standard_normal((2, robot.model.nv))
+    rows = [np.zeros((0, model.size))]
+    for q, v, a in random_states(robot.model, samples if model.size else 0):
         if isinstance(model, Dynamics):
             rows.append(model.regressor(q, v, a))
         else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -12,81 +12,23 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import instance, name_list
-from .._kernels import models as kernels
 from ..description.chain import are_physical
 from ..exceptions import ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .regressor import LABELS, PER_BODY, UNITS, Momentum, Regressor, inertial_parameters
+from .inertial_model import InertialModel
+from .regressor import (
+    LABELS,
+    PER_BODY,
+    UNITS,
+    Momentum,
+    Regressor,
+    inertial_parameters,
+    random_states,
+)
 
 _VISIBLE = 1e-4  # a body's least radius over the distance of its centre of mass from the joint
-
-
-class InertialModel:
-    """A private Pinocchio model whose ten parameters per body may be any numbers.
-
-    RNEA and CRBA are linear in the parameters pi, but ``pin.Inertia`` cannot represent a body
-    without mass, and CRBA cannot sum bodies to a mass that is not positive. For such parameters a
-    ballast u of one kilogram a body is added c times and its effect subtracted:
-    M(pi) = M(pi + c u) - c M(u), exactly, for every pi.
-    """
-
-    def __init__(self, model: pin.Model) -> None:
-        """Copy a chain's model."""
-        self._model, self._ballast_model = model.copy(), model.copy()
-        self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
-        self._inertias, self._ballast_model.armature = self._model.inertias, np.zeros(model.nv)
-        self._pi, self._written, self._c = inertial_parameters(model), True, 0.0
-        self._tens = self._pi.copy()
-        self._bodies = list(enumerate(self._tens.reshape(-1, PER_BODY), 1))  # views
-        self._ballast = np.tile(np.eye(PER_BODY)[0], model.nv)  # point masses at the joints
-        for joint in range(1, model.njoints):
-            point = pin.Inertia.FromDynamicParameters(self._ballast[:PER_BODY])
-            self._ballast_model.inertias[joint] = point
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return type(self), (self._model,)
-
-    def load(self, pi: np.ndarray) -> None:
-        """Set the parameters (10 n) of all bodies; they must not change until others are set.
-
-        Raises:
-            ParameterError: another number of parameters.
-        """
-        if pi.size != self._ballast.size:
-            raise ParameterError(
-                f"expected {self._ballast.size} parameters, got {pi.size}.",
-                where="inertial parameters",
-            )
-        self._pi, self._written = pi, False
-
-    def _write(self) -> None:
-        """Write the parameters into the model, before a torque or a mass matrix is computed."""
-        self._c = kernels.take(self._pi, self._ballast, self._tens)
-        inertias, from_ten = self._inertias, pin.Inertia.FromDynamicParameters
-        for joint, ten in self._bodies:
-            inertias[joint] = from_ten(ten)
-        self._written = True
-
-    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + C v + g (n) [N m or N], rotors included."""
-        if not self._written:
-            self._write()
-        tau = pin.rnea(self._model, self._data, q, v, a)
-        if self._c:
-            tau -= self._c * pin.rnea(self._ballast_model, self._ballast_data, q, v, a)
-        return tau
-
-    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """Return M (n, n), rotors included."""
-        if not self._written:
-            self._write()
-        M = pin.crba(self._model, self._data, q)
-        if self._c:
-            M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
-        return M
 
 
 class InertialDynamics(Dynamics):
@@ -95,12 +37,7 @@ class InertialDynamics(Dynamics):
     Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
     from its joint torque regressor. Subclasses define how pi follows from a_d (``expand``) and how
     the regressor of a_d follows from that of pi (``reduce``).
-
-    Attributes:
-        complete: whether a_d is pi, and its regressor that of pi.
     """
-
-    complete: bool = False
 
     def __init__(self, robot: Robot) -> None:
         """Copy the model of a nominal robot."""
@@ -110,21 +47,19 @@ class InertialDynamics(Dynamics):
         self._armature = np.array(robot.model.armature)
         self._rotors = bool(self._armature.any())
         self._pi = inertial_parameters(robot.model)
-        self._gravity = np.array(robot.model.gravity.linear)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore from a copy, whose model has to load the estimate again."""
         self.__dict__.update(state)
         self._model.load(self._pi)
 
-    def differs_only_in_bodies(self, robot: Robot) -> bool:
-        """Return whether a robot has the nominal rotors and gravity, and no friction."""
-        rotors = np.allclose(robot.model.armature, self._armature)
-        return (
-            not robot.friction.present
-            and rotors
-            and np.allclose(robot.model.gravity.linear, self._gravity)
-        )
+    def reproduces(self, robot: Robot, a_d: np.ndarray) -> bool:
+        """Return whether the torque of parameters a_d (p) is a robot's, at a random state."""
+        model, ((q, v, a),) = robot.model, random_states(robot.model, 1)
+        tau = pin.rnea(model, model.createData(), q, v, a)
+        ours = self._regressor(q, v, a).dot(self.expand(a_d)) + self._armature * a
+        off = np.abs(tau - ours).max()
+        return not robot.friction.present and bool(off <= 1e-9 * (1.0 + np.abs(tau).max()))
 
     @abstractmethod
     def expand(self, a_d: np.ndarray) -> np.ndarray:
@@ -155,10 +90,11 @@ class InertialDynamics(Dynamics):
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_r (n, p) and the torque M a_r + C v_r + g (n), with known bodies and rotors."""
-        Y, tau = self._regressor.slotine_li_torque(self._pi, q, v, v_r, a_r)
+        Y = self._regressor.slotine_li(q, v, v_r, a_r)
+        tau = Y.dot(self._pi)
         if self._rotors:
-            tau = tau + self._armature * a_r
-        return Y if self.complete else self.reduce(Y), tau
+            tau += self._armature * a_r
+        return self.reduce(Y), tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a rest, with known bodies and rotors.
@@ -167,22 +103,44 @@ class InertialDynamics(Dynamics):
         """
         Y_M, Y_0 = self._regressor.momentum(q, v)
         p_0 = self._armature * v if self._rotors else np.zeros(v.size)
-        if self.complete:
-            return Momentum(Y_M, Y_0, p_0, np.zeros(v.size))
-        known = self._known
-        if not known.any():
-            return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, np.zeros(v.size))
-        return Momentum(
-            self.reduce(Y_M),
-            self.reduce(Y_0),
-            p_0 + Y_M.dot(known),
-            Y_0.dot(known),
-        )
+        known, tau_0 = self._known, np.zeros(v.size)
+        if known is not None:
+            p_0, tau_0 = p_0 + Y_M.dot(known), Y_0.dot(known)
+        return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, tau_0)
 
     @cached_property
-    def _known(self) -> np.ndarray:
-        """The part of pi (10 n) that does not depend on a_d."""
-        return self.expand(np.zeros(self.size))
+    def _known(self) -> np.ndarray | None:
+        """The part of pi (10 n) that does not depend on a_d; None if there is none."""
+        known = self.expand(np.zeros(self.size))
+        return known if known.any() else None
+
+
+class ChosenParameters(InertialDynamics):
+    """Dynamics in some of the parameters pi (10 n); the others are known."""
+
+    def __init__(self, robot: Robot, columns: np.ndarray, *, known: bool = True) -> None:
+        """Choose the parameters by their indices in pi (p); the others are nominal, or zero."""
+        super().__init__(robot)
+        self._columns, self.size = columns, len(columns)
+        self._all = self.size == self._pi.size
+        self._others = self._pi if known else np.zeros(self._pi.size)
+        self.initial = self._pi[columns].copy()
+
+    def expand(self, a_d: np.ndarray) -> np.ndarray:
+        """Return pi (10 n) with the parameters a_d (p) in it."""
+        if self._all:
+            return a_d
+        pi = self._others.copy()
+        pi[self._columns] = a_d
+        return pi
+
+    def reduce(self, Y: np.ndarray) -> np.ndarray:
+        """Return the columns (n, p) of the chosen parameters."""
+        return Y if self._all else Y[:, self._columns]
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot's bodies."""
+        return inertial_parameters(robot.model)[self._columns]
 
 
 ALL, PAYLOAD, NONE = "all", "payload", "none"
@@ -208,7 +166,7 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     )
 
 
-class BodyDynamics(InertialDynamics):
+class BodyDynamics(ChosenParameters):
     """Dynamics in the ten inertial parameters [m, mc, I about the joint] of chosen bodies.
 
     Attributes:
@@ -223,47 +181,23 @@ class BodyDynamics(InertialDynamics):
         Raises:
             RobotError: unknown joint.
         """
-        super().__init__(robot)
+        instance(robot, Robot, "robot", RobotError)
         self.bodies, names = chosen_bodies(robot, unknown), robot.joint_names
+        first = PER_BODY * np.array(self.bodies, dtype=int)
+        super().__init__(robot, (first[:, None] + np.arange(PER_BODY)).ravel())
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
-        self.size = len(self.names)
-        self._columns = np.concatenate(
-            [[PER_BODY * b + i for i in range(PER_BODY)] for b in self.bodies] or [[]]
-        ).astype(int)
         self._last = robot.model.nv - 1
-        self.complete = self.size == PER_BODY * robot.model.nv
-        self._placements = [placement.copy() for placement in robot.model.jointPlacements]
-        self.initial = self._pi[self._columns].copy()
 
     @property
     def units(self) -> tuple[str, ...]:
         """One unit a parameter."""
         return UNITS * len(self.bodies)
 
-    def expand(self, a_d: np.ndarray) -> np.ndarray:
-        """Return pi (10 n): a_d for the adapted bodies, nominal parameters for the others."""
-        if self.complete:
-            return a_d
-        pi = self._pi.copy()
-        pi[self._columns] = a_d
-        return pi
-
-    def reduce(self, Y: np.ndarray) -> np.ndarray:
-        """Return the columns of the adapted bodies (n, p)."""
-        return Y if self.complete else Y[:, self._columns]
-
     def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the ten parameters of each adapted body; None if anything else differs."""
+        """Return the ten parameters of each adapted body; None if other torques differ too."""
         robot = robot.in_base_axes
-        pi, known = inertial_parameters(robot.model), np.ones(len(self._pi), dtype=bool)
-        known[self._columns] = False
-        same = np.allclose(pi[known], self._pi[known], rtol=1e-9, atol=1e-12)
-        same = same and self.differs_only_in_bodies(robot)
-        pairs = list(zip(self._placements, robot.model.jointPlacements, strict=True))
-        base, true_base = pairs[1]  # the torque depends on the rotation of the base alone
-        same = same and np.allclose(base.rotation, true_base.rotation, atol=1e-9)
-        same = same and all(ours.isApprox(theirs, 1e-9) for ours, theirs in pairs[2:])
-        return pi[self._columns] if same else None
+        pi = inertial_parameters(robot.model)[self._columns]
+        return pi if self.reproduces(robot, pi) else None
 
     def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the ten parameters of each adapted body (N, p): those given."""
@@ -275,7 +209,17 @@ class BodyDynamics(InertialDynamics):
         Raises:
             ParameterError: some of the bodies are not physical.
         """
-        return with_bodies(nominal, dict(zip(self.bodies, a_d.reshape(-1, PER_BODY), strict=True)))
+        names = [nominal.joint_names[body] for body in self.bodies]
+        if unphysical := unphysical_bodies(a_d, names):
+            raise ParameterError(
+                f"the bodies moved by {unphysical} have inertias that no mass distribution has.",
+                where="learned",
+                hint='Adaptation "natural" keeps bodies physical; "gradient" does not.',
+            )
+        model = nominal.model.copy()
+        for body, ten in zip(self.bodies, a_d.reshape(-1, PER_BODY), strict=True):
+            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
+        return replace(nominal, model=model)
 
     def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
         """Return the estimate (p) whose last body is the nominal one with the new load.
@@ -294,36 +238,28 @@ class BodyDynamics(InertialDynamics):
 # 2018).
 
 
-def _coefficients() -> np.ndarray:
-    """Return F (10, 4, 4), P = sum_i pi_i F_i, pi = [m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz]."""
-    F = np.zeros((PER_BODY, 4, 4))
-    F[0, 3, 3] = 1.0
-    for axis in range(3):
-        F[1 + axis, axis, 3] = F[1 + axis, 3, axis] = 1.0
-    for index, (i, j) in {4: (0, 0), 5: (0, 1), 6: (1, 1), 7: (0, 2), 8: (1, 2), 9: (2, 2)}.items():
-        F[index, i, j] -= 1.0
-        if i == j:
-            F[index, :3, :3] += 0.5 * np.eye(3)
-        else:
-            F[index, j, i] -= 1.0
-    return F
-
-
-COEFFICIENTS = _coefficients()
+_ROWS, _COLUMNS = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]  # of Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 UNCERTAINTY = 0.3  # as far as a described body may be off, in the metric of natural adaptation
 
 
 def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
     """Return P (4, 4) of the ten parameters pi (10) of a body."""
-    return np.tensordot(pi, COEFFICIENTS, axes=1)
+    P, inertia = np.zeros((4, 4)), np.zeros((3, 3))
+    inertia[_ROWS, _COLUMNS] = inertia[_COLUMNS, _ROWS] = pi[4:]
+    P[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    P[3, :3] = P[:3, 3] = pi[1:4]
+    P[3, 3] = pi[0]
+    return P
+
+
+COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i
 
 
 def ten_parameters(P: np.ndarray) -> np.ndarray:
     """Return the ten parameters (..., 10) of bodies with pseudo-inertias P (..., 4, 4)."""
-    xx, yy, zz = P[..., 0, 0], P[..., 1, 1], P[..., 2, 2]
-    first = [P[..., 3, 3], P[..., 0, 3], P[..., 1, 3], P[..., 2, 3]]
-    second = [yy + zz, -P[..., 0, 1], xx + zz, -P[..., 0, 2], -P[..., 1, 2], xx + yy]
-    return np.stack([*first, *second], axis=-1)
+    Sigma = P[..., :3, :3]
+    inertia = np.trace(Sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - Sigma
+    return np.concatenate([P[..., 3, 3:], P[..., 3, :3], inertia[..., _ROWS, _COLUMNS]], axis=-1)
 
 
 def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) -> np.ndarray:
@@ -349,23 +285,3 @@ def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
     """Return the names of the bodies with unphysical parameters, stacked in a_d (10 k)."""
     physical = are_physical(a_d.reshape(-1, PER_BODY))
     return [name for name, is_one in zip(names, physical, strict=True) if not is_one]
-
-
-def with_bodies(robot: Robot, tens: Mapping[int, np.ndarray]) -> Robot:
-    """Return a robot with bodies replaced: index from 0 -> ten parameters (10).
-
-    Raises:
-        ParameterError: some of them are not physical.
-    """
-    names = [robot.joint_names[body] for body in tens]
-    stacked = np.concatenate([np.zeros(0), *tens.values()])
-    if unphysical := unphysical_bodies(stacked, names):
-        raise ParameterError(
-            f"the bodies moved by {unphysical} have inertias that no mass distribution has.",
-            where="learned",
-            hint='Adaptation "natural" keeps bodies physical; "gradient" does not.',
-        )
-    model = robot.model.copy()
-    for body, ten in tens.items():
-        model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
-    return replace(robot, model=model)

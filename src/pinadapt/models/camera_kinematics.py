@@ -24,7 +24,6 @@ CAMERA = "camera"
 _NEAR = 0.5  # of 1 / reach: change of the relative depth by a motion [1/m]
 _WIDE = 10.0  # times these: the bounds
 _FAR = 100.0  # reaches: bounds of the picture at home, from a corner of the image or elsewhere
-_SAME = 1e-9
 
 
 class CameraKinematics(ProjectedKinematics):
@@ -61,31 +60,16 @@ class CameraKinematics(ProjectedKinematics):
 
     def parameters(self, task: ImageTask, translations: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of the cameras of a task and of translations (k) [m]."""
-        factors = np.append(1.0, translations - self.nominal)
-        above, below = (self._lumped_rows(H, factors) for H in task.projections)
+        factors = self._factors(translations)
+        above, below = (self._rows_of(H, factors) for H in task.projections)
         depth = below[:, -1:]
         first = np.unique(self._camera, return_index=True)[1]
         return np.concatenate([(above / depth).ravel(), (below / depth)[first, :-1].ravel()])
 
-    def _lumped_rows(self, H: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """Return the rows (m, 4 + 3 k) of N or D of rows H (m, 4) of projections."""
-        blocks = np.kron(factors, H[:, :3])
-        home = H[:, 3] + blocks.dot(self._home)
-        return np.concatenate([blocks, home[:, None]], axis=1)
-
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot with the same chain, as ``Robot.filmed_by`` gives.
-
-        None if no parameters give that robot's picture, because other placements differ.
-        """
-        if not isinstance(robot.task, ImageTask):
-            return None
-        model = robot.model
-        a = self.nominal + self.displacement(model)
-        a_k = self.parameters(robot.task, a)
-        q = pin.integrate(model, self.robot.q0, np.linspace(0.1, 0.3, self.nv))
-        self.update(a_k, q, self.still)
-        return a_k if np.abs(self.p_hat - robot.position(q)).max() < _SAME else None
+    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray | None:
+        """Return the parameters (p) of the cameras of a robot, as ``Robot.filmed_by`` gives."""
+        task = robot.task
+        return self.parameters(task, translations) if isinstance(task, ImageTask) else None
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ..exceptions import ImplausibleError, MeasurementError
 from .task_kinematics import TaskKinematics
@@ -186,4 +187,5 @@ def _at(
     if t <= t_0 + _SAME or len(history) == 1:
         return q_0
     t_1, q_1 = history[1]
-    return kinematics.between(q_0, q_1, (t - t_0) / (t_1 - t_0))
+    share = (t - t_0) / (t_1 - t_0)
+    return np.asarray(pin.interpolate(kinematics.robot.model, q_0, q_1, share))

@@ -26,8 +26,6 @@ _QUIET = 0.01  # of the most loaded joint's torque: the least one that a joint's
 _NONE = 1e-12  # [N m or N] up to which there is no torque
 _LEAST = 1e-3  # of the largest typical parameter: the least scale of one
 _LEAST_MASS, _LEAST_RADIUS = 1e-6, 1e-3  # [kg], [m] of bodies that a description leaves without
-_WHOLE = {"bodies": LABELS, "masses": LABELS[:1], "mc": LABELS[1:4], "I": LABELS[4:]}
-_PARTS = dict.fromkeys(LABELS[1:4], "parts of mc") | dict.fromkeys(LABELS[4:], "parts of I")
 
 
 class TorqueSums:
@@ -183,22 +181,15 @@ def around(dynamics: Dynamics, a: np.ndarray) -> PhysicalSet:
 
 
 def names_together(names: Sequence[str]) -> str:
-    """Return names of parameters as words, those of a whole body or of one kind together."""
-    left = dict.fromkeys(names)
-    groups: dict[str, list[str]] = {words: [] for words in _WHOLE}
-    for owner in dict.fromkeys(name.rpartition(".")[0] for name in names):
-        for words, labels in _WHOLE.items():
-            members = [f"{owner}.{label}" for label in labels]
-            if all(member in left for member in members):
-                groups[words].append(owner)
-                for member in members:
-                    del left[member]
-    for name in left:
+    """Return names of parameters as words, owners with the same parameters together."""
+    owned: dict[str, list[str]] = {}
+    for name in names:
         owner, _, label = name.rpartition(".")
-        owners = groups.setdefault(_PARTS.get(label, label), [])
-        owners += [owner] if owner not in owners else []
+        owned.setdefault(owner, []).append(label)
+    groups: dict[str, list[str]] = {}
+    for owner, labels in owned.items():
+        groups.setdefault("all" if tuple(labels) == LABELS else ", ".join(labels), []).append(owner)
     return "; ".join(
-        f"{words} of {', '.join(owners)}" if owners[0] else words
-        for words, owners in groups.items()
-        if owners
+        f"{labels} of {', '.join(owners)}" if owners[0] else labels
+        for labels, owners in groups.items()
     )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +19,7 @@ from ..description.chain import effort_limits
 from ..exceptions import ParameterError, RobotError, did_you_mean
 from ..robot.changes import Friction
 from ..robot.robot import Robot
+from .inertial_model import InertialModel
 from .regressor import Momentum
 
 # Kind of coefficient -> its unit at a revolute joint, and at a prismatic one.
@@ -132,15 +132,9 @@ class JointEffects:
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
         self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
-        self._model, self.zero = friction.bodies or robot.model, np.zeros(self._n)
-        self.nothing = np.zeros((self._n, 0))
+        self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         self.loaded = friction.loaded or KINDS.index("gear_friction") in self._kinds
-        self._data = self._model.createData() if self.loaded else None
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy without Pinocchio's data, which is scratch."""
-        state = {**self.__dict__, "_data": None if self._data is None else self._model}
-        return _restored, (state,)
+        self._bodies = InertialModel(friction.bodies or robot.model) if self.loaded else None
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
@@ -186,9 +180,9 @@ class JointEffects:
 
     def loads(self, q: np.ndarray) -> np.ndarray:
         """Return |g| (n), the torques that load the gears; zero where nothing depends on them."""
-        if self._data is None:
+        if self._bodies is None:
             return self.zero
-        return np.abs(pin.computeGeneralizedGravity(self._model, self._data, q))
+        return np.abs(self._bodies.torque(q, self.zero, self.zero))
 
     def sliding(self, v: np.ndarray) -> np.ndarray:
         """Tell for each joint (n) whether noise of v (n) cannot change the sign of its friction.
@@ -234,14 +228,6 @@ class JointEffects:
         same = same and np.allclose(_shape(robot.friction), self._shape, atol=0.0)
         same = same and np.array_equal(robot.friction.directions, self._directions)
         return true[self._kinds, self._shafts] if same else None
-
-
-def _restored(state: dict[str, Any]) -> JointEffects:
-    """Return the effects with these attributes, and data of their own."""
-    found = JointEffects.__new__(JointEffects)
-    model = state["_data"]
-    found.__dict__.update(state, _data=None if model is None else model.createData())
-    return found
 
 
 def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:

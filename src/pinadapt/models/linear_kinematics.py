@@ -37,7 +37,14 @@ from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .basis import base_parameters
 from .regressor import live_array
 from .task_kinematics import TaskKinematics
-from .translations import FIRST, TOOL, Translation, placement_of, unknown_translations
+from .translations import (
+    FIRST,
+    TOOL,
+    PlacedTranslations,
+    Translation,
+    placement_of,
+    unknown_translations,
+)
 
 GEOMETRY = "geometry"
 TURN, SHIFT = 0.02, 0.005  # [rad] and share of the reach: standard deviations of a description
@@ -92,36 +99,23 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
 
     By default a length lies between a fifth and five times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
-
-    Raises:
-        ParameterError: offset and directions do not contain the nominal translation.
     """
-    model, empty_part = robot.model, np.zeros(0)
-    joints, initial, low, high = [empty_part], [empty_part], [empty_part], [empty_part]
-    for part in translations:
-        nominal = placement_of(model, robot.frame_id, part.joint).translation
-        a = part.parameters(nominal)
-        if np.abs(part.at(a) - nominal).max() > _SAME:
-            raise ParameterError(
-                "the directions and offsets do not contain the placements of the nominal robot.",
-                where="unknown.translations",
-                hint="Use an offset on the line or plane of the nominal translation.",
-            )
+    placed = PlacedTranslations(robot.model, robot.frame_id, translations)
+    initial, bounds = placed.read(), np.zeros((2, placed.size))
+    joints = np.zeros(placed.size, dtype=np.int64)
+    for part, window in zip(translations, placed.windows, strict=True):
+        joints[window] = part.joint or robot.model.njoints
         margin = (_WIDE_BASE if part.joint == FIRST else _WIDE) * robot.reach
-        length = part.size == 1 and not part.offset.any() and a[0] > 0.0
-        joints.append(np.full(part.size, part.joint or model.njoints))
-        initial.append(a)
-        low.append(_SHORTEST * a if length else a - margin)
-        high.append(_LONGEST * a if length else a + margin)
-    directions = [np.zeros((3, 0)), *(part.directions for part in translations)]
-    shifts = np.concatenate(directions, axis=1)
+        bounds[:, window] = initial[window] + margin * np.array([[-1.0], [1.0]])
+        if part.size == 1:
+            bounds[:, window] = initial[window] * np.array([[_SHORTEST], [_LONGEST]])
     return Columns(
         tuple(label for part in translations for label in part.labels),
-        np.concatenate(joints).astype(np.int64),
-        np.concatenate([shifts, np.zeros_like(shifts)]),
-        np.concatenate(initial),
-        np.ones(shifts.shape[1]),
-        np.array([np.concatenate(low), np.concatenate(high)]),
+        joints,
+        np.concatenate([placed.directions, np.zeros((3, placed.size))]),
+        initial,
+        np.ones(placed.size),
+        bounds,
     )
 
 
@@ -157,39 +151,54 @@ def columns_of_geometry(robot: Robot) -> Columns:
     )
 
 
-class ColumnMotion:
-    """What the columns of a chain move the frame by, with derivatives: see ``column_motion``.
+class _ObservedChain:
+    """A chain whose frame a sensor observes, with what the kernel ``observed_motion`` fills.
 
     Attributes:
-        home: (3 (1 + p)) values of phi from which it is counted, by default zeros.
-        phi, phid: (3 (1 + p) + 1) phi_0, ..., phi_p of the last update, then a one; its rate.
-        Phi, Phid: (3 (1 + p), n) dphi/dq without that last row, and its rate.
-        axes, axis_rates: (6, n) of the joints, as motions at the world's origin; views.
+        columns: (9, 1 + p) for the kernel; the last three rows are the phi at home.
+        motion: (2, k, n + 1) dphi/dq and phi, and their rates.
+        maps: (2, rows, k) N and D.
+        G: (rows, k) (N - y D) / z, and z in the last column.
+        Jdot: (rows, n) dJ/dt at a constant estimate.
     """
 
-    def __init__(self, robot: Robot, columns: Columns) -> None:
-        """Use a nominal robot and its columns."""
+    def __init__(
+        self, robot: Robot, columns: Columns, constants: np.ndarray, entries: np.ndarray
+    ) -> None:
+        """Use a nominal robot, its columns, and a map as the kernel takes it."""
         self._model, self._frame = robot.model.copy(), robot.frame_id
         self._data = data = self._model.createData()
-        n, parts = self._model.nv, 1 + len(columns.names)
-        lever = placement_of(self._model, self._frame, None).translation
-        origins = [place.translation for place in [*self._model.jointPlacements[1:]]]
-        of = np.array([*origins, lever])[columns.joints - 1]
-        at_parent = columns.motions.copy()
-        at_parent[:3] += np.cross(of, columns.motions[3:].T).T
-        self.axes, self.axis_rates = data.J.reshape(6, n), data.dJ.reshape(6, n)
-        joints = *_live_placements(data), self.axes, self.axis_rates
-        self.home = np.zeros(3 * parts)
-        self._given = *joints, lever, columns.joints - 1, at_parent, self.home
-        self.phi, self.phid = np.ones(3 * parts + 1), np.zeros(3 * parts + 1)
-        self.Phi, self.Phid = empty((2, 3 * parts, n))
-        matrices = (each.reshape(parts, 3, n) for each in (self.Phi, self.Phid))
-        self._filled = self.phi[:-1], self.phid[:-1], *matrices, empty((4, 3))
+        places = [*self._model.jointPlacements[1:], placement_of(self._model, self._frame, None)]
+        origins = np.array([place.translation for place in places])
+        moves = columns.motions.copy()
+        moves[:3] += np.cross(origins[columns.joints - 1], moves[3:].T).T
+        self.columns = np.zeros((9, 1 + len(columns.names)))
+        self.columns[:3, 0], self.columns[:6, 1:] = origins[-1], moves
+        n, (_, rows, width) = self._model.nv, constants.shape
+        self._of_chain = (
+            live_array([placement.rotation for placement in data.oMi]),
+            live_array([placement.translation for placement in data.oMi]),
+            data.J.reshape(6, n),
+            data.dJ.reshape(6, n),
+            np.append(self._model.njoints, columns.joints) - 1,
+            self.columns,
+        )
+        self._of_sensor = constants, entries, empty((4, 3))
+        self.motion, self.maps = np.zeros((2, width, n + 1)), empty(constants.shape)
+        self.motion[0, -1, n] = 1.0
+        self.G, self.Jdot = empty((rows, width)), empty((rows, n))
+        self._filled = self.motion, self.maps, self.G, self.Jdot
 
-    def update(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Evaluate at a configuration q (nq) and velocity v (nv)."""
+    def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return y, J, the rate of y, dJ/dt v, X and Y of ``observed_motion`` as new arrays."""
         pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
-        kernels.column_motion(*self._given, v, *self._filled)
+        rows, p = len(self.G), a.size
+        found = empty(rows), empty(self.Jdot.shape), empty(rows), empty(rows)
+        X, Y = empty((rows, p)), empty((rows, p))
+        kernels.observed_motion(
+            *self._of_chain, v, a, *self._of_sensor, *self._filled, *found, X, Y
+        )
+        return *found, X, Y
 
     def rotation(self) -> np.ndarray:
         """Return the rotation (3, 3) of the frame."""
@@ -212,60 +221,43 @@ class LinearKinematics(TaskKinematics):
         self.robot, self.frame, self.joint_names = robot.undrawn(), robot.frame, robot.joint_names
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
         self.task, self.columns = robot.frame_task, columns
-        self.positions, self._turns = self.task.positions, self.task.size > self.task.positions
-        self.motion, self.past = ColumnMotion(robot, columns), ColumnMotion(robot, columns)
-        self.still = np.zeros(self.nv)
+        self.positions, self._still = self.task.positions, np.zeros(self.nv)
+        self._of_pose = self.task.size > self.positions
 
-    def _map(self, N_0: np.ndarray, entries: np.ndarray, depths: np.ndarray) -> None:
-        """Take a map N, D (m_p, 4 + 3 k) whose entries are parameters, beside constants.
+    def _observe(self, constants: np.ndarray, entries: Sequence[tuple[int, int, int, int]]) -> None:
+        """Take a map whose entries are parameters, beside constants.
 
         Args:
-            N_0: (m_p, 4 + 3 k) constants of N; those of D are (0, ..., 0, 1).
-            entries: (., 3) parameter, row and column of each entry of N that a parameter adds to.
-            depths: (., 3) the same of D; none where D phi = 1.
+            constants: (2, m_p, 4 + 3 k) of N and D.
+            entries: (parameter, 0 for N or 1 for D, row, column) of each that a parameter adds to.
         """
-        self._entries, self._depths, self._map_of = entries, depths, (N_0, entries, depths)
-        self._N, self._D, G = np.empty((3, *N_0.shape))
-        self._G, self._z, self._Jdot = G, empty(self.positions), empty((self.positions, self.nv))
-        self._known = self.motion.phi, self.motion.phid, self.motion.Phi, self.motion.Phid
-        self._kept = self._N, self._D, self._G, self._z, self._Jdot
+        m, last = constants.shape[1], constants.shape[2] - 1
+        if self._of_pose:  # the rotation in N once more, for the angular velocity
+            constants = np.insert(constants, [last] * 3, 0.0, axis=2)
+            constants = np.concatenate([constants, np.zeros(constants.shape)], axis=1)
+            constants[0, m:, last:-1], constants[1, m:, -1] = constants[0, :m, :3], 1.0
+            own = [(j, of, i, c if c < last else last + 3) for j, of, i, c in entries]
+            entries = own + [(j, of, m + i, last + c) for j, of, i, c in entries if c < 3]
+        self._entries = np.array(entries, dtype=np.int64).reshape(-1, 4)
+        self._depths = bool(self._entries[:, 1].any())
+        self._now, self._past = (
+            _ObservedChain(self.robot, self.columns, constants, self._entries) for _ in range(2)
+        )
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
-        motion, m = self.motion, self.positions
-        if a_k.shape != (self.size,):
-            raise ParameterError(f"expected {self.size} numbers, got {a_k.shape}.", where="a_k")
-        motion.update(q, v)
-        J, p_hat, xd, Jdot_v = empty((m, self.nv)), empty(m), empty(m), empty(m)
-        kernels.output_map(a_k, *self._map_of, *self._known, v, *self._kept, p_hat, J, xd, Jdot_v)
-        X_k = self._regressor(motion.phi, p_hat, self._z)
-        Y_k = self._regressor(motion.phid, p_hat, self._z)
-        if self._turns:
-            R, axes, rates = self._N[:, :3], motion.axes[3:], motion.axis_rates[3:]
-            J = np.concatenate([J, R @ axes])
-            xd = np.concatenate([xd, R @ axes.dot(v)])
-            Jdot_v = np.concatenate([Jdot_v, R @ rates.dot(v)])
-            Y_k = np.concatenate([Y_k, self._turning(axes.dot(v))])
-        self.a_k, self._v, self.p_hat, self.X_k, self.Y_k = a_k, v, p_hat, X_k, Y_k
-        self.J, self.xd_hat, self.Jdot_v = J, xd, Jdot_v
+        if a_k.size != self.size:
+            raise ParameterError(f"expected {self.size} numbers, got {a_k.size}.", where="a_k")
+        y, self.J, self.xd_hat, self.Jdot_v, X, self.Y_k = self._now.update(a_k, q, v)
+        self.a_k, self._v, self._y = a_k, v, y
+        self.p_hat, self.X_k = (y[:3], X[:3]) if self._of_pose else (y, X)
 
-    def _regressor(self, phi: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Return the matrix (m_p, p) of (dN phi - y dD phi) / z for changes of the parameters."""
-        X = empty((self.positions, self.size))
-        kernels.map_regressor(self._entries, self._depths, phi, y, z, X)
+    def _regressor(self, phi: np.ndarray, y: np.ndarray, chain: _ObservedChain) -> np.ndarray:
+        """Return (dN phi - y dD phi) / z (rows, p) by the parameters, z that of the chain."""
+        j, of, i, c = self._entries.T
+        X = np.zeros((len(chain.G), self.size))
+        X[i, j] = np.where(of == 0, 1.0, -y[i]) * phi[c] / chain.G[i, -1]
         return X
-
-    def _matrix(self, places: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return the matrix (m_p, 4 + 3 k) with parameters a (p) at their places alone."""
-        found = np.zeros(self._N.shape)
-        found[places[:, 1], places[:, 2]] = a[places[:, 0]]
-        return found
-
-    def _turning(self, angular: np.ndarray) -> np.ndarray:
-        """Return the matrix (3, p) that gives dR_c times a vector (3) from changes of a_k."""
-        phi = np.zeros(self.motion.phi.size)
-        phi[:3] = angular
-        return self._regressor(phi, np.zeros(3), np.ones(3))
 
     @property
     def y_k0(self) -> np.ndarray:
@@ -275,13 +267,13 @@ class LinearKinematics(TaskKinematics):
     @property
     def x_hat(self) -> np.ndarray:
         """The estimated positions (m) [m], or position and quaternion xyzw (7) of a pose."""
-        return self._coordinates(self.p_hat, self.motion)
+        return self._coordinates(self.p_hat, self._now)
 
-    def _coordinates(self, p_hat: np.ndarray, motion: ColumnMotion) -> np.ndarray:
-        """Return the task coordinates at estimated positions (m_p) and a motion of the arm."""
-        if not self._turns:
+    def _coordinates(self, p_hat: np.ndarray, chain: _ObservedChain) -> np.ndarray:
+        """Return the task coordinates at estimated positions (m_p)."""
+        if not self._of_pose:
             return p_hat
-        return np.concatenate([p_hat, quaternion(self._axes() @ motion.rotation())])
+        return np.concatenate([p_hat, quaternion(self._axes() @ chain.rotation())])
 
     def _axes(self) -> np.ndarray:
         """Return R_c (3, 3), a rotation."""
@@ -289,52 +281,48 @@ class LinearKinematics(TaskKinematics):
 
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return X (m_p, p) with p_hat - x = X da_k, exactly, for measured coordinates x."""
-        return self._regressor(self.motion.phi, x, self._z)
+        if not self._depths:
+            return self.X_k
+        return self._regressor(self._now.motion[0, :, -1], x, self._now)
 
     def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there.
 
         The estimate is that of the last update. The attributes do not change.
         """
-        self.past.update(q, self.still)
-        phi = self.past.phi
-        z = np.maximum(self._D.dot(phi), kernels.LEAST_DEPTH)
-        y = self._N.dot(phi) / z
-        X = self._regressor(phi, y if seen is None else seen, z)
-        return self._coordinates(y, self.past), X
+        y, _, _, _, X, _ = self._past.update(self.a_k, q, self._still)
+        if self._depths and seen is not None:
+            X = self._regressor(self._past.motion[0, :, -1], seen, self._past)
+        m = self.positions
+        return self._coordinates(y[:m], self._past), X[:m]
 
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate.
 
         Without the second part (17) of Wang and Xie does not hold.
         """
-        motion, found = self.motion, self._Jdot.copy()
-        kernels.add_map_rates(a_k_rate, self._entries, motion.Phi, self._z, found)
-        if len(self._depths):
-            D_rate = self._matrix(self._depths, a_k_rate)
-            yd = self.xd_hat[: self.positions] + self.X_k.dot(a_k_rate)
-            zd = self._D.dot(motion.phid) + D_rate.dot(motion.phi)
-            less = yd[:, None] * self._D + self.p_hat[:, None] * D_rate + zd[:, None] * self._G
-            found -= (less[:, :-1] / self._z[:, None]).dot(motion.Phi)
-        if not self._turns:
-            return found
-        R_rate = self._matrix(self._entries, a_k_rate)[:, :3]
-        turned = R_rate @ motion.axes[3:] + self._N[:, :3] @ motion.axis_rates[3:]
-        return np.concatenate([found, turned])
+        chain, found = self._now, self._now.Jdot.copy()
+        kernels.add_map_rates(a_k_rate, self._entries, chain.motion, chain.G, found)
+        if self._depths:
+            (Phi, Phid), D = chain.motion, chain.maps[1]
+            j, _, i, c = self._entries[self._entries[:, 1] == 1].T
+            D_rate = np.zeros(D.shape)
+            D_rate[i, c] = a_k_rate[j]
+            yd = self.xd_hat + self.X_k.dot(a_k_rate)
+            zd = D.dot(Phid[:, -1]) + D_rate.dot(Phi[:, -1])
+            less = yd[:, None] * D + self.p_hat[:, None] * D_rate + zd[:, None] * chain.G
+            found -= (less[:, :-1] / chain.G[:, -1:]).dot(Phi[:-1, :-1])
+        return found
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
-        motion, phidd = self.motion, np.zeros(self.motion.phi.size)
-        kernels.add_products(motion.Phi, a, motion.Phid, self._v, phidd)
-        found = self._regressor(phidd, self.p_hat, self._z)
-        if len(self._depths):  # what the rate of y adds
-            yd = 2.0 * self.xd_hat
-            found += self._regressor(motion.phid, yd, self._z)
-            found -= self._regressor(motion.phid, 0.0 * yd, self._z)
-        if not self._turns:
-            return found
-        turning = motion.axes[3:].dot(a) + motion.axis_rates[3:].dot(self._v)
-        return np.concatenate([found, self._turning(turning)])
+        chain, (Phi, Phid) = self._now, self._now.motion
+        found = self._regressor(Phi[:, :-1].dot(a) + Phid[:, :-1].dot(self._v), self._y, chain)
+        if self._depths:  # what the rate of y adds
+            rate = Phid[:, -1]
+            found += self._regressor(rate, 2.0 * self.xd_hat, chain)
+            found -= self._regressor(rate, 0.0 * self._y, chain)
+        return found
 
     def base(self, samples: int = 50) -> int:
         """Return the number of identifiable combinations of the parameters: the rank of Y_p."""
@@ -397,12 +385,13 @@ class FrameKinematics(LinearKinematics):
         self._take(robot, columns)
         self.names, self.size = columns.names, len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
-        N_0, entries = np.zeros((self.positions, self.motion.phi.size)), []
+        constants = np.zeros((2, self.positions, 4 + 3 * self.size))
+        constants[1, :, -1], entries = 1.0, []
         for i, row in enumerate(range(3)[task.place]):
-            N_0[i, row], N_0[i, 3 + row : -1 : 3] = 1.0, -self.initial
-            entries += [(j, i, 3 * (1 + j) + row) for j in range(self.size)]
-        self._map(N_0, places_of(entries), places_of([]))
-        self.update(self.initial, robot.q0, self.still)
+            constants[0, i, row], constants[0, i, 3 + row : -1 : 3] = 1.0, -self.initial
+            entries += [(j, 0, i, 3 * (1 + j) + row) for j in range(self.size)]
+        self._observe(constants, entries)
+        self.update(self.initial, robot.q0, self._still)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -422,7 +411,7 @@ class FrameKinematics(LinearKinematics):
         rows, off = [], []
         for _ in range(_SAMPLES):
             q = pin.integrate(self.robot.model, self.robot.q0, rng.uniform(-2.0, 2.0, self.nv))
-            self.update(self.initial + start, q, self.still)
+            self.update(self.initial + start, q, self._still)
             rows.append(np.zeros(self.Y_k.shape))
             rows[-1][: self.positions] = self.X_k * self.sizes
             off.append(self.task.error(robot.position(q), self.x_hat))
@@ -441,14 +430,3 @@ class FrameKinematics(LinearKinematics):
     def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of a model of the chain."""
         return self.initial + self.displacement(model)
-
-
-def places_of(entries: Sequence[tuple[int, int, int]]) -> np.ndarray:
-    """Return entries of a map (., 3): parameter, row and column of each."""
-    return np.array(entries, dtype=np.int64).reshape(-1, 3)
-
-
-def _live_placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotations (N, 3, 3) and origins (N, 3) of all joints as views."""
-    rotations = live_array([placement.rotation for placement in data.oMi])
-    return rotations, live_array([placement.translation for placement in data.oMi])

@@ -30,8 +30,8 @@ from .dynamics import Dynamics
 from .regressor import PER_BODY
 
 GAMMA = 1e-4  # weight of the description, relative to one row
-_FALL, _STEEP = 3.0, 10.0  # of gamma, from one value to the next; where few rows bind it
-_LIGHTEST = 1e-20  # gamma, as a share of the first
+_FALL = 3.0  # of gamma, from one value to the next
+_POWERS = 21  # of ten by which gamma falls where few rows bind it
 _FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
 _STEPS = 2000  # of Newton's method, at most
 _FEW = 10  # from the minimum for similar rows, or else gamma falls in steps
@@ -199,17 +199,14 @@ def nearest_with(
     """
     x, target = physical.center, rows @ a
     scale = float(np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2)
-    weight = scale
-    while weight > _LIGHTEST * scale:
+    for weight in scale * 10.0 ** -np.arange(_POWERS):
         left = float(np.linalg.norm(rows @ x - target))
         if left <= tolerance:
             return x
-        farther = 0.5 * (left**2 - tolerance**2) / weight + physical.divergence(x)
-        if farther > _FARTHEST:
-            return None
-        weight /= _STEEP
-        x, _ = _newton(rows, target, physical, x, weight)
-    return x if np.linalg.norm(rows @ x - target) <= tolerance else None
+        if 0.5 * (left**2 - tolerance**2) / weight + physical.divergence(x) > _FARTHEST:
+            break
+        x, _ = _newton(rows, target, physical, x, 0.1 * weight)
+    return None
 
 
 def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,16 +12,19 @@ prediction error is linear in the errors of N and D, exactly, however wrong they
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 
 from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
-from .linear_kinematics import LinearKinematics, columns_of_translations, places_of
+from .linear_kinematics import LinearKinematics, columns_of_translations
 from .translations import Translation, unknown_translations
 
+_SAME = 1e-9  # [m]
 OFF = 0.1  # of the reach: how far translations and the position at home may be off
 
 
@@ -57,23 +60,56 @@ class ProjectedKinematics(LinearKinematics):
         self.size = len(self.names)
         self._shape, self._below = (self.positions, len(of) + 1), (len(deep), len(of))
         self._split = self.positions * self._shape[1]
-        self.motion.update(robot.q0, self.still)
-        self._home = self.motion.phi[:-1].copy()
-        self.motion.home[:] = self.past.home[:] = self._home
         m, width = self._shape
-        entries = [(i * width + c, i, c) for i in range(m) for c in range(width)]
-        depths = [
-            (self._split + of_row * (width - 1) + c, i, c)
+        constants = np.zeros((2, m, width))
+        constants[1, :, -1] = 1.0
+        entries = [(i * width + c, 0, i, c) for i in range(m) for c in range(width)]
+        entries += [
+            (self._split + of_row * (width - 1) + c, 1, i, c)
             for i, of_row in enumerate(camera)
             for c in range(width - 1)
         ]
-        self._map(np.zeros(self._shape), places_of(entries), places_of(depths))
+        self._observe(constants, entries)
+        self._now.update(np.zeros(self.size), robot.q0, self._still)
+        self._home = self._now.motion[0, : len(of), -1].copy()
+        for chain in (self._now, self._past):
+            chain.columns[6:] = self._home.reshape(-1, 3).T
 
     def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
-        self.motion.update(q, v)
-        phi = (self.motion.phi[:-1] + self._home).reshape(-1, 3)
-        return phi[0], phi[1:].T, self.motion.phid[:3].copy()
+        self._past.update(self.initial, q, v)
+        values, rates = self._past.motion[:, : len(self._home), -1]
+        phi = (values + self._home).reshape(-1, 3)
+        return phi[0], phi[1:].T, rates[:3].copy()
+
+    def _rows_of(self, H: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """Return the rows (., 4 + 3 k) of N that are rows H (., 4) of a map of positions.
+
+        They are linear in H and in the factors (1 + k) of p and of the r_i.
+        """
+        blocks = np.kron(factors, H[:, :3])
+        return np.column_stack([blocks, H[:, 3] + blocks.dot(self._home)])
+
+    def _factors(self, translations: np.ndarray) -> np.ndarray:
+        """Return one and the errors of translations (k) [m]."""
+        return np.append(1.0, translations - self.nominal)
+
+    @abstractmethod
+    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray | None:
+        """Return the parameters (p) of a robot's sensor and translations (k); None: no sensor."""
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot with the same chain, whose sensor is described.
+
+        None if no parameters give what it sees, because other placements differ.
+        """
+        a_k = self._described(robot, self.nominal + self.displacement(robot.model))
+        if a_k is None:
+            return None
+        q = pin.integrate(self.robot.model, self.robot.q0, np.linspace(0.1, 0.3, self.nv))
+        self.update(a_k, q, self._still)
+        off = self.p_hat - robot.position(q)[: self.positions]
+        return a_k if np.abs(off).max() < _SAME else None
 
     def standing_at(self, y: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of coordinates that stay at y (m_p), however the arm moves."""
@@ -90,8 +126,9 @@ class ProjectedKinematics(LinearKinematics):
         """
         if x is None:
             return self.initial.copy()
-        self.update(self.initial, q, self.still)
-        return self.initial + self.standing_at((x[: self.positions] - self.p_hat) * self._z)
+        m = self.positions
+        self.update(self.initial, q, self._still)
+        return self.initial + self.standing_at((x[:m] - self.p_hat) * self._now.G[:m, -1])
 
 
 def orthonormal(B: np.ndarray) -> np.ndarray:

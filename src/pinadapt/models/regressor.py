@@ -19,6 +19,7 @@ from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+State = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (nq), v (n) and a (n)
 UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 
 
@@ -54,19 +55,13 @@ class Regressor:
         C(q, u) w is bilinear and symmetric in u and w; polarisation gives it by two regressors,
         Y = Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
         """
-        return self.slotine_li_torque(np.zeros(self._shape[1]), q, v, v_r, a_r)[0]
-
-    def slotine_li_torque(
-        self, pi: np.ndarray, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return Y (n, 10 n) as ``slotine_li``, and the torque Y pi (n) at parameters pi (10 n)."""
         mean = 0.5 * (v + v_r)
         Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
         Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v - mean, self._zero)
         if Y.ndim == 1:
             Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
         Y -= Y_0
-        return Y, Y.dot(pi)
+        return Y
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
@@ -80,6 +75,15 @@ class Regressor:
 def inertial_parameters(model: pin.Model) -> np.ndarray:
     """Return pi (10 n) of a model."""
     return np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
+
+
+def random_states(model: pin.Model, count: int) -> list[State]:
+    """Return seeded states (q, v, a), up to 2 rad or m from the neutral configuration."""
+    rng, n, neutral = np.random.default_rng(0), model.nv, pin.neutral(model)
+    return [
+        (pin.integrate(model, neutral, rng.uniform(-2.0, 2.0, n)), *rng.standard_normal((2, n)))
+        for _ in range(count)
+    ]
 
 
 class Momentum(NamedTuple):

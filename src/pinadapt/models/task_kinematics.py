@@ -110,10 +110,6 @@ class TaskKinematics(ABC):
         """
         return self.X_k
 
-    def between(self, q_0: np.ndarray, q_1: np.ndarray, share: float) -> np.ndarray:
-        """Return the configuration (nq) at a share, from 0 to 1, of the way from q_0 to q_1."""
-        return np.asarray(pin.interpolate(self.robot.model, q_0, q_1, share))
-
     @abstractmethod
     def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
         """Return dJ/dt (m, nv) at rate a_k_rate (p) [m/s] of the estimate."""

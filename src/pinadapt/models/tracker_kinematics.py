@@ -25,7 +25,6 @@ _FARTHEST = 1e3  # [m] of the frame at home from the tracker
 _CONVERGED = 1e-10  # [rad] or [m]
 _INEXACT = 0.01  # of the sizes, by which a described arm differs from a real one
 _PRIOR = 0.1  # of the reach: standard deviation of a described translation
-_SAME = 1e-9  # [m]
 
 
 class Tracker(NamedTuple):
@@ -72,18 +71,16 @@ class TrackerKinematics(ProjectedKinematics):
 
     def _axes(self) -> np.ndarray:
         """Return the rotation (3, 3) nearest to R_c of the estimate."""
-        return orthonormal(self._N[:, :3])
+        return orthonormal(self._now.maps[0, :3, :3])
 
     def parameters(self, tracker: Tracker) -> np.ndarray:
         """Return the parameters (p) of a tracker and translations."""
         R, t = tracker.placement.rotation, tracker.placement.translation
-        return self._lumped_rows(np.append(1.0, tracker.a - self.nominal), R, t)
+        return self._theta(np.column_stack([R, t]), self._factors(tracker.a))
 
-    def _lumped_rows(self, factors: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Return the parameters (p), linear in factors (1 + k) times R (3, 3), and in t (3)."""
-        Theta = np.kron(factors, R)
-        home = t + Theta.dot(self._home)
-        return np.concatenate([Theta, home[:, None]], axis=1)[self._rows].ravel()
+    def _theta(self, H: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """Return the parameters (p) of a map H (3, 4) of positions; see ``_rows_of``."""
+        return self._rows_of(H[self._rows], factors).ravel()
 
     def tracker(self, a_k: np.ndarray) -> Tracker:
         """Return the tracker and the translations that an estimate a_k (p) is near to.
@@ -106,11 +103,13 @@ class TrackerKinematics(ProjectedKinematics):
         With respect to small turns of the base about the axes of the tracker, its position, and the
         translations.
         """
-        R, none = tracker.placement.rotation, np.zeros(3)
-        factors = np.append(1.0, tracker.a - self.nominal)
-        found = [self._lumped_rows(factors, pin.skew(axis) @ R, none) for axis in np.eye(3)]
-        found += [self._lumped_rows(0.0 * factors, R, axis) for axis in np.eye(3)]
-        found += [self._lumped_rows(one, R, none) for one in np.eye(len(factors))[1:]]
+        R, factors = tracker.placement.rotation, self._factors(tracker.a)
+        turns = [pin.skew(axis) @ R for axis in np.eye(3)]
+        maps = [np.column_stack([turn, np.zeros(3)]) for turn in turns]
+        maps += [np.column_stack([np.zeros((3, 3)), axis]) for axis in np.eye(3)]
+        found = [self._theta(H, factors) for H in maps]
+        fixed = np.column_stack([R, np.zeros(3)])
+        found += [self._theta(fixed, one) for one in np.eye(len(factors))[1:]]
         return np.array(found).T
 
     def explaining_tracker(
@@ -162,26 +161,17 @@ class TrackerKinematics(ProjectedKinematics):
 
     def _completed(self, R: np.ndarray) -> np.ndarray:
         """Return the rotation (3, 3) with rows R (m_p, 3) of the task's coordinates."""
-        if len(R) == 3:
-            return R
         found = np.zeros((3, 3))
         found[self._rows] = R
-        (row,) = set(range(3)) - set(np.arange(3)[self._rows].tolist())
-        found[row] = np.cross(found[row - 2], found[row - 1])
+        for row in np.flatnonzero(~found.any(axis=1)):
+            found[row] = np.cross(found[row - 2], found[row - 1])
         return found
 
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot with the same chain, as ``Robot.seen_from`` gives.
-
-        None if no parameters give that robot's position, because other placements differ.
-        """
-        model, base = robot.model, self.robot.model.jointPlacements[1]
-        a = self.nominal + self.displacement(model)
-        a_k = self.parameters(Tracker(model.jointPlacements[1] * base.inverse(), a))
-        q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 1.1, self.nv))
-        self.update(a_k, q, self.still)
-        place = robot.placement(q).translation[self._rows]
-        return a_k if np.abs(self.p_hat - place).max() < _SAME else None
+    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray:
+        """Return the parameters (p) of the tracker of a robot, as ``Robot.seen_from`` gives."""
+        base = self.robot.model.jointPlacements[1]
+        placement = robot.model.jointPlacements[1] * base.inverse()
+        return self.parameters(Tracker(placement, translations))
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with x in the axes in which an estimate a_k (p) has it."""

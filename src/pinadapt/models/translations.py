@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -23,46 +22,25 @@ FIRST = 1  # the joint whose placement is the position of the base
 
 @dataclass(frozen=True, eq=False)
 class Translation:
-    """One unknown translation p = offset + directions @ theta, of a joint or of the task frame.
+    """One unknown translation, directions @ theta, of a joint or of the task frame.
 
     Attributes:
         name: "tool", or the joint's name.
         joint: index of the joint whose placement it is; None: the placement of the task frame.
-        directions: (3, k) in the axes of the parent joint; the identity if all of it is unknown.
-        offset: (3) known part [m], parent axes.
+        directions: (3, k) orthonormal, in the axes of the parent joint; the identity if all of it
+            is unknown, one column for a length.
         labels: one name a parameter (k).
     """
 
     name: str
     joint: int | None
     directions: np.ndarray
-    offset: np.ndarray
     labels: tuple[str, ...]
 
     @property
     def size(self) -> int:
         """Number k of parameters."""
-        return int(self.directions.shape[1])
-
-    @cached_property
-    def whole(self) -> bool:
-        """Whether the parameters are the translation: no offset, directions the identity."""
-        return bool(
-            self.directions.shape == (3, 3)
-            and (self.directions == np.eye(3)).all()
-            and not self.offset.any()
-        )
-
-    def at(self, theta: np.ndarray) -> np.ndarray:
-        """Return the translation (3) [m] for parameters theta (k)."""
-        return theta if self.whole else self.offset + self.directions.dot(theta)
-
-    def parameters(self, translation: np.ndarray) -> np.ndarray:
-        """Return the theta (k) whose translation is nearest to the given one (3) [m].
-
-        For orthonormal directions.
-        """
-        return np.asarray(self.directions.T @ (translation - self.offset))
+        return len(self.labels)
 
 
 class PlacedTranslations:
@@ -90,13 +68,13 @@ class PlacedTranslations:
     def read(self) -> np.ndarray:
         """Return the parameters (p) of the model's placements."""
         pairs = zip(self._parts, self._live, strict=True)
-        values = [part.parameters(translation) for part, translation in pairs]
+        values = [part.directions.T.dot(translation) for part, translation in pairs]
         return np.concatenate([np.zeros(0), *values])
 
     def write(self, theta: np.ndarray) -> None:
         """Write the placements of the parameters theta (p, floats) into the model."""
         for part, window, translation in zip(self._parts, self.windows, self._live, strict=True):
-            translation[:] = part.at(theta[window])
+            translation[:] = part.directions.dot(theta[window])
 
 
 def unknown_translations(
@@ -152,8 +130,7 @@ def _all_lengths(robot: Robot) -> list[str]:
 def _translation(robot: Robot, word: str) -> Translation:
     """Return the translation that one word names; see ``unknown_translations``."""
     if word == BASE:
-        axes = tuple(f"{BASE}_{axis}" for axis in "xyz")
-        return Translation(BASE, FIRST, np.eye(3), np.zeros(3), axes)
+        return _whole(BASE, FIRST)
     name, _, kind = word.partition(":")
     if kind not in ("", "length"):
         raise ParameterError(
@@ -171,11 +148,9 @@ def _translation(robot: Robot, word: str) -> Translation:
             where="unknown.translations",
             hint=f"Use '{BASE}' to adapt it from the measured position, with the law 'separation'.",
         )
-    nominal = placement_of(robot.model, robot.frame_id, joint).translation.copy()
     if kind == "":
-        return Translation(
-            name, joint, np.eye(3), np.zeros(3), tuple(f"{name}_{axis}" for axis in "xyz")
-        )
+        return _whole(name, joint)
+    nominal = placement_of(robot.model, robot.frame_id, joint).translation.copy()
     length = np.linalg.norm(nominal)
     if length < 1e-9:
         raise ParameterError(
@@ -183,4 +158,8 @@ def _translation(robot: Robot, word: str) -> Translation:
             where="unknown.translations",
             hint=f"Use '{name}' for the whole translation.",
         )
-    return Translation(name, joint, (nominal / length)[:, None], np.zeros(3), (f"{name}_length",))
+    return Translation(name, joint, (nominal / length)[:, None], (f"{name}_length",))
+
+
+def _whole(name: str, joint: int | None) -> Translation:
+    return Translation(name, joint, np.eye(3), tuple(f"{name}_{axis}" for axis in "xyz"))
