@@ -10,7 +10,7 @@ import pinadapt as pa
 from pinadapt.laws.law import Feedback
 from pinadapt.robot import Actuators
 from pinadapt.tuning.defaults import elastic_mode, feedback_lag
-from pinadapt.tuning.preflight import ActuatedJoints, preflight
+from pinadapt.tuning.preflight import LinearisedJoints, preflight
 from tests.support.chains import catalogue_robot, robot_of
 
 DT = 1e-3
@@ -41,7 +41,7 @@ def radius_of(controller, actuators, K_P, K_D, dt=DT):
         Feedback(W @ K_P @ W.T / 2.0, W @ K_D @ W.T / 2.0, 0.0 * K_D, K_D)
         for W in motion.unit_masses
     ]
-    return ActuatedJoints(motion, actuators).feedback_radius(feedback, dt, 1.0)
+    return LinearisedJoints(motion, actuators).feedback_radius(feedback, dt, 1.0)
 
 
 @pytest.mark.parametrize("late", [1, 10])

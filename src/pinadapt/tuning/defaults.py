@@ -148,17 +148,17 @@ _LAG, _GIVING_WAY, _ELASTIC = 2.0, 1.0, 0.5
 PREDICTION_RATE = 0.125
 
 
+def usual_bandwidth(robot: Robot, own: float | None = None) -> float:
+    """Return the bandwidth [rad/s] at short periods: that of the law, None: by the reach."""
+    return _PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5 if own is None else own
+
+
 def bandwidth(robot: Robot, dt: float, own: float | None = None) -> float:
     """Return the default bandwidth w [rad/s] for a robot at sampling period dt [s].
 
-    Args:
-        robot: of some reach.
-        dt: sampling period [s].
-        own: that of the law, see ``Law.own_bandwidth`` [rad/s]; None: by the reach.
+    ``own`` is that of the law, see ``Law.own_bandwidth`` [rad/s].
     """
-    if own is None:
-        own = _PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5
-    return min(own, _LARGEST_STEP / dt)
+    return min(usual_bandwidth(robot, own), _LARGEST_STEP / dt)
 
 
 def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
