@@ -110,7 +110,7 @@ def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     placed = {word: True for word in (TOOL, BASE) if word in names}
     bodies = [name for name in names if name not in placed] or ["none"]
     unknown = Unknown(**{"tool": False, **placed, "bodies": _words(bodies)})  # type: ignore[arg-type]
-    unknown = unknown.with_effects(_words(joint))
+    unknown = unknown.with_names(joint=_words(joint))
     tables = {
         "title": f"{robot.name}, an exciting motion",
         "robot": {

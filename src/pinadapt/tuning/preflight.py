@@ -159,9 +159,9 @@ def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
     motion = controller.motion
     if motion is not None:
         for part, gains, radius in _parts(controller, motion, controller.limits.actuators):
-            if part == _DYNAMICS and radius(dt=dt, factor=1.0) > _STABLE:
-                if radius(dt=dt, factor=_LEAST) <= _STABLE:
-                    return _SLACK * min(_stable_factors(gains, radius, dt).values())
+            too_fast = part == _DYNAMICS and radius(dt=dt, factor=1.0) > _STABLE
+            if too_fast and radius(dt=dt, factor=_LEAST) <= _STABLE:
+                return _SLACK * min(_stable_factors(gains, radius, dt).values())
     return 1.0
 
 
