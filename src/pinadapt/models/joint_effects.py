@@ -132,7 +132,7 @@ class JointEffects:
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
         self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
-        self._model, self.zero = friction.bodies or robot.model, np.zeros(self._n)
+        self._model, self.zero = robot.model, np.zeros(self._n)
         self.nothing = np.zeros((self._n, 0))
         self.loaded = friction.loaded or KINDS.index("gear_friction") in self._kinds
         self._data = self._model.createData() if self.loaded else None
