@@ -3,12 +3,10 @@
 from functools import partial
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot as load
-from tests.support.chains import random_state
 from tests.support.loops import motion_at_home, with_tool_and_load
 
 
@@ -19,12 +17,11 @@ def loops(
     *,
     limits=False,
     law="adaptive-inverse-dynamics",
-    continuous=False,
     duration,
 ):
     """Return a plain run, and one whose arm adds a torque that the controller subtracts."""
     make = partial(pa.make_controller, robot, law=law)
-    engine = pa.Engine(continuous=continuous, torque_limits=limits)
+    engine = pa.Engine(torque_limits=limits)
     simulate = partial(pa.simulate, engine=engine, duration=duration)
     path = motion_at_home(robot)
     plain = simulate(true, make(), path)
@@ -38,42 +35,25 @@ def check_alike(plain, own):
     assert np.array_equal(own.saturated, plain.saturated)
 
 
-@pytest.mark.parametrize("law", ["adaptive-inverse-dynamics", "adaptive-jacobian", "separation"])
-@pytest.mark.parametrize("task", ["xyz", "joint"])
+@pytest.mark.parametrize(
+    ("task", "law"), [("xyz", "adaptive-inverse-dynamics"), ("joint", "separation")]
+)
 def test_the_joint_torque_is_the_same_with_and_without_compensation(task, law):
     robot = pa.load("panda", task=task)
     true = robot.changed(payload=pa.Payload(1.5), viscous=0.2)
-    check_alike(*loops(robot, true, "nominal", law=law, duration=0.3))
+    check_alike(*loops(robot, true, "nominal", law=law, duration=0.1))
 
 
 def test_motors_limit_the_sum_of_command_and_compensation():
     """The limits are those of the joints: with compensation and without, they bind alike."""
     robot = load("ur5")
-    free, _ = loops(robot, with_tool_and_load(robot), "nominal", duration=0.2)
+    free, _ = loops(robot, with_tool_and_load(robot), "nominal", duration=0.1)
     weak = with_tool_and_load(robot)
     weak.model.effortLimit = np.quantile(np.abs(free.tau), 0.9, axis=0)
-    plain, own = loops(robot, weak, "nominal", limits=True, duration=0.2)
+    plain, own = loops(robot, weak, "nominal", limits=True, duration=0.1)
     assert plain.saturated.any() and not plain.saturated.all()
     check_alike(plain, own)
     assert (np.abs(own.tau) <= weak.model.effortLimit).all()
-
-
-def test_the_controller_subtracts_the_compensation():
-    robot, rng = load("panda"), np.random.default_rng(0)
-    anywhere = pa.Limits(guards={"limits": False})
-    plain, own = (
-        pa.make_controller(robot, adaptation="natural", compensated=c, limits=anywhere)
-        for c in (None, "nominal")
-    )
-    plant, data = pa.plants.PinocchioPlant(robot), robot.model.createData()
-    for _ in range(5):
-        q, v, _ = random_state(robot, rng)
-        measured, desired = plant.measurement(q, v), motion_at_home(robot).at(0.1)
-        state = plain.init(measured)
-        total, _ = plain.step(state, measured, desired, 1e-3)
-        sent, _ = own.step(state, measured, desired, 1e-3)
-        g = pin.computeGeneralizedGravity(robot.model, data, q)
-        assert np.allclose(total - sent, g, atol=1e-9) and np.abs(g).max() > 1.0
 
 
 def test_a_plant_adds_the_compensation():

@@ -105,7 +105,7 @@ def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     """Return tables of a scenario for a robot and a motion for the given unknown parameters."""
     robot = load(options.source, frame=options.frame)
     names, joint = options.unknown or ["all"], options.joint or ["all"]
-    unknown = Unknown(tool=False, bodies=_words(names)).with_effects(_words(joint))
+    unknown = Unknown(tool=False, bodies=_words(names)).with_names(joint=_words(joint))
     tables = {
         "title": f"{robot.name}, an exciting motion",
         "robot": {

@@ -240,16 +240,15 @@ class Allowance:
                     hint="State a lighter load, take another home pose, or correct the limits of "
                     "the description.",
                 )
-        plane, margin = MountingPlane.of(model, robot.frame_id, robot.q0), 0.0
-        if plane is not None:
-            if floor is not None and shapes is None:
-                plane = replace(plane, level=max(plane.level, floor), side=1.0)
-            distance = float(plane.distances(model, robot.frame_id, [robot.q0])[0])
-            if distance <= 0.0 and floor is not None and shapes is None:
-                raise _below(robot.frame, distance, robot)
-            margin = min(_MARGIN * robot.reach, 0.5 * distance)
-            plane = plane if distance > 0.0 else None
-        return cls(robot, low, high, speed, effort, mass, loaded, plane, margin, shapes)
+        plane = MountingPlane.of(model, robot.frame_id, robot.q0)
+        if floor is not None and shapes is None:
+            plane = replace(plane, level=max(plane.level, floor), side=1.0)
+        distance = float(plane.distances(model, robot.frame_id, [robot.q0])[0])
+        if distance <= 0.0 and floor is not None and shapes is None:
+            raise _below(robot.frame, distance, robot)
+        margin = min(_MARGIN * robot.reach, max(0.5 * distance, 0.0))
+        kept = plane if distance > 0.0 else None
+        return cls(robot, low, high, speed, effort, mass, loaded, kept, margin, shapes)
 
     def torques(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the torques (N, 2, n) of a motion without load and with the heaviest one."""

@@ -60,7 +60,7 @@ class ChosenEffects:
     """The effects of the joints that a log shows.
 
     Attributes:
-        friction: with the shapes, the shafts, and the bodies that load the gears.
+        friction: with the shapes and the shafts.
         words: the unknown coefficients beside friction, as of ``Unknown.effects``.
         gains: of each effect, in the order in which they were chosen.
     """
@@ -198,10 +198,9 @@ def _candidates(
         whole: mask of the windows.
     """
     names, v, friction = robot.joint_names, motion.v, robot.friction
-    loading = friction.bodies or robot.model
-    data = loading.createData()
-    gravity = np.abs([pin.computeGeneralizedGravity(loading, data, q) for q in motion.q])
-    turns = np.eye(robot.model.nv)
+    model, data = robot.model, robot.model.createData()
+    gravity = np.abs([pin.computeGeneralizedGravity(model, data, q) for q in motion.q])
+    turns = np.eye(model.nv)
     near = np.exp(-np.abs(v) / friction.fading)
     sign = np.tanh(v / friction.threshold) * (1.0 + (friction.breakaway - 1.0) * near)
 

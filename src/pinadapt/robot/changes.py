@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, mapping, numbers, positive, shown, vector, whole
+from .._checks import instance, mapping, numbers, positive, shown, vector
 from ..exceptions import RobotError, did_you_mean
 
 
@@ -46,10 +46,8 @@ class Payload:
         """Return the load as a Pinocchio inertia in the task frame."""
         mass = positive(self.mass, "payload.mass", zero=True, error=RobotError)
         com = vector(self.com, 3, "payload.com", error=RobotError, fills=False)
-        xx, xy, yy, xz, yz, zz = vector(
-            self.inertia, 6, "payload.inertia", error=RobotError, fills=False
-        )
-        matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        given = vector(self.inertia, 6, "payload.inertia", error=RobotError, fills=False)
+        matrix = np.array([given[[0, 1, 3]], given[[1, 2, 4]], given[[3, 4, 5]]])
         second_moment = 0.5 * np.trace(matrix) * np.eye(3) - matrix
         if np.linalg.eigvalsh(second_moment)[0] < -1e-12:
             raise RobotError(
@@ -125,9 +123,6 @@ def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike] | None)
         )
 
 
-_ROUNDING = 1e-6  # of an entry of a rotation matrix
-
-
 def placement(rotation: ArrayLike, translation: ArrayLike, where: str) -> pin.SE3:
     """Return a placement from a rotation, as matrix (3, 3) or vector (3) [rad], and a position (3).
 
@@ -136,7 +131,7 @@ def placement(rotation: ArrayLike, translation: ArrayLike, where: str) -> pin.SE
     """
     R = numbers(rotation, f"{where}.rotation", error=RobotError)
     R = pin.exp3(R) if R.shape == (3,) else R
-    same = R.shape == (3, 3) and np.abs(R @ R.T - np.eye(3)).max() <= _ROUNDING
+    same = R.shape == (3, 3) and np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-6)
     if not same or np.linalg.det(R) < 0.0:
         raise RobotError(
             "expected a rotation vector (3) [rad], or a matrix (3, 3) with R R^T = 1, det R = 1; "
@@ -252,7 +247,6 @@ class Friction:
         breakaway: (nv) dry friction near rest as a share of that at speed.
         fading: (nv) speed at which a share 1/e of that difference is left [rad/s or m/s].
         shafts: motors that turn with two joints.
-        bodies: the model whose gravity torques load the gears. None: the robot's own.
     """
 
     viscous: np.ndarray = 0.0  # type: ignore[assignment]
@@ -264,7 +258,6 @@ class Friction:
     breakaway: np.ndarray = 1.0  # type: ignore[assignment]
     fading: np.ndarray = 0.1  # type: ignore[assignment]
     shafts: tuple[Shaft, ...] = ()
-    bodies: pin.Model | None = None
 
     def __post_init__(self) -> None:
         """Check the coefficients.
@@ -272,11 +265,11 @@ class Friction:
         Raises:
             RobotError: negative coefficients, different sizes, or a speed that is not positive.
         """
-        given = {name: getattr(self, name) for name in COEFFICIENTS}
-        for name, value in given.items():
+        sizes = set()
+        for name in COEFFICIENTS:
+            value, speeds = getattr(self, name), name in ("threshold", "fading")
             listed = list(value.values()) if isinstance(value, Mapping) else value
             array = numbers(listed, f"friction.{name}", error=RobotError)
-            speeds = name in ("threshold", "fading")
             low = array <= 0.0 if speeds else array < 0.0
             if array.ndim > 1 or (low.any() and name not in _SIGNED):
                 raise RobotError(
@@ -285,14 +278,14 @@ class Friction:
                     where=f"friction.{name}",
                 )
             if not isinstance(value, Mapping):
-                given[name] = array
-        sizes = {array.size for array in given.values() if np.ndim(array)}
+                object.__setattr__(self, name, array)
+                sizes |= {array.size} if array.ndim else set()
         if len(sizes) > 1:
             raise RobotError(f"there are lists of {sorted(sizes)} joints.", where="friction")
-        for name, value in given.items():
-            filled = sizes and not isinstance(value, Mapping)
-            kept = np.full(max(sizes), value) if filled else value
-            object.__setattr__(self, name, kept)
+        for name in COEFFICIENTS if sizes else ():
+            value = getattr(self, name)
+            if not isinstance(value, Mapping):
+                object.__setattr__(self, name, np.full(max(sizes), value))
         for shaft in self.shafts:
             instance(shaft, Shaft, "friction.shafts", RobotError)
 
@@ -304,18 +297,14 @@ class Friction:
         """
         names, given = [str(name) for name in model.names[1:]], {}
         for name in COEFFICIENTS:
-            value = getattr(self, name)
-            usual = type(self).__dataclass_fields__[name].default
+            value, where = getattr(self, name), f"friction.{name}"
             if isinstance(value, Mapping):
-                array = np.full(model.nv, usual, dtype=float)
+                given[name] = np.full(model.nv, getattr(Friction, name), dtype=float)
                 for joint, number in value.items():
-                    array[joint_id(model, joint, f"friction.{name}") - 1] = number
-                given[name] = array
+                    given[name][joint_id(model, joint, where) - 1] = number
             else:
-                where = f"friction.{name}"
                 given[name] = vector(value, model.nv, where, names=names, error=RobotError)
-        shafts = tuple(each.of(model) for each in self.shafts)
-        return replace(self, **given, shafts=shafts)
+        return replace(self, **given, shafts=tuple(each.of(model) for each in self.shafts))
 
     @cached_property
     def present(self) -> bool:
@@ -326,14 +315,8 @@ class Friction:
     @property
     def special(self) -> dict[str, np.ndarray]:
         """The attributes (nv) beside viscous and coulomb that differ from their defaults."""
-        usual = Friction(self.viscous, self.coulomb)
         every = {name: getattr(self, name) for name in FRICTION_ATTRIBUTES}
-        found = {
-            name: part
-            for name, part in every.items()
-            if not np.array_equal(part, getattr(usual, name))
-        }
-        return found if "breakaway" in found else {k: v for k, v in found.items() if k != "fading"}
+        return {n: part for n, part in every.items() if (part != getattr(Friction, n)).any()}
 
     @cached_property
     def loaded(self) -> bool:
@@ -343,8 +326,7 @@ class Friction:
     @cached_property
     def plain(self) -> bool:
         """Whether it is viscous and Coulomb friction alone, which simulators know."""
-        parts = (self.gear_friction, self.asymmetry, self.offset, self.breakaway - 1.0)
-        return not self.shafts and not any(part.any() for part in parts)
+        return not self.shafts and not self.special.keys() - {"threshold", "fading"}
 
     @cached_property
     def shape(self) -> np.ndarray:
@@ -360,8 +342,7 @@ class Friction:
     @classmethod
     def none(cls, nv: int) -> Friction:
         """Return zero friction at nv joints."""
-        joints = whole(nv, "friction", 0, RobotError)
-        return cls(np.zeros(joints), np.zeros(joints))
+        return cls(np.zeros(nv), np.zeros(nv))
 
     def under(self, gravity: np.ndarray) -> Friction:
         """Return the friction under a gravity torque (nv), which is then part of ``coulomb``."""
@@ -369,11 +350,6 @@ class Friction:
             return self
         coulomb = self.coulomb + self.gear_friction * np.abs(gravity)
         return replace(self, coulomb=coulomb, gear_friction=np.zeros(coulomb.size))
-
-    def smoothed_sign(self, v: np.ndarray) -> np.ndarray:
-        """Return sigma (nv) at joint velocity v (nv)."""
-        threshold, excess, rate = self.shape
-        return np.asarray(np.tanh(v / threshold) * (1.0 + excess * np.exp(-np.abs(v) * rate)))
 
     def torque(self, v: np.ndarray) -> np.ndarray:
         """Return tau_f (nv) [N m or N] at joint velocity v (nv), of a load only as of ``under``.
@@ -387,7 +363,8 @@ class Friction:
                 where="friction.gear_friction",
                 hint="friction.under(g).torque(v) takes the gravity torque g.",
             )
-        sigma = self.smoothed_sign(v)
+        threshold, excess, rate = self.shape
+        sigma = np.tanh(v / threshold) * (1.0 + excess * np.exp(-np.abs(v) * rate))
         tau = self.viscous * v + self.coulomb * sigma + self.asymmetry * np.abs(sigma) + self.offset
         for d, part in zip(self.directions, self.shafts, strict=True):
             u = float(d @ v)

@@ -22,7 +22,6 @@ _SAMPLES = 500  # random poses of the search
 _FAR_OFF = 0.2  # of a joint's range, distance from a limit up to which a pose counts less
 _NEARLY = 0.6  # least conditioning of a given pose, relative to the best one
 _DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian
-_STILL = 1e-6  # [m], largest variation of a constant height
 
 
 def conditioning(
@@ -66,7 +65,9 @@ def find_home(
 
     def distances(configurations: list[np.ndarray]) -> np.ndarray:
         """Return the distance [m] of each of N configurations (nq) from the plane."""
-        return np.array(np.inf if plane is None else plane.distances(model, frame, configurations))
+        if plane is None:
+            return np.full(len(configurations), np.inf)
+        return plane.distances(model, frame, configurations)
 
     def best_of(poses: np.ndarray) -> np.ndarray:
         """Return the joint positions (N, nv) of the largest singular value, less near limits."""
@@ -97,7 +98,7 @@ def find_home(
     for q in candidates:
         if (
             _off_limits(limits, angles_from_configuration(model, q)) >= MARGIN
-            and distances([q]) >= room
+            and distances([q])[0] >= room
             and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular
         ):
             return np.asarray(q)
@@ -127,64 +128,42 @@ def _off_limits(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np
 class MountingPlane:
     """The horizontal plane through the link that carries the first joint of a chain.
 
-    Arms usually stand on it; legs, and arms on a ceiling, hang from it. The chain should stay on
-    the side on which the reference pose of the description has it. Horizontal is the xy plane of
-    the root.
+    Arms usually stand on it; legs, and arms on a ceiling, hang from it. The third joint, all after
+    it and the task frame should stay on the side on which the reference pose of the description has
+    them. Horizontal is the xy plane of the root.
 
     Attributes:
         level: height of the plane above the root [m].
         side: 1 for a chain above the plane, -1 for one below.
-        movable: indices of the points whose height varies, in the list of the second joint, all
-            joints after it and the task frame.
     """
 
     level: float
     side: float
-    movable: tuple[int, ...]
 
     @classmethod
-    def of(cls, model: pin.Model, frame: int, shown: np.ndarray) -> MountingPlane | None:
-        """Return the plane of a chain, with the side that the reference pose ``shown`` (nq) is on.
-
-        None if the whole chain moves horizontally.
-        """
-        samples = np.random.default_rng(0).uniform(-1.0, 1.0, (10, model.nv))
-        at = [configuration_from_angles(model, sample) for sample in samples]
-        heights = _heights(model, model.createData(), frame, [shown, *at])
-        movable = np.flatnonzero(np.ptp(heights[1:], axis=0) > _STILL)
-        if not movable.size:
-            return None
-        levels = [
+    def of(cls, model: pin.Model, frame: int, shown: np.ndarray) -> MountingPlane:
+        """Return the plane of a chain, with the side of the reference pose ``shown`` (nq)."""
+        levels = (
             float(model.frames[joint.parentFrame].placement.translation[2])
             for joint in model.frames
             if joint.type == pin.FrameType.JOINT and joint.parentJoint == 1
-        ]
-        level = levels[0] if levels else 0.0
-        above = np.mean(heights[0, movable]) > level - _STILL
-        return cls(level, 1.0 if above else -1.0, tuple(movable.tolist()))
-
-    def distance(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> float:
-        """Return the distance [m] of the chain from the plane; negative on the wrong side."""
-        heights = _heights(model, data, frame, [q])[0, self.movable]
-        return float(np.min(self.side * (heights - self.level)))
+        )
+        level = next(levels, 0.0)
+        above = np.mean(_heights(model, frame, [shown])) > level - 1e-6
+        return cls(level, 1.0 if above else -1.0)
 
     def distances(
         self, model: pin.Model, frame: int, configurations: Iterable[np.ndarray]
     ) -> np.ndarray:
-        """Return the distance [m] of the chain from the plane in each of N configurations (nq)."""
-        heights = _heights(model, model.createData(), frame, configurations)
-        return np.asarray(np.min(self.side * (heights[:, self.movable] - self.level), axis=1))
+        """Return the distances (N) [m] of the chain at configurations (nq), negative beyond."""
+        return np.min(self.side * (_heights(model, frame, configurations) - self.level), axis=1)
 
 
-def _heights(
-    model: pin.Model, data: pin.Data, frame: int, configurations: Iterable[np.ndarray]
-) -> np.ndarray:
-    """Return heights (N, .) [m] above the root of the second joint, those after it and the frame.
-
-    At N configurations (nq). The places are read where Pinocchio writes them: copies cost more than
-    the kinematics.
-    """
-    places, rows = [each.translation for each in [*list(data.oMi)[2:], data.oMf[frame]]], []
+def _heights(model: pin.Model, frame: int, configurations: Iterable[np.ndarray]) -> np.ndarray:
+    """Return heights (N, .) [m] above the root of the third joint, those after it and the frame."""
+    data, rows = model.createData(), []
+    # places where Pinocchio writes: copies cost more than the kinematics
+    places = [each.translation for each in [*list(data.oMi)[3:], data.oMf[frame]]]
     for q in configurations:
         pin.forwardKinematics(model, data, q)
         pin.updateFramePlacement(model, data, frame)

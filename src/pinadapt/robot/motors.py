@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -82,7 +82,15 @@ class Actuators:
         given = {"delay": delay, "bandwidth": bandwidth, "stiffness": stiffness, "damping": damping}
         sizes = set()
         for name, value in given.items():
-            array = _numbers(value, name, zero=name in ("delay", "damping"))
+            where, zero = f"actuators.{name}", name in ("delay", "damping")
+            array = numbers(value, where, infinite=not zero)
+            low = array < 0.0 if zero else array <= 0.0
+            if array.ndim > 1 or low.any() or (array[np.isfinite(array)] > LARGEST).any():
+                raise InputError(
+                    f"must {'not be negative' if zero else 'be positive'} and at most {LARGEST:g}, "
+                    f"one number or one per joint, got {array.tolist()}.",
+                    where=where,
+                )
             sizes |= {array.size} if array.ndim else set()
             kept = tuple(array.tolist()) if array.ndim else float(array)
             object.__setattr__(self, name, kept)
@@ -91,8 +99,7 @@ class Actuators:
                 f"expected lists of one size, one number per joint, got sizes {sorted(sizes)}.",
                 where="actuators",
             )
-        rigid = np.isinf(self.stiffness)
-        if rigid.any() and not rigid.all():
+        if self.elastic and np.isinf(self.stiffness).any():
             raise InputError(
                 f"expected springs at all joints or at none, got {self.stiffness}.",
                 where="actuators.stiffness",
@@ -135,18 +142,15 @@ class Actuators:
             InputError: numbers for another number of joints.
         """
         values, names = [], robot.joint_names
-        for part in fields(self)[:4]:
-            array = np.asarray(getattr(self, part.name), dtype=float)
+        for part in JointActuators._fields:
+            array = np.asarray(getattr(self, part), dtype=float)
             if array.ndim and array.size != len(names):
                 raise InputError(
-                    f"expected a number or {len(names)} numbers {list(names)}, got {array.size}.",
-                    where=f"actuators.{part.name}",
+                    f"expected a number or {len(names)} numbers {names}, got {array.size}.",
+                    where=f"actuators.{part}",
                 )
             values.append(np.broadcast_to(array, len(names)).copy())
         return JointActuators(*values)
-
-
-_ROUNDING = 1e-6  # of a period, by which arrivals may differ and be the same
 
 
 class CommandsUnderway(NamedTuple):
@@ -168,8 +172,7 @@ class CommandsUnderway(NamedTuple):
     def still(self) -> CommandsUnderway:
         """Return its time derivative where time stands still: zeros."""
         coming = tuple((t, k, np.zeros(command.shape)) for t, k, command in self.coming)
-        zero = np.zeros(self.arrived.shape)
-        return CommandsUnderway(self.t, coming, zero, zero)
+        return CommandsUnderway(self.t, coming, 0.0 * self.arrived, 0.0 * self.applied)
 
 
 class LateTorque:
@@ -203,7 +206,7 @@ class LateTorque:
         if before is None:
             before = CommandsUnderway(0.0, (), command, command)
         t, arrived, applied = before.t, before.arrived.copy(), before.applied
-        coming, least, pieces = list(before.coming), _ROUNDING * dt, []
+        coming, least, pieces = list(before.coming), 1e-6 * dt, []  # rounding
         coming += [(t + late, k, command) for k, late in enumerate(self._delays.tolist())]
         coming.sort(key=lambda each: each[0])
         end = t + dt
@@ -229,27 +232,7 @@ class LateTorque:
         total = np.zeros(command.size)
         for torque, h in pieces:
             total += h * torque
-        return (total / dt if pieces else command), left
-
-
-def _numbers(value: ArrayLike, name: str, *, zero: bool) -> np.ndarray:
-    """Return a number or a list (n): not negative and finite with ``zero``, else positive.
-
-    Raises:
-        InputError: it is not.
-    """
-    where = f"actuators.{name}"
-    array = numbers(value, where, infinite=not zero)
-    if array.ndim > 1:
-        raise InputError(f"expected one number or one per joint, got {value!r}.", where=where)
-    if not ((array >= 0.0) if zero else (array > 0.0)).all():
-        raise InputError(
-            f"must {'not be negative' if zero else 'be positive'}, got {array.tolist()}.",
-            where=where,
-        )
-    if (array[np.isfinite(array)] > LARGEST).any():
-        raise InputError(f"is too large to compute with, over {LARGEST:g}.", where=where)
-    return array
+        return total / dt, left
 
 
 def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray | None:
@@ -267,20 +250,14 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
     if limits is None or limits is False:
         return None
     n = robot.model.nv
-    bounds = (
-        effort_limits(robot.model)
-        if limits is True
-        else numbers(limits, "limits.torque", error=GainError, infinite=True)
-    )
-    if bounds.shape not in ((), (n,)):
+    given = effort_limits(robot.model) if limits is True else limits
+    bounds = numbers(given, "limits.torque", error=GainError, infinite=True)
+    if bounds.shape not in ((), (n,)) or not (bounds > 0.0).all():
         raise GainError(
-            f"expected True, a number or {n} numbers, got shape {bounds.shape}.",
+            f"expected True, a positive number or {n} of them, got {bounds.tolist()}.",
             where="limits.torque",
         )
-    bounds = np.broadcast_to(bounds, n).copy()
-    if not (bounds > 0.0).all():  # also true for NaN
-        raise GainError(f"must be positive, got {bounds.tolist()}.", where="limits.torque")
-    return bounds if np.isfinite(bounds).any() else None
+    return np.broadcast_to(bounds, n).copy() if np.isfinite(bounds).any() else None
 
 
 def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") -> str | None:

@@ -40,7 +40,6 @@ from .home import MountingPlane
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
 _UNITS = ("rad, rad/s, N m", "m, m/s, N")
 _SHOWN = 100  # characters of a list of names
-_FLAT = 1e-3  # of the largest singular value of a picture's Jacobian
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -199,23 +198,27 @@ class Robot:
         Raises:
             RobotError: unknown joints, wrong sizes, or factors or masses that are not positive.
         """
-        model = self.model.copy()
+        model, loads = self.model.copy(), self.loads
         changes.scale_inertias(model, inertial_scale)
-        loads = self.loads
         instance(payload, changes.Payload | None, "payload", RobotError)
         if payload is not None and payload.present:
             loads = *loads, changes.attach_payload(model, self.frame_id, payload)
         changes.shift_joints(model, link_translation)
         if tool_translation is not None:
             changes.shift_tool(model, self.frame_id, tool_translation)
-        model.armature = self._coefficients(armature, "armature", model.armature)
-        friction = self._own(friction)
-        friction = replace(
-            friction,
-            viscous=self._coefficients(viscous, "friction.viscous", friction.viscous),
-            coulomb=self._coefficients(coulomb, "friction.coulomb", friction.coulomb),
-        )
-        return replace(self, model=model, friction=friction, loads=loads)
+        if armature is not None:
+            model.armature = self._coefficients(armature, "armature")
+        given = {"viscous": viscous, "coulomb": coulomb}
+        own = {
+            name: self._coefficients(value, f"friction.{name}")
+            for name, value in given.items()
+            if value is not None
+        }
+        if friction is None:
+            friction = self.friction
+        else:
+            friction = instance(friction, Friction, "friction", RobotError).of(model)
+        return replace(self, model=model, friction=replace(friction, **own), loads=loads)
 
     def seen_from(self, rotation: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Return this robot with x in the axes of a tracker that stands somewhere.
@@ -253,11 +256,10 @@ class Robot:
             count: of the cameras, where none is given.
 
         Raises:
-            RobotError: three cameras, wrong sizes, a frame that is not before a camera at home, two
-                cameras that do not fix it in space, or a joint task.
+            RobotError: three cameras, wrong sizes, a frame that is not before a camera at home, or
+                a joint task.
         """
         task = self.frame_task
-        scale = None if pixel is None else positive(pixel, "pixel", error=RobotError)
         given = [numbers(H, "cameras", error=RobotError) for H in cameras]
         if not given:
             plane = [*np.arange(3)[task.place], *range(3)][:2]
@@ -265,9 +267,9 @@ class Robot:
             given = list(unknown[: whole(count, "count", 1, most=2)])
         if len(given) > 2 or any(H.shape != (3, 4) for H in given):
             raise RobotError("expected one or two matrices (3, 4).", where="cameras")
-        if cameras and scale is not None:
-            given = [np.diag([scale, scale, 1.0]) @ H for H in given]
-        filmed = replace(self, task=ImageTask.seen_by(task, given, scale))
+        if pixel is not None:
+            pixel = positive(pixel, "pixel", error=RobotError)
+            given = [np.diag([pixel, pixel, 1.0]) @ H for H in given] if cameras else given
         at = self.placement(self.q0)
         for number, H in enumerate(given, 1):
             if H[2, :3] @ at.translation + H[2, 3] <= 0.0:
@@ -276,16 +278,7 @@ class Robot:
                     where="cameras",
                     hint="The depth, row 3 of H times (p, 1), must be positive.",
                 )
-        sizes = np.linalg.svd(filmed.frame_task.jacobian(at, np.eye(6)[:, :3]), compute_uv=False)
-        if not sizes[-1] > _FLAT * sizes[0]:
-            raise RobotError(
-                "the pictures do not fix the frame: they show too few directions of its motion.",
-                where="cameras",
-                hint="Are rows 1 and 2 of H alike? If two cameras stand in one place, move one, or "
-                "turn the second by a right angle about its line of sight: of its picture only "
-                "the first coordinate counts.",
-            )
-        return filmed
+        return replace(self, task=ImageTask.seen_by(task, given, pixel))
 
     @cached_property
     def in_base_axes(self) -> Robot:
@@ -356,13 +349,6 @@ class Robot:
     def _repr_html_(self) -> str:
         return robot_sheet(self).html()
 
-    def _own(self, given: Friction | None) -> Friction:
-        """Return a friction for the joints of this robot, its own where none is given."""
-        if given is None:
-            return self.friction
-        own: Friction = instance(given, Friction, "friction", RobotError)
-        return own.of(self.model)
-
     def friction_at(self, q: np.ndarray) -> Friction:
         """Return the friction at configuration q (nq), under the gravity torque there.
 
@@ -370,15 +356,11 @@ class Robot:
             RobotError: not nq finite numbers.
         """
         q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
-        if not self.friction.loaded:
-            return self.friction
-        model = self.friction.bodies or self.model
-        return self.friction.under(pin.computeGeneralizedGravity(model, model.createData(), q))
+        gravity = pin.computeGeneralizedGravity(self.model, self.model.createData(), q)
+        return self.friction.under(gravity)
 
-    def _coefficients(self, given: ArrayLike | None, where: str, default: np.ndarray) -> np.ndarray:
+    def _coefficients(self, given: ArrayLike, where: str) -> np.ndarray:
         """Return coefficients (nv), one per joint; negative ones are refused."""
-        if given is None:
-            return np.array(default, dtype=float)
         numbers = vector(given, self.model.nv, where, names=self.joint_names, error=RobotError)
         if (numbers < 0.0).any():
             raise RobotError(f"must not be negative, got {numbers.tolist()}.", where=where)
@@ -404,7 +386,8 @@ class Visual:
     @cached_property
     def geometry(self) -> pin.GeometryModel | None:
         """The visual geometry of the chain, or None."""
-        return self._reduced(self.read(pin.GeometryType.VISUAL))
+        shapes = self.read(pin.GeometryType.VISUAL)
+        return None if shapes is None else self._reduced(shapes)
 
     def solids(self) -> tuple[pin.GeometryModel, list[str]] | None:
         """Return the collision geometry of the chain and the link of each shape, or None."""
@@ -414,10 +397,8 @@ class Visual:
         links = [str(self.whole.frames[part.parentFrame].name) for part in found.geometryObjects]
         return self._reduced(found), links
 
-    def _reduced(self, shapes: pin.GeometryModel | None) -> pin.GeometryModel | None:
+    def _reduced(self, shapes: pin.GeometryModel) -> pin.GeometryModel:
         """Return the shapes of the chain, given those of the whole robot."""
-        if shapes is None:
-            return None
         return reduced(self.whole, self.keep, self.q_reference, shapes)[1][0]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -480,10 +461,10 @@ class Succession:
             RobotError: a robot with another chain, frame or task than the first.
         """
         instance(first, Robot, "robot")
-        changes = in_time(changes, "changes")
-        for time, robot in changes.items():
+        timed = in_time(changes, "changes")
+        for time, robot in timed.items():
             check_successor(first, robot, f"changes[{time:g}]")
-        return cls((first, *changes.values()), tuple(changes))
+        return cls((first, *timed.values()), tuple(timed))
 
     @property
     def name(self) -> str:
@@ -510,8 +491,8 @@ def in_time(changes: Mapping[float, Any] | None, where: str) -> dict[float, Any]
         InputError: not a mapping, or a time that is not positive and finite.
     """
     given = mapping(changes, where)
-    timed = {positive(time, where, error=InputError): event for time, event in given.items()}
-    return dict(sorted(timed.items(), key=lambda each: each[0]))
+    times = {positive(time, where, error=InputError): time for time in given}
+    return {time: given[times[time]] for time in sorted(times)}
 
 
 def check_successor(before: Robot, after: Robot, where: str) -> None:
@@ -537,29 +518,7 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
 
 def difference(before: Robot, after: Robot) -> str:
     """Return a short text of how two robots with the same chain differ, masses in kg."""
-    ours, theirs = _parts(before), _parts(after)
-    words = [part for part in ours if not np.allclose(ours[part], theirs[part], 1e-9, 1e-12)]
-    mass = float((theirs["inertias"] - ours["inertias"])[:, 0].sum())
-    if abs(mass) > 1e-9:
-        words[0] = f"{mass:+.3g} kg"
-    return ", ".join(words) or "nothing"
-
-
-def _parts(robot: Robot) -> dict[str, np.ndarray]:
-    model, friction = robot.model, robot.friction
-    return {
-        "inertias": np.array([body.toDynamicParameters() for body in model.inertias]),
-        "tool": model.frames[robot.frame_id].placement.homogeneous,
-        "links": np.array([placement.homogeneous for placement in model.jointPlacements]),
-        "friction": np.array(
-            [
-                friction.viscous,
-                friction.coulomb,
-                friction.gear_friction,
-                friction.asymmetry,
-                friction.offset,
-            ]
-        ),
-        "rotors": np.array(model.armature),
-        "camera": np.array(robot.task.cameras if isinstance(robot.task, ImageTask) else 0.0),
-    }
+    mass, tools = after.mass - before.mass, [r.placement(r.q0) for r in (before, after)]
+    words = [] if abs(mass) < 1e-9 else [f"{mass:+.3g} kg"]
+    words += [] if tools[0].isApprox(tools[1], 1e-9) else ["tool"]
+    return ", ".join(words) or "other parameters"

@@ -130,27 +130,23 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
             where="task",
             hint="Find one for the same robot before filmed_by, or draw a motion in the picture.",
         )
-    length = robot.reach
-    planes = [robot.frame_task.name] if robot.frame_task.positions == 2 else ["xy", "yz", "xz"]
+    length, task = robot.reach, robot.frame_task
+    planes = [task.name] if task.positions == 2 else ["xy", "yz", "xz"]
     shifts = tool_error * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     described, *others = [robot.changed(tool_translation=shift) for shift in shifts]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
-        paths = []
-        for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2)):
-            path = WorkspaceCircle(plane, phase, rounded_down(size), 1.0, 1.0)
-            if run := _follow(robot, described, path):
-                paths.append((run, path))
-        for run, path in sorted(paths, key=lambda found: -found[0][0]):
-            runs = [run]
-            for other in others:
-                if run := _follow(robot, other, path):
-                    runs.append(run)
-                else:
-                    break
-            else:
-                speeds = np.max([speeds for _, speeds in runs], axis=0)
-                period = max(_PERIOD * sqrt(max(length, 1.0)), float(np.max(speeds)))
-                least = min(least for least, _ in runs)
+        paths = [
+            WorkspaceCircle(plane, phase, rounded_down(size), 1.0, 1.0)
+            for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2))
+        ]
+        followed = [(run, path) for path in paths if (run := _follow(robot, described, path))]
+        for first, path in sorted(followed, key=lambda found: -found[0][0]):
+            runs = [first]
+            while len(runs) <= len(others) and (run := _follow(robot, others[len(runs) - 1], path)):
+                runs.append(run)
+            if len(runs) > len(others):
+                least, slowest = min(run[0] for run in runs), max(run[1].max() for run in runs)
+                period = max(_PERIOD * sqrt(max(length, 1.0)), float(slowest))
                 return replace(path, period=ceil(10 * period) / 10, least_singular=least)
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
@@ -182,12 +178,11 @@ class JointSwing:
 def find_swing(robot: Robot) -> JointSwing:
     """Return sines of all joints that a robot can follow from its home pose.
 
-    Each joint goes by up to 0.6 rad, or 0.2 m, to the side of its range with more room, or else all
-    of them to the other side, and keeps 5 % of its range from the limit. The periods differ, so
-    that the joints pass many poses together: the shortest is 3 s, or 3 sqrt(L) s for a reach of L >
-    1 m. The amplitudes are smaller where joints would exceed 80 % of their velocity limits. All of
-    them are halved until the chain stays on its side of the mounting plane, and the torques of the
-    described robot within 80 % of the effort limits, but no more than five times.
+    Each joint goes by up to 0.6 rad, or 0.2 m, to the side of its range with more room, and keeps 5
+    % of its range from the limit; all go to the other side if the torques of the described robot
+    exceed 80 % of the effort limits. The periods differ, so that the joints pass many poses
+    together: the shortest is 3 s, or 3 sqrt(L) s for a reach of L > 1 m. The amplitudes are smaller
+    where joints would exceed 80 % of their velocity limits.
 
     Args:
         robot: any robot; read only.
@@ -213,34 +208,27 @@ def find_swing(robot: Robot) -> JointSwing:
     )
     room = np.array([upper - home, home - lower]) - margin
     up = room[0] >= room[1]
-    for share in 0.5 ** np.arange(6):
-        for side in (up, ~up):  # what sinks towards the plane on one side rises on the other
-            way = np.minimum(share * most, np.maximum(np.where(side, *room), 0.0) / 2.0)
-            amplitude = np.array([rounded_down(a) if a else 0.0 for a in way])
-            swing = JointSwing(np.where(side, amplitude, -amplitude), period)
-            if _stays(robot, swing):
-                return swing
+    for side in (up, ~up):  # what falls on one side rises on the other
+        way = np.minimum(most, np.maximum(np.where(side, *room), 0.0) / 2.0)
+        amplitude = np.array([rounded_down(a) if a else 0.0 for a in way])
+        swing = JointSwing(np.where(side, amplitude, -amplitude), period)
+        if _strong_enough(robot, swing):
+            break
     return swing
 
 
-def _stays(robot: Robot, swing: JointSwing) -> bool:
-    """Return whether a motion of the joints stays above the plane and within the efforts."""
+def _strong_enough(robot: Robot, swing: JointSwing) -> bool:
+    """Return whether the torques of a motion of the joints are within the efforts."""
     model, data, motion = robot.model, robot.model.createData(), swing.motion(robot.home_angles)
-    path = [motion.at(t) for t in np.linspace(0.0, _SPREAD * swing.period.max(), 120).tolist()]
-    at = [configuration_from_angles(model, desired.x_d) for desired in path]
+    path = [motion.at(t) for t in np.linspace(0.0, swing.period.max(), 80).tolist()]
     torques = [
-        pin.rnea(model, data, q, desired.xd_d, desired.xdd_d)
-        for q, desired in zip(at, path, strict=True)
+        pin.rnea(model, data, configuration_from_angles(model, at.x_d), at.xd_d, at.xdd_d)
+        for at in path
     ]
     held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
     # where gravity needs more at home
     efforts = np.maximum(_SHARE * effort_limits(model), 1.05 * held)
-    if (np.abs(torques) > efforts).any():
-        return False
-    if robot.mounting is None:
-        return True
-    distances = robot.mounting.distances(model, robot.frame_id, at)
-    return bool(distances[0] < 0.0 or distances.min() >= 0.0)
+    return bool((np.abs(torques) <= efforts).all())
 
 
 def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np.ndarray] | None:
@@ -257,10 +245,10 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         or a singularity.
     """
     model, data, task, q = tool.model, tool.model.createData(), robot.frame_task, robot.q0
-    m, plane = task.positions, robot.mounting
+    m, home = task.positions, robot.home_angles
     arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
     lower, upper = position_limits(model)
-    home, margin = robot.home_angles, _margin(lower, upper)
+    margin = _margin(lower, upper)
     low = lower + np.clip((home - lower) / 2, 0.0, margin)
     high = upper - np.clip((upper - home) / 2, 0.0, margin)
 
@@ -270,25 +258,19 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         J = pin.computeFrameJacobian(of.model, data, q, of.frame_id, axes)
         return arms[:, None] * J[task.rows]
 
-    def above(q: np.ndarray) -> bool:
-        """Return whether a configuration (nq) is on the right side of the mounting plane."""
-        return plane is None or plane.distance(model, data, tool.frame_id, q) >= 0.0
-
-    starts_above, at_home = above(q), _least_singular([jacobian(robot, q)])
+    at_home = _least_singular([jacobian(robot, q)])
     circle, home_share = path.motion(m), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
     at = [circle.at(k / _STEPS).x_d for k in range(int(_TURNS * _STEPS) + 2)]
     damping = (0.01 * at_home) ** 2 * np.eye(task.size)
-    passed, fastest = list[np.ndarray](), np.zeros(model.nv)
+    passed, places, fastest = list[np.ndarray](), [q], np.zeros(model.nv)
     start = target = tool.position(q)
     for position in at[1:]:
         angles = angles_from_configuration(model, q)
-        outside = (angles < low).any() or (angles > high).any()
-        if outside or (starts_above and not above(q)):
-            return None
         x, J = task.at(model, data, tool.frame_id, q), jacobian(tool, q)
         passed.append(J)
         away, turned = np.split(task.error(target, x), [m])
-        if away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2:
+        lost = away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2
+        if lost or (angles < low).any() or (angles > high).any():
             return None
         psi = home_share * pin.difference(model, q, robot.q0)
         offset = np.zeros(task.size)
@@ -298,9 +280,14 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
         fastest = np.maximum(fastest, np.abs(step))
         q = pin.integrate(model, q, step)
+        places.append(q)
     least = _least_singular(passed) / at_home
     if least < _LEAST_SINGULAR:
         return None
+    if robot.mounting is not None:
+        distances = robot.mounting.distances(model, tool.frame_id, places)
+        if distances[0] >= 0.0 > distances.min():
+            return None
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
     speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
     return least, fastest * _STEPS / speeds

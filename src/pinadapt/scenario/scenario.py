@@ -104,7 +104,7 @@ class Scenario:
             if start:
                 raise ScenarioError("is given by model.learned already.", where="start")
             if unknown.friction in (None, True) and unknown.armature in (None, True):
-                unknown = unknown.with_effects(learned.joint_coefficients or "none")
+                unknown = unknown.with_names(joint=learned.joint_coefficients or "none")
         options = given["controller"]
         if isinstance(changes := options.get("compensated"), Mapping):
             with located("controller.compensated"):

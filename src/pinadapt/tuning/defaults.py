@@ -55,10 +55,7 @@ def rate_for(mode: float, effects: Sequence[np.ndarray], unit: Adaptation, at: E
 
 
 INERTIA, LENGTH = UNCERTAINTY, 0.1  # relative standard deviations
-_SAMPLES_PER_PARAMETER = 10
 _OWN, _COMMON = 0.1134, 0.0167  # second moments of exp(0.3 W) - 1, by six million samples
-_RIDGE = 1e-6  # share of its own variance added to each parameter: no combination is known
-_LEAST_RADIUS = 1e-3  # [m] of gyration, for bodies that a description leaves without extent
 
 
 def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
@@ -71,7 +68,7 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     like that metric it does not depend on frames and units.
     """
     robot, dynamics = dynamics.bare(robot), dynamics.inertial
-    nominal, count = dynamics.value(robot), _SAMPLES_PER_PARAMETER * dynamics.size
+    nominal, count = dynamics.value(robot), 10 * dynamics.size
     if nominal is None:
         return None
     values = dynamics.values(robot, *plausible(robot, dynamics, count))
@@ -80,7 +77,8 @@ def prior_covariance(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
     errors = values - nominal
     covariance = errors.T @ errors / max(len(errors), 1)
     variances = np.diag(covariance)
-    return np.asarray(covariance + _RIDGE * np.diag(variances)) if (variances > 0.0).all() else None
+    # a millionth of its own variance for each parameter: no combination is known exactly
+    return np.asarray(covariance + 1e-6 * np.diag(variances)) if (variances > 0.0).all() else None
 
 
 def prior_variances(robot: Robot, dynamics: Dynamics) -> np.ndarray | None:
@@ -122,7 +120,7 @@ def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
     mass = pin.computeTotalMass(robot.model) / robot.model.nv
     tens = [robot.model.inertias[body + 1].toDynamicParameters() for body in bodies]
     near = [
-        pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=_LEAST_RADIUS))
+        pseudo_inertia(nearest_physical(ten, least_mass=1e-3 * mass, least_radius=1e-3))
         for ten in tens
     ]
     return np.linalg.cholesky(np.array(near).reshape(-1, 4, 4))
@@ -137,26 +135,20 @@ def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
 
 
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
-_LEAST_REACH = 1e-6  # [m]
 _LARGEST_STEP = 0.075  # bandwidth times sampling period
-_LEAST_EXCITATION = 1e-6  # relative
-_LAG, _GIVING_WAY, _ELASTIC = 2.0, 1.0, 0.5
 
-# of the bandwidth
-PREDICTION_RATE = 0.125
+
+def usual_bandwidth(robot: Robot, own: float | None = None) -> float:
+    """Return the bandwidth [rad/s] at short periods: that of the law, None: by the reach."""
+    return _PUBLISHED * (_REACH / max(robot.reach, 1e-6)) ** 0.5 if own is None else own
 
 
 def bandwidth(robot: Robot, dt: float, own: float | None = None) -> float:
     """Return the default bandwidth w [rad/s] for a robot at sampling period dt [s].
 
-    Args:
-        robot: of some reach.
-        dt: sampling period [s].
-        own: that of the law, see ``Law.own_bandwidth`` [rad/s]; None: by the reach.
+    ``own`` is that of the law, see ``Law.own_bandwidth`` [rad/s].
     """
-    if own is None:
-        own = _PUBLISHED * (_REACH / max(robot.reach, _LEAST_REACH)) ** 0.5
-    return min(own, _LARGEST_STEP / dt)
+    return min(usual_bandwidth(robot, own), _LARGEST_STEP / dt)
 
 
 def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
@@ -175,8 +167,8 @@ def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
         InputError: actuators of another number of joints.
     """
     own = actuators.of(robot)
-    late = float(_LAG * np.max(dt + own.delay + 1.0 / own.bandwidth))
-    return late + _GIVING_WAY / elastic_mode(robot, actuators)
+    late = float(2.0 * np.max(dt + own.delay + 1.0 / own.bandwidth))
+    return late + 1.0 / elastic_mode(robot, actuators)
 
 
 def slowest_share(robot: Robot, actuators: Actuators, mode: float) -> float:
@@ -185,7 +177,7 @@ def slowest_share(robot: Robot, actuators: Actuators, mode: float) -> float:
     The mode stays below half of ``elastic_mode``: a faster adaptation learns wrong inertias from
     links that swing on their springs.
     """
-    return min(1.0, _ELASTIC * elastic_mode(robot, actuators) / mode)
+    return min(1.0, 0.5 * elastic_mode(robot, actuators) / mode)
 
 
 def elastic_mode(robot: Robot, actuators: Actuators) -> float:
@@ -222,15 +214,13 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
     if covariance is not None:
         return covariance
     excitation = np.mean([np.sum(Phi * Phi, axis=0) for Phi in effects], axis=0)
-    return np.diag(1.0 / np.maximum(excitation, _LEAST_EXCITATION * excitation.max(initial=1e-12)))
+    return np.diag(1.0 / np.maximum(excitation, 1e-6 * excitation.max(initial=1e-12)))
 
 
 def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
     """Return the typical parameters, moved into the adaptation's domain, with an empty memory."""
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # that bodies are moved into the cone is warned of at the start
+        warnings.simplefilter("ignore")  # the start of a run warns of bodies outside of the cone
         return Estimate(adaptation.validate(motion.dynamics.typical))
 
 

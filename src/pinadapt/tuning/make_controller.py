@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isinf
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .._checks import arithmetic, instance, positive, word
 from ..adaptation.adaptation import Adaptation, Frozen
 from ..adaptation.modifications import Leak
-from ..adaptation.natural import MatrixInequality
 from ..controller.announcement import NominalRobot
 from ..controller.controller import Controller
 from ..controller.estimator import Estimator
 from ..controller.governor import Governor
 from ..controller.limits import Limits, limits_for, make_box
-from ..controller.sensing import Guards, Senses, make_guards
+from ..controller.sensing import Senses, make_guards
 from ..controller.slow_start import SlowStart
-from ..exceptions import InputError, did_you_mean
+from ..exceptions import InputError
 from ..filters import LowPass
 from ..laws import DEFAULT, LAWS
 from ..laws.fast_feedback import FastFeedback
@@ -30,7 +27,7 @@ from ..laws.law import NAMES, Law
 from ..models.delay_compensation import DelayCompensator
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
-from ..records import SensorQuality, Sensors
+from ..records import Sensors
 from ..robot.changes import Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
@@ -39,7 +36,6 @@ from .defaults import bandwidth, feedback_lag, slowest_share
 from .noise import (
     SIGMA,
     Given,
-    NoiseSettings,
     Tuning,
     chosen_modifications,
     modified,
@@ -51,14 +47,11 @@ from .rates import (
     KINEMATIC_ADAPTATIONS,
     MEMORIES,
     RATES,
-    check_adaptation,
-    default_adaptation,
     default_kinematic_adaptation,
     dynamic_adaptation,
     metric_of,
     predicting_kind,
-    prediction_weight,
-    tracking_share,
+    with_prediction_weight,
 )
 from .rates import kinematic_adaptation as moved_kinematics
 from .unknowns import (
@@ -68,8 +61,6 @@ from .unknowns import (
     nominal_kinematics,
     warn_of_unused_gains,
 )
-
-T = TypeVar("T")
 
 
 @arithmetic("gains")
@@ -135,9 +126,12 @@ def make_controller(
     """
     for name in gains:
         word(name, (*NAMES, *RATES), "controller")
-    dt, nominal = positive(dt, "dt"), _nominal(robot, payload)
-    sensors, limits = _given(sensors, Sensors, "sensors"), _given(limits, Limits, "limits")
-    unknown = Unknown.of(unknown)
+    dt, unknown = positive(dt, "dt"), Unknown.of(unknown)
+    instance(robot, Robot, "robot")
+    instance(payload, Payload | None, "payload")
+    sensors = Sensors() if sensors is None else instance(sensors, Sensors, "sensors")
+    limits = Limits() if limits is None else instance(limits, Limits, "limits")
+    nominal = NominalRobot(robot.undrawn(), payload)
     robot = nominal.robot(payload)
     fast, law = (law, law.law) if isinstance(law, FastFeedback) else (None, law)
     chosen = _law_type(law, robot)
@@ -148,8 +142,8 @@ def make_controller(
     lengths = lumped_lengths(kinematics, unknown, metric_of(kind), chosen)
     dynamics = nominal_dynamics(robot, unknown, chosen.joint_effects, lengths)
     applied = limits_for(robot, kinematics, dynamics, limits, sensors, chosen)
-    if adaptation is None and kind == "natural":
-        kind = default_adaptation(chosen, dynamics)
+    if adaptation is None and kind == "natural" and chosen.remembers and dynamics.per_body:
+        kind = "natural-memory"
     w = bandwidth(robot, dt, chosen.own_bandwidth)
     motion = TypicalMotion(robot, kinematics, dynamics, w, applied.torque)
     K_f = None if fast is None else fast.gain_for(robot, applied.actuators, dt)
@@ -163,19 +157,27 @@ def make_controller(
     if applied.governor is not None:
         tuned = tuned.within(applied.governor.velocity)
     warn_of_unused_gains(tuned, (kind, kind_k), kinematics, dynamics, gains | rates)
-    box, given = make_box(robot, kinematics, limits.box), rates | gains
-    adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, settings, quality)
+    box = make_box(robot, kinematics, limits.box)
+    tuning = Tuning(tuned, motion, w, dt, quality, settings, rates | gains)
+    adaptation_k = moved_kinematics(kind_k, tuning, box)
     if isinstance(law, str) and gains.get("R_k") is None:
-        tuned = _weighed(tuned, motion, adaptation_k, w, settings)
+        tuning = tuning._replace(law=with_prediction_weight(tuning, adaptation_k))
     if isinstance(kinematic_adaptation, Adaptation):
         adaptation_k = kinematic_adaptation
-    tuning = Tuning(tuned, motion, w, dt, quality, settings)
 
     def adaptation_d(share: float = 1.0) -> Adaptation:
-        """Return the adaptation of the dynamics, at a share of its rate."""
+        """Return the adaptation of the dynamics, at a share of its rate, inside modifications.
+
+        Noisy sensors add a leak where none is chosen.
+        """
         if isinstance(adaptation, Adaptation):
-            return modified(tuned.guarded(adaptation, dynamics), modifying, tuning)
-        return _adaptation(kind, modifying, tuning, rates, unknown.lmi, share)
+            return modified(tuning.law.guarded(adaptation, dynamics), modifying, tuning)
+        moved = dynamic_adaptation(kind, tuning, unknown.lmi, share)
+        if kind == "none":
+            return moved
+        moved = modified(moved, modifying, tuning)
+        leaks = settings.leak and SIGMA not in modifying and kind not in MEMORIES
+        return Leak(moved, settings.leak) if leaks else moved
 
     compensation = compensation_of(robot, compensated)
     guards = make_guards(
@@ -189,99 +191,29 @@ def make_controller(
         compensation=compensation,
         dt=dt,
     )
+    low_pass = None if isinf(settings.velocity) else LowPass(settings.velocity, "velocity filter")
+    compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
+    if limits.governor:  # the arm may wait for frames
+        governor = Governor() if limits.governor is True else limits.governor
+        compensator = replace(compensator, longest_gap=governor.blind)
     slowly = not kinematics.calibrated and not isinstance(adaptation_k, Frozen)
     controller = (SlowStart if slowly else Controller)(
-        tuned if fast is None or K_f is None else fast.around(tuned, K_f),
+        tuning.law if fast is None or K_f is None else fast.around(tuning.law, K_f),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
         adaptation_d=adaptation_d(),
         limits=applied,
-        senses=_senses(guards, settings, sensors, quality, limits.governor),
+        senses=Senses(guards, compensator, low_pass, quality, sensors),
         motion=motion,
         compensation=compensation,
         period=dt,
         nominal=nominal,
     )
-    if (
-        not isinstance(adaptation, Adaptation)
-        and rates["gamma_d"] is None
-        and rates["gamma_joint"] is None
-    ):
+    if not isinstance(adaptation, Adaptation) and rates["gamma_d"] is rates["gamma_joint"] is None:
         share = stable_share_of_adaptation(controller, dt)
         controller.adaptation_d = adaptation_d(share) if share < 1.0 else controller.adaptation_d
     return controller
-
-
-def _given(value: Any, kind: type[T], name: str) -> T:
-    """Return an object of a kind, the default one for None.
-
-    Raises:
-        InputError: it is of another kind.
-    """
-    found: T = kind() if value is None else instance(value, kind, name)
-    return found
-
-
-def _nominal(robot: Any, payload: Any) -> NominalRobot:
-    """Return a robot and its payload, once it is clear that they are such.
-
-    Raises:
-        InputError: one of them is not.
-    """
-    instance(robot, Robot, "robot")
-    instance(payload, Payload | None, "payload")
-    return NominalRobot(robot.undrawn(), payload)
-
-
-def _weighed(
-    law: Law, motion: TypicalMotion, adaptation_k: Adaptation, w: float, settings: NoiseSettings
-) -> Law:
-    """Return the law with the default weight of its kinematic prediction error."""
-    weight = prediction_weight(law, motion, adaptation_k, w, settings.smoothing)
-    return law.with_prediction_weight(weight)
-
-
-def _adaptation(
-    kind: str,
-    modifying: Mapping[str, Any],
-    tuning: Tuning,
-    rates: Mapping[str, Any],
-    lmi: ArrayLike | MatrixInequality | None,
-    share: float,
-) -> Adaptation:
-    """Return how the dynamic estimate moves; noisy sensors add a leak where none is chosen."""
-    law, motion, w, settings = tuning.law, tuning.motion, tuning.bandwidth, tuning.settings
-    jitter = 0.0
-    share *= tracking_share(kind, law, settings.mode)
-    if tuning.quality.v:
-        jitter = tuning.quality.v * min(1.0, math.sqrt(0.5 * settings.velocity * tuning.period))
-    moved = dynamic_adaptation(kind, law, motion, w, rates, lmi, share, jitter, tuning.quality.tau)
-    if kind == "none":
-        return moved
-    moved = modified(moved, modifying, tuning)
-    if not settings.leak or SIGMA in modifying or kind in MEMORIES:
-        return moved
-    return Leak(moved, settings.leak)
-
-
-def _senses(
-    guards: Guards,
-    settings: NoiseSettings,
-    sensors: Sensors,
-    quality: SensorQuality,
-    governor: Governor | bool,
-) -> Senses:
-    """Return how measurements are checked, filtered and predicted to the present.
-
-    With a governor the arm may wait for frames, for as long as that says.
-    """
-    low_pass = None if isinf(settings.velocity) else LowPass(settings.velocity, "velocity filter")
-    compensator = DelayCompensator(settings.smoothing, sensors.compensate_delay)
-    if governor:
-        blind = (Governor() if governor is True else governor).blind
-        compensator = replace(compensator, longest_gap=blind)
-    return Senses(guards, compensator, low_pass, quality, sensors)
 
 
 def _law_type(law: str | Law, robot: Robot) -> type[Law]:
@@ -290,17 +222,8 @@ def _law_type(law: str | Law, robot: Robot) -> type[Law]:
     Raises:
         InputError: an unknown name, no law, or a law of joint space for a task of the frame.
     """
-    if isinstance(law, str):
-        if law not in LAWS:
-            raise InputError(
-                f"no law is called '{law}'; there are {list(LAWS)}.{did_you_mean(law, LAWS)}",
-                where="law",
-            )
-        chosen = LAWS[law]
-    elif isinstance(law, Law):
-        chosen = type(law)
-    else:
-        raise InputError(f"expected a name or a Law, got {law!r}.", where="law")
+    instance(law, str | Law, "law")
+    chosen = LAWS[word(law, LAWS, "law")] if isinstance(law, str) else type(law)
     if chosen.joint_space and not isinstance(robot.task, JointTask):
         raise InputError(
             f"the law '{chosen.name}' is for joint tasks; the task is '{robot.task.name}'.",
@@ -321,22 +244,18 @@ def _kinds(
     "none" for laws that do not adapt, "custom" for objects, "natural" for the default, which is in
     its metric.
     """
-    given = "natural" if adaptation is None else adaptation
-    kind = _kind(given, law, "adaptation", ADAPTATIONS)
-    if kinematic is None:
-        return kind, "none" if kind == "none" else default_kinematic_adaptation(law, kinematics)
-    return kind, _kind(kinematic, law, "kinematic_adaptation", KINEMATIC_ADAPTATIONS)
+    kind = _kind("natural" if adaptation is None else adaptation, "adaptation", ADAPTATIONS)
+    if law.learns_from_torque:
+        kind = predicting_kind(kind, law.name)
+    kind_k = "none" if kind == "none" else default_kinematic_adaptation(law, kinematics)
+    if kinematic is not None:
+        kind_k = _kind(kinematic, "kinematic_adaptation", KINEMATIC_ADAPTATIONS)
+    return (kind, kind_k) if law.adapts else ("none", "none")
 
 
-def _kind(adaptation: str | Adaptation, law: type[Law], where: str, kinds: tuple[str, ...]) -> str:
-    if isinstance(adaptation, str):
-        check_adaptation(adaptation, where, kinds)
-    elif not isinstance(adaptation, Adaptation):
-        raise InputError(f"expected a name or an Adaptation, got {adaptation!r}.", where=where)
-    kind = adaptation if isinstance(adaptation, str) else "custom"
-    if not law.adapts:
-        return "none"
-    return predicting_kind(kind, law.name) if law.learns_from_torque else kind
+def _kind(adaptation: str | Adaptation, where: str, kinds: tuple[str, ...]) -> str:
+    instance(adaptation, str | Adaptation, where)
+    return word(adaptation, kinds, where) if isinstance(adaptation, str) else "custom"
 
 
 def _tuned(
@@ -360,17 +279,16 @@ def _tuned(
     if not actuators.ideal and gains.get("lag") is None and gains.get("Kv") is None:
         gains = gains | {"lag": feedback_lag(motion.robot, dt, actuators)}
     tuned = chosen.tuned(motion, dt, **gains)
-    if any(gains.get(name) is not None for name in ("Kv", "Kp", "alpha")):
-        return tuned, motion.bandwidth * tuned.bandwidth_share
-
-    def slowed(share: float) -> Law:
-        """Return the law with a share of its feedback."""
-        return tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
-
-    share = stable_share_of_feedback(
-        lambda share: slowed(share).feedback(motion), dt, motion, actuators, K_f
-    )
-    tuned = slowed(share)
+    share = 1.0
+    if all(gains.get(name) is None for name in ("Kv", "Kp", "alpha")):
+        share = stable_share_of_feedback(
+            lambda share: chosen.tuned(motion, dt, share, **gains).feedback(motion),
+            dt,
+            motion,
+            actuators,
+            K_f,
+        )
+        tuned = tuned if share == 1.0 else chosen.tuned(motion, dt, share, **gains)
     return tuned, share * motion.bandwidth * tuned.bandwidth_share
 
 
@@ -402,12 +320,13 @@ def make_estimator(
         InputError: as ``make_controller``.
         GainError: an adaptation that learns from tracking errors alone.
     """
+    limits = Limits() if limits is None else instance(limits, Limits, "limits")
     controller = make_controller(
         robot,
         adaptation=adaptation,
         unknown=Unknown.of(unknown).with_joints(),
         dt=dt,
-        limits=replace(_given(limits, Limits, "limits"), torque=False),
+        limits=replace(limits, torque=False),
         **options,
     )
     return Estimator(controller)

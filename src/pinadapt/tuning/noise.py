@@ -14,13 +14,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
-from numpy.typing import ArrayLike
-
-from .._checks import name_list
+from .._checks import name_list, positive, word
 from ..adaptation.adaptation import Adaptation
 from ..adaptation.modifications import DeadZone, ErrorLeak, Leak, Normalised
 from ..adaptation.projections import MassMatrixProjection
-from ..exceptions import GainError, InputError, did_you_mean
+from ..exceptions import GainError
 from ..laws.law import Law
 from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
@@ -100,6 +98,7 @@ class Tuning(NamedTuple):
         period: dt [s].
         quality: of the sensors.
         settings: of the filters for their noise.
+        rates: given by name; None: the default.
     """
 
     law: Law
@@ -108,6 +107,21 @@ class Tuning(NamedTuple):
     period: float
     quality: SensorQuality
     settings: NoiseSettings
+    rates: Mapping[str, Any]
+
+    @property
+    def jitter(self) -> float:
+        """Standard deviation of the joint velocity behind its low pass [rad/s or m/s]."""
+        return self.quality.v * min(1.0, math.sqrt(0.5 * self.settings.velocity * self.period))
+
+    def rate(self, name: str, default: float) -> float:
+        """Return the rate with a name that is given, else the default.
+
+        Raises:
+            GainError: it is not positive; forgetting may be zero.
+        """
+        given = self.rates.get(name)
+        return default if given is None else positive(given, name, zero="forgetting" in name)
 
 
 def chosen_modifications(given: Given) -> dict[str, Any]:
@@ -122,19 +136,12 @@ def chosen_modifications(given: Given) -> dict[str, Any]:
     Raises:
         InputError: an unknown name; the nearest is suggested.
     """
-    if given is None:
-        return {}
     if isinstance(given, Mapping):
         chosen = {name: None if gain is True else gain for name, gain in given.items()}
     else:
-        chosen = dict.fromkeys(name_list(given, "modifications", InputError))
+        chosen = dict.fromkeys(name_list(given or (), "modifications"))
     for name in chosen:
-        if name not in MODIFICATIONS:
-            raise InputError(
-                f"no modification is called '{name}'; there are {list(MODIFICATIONS)}."
-                f"{did_you_mean(str(name), MODIFICATIONS)}",
-                where="modifications",
-            )
+        word(name, MODIFICATIONS, "modifications")
     return chosen
 
 
@@ -144,48 +151,42 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], tuning: Tuning) 
     Raises:
         GainError: an invalid gain, or one without a default here.
     """
+    motion = tuning.motion
     for name, gain in chosen.items():
         if gain is False:
             continue
-        adaptation = _modified(adaptation, name, gain, tuning)
+        if name == "projection":
+            adaptation = MassMatrixProjection(adaptation, motion.dynamics, motion.robot)
+        elif name == SIGMA:
+            default = tuning.settings.leak or _LEAK_RATE
+            adaptation = Leak(adaptation, default if gain is None else gain)
+        elif name == "e1":
+            size = _of_velocity(tuning, _OFF * tuning.bandwidth, "modifications.e1")
+            adaptation = ErrorLeak(adaptation, _E1 if gain is None else gain, size)
+        elif name == "dead-zone":
+            zone = _noise(tuning) if gain is None else gain
+            adaptation = DeadZone(adaptation, zone)
+        else:
+            share = 1.0 if gain is None else positive(gain, "modifications.normalised")
+            typical = float(typical_torques(adaptation, motion).sum())
+            adaptation = Normalised(adaptation, typical / share)
     return adaptation
 
 
-def _modified(adaptation: Adaptation, name: str, gain: Any, tuning: Tuning) -> Adaptation:
-    motion = tuning.motion
-    if name == "projection":
-        if gain is not None:
-            raise GainError("it has no gain: write true.", where="modifications.projection")
-        return MassMatrixProjection(adaptation, motion.dynamics, motion.robot)
-    if name == SIGMA:
-        default = tuning.settings.leak or _LEAK_RATE
-        return Leak(adaptation, default if gain is None else gain)
-    if name == "e1":
-        size = _of_velocity(tuning, _OFF * tuning.bandwidth, "modifications.e1")
-        return ErrorLeak(adaptation, _E1 if gain is None else gain, size)
-    if name == "dead-zone":
-        return DeadZone(adaptation, _noise(tuning) if gain is None else gain)
-    share = 1.0 if gain is None else gain
-    if not (isinstance(share, int | float) and share > 0.0):
-        raise GainError(f"expected a positive number, got {gain!r}.", where="normalised")
-    return Normalised(adaptation, float(typical_torques(adaptation, motion).sum()) / share)
-
-
-def _noise(tuning: Tuning) -> ArrayLike:
+def _noise(tuning: Tuning) -> float:
     """Return three standard deviations of the joint velocity as it is behind its low pass.
 
     Raises:
         GainError: no noise is known.
     """
-    where, v = "modifications.dead-zone", tuning.quality.v
-    if not v:
+    where = "modifications.dead-zone"
+    if not tuning.jitter:
         raise GainError(
             "no noise of the joint velocity is known, from which the size follows.",
             where=where,
             hint="Give the size, or the sensors: pa.Sensors(encoder=...) or noise=.",
         )
-    passed = min(1.0, math.sqrt(0.5 * tuning.settings.velocity * tuning.period))
-    return _of_velocity(tuning, _DEVIATIONS * v * passed, where)
+    return _of_velocity(tuning, _DEVIATIONS * tuning.jitter, where)
 
 
 def _of_velocity(tuning: Tuning, size: float, where: str) -> float:

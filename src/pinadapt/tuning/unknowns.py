@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from .._checks import flag, located, name_list, shown, word
+from .._checks import flag, instance, located, name_list, word
 from ..adaptation.natural import MatrixInequality
-from ..exceptions import InputError, ParameterError, UnusedGainWarning, did_you_mean
+from ..exceptions import ParameterError, UnusedGainWarning
 from ..laws.law import NAMES, SYMBOLS, Law
 from ..models.basis import BasisDynamics, read_matrix
 from ..models.bodies import PAYLOAD, BodyDynamics
@@ -114,15 +114,16 @@ class Unknown:
 
     def __post_init__(self) -> None:
         """Refuse values of the wrong kind."""
-        for name in ("tool", "base", "tracker", "geometry", "armature"):
-            value = getattr(self, name)
-            if value is not None or name in ("base", "tracker", "geometry"):
-                flag(value, f"unknown.{name}")
-        if not isinstance(self.lengths, bool):
-            name_list(self.lengths, "unknown.lengths")
+        for name in ("base", "tracker", "geometry"):
+            flag(getattr(self, name), f"unknown.{name}")
+        for name in ("tool", "armature"):
+            instance(getattr(self, name), bool | None, f"unknown.{name}")
         given = self.translations
         if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
-            name_list(given, "unknown.translations", ParameterError)
+            given = name_list(given, "unknown.translations", ParameterError)
+        object.__setattr__(self, "translations", tuple(given))
+        if not isinstance(self.lengths, bool):
+            name_list(self.lengths, "unknown.lengths")
         if not isinstance(self.friction, bool | None):
             word(self.friction, _FRICTION, "unknown.friction")
         chosen_kinds(self.effects)
@@ -152,21 +153,7 @@ class Unknown:
             return cls()
         if isinstance(given, cls):
             return given
-        if not isinstance(given, str | Sequence):
-            raise InputError(
-                f"expected an Unknown or words of {list(WORDS)}, got {shown(given)}.",
-                where="unknown",
-            )
-        words = name_list(given, "unknown")
-        for name in words:
-            if name not in WORDS:
-                raise InputError(
-                    f"must be an Unknown or words of {list(WORDS)}, got {name!r}."
-                    f"{did_you_mean(name, WORDS)}",
-                    where="unknown",
-                    hint="Names of joints go to pa.Unknown(bodies=[...]) or "
-                    "pa.Unknown(translations=[...]).",
-                )
+        words = [word(name, WORDS, "unknown") for name in name_list(given, "unknown")]
         bodies = "all" if "bodies" in words else PAYLOAD if PAYLOAD in words else "none"
         return cls(
             tool=TOOL in words,
@@ -191,26 +178,16 @@ class Unknown:
         Raises:
             InputError: there are no such coefficients.
         """
-        found = self if kinematic is None else replace(self, tool=False, translations=kinematic)
-        found = found if dynamic is None else replace(found, bodies=dynamic)
-        return found.with_effects(joint)
-
-    def with_effects(self, joint: str | Sequence[str] | None) -> Unknown:
-        """Return the same with these coefficients of the joints unknown; None: as it is.
-
-        Raises:
-            InputError: there are no such coefficients.
-        """
-        if joint is None:
-            return self
-        own = chosen_kinds(joint)
-        friction = [kind for kind in _FRICTION if kind in own]
-        return replace(
-            self,
-            friction=friction[0] if len(friction) == 1 else bool(friction),
-            armature="armature" in own,
-            effects=[kind for kind in own if kind not in USUAL],
-        )
+        changes: dict[str, Any] = {} if dynamic is None else {"bodies": dynamic}
+        if kinematic is not None:
+            changes |= {"tool": False, "translations": kinematic}
+        if joint is not None:
+            own = chosen_kinds(joint)
+            friction = [kind for kind in _FRICTION if kind in own]
+            changes["friction"] = friction[0] if len(friction) == 1 else bool(friction)
+            changes["armature"] = "armature" in own
+            changes["effects"] = [kind for kind in own if kind not in USUAL]
+        return replace(self, **changes)
 
     def with_joints(self) -> Unknown:
         """Return the same with friction and rotor inertias unknown, unless stated otherwise."""
@@ -223,17 +200,11 @@ class Unknown:
     def translation_words(self, *, tool: bool) -> list[str | Translation]:
         """Return the unknown translations in the order of their estimates.
 
-        Args:
-            tool: whether the tool is unknown where ``self.tool`` is None.
-
-        Raises:
-            ParameterError: translations that are neither names nor ``Translation`` objects.
+        ``tool`` says whether the tool is unknown where ``self.tool`` is None.
         """
-        given = self.translations
-        if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
-            given = name_list(given, "unknown.translations", ParameterError)
-        words: list[str | Translation] = [BASE] if self.base and BASE not in given else []
-        words += given
+        words: list[str | Translation] = list(self.translations)
+        if self.base and BASE not in words:
+            words.insert(0, BASE)
         if self.lengths is True:
             words.append(LENGTHS)
         elif self.lengths is not False:
@@ -246,11 +217,9 @@ class Unknown:
 
     def joint_kinds(self, default: str | Sequence[str]) -> tuple[str, ...]:
         """Return the unknown joint coefficients, those by default unless stated otherwise."""
-        usual, kinds = chosen_kinds(default), []
-        for kind in USUAL:
-            said = self.armature if kind == "armature" else self.friction
-            if said is True or said == kind or (said is None and kind in usual):
-                kinds.append(kind)
+        usual = chosen_kinds(default)
+        said = {kind: self.armature if kind == "armature" else self.friction for kind in USUAL}
+        kinds = [k for k in USUAL if said[k] in (True, k) or (said[k] is None and k in usual)]
         return *kinds, *chosen_kinds(self.effects)
 
 
@@ -264,22 +233,28 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
         return JointKinematics(robot, unknown.translation_words(tool=False))
     words = unknown.translation_words(tool=True)
     kinematics: TaskKinematics
-    tracked = unknown.tracker or TRACKER in words
-    if isinstance(robot.task, ImageTask) and (tracked or unknown.geometry or GEOMETRY in words):
+    geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
+    others = [word for word in words if word not in (GEOMETRY, TRACKER, CAMERA, BASE)]
+    if geometry and (tracked or set(others) - {TOOL}):
         raise ParameterError(
-            f"with the task '{robot.task.name}' the camera is unknown, beside translations; "
-            f"'{TRACKER}' and '{GEOMETRY}' are of measured positions.",
+            f"'{GEOMETRY}' contains base, joints and tool, in the axes of the base, and nothing "
+            f"stands beside it; got {[TRACKER] * tracked + others}.",
             where="unknown.translations",
-            hint='Take ["camera", "tool"].',
+            hint="`pinadapt calibrate` finds the geometry and a tracker from a log.",
         )
-    if unknown.geometry or GEOMETRY in words:
-        place, kinematics = GEOMETRY, _geometry(robot, unknown, words)
-    elif isinstance(robot.task, ImageTask):
-        place = CAMERA
-        kinematics = CameraKinematics(robot, _placed_apart(words, place))
+    if isinstance(robot.task, ImageTask):
+        if tracked or geometry:
+            raise ParameterError(
+                f"with the task '{robot.task.name}' the camera is unknown, beside translations; "
+                f"'{TRACKER}' and '{GEOMETRY}' are of measured positions.",
+                where="unknown.translations",
+                hint='Take ["camera", "tool"].',
+            )
+        place, kinematics = CAMERA, CameraKinematics(robot, others)
+    elif geometry:
+        place, kinematics = GEOMETRY, FrameKinematics(robot, GEOMETRY)
     elif tracked:  # it contains the position of the base
-        place = TRACKER
-        kinematics = TrackerKinematics(robot, _placed_apart(words, place))
+        place, kinematics = TRACKER, TrackerKinematics(robot, others)
     else:
         kinematics = FrameKinematics(robot, words)
         place = BASE if any(part.joint == FIRST for part in kinematics.translations) else ""
@@ -290,30 +265,6 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
             hint='Take the law "separation", which learns from positions too.',
         )
     return kinematics
-
-
-def _placed_apart(words: Sequence[str | Translation], place: str) -> list[str | Translation]:
-    """Return the unknown translations beside the ``place``, of a tracker or a camera."""
-    return [word for word in words if word not in (place, BASE)]
-
-
-def _geometry(
-    robot: Robot, unknown: Unknown, words: Sequence[str | Translation]
-) -> FrameKinematics:
-    """Return kinematics with every placement unknown, which leaves nothing else to name.
-
-    Raises:
-        ParameterError: something else is named.
-    """
-    others = [word for word in words if word not in (GEOMETRY, TOOL, BASE)]
-    if unknown.tracker or others:
-        raise ParameterError(
-            f"'{GEOMETRY}' contains base, joints and tool, in the axes of the base; got "
-            f"{others or [TRACKER]} beside it.",
-            where="unknown.translations",
-            hint="`pinadapt calibrate` finds the geometry and a tracker from a log.",
-        )
-    return FrameKinematics(robot, GEOMETRY)
 
 
 def nominal_dynamics(
@@ -403,30 +354,20 @@ def warn_of_unused_gains(
         given: gains as users write them; None is not given.
     """
     kind, kind_k = kinds
-    inertial = dynamics.inertial.size
-    rates = {
-        "gamma_d": kind not in ("none", "custom") and inertial > 0,
-        "gamma_joint": kind not in ("none", "custom") and dynamics.size > inertial,
-        "gamma_k": kind_k not in ("none", "custom")
-        and law.learns_kinematics
-        and kinematics.size > 0,
-    }
-    predicts = kind in PREDICTING and dynamics.size > 0
-    rates |= dict.fromkeys(("prediction_rate", "prediction_filter"), predicts)
-    rates["forgetting"] = predicts and kind in FORGETTING
-    fitted = kind_k == "least-squares" and kinematics.size > 0
-    rates |= dict.fromkeys(("kinematic_rate", "kinematic_forgetting"), fitted)
-    used = [name for name in NAMES if hasattr(law, SYMBOLS.get(name, name))]
-    used += [name for name, moves in rates.items() if moves]
+    inertial, used = dynamics.inertial.size, [n for n in NAMES if hasattr(law, SYMBOLS.get(n, n))]
+    if kind not in ("none", "custom"):
+        used += ["gamma_d"] * (inertial > 0) + ["gamma_joint"] * (dynamics.size > inertial)
+    if kind in PREDICTING and dynamics.size:
+        used += ["prediction_rate", "prediction_filter", *["forgetting"] * (kind in FORGETTING)]
+    if kinematics.size and kind_k not in ("none", "custom") and law.learns_kinematics:
+        used.append("gamma_k")
+        if kind_k == "least-squares":
+            used += ["kinematic_rate", "kinematic_forgetting"]
     idle = [name for name, gain in given.items() if gain is not None and name not in used]
     if idle:
         warnings.warn(
-            f"nothing uses {_written(idle)}: the law '{law.name}', its adaptation ('{kind}') and "
-            f"what is unknown here use {_written(used)}.",
+            f"nothing uses {', '.join(idle)}: the law '{law.name}', its adaptation ('{kind}') and "
+            f"what is unknown here use {', '.join(used)}.",
             UnusedGainWarning,
             stacklevel=5,
         )
-
-
-def _written(names: list[str]) -> str:
-    return ", ".join(names)
