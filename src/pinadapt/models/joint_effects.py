@@ -134,7 +134,7 @@ class JointEffects:
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         self.loaded = friction.loaded or KINDS.index("gear_friction") in self._kinds
-        self._bodies = InertialModel(friction.bodies or robot.model) if self.loaded else None
+        self._bodies = InertialModel(robot.model) if self.loaded else None
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
