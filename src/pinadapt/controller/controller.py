@@ -24,7 +24,6 @@ from ..filters import FilteredRegressor, FilteredTorque
 from ..laws.law import Command, EstimatedModel, Law
 from ..models.delay_compensation import SensedState
 from ..models.dynamics import Dynamics
-from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
@@ -33,6 +32,7 @@ from ..robot.motors import Compensation, LateTorque, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
+from .contact_forces import ContactForces
 from .announcement import NominalRobot, announced_state
 from .first_samples import remember
 from .governor import PathTime
@@ -106,6 +106,9 @@ class Controller:
                 motors = LateTorque(joints)
                 self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
             self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
+        self._forces = None
+        if kinematics.robot.contacts:
+            self._forces = ContactForces(kinematics.robot, self.limits.torque)
         self._estimated = self._scratch()
         self._own = any(map(_of_a_user, (law, adaptation_k, adaptation_d)))
         self._alone = Lock()  # for a thread that uses the scratch
@@ -598,6 +601,8 @@ class Controller:
             drive.W, drive.residual, drive.weight = s.filtered_torque.W, s.residual, None
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
+        if self._forces is not None:
+            torque = self._forces.torque(s.q, torque)
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
@@ -651,7 +656,7 @@ class Controller:
             s.a_d = self.adaptation_d.project(dynamic, s.q)
         self.dynamics.load(s.a_d)
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
-        s.inverse = RightInverse(s.J, self.limits.singular)
+        s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
         s.xd_hat, s.xd_d, s.xdd_d = kinematics.xd_hat, xd_d, xdd_d
         s.dx, s.xd, s.delta = kinematics.task.errors(s.x, x_d, sample.xd, s.xd_hat, xd_d)
         s.epsilon, s.X_k = sensed.epsilon, sensed.X_k

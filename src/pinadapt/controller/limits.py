@@ -12,7 +12,6 @@ from .._checks import flag, instance, mapping, numbers, positive, vector, word
 from ..exceptions import GainError, InputError, ParameterError
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
-from ..models.right_inverse import RightInverse
 from ..models.task_kinematics import TaskKinematics
 from ..records import Sensors
 from ..robot.motors import Actuators, torque_limits
@@ -141,7 +140,8 @@ def limits_for(
         GainError: torque limits that are not positive.
     """
     kinematics.update(kinematics.initial, robot.q0, np.zeros(robot.model.nv))
-    s_home = RightInverse(kinematics.J, 1.0).conditioning  # damped, so that no home is refused
+    still = np.zeros(robot.model.nv)
+    s_home = kinematics.inverse(robot.q0, still, 1.0).conditioning  # damped: no home is refused
     size = (
         float(np.linalg.norm(dynamics.initial))
         + sum(body.mass for body in robot.model.inertias)

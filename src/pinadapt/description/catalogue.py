@@ -136,6 +136,16 @@ def robots_folder() -> Path:
     )
 
 
+def whole_names() -> list[str]:
+    """Return the names of the whole robots of example-robot-data."""
+    return list(_loaders().ROBOTS)
+
+
+def whole_robot(name: str) -> tuple[Urdf, pin.Model, np.ndarray]:
+    """Return URDF, model and reference pose (nq); callers must not change them."""
+    return _whole(example_path(name), name)
+
+
 @cache
 def _whole(path: Path, origin: str) -> tuple[Urdf, pin.Model, np.ndarray]:
     """Return URDF, model and reference pose (nq) of a whole robot; callers must not change them."""

@@ -15,7 +15,13 @@ from pinocchio.robot_wrapper import RobotWrapper
 
 from .._checks import mapping, shown
 from ..exceptions import RobotError, did_you_mean
-from .catalogue import catalogue, catalogue_entry
+from .catalogue import (
+    catalogue,
+    catalogue_entry,
+    whole_geometry,
+    whole_names,
+    whole_robot,
+)
 from .chain import check_numbers
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
@@ -94,6 +100,8 @@ def _find(source: Source, xacro: XacroArguments) -> Description:
     if name not in catalogue() and is_description_name(name):
         path, arguments, packages = named_description(name)
         return replace(_from_file(path, {**arguments, **xacro}, packages), name=name)
+    if name not in catalogue() and name in whole_names():
+        return _whole_robot(name)
     if xacro:
         raise RobotError(f"'{name}' is not a xacro file; it takes no arguments.", where="xacro")
     return _from_catalogue(name)
@@ -156,6 +164,15 @@ def _from_catalogue(name: str) -> Description:
         tuple(str(model.names[joint]) for joint in before),
         weld_root=True,
         urdf=urdf,
+    )
+
+
+def _whole_robot(name: str) -> Description:
+    """Return a whole robot of example-robot-data, by the name of its loader."""
+    urdf, model, q_reference = whole_robot(name)
+    geometry = partial(whole_geometry, urdf.path, name)
+    return Description(
+        name, model.copy(), geometry, q_reference.copy(), urdf.mimics, from_file=True, urdf=urdf
     )
 
 

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from .._checks import instance, name_list
 from ..description.chain import are_physical
+from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
@@ -156,8 +157,10 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     Raises:
         RobotError: unknown joint.
     """
-    n = robot.model.nv
-    known = {ALL: list(range(n)), PAYLOAD: [n - 1], NONE: []}
+    model = robot.model
+    carrier = model.frames[robot.frame_id].parentJoint - 1
+    every = [i for i, name in enumerate(robot.joint_names) if name not in BASE_JOINTS[:-1]]
+    known = {ALL: every, PAYLOAD: [carrier], NONE: []}
     if isinstance(unknown, str) and unknown in known:
         return known[unknown]
     names = name_list(unknown, "unknown.bodies")

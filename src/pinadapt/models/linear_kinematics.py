@@ -175,12 +175,18 @@ class _ObservedChain:
         self.columns = np.zeros((9, 1 + len(columns.names)))
         self.columns[:3, 0], self.columns[:6, 1:] = origins[-1], moves
         n, (_, rows, width) = self._model.nv, constants.shape
+        carrier = self._model.frames[self._frame].parentJoint
+        parents = np.append(self._model.parents, carrier)  # of the tool, which counts as a joint
+        self._axes = data.J.reshape(6, n), data.dJ.reshape(6, n)
+        self._others = ~np.isin(np.arange(1, n + 1), self._model.supports[carrier])
+        self._branched = bool(self._others.any())
+        if self._branched:  # the axes of other branches count as zero
+            self._axes = np.zeros((6, n)), np.zeros((6, n))
         self._of_chain = (
             live_array([placement.rotation for placement in data.oMi]),
             live_array([placement.translation for placement in data.oMi]),
-            data.J.reshape(6, n),
-            data.dJ.reshape(6, n),
-            np.append(self._model.njoints, columns.joints) - 1,
+            *self._axes,
+            np.append(carrier, parents[columns.joints]).astype(np.int64),
             self.columns,
         )
         self._of_sensor = constants, entries, empty((4, 3))
@@ -192,6 +198,9 @@ class _ObservedChain:
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return y, J, the rate of y, dJ/dt v, X and Y of ``observed_motion`` as new arrays."""
         pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
+        if self._branched:
+            for axes, all_axes in zip(self._axes, (self._data.J, self._data.dJ), strict=True):
+                axes[:] = np.where(self._others, 0.0, all_axes)
         rows, p = len(self.G), a.size
         found = empty(rows), empty(self.Jdot.shape), empty(rows), empty(rows)
         X, Y = empty((rows, p)), empty((rows, p))

@@ -132,6 +132,43 @@ class RightInverse:
         return float(-halves.dot(ratios * ratios))
 
 
+class ConstrainedInverse(RightInverse):
+    """The right inverse of J under constraints A r = 0: that of the stacked [A; J]."""
+
+    __slots__ = ("_A_rate", "_still")
+
+    def __init__(
+        self, J: np.ndarray, A: np.ndarray, A_rate: np.ndarray, threshold: float = 0.0
+    ) -> None:
+        """Invert the Jacobian J (m, n) under the constraints A (k, n), whose rate is given."""
+        super().__init__(np.concatenate([A, J]), threshold)
+        self._A_rate, self._still = A_rate, np.zeros(len(A))
+
+    def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
+        """Return r (n) with A r = 0 and J r = u (m), as near to psi (n) as these allow."""
+        return super().solve(np.concatenate([self._still, u]), psi)
+
+    def solve_with_rate(
+        self,
+        u: np.ndarray,
+        psi: np.ndarray | None,
+        ud: np.ndarray,
+        psid: np.ndarray | None,
+        Jdot: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return r = ``solve(u, psi)`` and dr/dt (n)."""
+        if psi is None or psid is None:
+            psi = psid = np.zeros(self.J.shape[1])
+        still = self._still
+        return super().solve_with_rate(
+            np.concatenate([still, u]),
+            psi,
+            np.concatenate([still, ud]),
+            psid,
+            np.concatenate([self._A_rate, Jdot]),
+        )
+
+
 def bound_smoothly(
     limits: np.ndarray, knee: float, most: float, x: np.ndarray, rate: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

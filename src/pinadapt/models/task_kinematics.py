@@ -10,8 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import ParameterError
+from ..robot.contacts import ContactConstraints
 from ..robot.robot import Robot
 from ..tasks.task import JointTask, Task
+from .right_inverse import ConstrainedInverse, RightInverse
 from .translations import Translation
 
 
@@ -68,6 +70,20 @@ class TaskKinematics(ABC):
     J: np.ndarray
     Jdot_v: np.ndarray
     Y_k: np.ndarray
+
+    constraints: ContactConstraints | None = None
+
+    def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
+        """Return the right inverse of J, under the constraints of the contacts if there are any.
+
+        Args:
+            q: (nq) configuration of the last update.
+            v: (nv) velocity.
+            threshold: below which it is damped, see ``RightInverse``.
+        """
+        if self.constraints is None:
+            return RightInverse(self.J, threshold)
+        return ConstrainedInverse(self.J, *self.constraints.at(q, v), threshold)
 
     @abstractmethod
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:

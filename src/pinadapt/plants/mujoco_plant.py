@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import word
-from ..description.chain import configuration_from_angles, is_slide, position_limits
+from ..description.chain import configuration_from_angles, frame_id, is_slide, position_limits
 from ..description.urdf_writer import axis_of
 from ..exceptions import InputError
 from ..records import Measurement
@@ -126,6 +127,8 @@ class MujocoPlant(SimulatedPlant):
 # Constraints in MuJoCo are spring-dampers with a time constant [s] and a damping ratio (solref),
 # and a share of the ideal force (solimp). With these values a joint at 1 rad/s or 1 m/s exceeds
 # its limit by about 1 mrad or 1 mm; with half or twice of the time constant by half or twice of it.
+_TOE = 1e-4  # [m] radius of what touches the ground; half or double: a foot moves by as much
+_NO_SLIP = 10.0  # stiffness of friction over that of contact; half: feet creep twice as fast
 STIFF = [0.004, 1.0]
 HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
 
@@ -208,7 +211,33 @@ def chain_of(robot: Robot) -> MujocoChain:
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
     carrier.add_site(name=robot.frame, **_SITE)
+    if robot.contacts:
+        _add_contacts(spec, robot, bodies)
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
+
+
+def _add_contacts(spec: mujoco.MjSpec, robot: Robot, bodies: Sequence[Any]) -> None:
+    """Add the ground, and small spheres that touch it: one a point foot, four a sole."""
+    mj = mujoco_module()
+    spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, _NO_SLIP
+    touching = {"condim": 3, "solref": STIFF, "solimp": HARD}
+    least = min(contact.friction for contact in robot.contacts)
+    plane = {"type": mj.mjtGeom.mjGEOM_PLANE, "size": [1.0, 1.0, 0.1]}
+    spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0], **touching)
+    for contact in robot.contacts:
+        frame = robot.model.frames[frame_id(robot.model, contact.frame)]
+        corners = [(0.0, 0.0)]
+        if contact.sole is not None:
+            corners = list(product(*((-half, half) for half in contact.sole)))
+        for corner in corners:
+            bodies[frame.parentJoint].add_geom(
+                type=mj.mjtGeom.mjGEOM_SPHERE,
+                size=[_TOE, 0.0, 0.0],
+                pos=frame.placement.act(np.array([*corner, 0.0])),
+                mass=0.0,
+                friction=[contact.friction, 0.0, 0.0],
+                **touching,
+            )
 
 
 def write_robot(model: mujoco.MjModel, robot: Robot) -> None:

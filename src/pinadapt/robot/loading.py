@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, flag, instance, name_list, vector
+from .._checks import arithmetic, flag, instance, name_list, vector, word
 from ..description.chain import (
     ENDS,
     chain_joints,
@@ -26,6 +26,7 @@ from ..description.chain import (
     reduced,
 )
 from ..description.description import Description, Source, describe
+from ..description.floating_base import with_base_joints
 from ..description.missing_inertia import with_solid_points
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
@@ -33,10 +34,12 @@ from ..exceptions import RobotError, did_you_mean
 from ..tasks.frame import IMAGE, TASKS, FrameTask
 from ..tasks.task import JointTask, Task
 from . import changes
+from .contacts import Contact
 from .changes import FRICTION_ATTRIBUTES, Friction
 from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
+FIXED, FREE = "fixed", "free"
 JOINT = "joint"  # the name of the task of the joints
 PLANES = ("xy", "xz", "yz")
 # Words in names of frames: tools and feet, fingers, sensors.
@@ -62,8 +65,12 @@ def load(
     mass: float | None = None,
     joint_effects: bool = False,
     pixel: float | None = None,
+    base: str = FIXED,
+    contacts: Iterable[Contact | str] = (),
 ) -> Robot:
-    """Load a robot as the open chain from its base to one frame.
+    """Load a robot: the chain from its base to one frame, or the whole tree of its joints.
+
+    It is the whole tree for the task "joint" without a frame, and for a free base.
 
     Arguments that are not given are chosen by the same rules for every source. ``print(robot)``
     shows the choice, and the other frames at which a chain could end.
@@ -93,6 +100,14 @@ def load(
             By default friction is zero, as most descriptions contain placeholder values.
         pixel: of the task "image", the picture of the frame in a camera: about the length [m] that
             a pixel covers at the arm; a factor of five does not matter. See ``Robot.filmed_by``.
+        base: "fixed", or "free" for a robot that stands: q begins with the base's position, yaw,
+            pitch and roll, which no motor moves. The task is then the pose of the root link, unless
+            a frame is given.
+        contacts: frames of point feet, or ``Contact``, on which a robot with a free base stands.
+        base: "fixed", or "free" for a robot that stands: q begins with the base's position, yaw,
+            pitch and roll, which no motor moves. The task is then the pose of the root link, unless
+            a frame is given.
+        contacts: frames of point feet, or ``Contact``, on which a robot with a free base stands.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
@@ -126,8 +141,16 @@ def load(
         gravity=gravity,
         weld=weld or found.weld_root,
     )
-    known = frame or found.frame
-    robot = make(known) if known else _first_able(make, ends, task, model)
+    free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
+    feet = Contact.all_of(contacts, model)
+    if free:
+        robot = make(frame, feet=feet)
+    elif feet:
+        raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
+    elif known or task == JOINT:
+        robot = make(known)
+    else:
+        robot = _first_able(make, ends, task, model)
     if flag(joint_effects, "joint_effects"):
         robot = _with_joint_effects(robot)
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
@@ -162,20 +185,38 @@ def _first_able(
 
 def _load_chain(
     found: Description,
-    frame: str,
+    frame: str | None,
     ends: Sequence[str],
     task: str | None,
     locked: Sequence[str],
     q0: ArrayLike | None,
     gravity: ArrayLike | None,
     weld: bool,
+    feet: Sequence[Contact] | None = None,
 ) -> Robot:
-    """Return the robot whose chain ends at a frame; see ``load``."""
-    whole = found.model
-    chain, locks = chain_joints(whole, frame_id(whole, frame)), set()
+    """Return the robot whose chain ends at a frame, or the whole tree; see ``load``.
+
+    Args:
+        found: the description.
+        frame: None for the whole tree.
+        ends: other frames at which a chain could end.
+        task: its name, or None for the default.
+        locked: joints to lock.
+        q0: home pose, or None.
+        gravity: or None.
+        weld: whether a floating base is fixed.
+        feet: contacts of a robot with a free base; None: its base is fixed.
+    """
+    whole, locks = found.model, set()
     floating = [joint for joint in range(1, whole.njoints) if is_free_flyer(whole.joints[joint])]
     for name in locked:
         locks.add(changes.joint_id(whole, name, "locked"))
+    tree = frame is None or feet is not None
+    if tree:
+        locks |= {j for j in range(1, whole.njoints) if str(whole.names[j]) in found.mimics}
+        chain, weld = list(range(1, whole.njoints)), weld or feet is not None
+    else:
+        chain = chain_joints(whole, frame_id(whole, str(frame)))
     keep = [joint for joint in chain if joint not in locks and not (weld and joint in floating)]
     check_joints(whole, keep, found.mimics)
     if not keep:
@@ -184,15 +225,27 @@ def _load_chain(
             where=found.name,
             hint="Choose a frame further from the base, or lock fewer joints.",
         )
+    if feet is not None:
+        for joint in floating:
+            at = whole.joints[joint].idx_q
+            found.q_reference[at : at + 7] = [0.0] * 6 + [1.0]
     model = reduced(whole, keep, found.q_reference)[0]
+    root = next(str(each.name) for each in model.frames if each.type == pin.FrameType.BODY)
+    if frame is None:
+        frame = root if feet is not None else (*ends, str(model.frames[-1].name))[0]
+    if feet is not None:
+        model = with_base_joints(model)
     check_position_limits(model)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError, fills=False)
     parts = [whole.joints[joint] for joint in keep]
     shown = np.concatenate([found.q_reference[j.idx_q : j.idx_q + j.nq] for j in parts])
     tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
-    plane = None if welded or found.weld_root else MountingPlane.of(model, tip, shown)
-    chosen, home = choose_task(model, tip, task, [shown, pin.neutral(model)], plane)
+    plane = None if welded or found.weld_root or tree else MountingPlane.of(model, tip, shown)
+    if feet is not None:
+        chosen, home = task_named(task or "pose", model), _standing(model, shown, feet)
+    else:
+        chosen, home = choose_task(model, tip, task, [shown, pin.neutral(model)], plane)
     model = _regular(model, home, found.name)
     robot = Robot(
         found.name,
@@ -208,11 +261,21 @@ def _load_chain(
             for joint in range(1, whole.njoints)
             if joint not in keep and joint not in floating
         ),
-        welded=welded,
+        welded=welded and feet is None,
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
+        contacts=tuple(feet or ()),
     )
     return robot if q0 is None else robot.at(q0)
+
+
+def _standing(model: pin.Model, shown: np.ndarray, feet: Sequence[Contact]) -> np.ndarray:
+    """Return a home pose (nq): the joints as shown, the base upright with the feet at height 0."""
+    home, data = np.concatenate([np.zeros(6), shown]), model.createData()
+    pin.framesForwardKinematics(model, data, home)
+    heights = [data.oMf[frame_id(model, foot.frame)].translation[2] for foot in feet]
+    home[2] = -float(np.mean(heights)) if heights else 0.0
+    return home
 
 
 def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:

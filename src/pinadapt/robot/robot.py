@@ -27,6 +27,7 @@ from ..description.chain import (
     velocity_limits,
     warn_beyond_limits,
 )
+from ..description.floating_base import BASE_JOINTS
 from ..description.mjcf import mjcf_text
 from ..description.urdf import Origin
 from ..description.urdf_writer import urdf_text
@@ -35,6 +36,7 @@ from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.task import Task
 from . import changes
 from .changes import Friction
+from .contacts import Contact
 from .home import MountingPlane
 
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
@@ -65,6 +67,7 @@ class Robot:
         tracker: the placement of the base in the axes in which x is measured, which the model has,
             see ``seen_from``; None: x is in the axes of the base.
         origin: the URDF that the robot was read from, or None.
+        contacts: feet on which it stands.
         remark: about where its parameters come from, for the first comment of its URDF.
     """
 
@@ -83,6 +86,7 @@ class Robot:
     tracker: pin.SE3 | None = None
     origin: Origin | None = None
     remark: str = ""
+    contacts: tuple[Contact, ...] = ()
 
     @property
     def visual(self) -> pin.GeometryModel | None:
@@ -93,6 +97,11 @@ class Robot:
     def frame_id(self) -> int:
         """Index of the task frame in ``model.frames``."""
         return frame_id(self.model, self.frame)
+
+    @property
+    def motors(self) -> np.ndarray:
+        """Whether each joint (nv) has a motor: those of a floating base have none."""
+        return np.array([name not in BASE_JOINTS for name in self.joint_names])
 
     @property
     def joint_names(self) -> list[str]:
