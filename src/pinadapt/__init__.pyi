@@ -45,6 +45,7 @@ from .records import Desired as Desired
 from .records import Measurement as Measurement
 from .records import Sensors as Sensors
 from .reference import within_limits as within_limits
+from .robot import Contact as Contact
 from .robot import Friction as Friction
 from .robot import Payload as Payload
 from .robot import Robot as Robot

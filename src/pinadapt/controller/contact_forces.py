@@ -15,7 +15,7 @@ _FORCES = 1e-4  # weight of squared contact forces [m^2]; half or double: the to
 # to 1 %, it only decides what no torque shows
 _SLACK = 1e6  # weight of a squared torque of the base that is missed; half: misses twice as much of
 # what is infeasible, double: the solver needs more iterations
-_LEAST = 1e-9  # of the largest singular value
+_LEAST = 1e-9  # of the norm of the base's rows, of a singular value that counts
 _NONE = 1e20  # what the solver takes for no limit
 
 
@@ -42,9 +42,8 @@ class ContactForces:
         self._solver, self._motors = _solver(), robot.motors
         self._limits = None if limits is None else np.minimum(limits[self._motors], _NONE)
         A, _ = self.constraints.at(robot.q0, np.zeros(robot.model.nv))
-        sizes = np.linalg.svd(A[:, ~self._motors], compute_uv=False)
-        free = (~self._motors).sum()
-        if len(A) < free or sizes[free - 1] < _LEAST * sizes[0]:
+        base = A[:, ~self._motors]
+        if np.linalg.matrix_rank(base, tol=_LEAST * np.linalg.norm(base)) < base.shape[1]:
             raise RobotError(
                 "the contacts do not hold the base: a motion of it is left that no motor moves.",
                 where="contacts",

@@ -107,7 +107,7 @@ class Controller:
                 self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
             self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
         self._forces = None
-        if kinematics.robot.contacts:
+        if not kinematics.robot.motors.all():
             self._forces = ContactForces(kinematics.robot, self.limits.torque)
         self._estimated = self._scratch()
         self._own = any(map(_of_a_user, (law, adaptation_k, adaptation_d)))

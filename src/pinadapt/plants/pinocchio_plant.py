@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from ..exceptions import DivergedError
 from ..records import Measurement
+from ..robot.contacts import ContactConstraints
 from ..robot.robot import Robot
 from .plant import SimulatedPlant, fitted_friction
 
@@ -79,6 +80,8 @@ class FittedMidpoint:
 class PinocchioPlant(SimulatedPlant):
     """A robot simulated with Pinocchio, from its home pose at rest.
 
+    Contacts neither lift nor slide, whatever force that takes; MuJoCo's do.
+
     ``measure``, ``step`` and ``acceleration`` use the state of the plant; methods that take q and v
     do not depend on it.
     """
@@ -102,7 +105,10 @@ class PinocchioPlant(SimulatedPlant):
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
         self._motion = robot.task.motion_of(self._model, self._data, robot.frame_id)
-        self._integrate = FittedMidpoint(robot)
+        self._integrate, self._contacts = FittedMidpoint(robot), None
+        if robot.contacts:
+            self._contacts = ContactConstraints(robot.model, robot.contacts)
+            self._integrate = self._held
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""
@@ -114,6 +120,15 @@ class PinocchioPlant(SimulatedPlant):
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
         self._q, self._v, self._t = q, v, self._t + dt
+
+    def _held(
+        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return q (nq) and v (nv) after h [s] with contacts, by the midpoint."""
+        middle = v + 0.5 * h * self.acceleration_at(q, v, tau)
+        at = pin.integrate(self._model, q, 0.5 * h * v)
+        after = v + h * self.acceleration_at(at, middle, tau)
+        return pin.integrate(self._model, q, 0.5 * h * (v + after)), after
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now."""
@@ -129,9 +144,13 @@ class PinocchioPlant(SimulatedPlant):
         """
         M, friction = self.mass_matrix(q), self.robot.friction_at(q).torque(v)
         M = M if feedthrough is None else M - feedthrough
-        bias = pin.nonLinearEffects(self._model, self._data, q, v)
+        force = tau - friction - pin.nonLinearEffects(self._model, self._data, q, v)
+        if self._contacts is not None:
+            A, A_rate = self._contacts.at(q, v)
+            M = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
+            force = np.concatenate([force, -A_rate @ v])
         try:
-            return np.asarray(np.linalg.solve(M, tau - friction - bias))
+            return np.asarray(np.linalg.solve(M, force))[: self.nv]
         except np.linalg.LinAlgError as error:
             raise DivergedError(
                 "the algebraic loop of torque and acceleration became singular."

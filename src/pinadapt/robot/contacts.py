@@ -80,7 +80,7 @@ class ContactConstraints:
         model, data = self._model, self._data
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
         pin.updateFramePlacements(model, data)
-        A, A_rate = [], []
+        A, A_rate = [np.zeros((0, model.nv))], [np.zeros((0, model.nv))]
         for frame, contact in zip(self._frames, self.contacts, strict=True):
             A.append(pin.getFrameJacobian(model, data, frame, _AXES)[: contact.rows])
             rate = pin.getFrameJacobianTimeVariation(model, data, frame, _AXES)

@@ -1,0 +1,170 @@
+"""Robots that stand: regressors and Jacobians of the tree, forces, V, loads found in MuJoCo."""
+
+from itertools import islice
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.controller.contact_forces import ContactForces
+from pinadapt.models.linear_kinematics import FrameKinematics
+from pinadapt.robot.contacts import ContactConstraints
+from pinadapt.trajectories.pose import PoseTrajectory, Swing
+from tests.support.loops import energy_along
+
+SOLE = (0.1, 0.05)
+FEET = {
+    "a1": ["FL_foot", "FR_foot", "RL_foot", "RR_foot"],
+    "solo12": ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"],
+    "talos": [pa.Contact("left_sole_link", SOLE), pa.Contact("right_sole_link", SOLE)],
+}
+TRUNK = pa.Unknown(bodies="payload", friction=False, armature=False)
+
+
+def standing(name, **options):
+    return pa.load(name, base="free", contacts=FEET[name], **options)
+
+
+def eased(t):
+    """Return a rise from 0 to 1 in 1 s, with two derivatives."""
+    s = min(max(t, 0.0), 1.0)
+    return (
+        s**3 * (10.0 - 15.0 * s + 6.0 * s * s),
+        30.0 * (s * (1.0 - s)) ** 2,
+        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+    )
+
+
+class Swaying:
+    """The trunk on a circle of 15 mm in 2 s, begun at rest, and pitching by 0.1 rad."""
+
+    def __init__(self, robot):
+        self.start, self.turn = robot.position(robot.q0), np.array([0.0, 0.1, 0.0])
+
+    def at(self, t):
+        w, (s, sd, sdd) = np.pi, eased(t)
+        size, phase = np.array([0.015, 0.015, 0.01]), w * t + np.array([0.0, np.pi / 2, 0.0])
+        g, gd, gdd = np.sin(phase), w * np.cos(phase), -w * w * np.sin(phase)
+        h, hd, hdd = np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t)
+        home = pin.Quaternion(self.start[3:]).matrix()
+        turned = pin.Quaternion(pin.exp3(self.turn * s * h) @ home).coeffs()
+        return pa.Desired(
+            np.concatenate([self.start[:3] + size * s * g, turned]),
+            np.concatenate([size * (s * gd + sd * g), self.turn * (s * hd + sd * h)]),
+            np.concatenate(
+                [
+                    size * (s * gdd + 2.0 * sd * gd + sdd * g),
+                    self.turn * (s * hdd + 2.0 * sd * hd + sdd * h),
+                ]
+            ),
+        )
+
+
+def test_a_free_base_is_six_joints_without_motors():
+    robot = standing("a1")
+    assert robot.model.nv == 18 and robot.motors.tolist() == [False] * 6 + [True] * 12
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, robot.q0)
+    heights = [data.oMf[model.getFrameId(foot)].translation[2] for foot in FEET["a1"]]
+    assert np.allclose(heights, 0.0, atol=1e-9)
+    free = pin.buildModelFromUrdf(str(robot.origin.urdf.path), pin.JointModelFreeFlyer())
+    assert np.isclose(robot.mass, pin.computeTotalMass(free), rtol=1e-12)
+    rng = np.random.default_rng(0)
+    base, joints = rng.uniform(-0.5, 0.5, 6), rng.uniform(-1.0, 1.0, 12)
+    turned = pin.Quaternion(pin.rpy.rpyToMatrix(*base[:2:-1])).coeffs()
+    ours = pin.computeGeneralizedGravity(model, data, np.concatenate([base, joints]))
+    q = np.concatenate([base[:3], turned, joints])
+    theirs = pin.computeGeneralizedGravity(free, free.createData(), q)
+    assert np.allclose(ours[6:], theirs[6:], atol=1e-9)
+
+
+@pytest.mark.parametrize("frame", [None, "FR_foot", "RL_calf"])
+def test_the_kinematics_of_a_frame_of_a_tree_are_those_of_pinocchio(frame):
+    robot = standing("a1", frame=frame)
+    kinematics = FrameKinematics(robot, ["tool"] if frame else [])
+    rng = np.random.default_rng(1)
+    q, v = robot.q0 + 0.3 * rng.standard_normal(18), rng.standard_normal(18)
+    kinematics.update(kinematics.initial, q, v)
+    model, data = robot.model, robot.model.createData()
+    pin.computeJointJacobiansTimeVariation(model, data, q, v)
+    pin.updateFramePlacements(model, data)
+    given = model, data, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
+    assert np.allclose(kinematics.J, pin.getFrameJacobian(*given), atol=1e-12)
+    rate = kinematics.jacobian_rate(np.zeros(kinematics.size))
+    assert np.allclose(rate, pin.getFrameJacobianTimeVariation(*given), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["a1", "talos"])
+def test_the_rate_of_the_constraints_is_that_of_differences(name):
+    robot = standing(name)
+    constraints = ContactConstraints(robot.model, robot.contacts)
+    rng, h = np.random.default_rng(2), 1e-6
+    v = rng.standard_normal(robot.model.nv)
+    q = robot.q0 + 0.1 * rng.standard_normal(robot.model.nv)
+    before, after = (constraints.at(q + sign * h * v, v)[0] for sign in (-1.0, 1.0))
+    assert np.allclose(constraints.at(q, v)[1], (after - before) / (2.0 * h), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["a1", "talos"])
+def test_forces_keep_the_base_and_stay_in_their_cones(name):
+    robot = standing(name)
+    forces = ContactForces(robot, None)
+    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
+    g[:3] += 0.05 * g[2] * np.array([1.0, -0.5, 0.5])
+    torque = forces.torque(robot.q0, g)
+    A, _ = forces.constraints.at(robot.q0, np.zeros(g.size))
+    assert not torque[:6].any()
+    f = np.linalg.lstsq(A.T, g - torque, rcond=None)[0]
+    assert np.allclose(A.T @ f, g - torque, atol=1e-4 * abs(g[2]))
+    start = 0
+    for contact in robot.contacts:
+        own = f[start : start + contact.rows]
+        assert own[2] > 0.0 and np.hypot(*own[:2]) <= contact.friction * own[2] + 1e-4
+        if contact.sole is not None:  # the soles stand level at home
+            assert abs(own[3]) <= SOLE[1] * own[2] + 1e-4
+            assert abs(own[4]) <= SOLE[0] * own[2] + 1e-4
+        start += contact.rows
+
+
+def test_contacts_that_leave_a_motion_of_the_base_are_refused():
+    for feet in ([], FEET["a1"][:2]):
+        robot = pa.load("a1", base="free", contacts=feet)
+        with pytest.raises(pa.exceptions.RobotError, match="no motor moves"):
+            pa.make_controller(robot)
+    with pytest.raises(pa.exceptions.RobotError, match="free base"):
+        pa.load("a1", task="joint", contacts=FEET["a1"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["a1", "talos"])
+def test_lyapunov_equality_whatever_the_contact_forces_are(name):
+    robot = standing(name)
+    load = pa.Payload(0.1 * robot.mass, [0.02, 0.01, 0.05])
+    true = robot.changed(payload=load)
+    controller = pa.make_controller(robot, unknown=TRUNK, limits=pa.Limits(guards=False))
+    path = PoseTrajectory(
+        pa.trajectories.Circle(np.zeros(3), 2e-3, 1.0), Swing((0.0, 1.0, 0.0), 0.02, 1.0)
+    ).starting_at(true.position(true.q0))
+    energy = energy_along(true, controller, path, seconds=8e-3, dt=2e-4)
+    assert energy.mismatch(after=5) <= 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "mass", "worst", "end"),
+    [("a1", 11.0, 4e-3, 1e-4), ("solo12", 1.0, 2e-3, 1e-4), ("talos", 10.0, 2e-3, 4e-4)],
+)
+def test_a_load_on_the_trunk_is_found_while_the_robot_stands(name, mass, worst, end):
+    """In MuJoCo, whose contacts lift and slide; nothing is tuned by robot."""
+    robot = standing(name)
+    high = robot.q0[2]
+    load = pa.Payload(mass, [0.2 * high, 0.08 * high, 0.32 * high])
+    true, path = robot.changed(payload=load), Swaying(robot)
+    controller = pa.make_controller(robot, unknown=TRUNK)
+    stream = pa.run(pa.plants.MujocoPlant(true), controller, path, dt=1e-3)
+    samples = list(islice(stream, 4000))
+    errors = [np.linalg.norm(s.measurement.x[:3] - s.desired.x_d[:3]) for s in samples]
+    trunk = true.model.inertias[6].mass
+    assert max(errors) < worst and max(errors[-800:]) < end
+    assert abs(samples[-1].state.a_d[0] / trunk - 1.0) < 0.02
