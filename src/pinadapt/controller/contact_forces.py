@@ -74,9 +74,7 @@ class ContactForces:
         C[: len(cones), :k], C[len(cones) :, :k] = cones, own
         low = np.concatenate([np.zeros(len(cones)), wanted[motors] - limits])
         high = np.concatenate([np.full(len(cones), _NONE), wanted[motors] + limits])
-        found = self._solver.dense.solve(
-            H, g, equal, wanted[free], C, low, high, eps_abs=1e-9
-        )
+        found = self._solver.dense.solve(H, g, equal, wanted[free], C, low, high, eps_abs=1e-9)
         torque = np.zeros(wanted.size)
         torque[motors] = np.clip(wanted[motors] - own @ found.x[:k], -limits, limits)
         return torque

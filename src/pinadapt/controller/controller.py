@@ -32,8 +32,8 @@ from ..robot.motors import Compensation, LateTorque, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
-from .contact_forces import ContactForces
 from .announcement import NominalRobot, announced_state
+from .contact_forces import ContactForces
 from .first_samples import remember
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, rows_of

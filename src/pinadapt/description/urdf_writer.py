@@ -22,6 +22,7 @@ from .chain import (
     position_limits,
     velocity_limits,
 )
+from .floating_base import BASE_JOINTS
 from .urdf import ENTRIES, Origin, Urdf, child, xml_text
 from .xacro import Packages
 
@@ -79,16 +80,20 @@ class _Edited:
     def written(self) -> ElementTree.Element:
         """Write everything that differs; return the root element."""
         model, names = self.robot.model, self.robot.joint_names
-        for index, name in enumerate(names, 1):
+        own = [(index, name) for index, name in enumerate(names, 1) if name not in BASE_JOINTS]
+        for index, name in own:
             now = model.jointPlacements[index]
             if not _same(now, self.described.jointPlacements[index]):
                 self._place(self.joints[name], now)
         self._place_tool()
-        for index, name in enumerate(names, 1):
+        if len(own) < len(names):  # the root link, which the last of the base's joints moves
+            self._write_inertia(len(BASE_JOINTS), self._heaviest(len(BASE_JOINTS)))
+        for index, name in own:
             self._write_inertia(index, _end(self.joints[name], "child"))
         for attribute, values in _effects(self.robot).items():
             if attribute != "armature" or not np.array_equal(values, self.described.armature):
-                for name, value in zip(names, values, strict=True):
+                for index, name in own:
+                    value = values[index - 1]
                     stated = child(self.joints[name], "dynamics").attrib
                     if float(stated.get(attribute, "nan")) != value:
                         stated[attribute] = digits(value)
@@ -97,6 +102,11 @@ class _Edited:
                 link.clear()
         _find_files(self.root, self.packages)
         return self.root
+
+    def _heaviest(self, index: int) -> str:
+        """Return the name of the link with the largest mass of those that a joint moves."""
+        links = {name: link for name, link in self.links.items() if link.joint == index}
+        return max(links, key=lambda name: links[name].read()[0])
 
     def _place_tool(self) -> None:
         """Move the task frame: the joint of a last link that is fixed, else a new link."""
@@ -110,7 +120,7 @@ class _Edited:
                 self.links[name].placement = frame.placement.copy()
                 return
         new = f"{name}_learned" if name in self.links else name
-        carrier = _end(self.joints[self.robot.joint_names[-1]], "child")
+        carrier = _end(self.joints[str(self.robot.model.names[frame.parentJoint])], "child")
         ElementTree.SubElement(self.root, "link", name=new)
         self._place(_joint(self.root, f"{new}_fixed", "fixed", carrier, new), frame.placement)
 

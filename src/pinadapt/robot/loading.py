@@ -34,8 +34,8 @@ from ..exceptions import RobotError, did_you_mean
 from ..tasks.frame import IMAGE, TASKS, FrameTask
 from ..tasks.task import JointTask, Task
 from . import changes
-from .contacts import Contact
 from .changes import FRICTION_ATTRIBUTES, Friction
+from .contacts import Contact
 from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
