@@ -462,9 +462,17 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
     dynamics.load(last)
     Y = np.array([dynamics.regressor(*state) for state in states])
     predicted = np.array([dynamics.torque(*state) for state in states])
+    if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
+        free = np.array([constraints.free(*state[:2]) for state in states])
+        Y, tau, predicted = free @ Y, _times(free, tau), _times(free, predicted)
     sums = TorqueSums(model.nv, last)
     sums.add(Y, tau - predicted, tau)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return the products (k, n) of matrices (k, n, n) and vectors (k, n)."""
+    return np.einsum("kij,kj->ki", matrices, vectors)
 
 
 def along_excited(

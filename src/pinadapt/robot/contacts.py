@@ -87,6 +87,11 @@ class ContactConstraints:
             A_rate.append(rate[: contact.rows])
         return np.concatenate(A), np.concatenate(A_rate)
 
+    def free(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the projection (n, n) of torques onto what no contact force changes."""
+        A, _ = self.at(q, v)
+        return np.asarray(np.eye(v.size) - np.linalg.pinv(A) @ A)
+
     def rotations(self) -> list[np.ndarray]:
         """Return the axes of each contact's frame (3, 3) in the world, of the last ``at``."""
         return [self._data.oMf[frame].rotation for frame in self._frames]
