@@ -46,7 +46,9 @@ from .records import Measurement as Measurement
 from .records import Sensors as Sensors
 from .reference import within_limits as within_limits
 from .robot import Contact as Contact
+from .robot import Coupling as Coupling
 from .robot import Friction as Friction
+from .robot import Loop as Loop
 from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import load as load

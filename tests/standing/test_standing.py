@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
-from pinadapt.controller.contact_forces import ContactForces
+from pinadapt.controller.constraint_forces import ConstraintForces
 from pinadapt.models.linear_kinematics import FrameKinematics
-from pinadapt.robot.contacts import ContactConstraints
+from pinadapt.robot.constraints import Constraints
 from pinadapt.trajectories.pose import PoseTrajectory, Swing
 from tests.support.loops import energy_along
 
@@ -98,7 +98,7 @@ def test_the_kinematics_of_a_frame_of_a_tree_are_those_of_pinocchio(frame):
 @pytest.mark.parametrize("name", ["a1", "talos"])
 def test_the_rate_of_the_constraints_is_that_of_differences(name):
     robot = standing(name)
-    constraints = ContactConstraints(robot.model, robot.contacts)
+    constraints = Constraints(robot.model, robot.constraints)
     rng, h = np.random.default_rng(2), 1e-6
     v = rng.standard_normal(robot.model.nv)
     q = robot.q0 + 0.1 * rng.standard_normal(robot.model.nv)
@@ -109,7 +109,7 @@ def test_the_rate_of_the_constraints_is_that_of_differences(name):
 @pytest.mark.parametrize("name", ["a1", "talos"])
 def test_forces_keep_the_base_and_stay_in_their_cones(name):
     robot = standing(name)
-    forces = ContactForces(robot, None)
+    forces = ConstraintForces(robot, None)
     g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
     g[:3] += 0.05 * g[2] * np.array([1.0, -0.5, 0.5])
     torque = forces.torque(robot.q0, g)
@@ -119,12 +119,12 @@ def test_forces_keep_the_base_and_stay_in_their_cones(name):
     assert np.allclose(A.T @ f, g - torque, atol=1e-4 * abs(g[2]))
     start = 0
     for contact in robot.contacts:
-        own = f[start : start + contact.rows]
+        own = f[start : start + contact.size]
         assert own[2] > 0.0 and np.hypot(*own[:2]) <= contact.friction * own[2] + 1e-4
         if contact.sole is not None:  # the soles stand level at home
             assert abs(own[3]) <= SOLE[1] * own[2] + 1e-4
             assert abs(own[4]) <= SOLE[0] * own[2] + 1e-4
-        start += contact.rows
+        start += contact.size
 
 
 def test_contacts_that_leave_a_motion_of_the_base_are_refused():
@@ -138,7 +138,7 @@ def test_contacts_that_leave_a_motion_of_the_base_are_refused():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["a1", "talos"])
-def test_lyapunov_equality_whatever_the_contact_forces_are(name):
+def test_lyapunov_equality_whatever_the_constraint_forces_are(name):
     robot = standing(name)
     load = pa.Payload(0.1 * robot.mass, [0.02, 0.01, 0.05])
     true = robot.changed(payload=load)

@@ -33,7 +33,7 @@ from ..robot.robot import Robot
 from ..signals import Signals
 from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
-from .contact_forces import ContactForces
+from .constraint_forces import ConstraintForces
 from .first_samples import remember
 from .governor import PathTime
 from .inputs import InputCheck, initial_estimate, rows_of
@@ -108,7 +108,7 @@ class Controller:
             self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
         self._forces = None
         if not kinematics.robot.motors.all():
-            self._forces = ContactForces(kinematics.robot, self.limits.torque)
+            self._forces = ConstraintForces(kinematics.robot, self.limits.torque)
         self._estimated = self._scratch()
         self._own = any(map(_of_a_user, (law, adaptation_k, adaptation_d)))
         self._alone = Lock()  # for a thread that uses the scratch

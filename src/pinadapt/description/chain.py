@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +13,8 @@ import pinocchio as pin
 from .._checks import LARGEST
 from ..exceptions import RobotError, did_you_mean
 
+Mimics: TypeAlias = Mapping[str, tuple[str, float, float]]
+"""A joint -> the one that it follows, ratio and offset, q_j = ratio q_i + offset."""
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _LINK_MARK = "(link) "  # of links that share their name with a joint
 _REGULAR = 1e-10  # smallest eigenvalue of a scaled mass matrix

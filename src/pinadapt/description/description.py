@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -22,7 +22,7 @@ from .catalogue import (
     whole_names,
     whole_robot,
 )
-from .chain import check_numbers
+from .chain import Mimics, check_numbers
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
 from .urdf import Urdf, is_path, read_xml
@@ -41,7 +41,7 @@ class Description:
         model: Pinocchio model of all its joints.
         geometry: function that reads the visual or collision geometry.
         q_reference: (nq) reference configuration.
-        mimics: names of mimic joints.
+        mimics: joints that follow others, see ``Mimics``.
         frame: default task frame, or None.
         task: default task, or None.
         locked: joints to lock.
@@ -54,7 +54,7 @@ class Description:
     model: pin.Model
     geometry: Geometry
     q_reference: np.ndarray
-    mimics: frozenset[str] = frozenset()
+    mimics: Mimics = field(default_factory=dict)
     frame: str | None = None
     task: str | None = None
     locked: tuple[str, ...] = ()

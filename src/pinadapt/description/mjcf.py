@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
-from .chain import effort_limits, is_physical, is_slide, links_of, position_limits
+from .chain import Mimics, effort_limits, is_physical, is_slide, links_of, position_limits
 from .urdf import flaws_of_numbers, xml_text
 from .urdf_writer import axis_of, digits, first_comment, free_name
 
@@ -39,12 +39,12 @@ class Mjcf:
 
     Attributes:
         path: the file.
-        mimics: names of joints that an <equality> couples to others.
+        mimics: joints that an <equality> couples to others, see ``Mimics``.
         gravity: (3) [m/s^2] in world axes.
     """
 
     path: Path
-    mimics: frozenset[str]
+    mimics: Mimics
     gravity: np.ndarray
 
     @classmethod
@@ -62,10 +62,13 @@ class Mjcf:
                 f"{path}: {len(loops)} kinematic loops closed by <equality> are opened.",
                 stacklevel=3,
             )
-        coupled = (joint.get("joint1", "") for joint in root.findall("equality/joint"))
+        coupled = {}
+        for joint in root.findall("equality/joint"):
+            offset, ratio, *_ = map(float, [*joint.get("polycoef", "0 1").split(), "0"])
+            coupled[joint.get("joint1", "")] = joint.get("joint2", ""), ratio, offset
         options = [option.get("gravity", "") for option in root.findall("option[@gravity]")]
         gravity = np.array([*options, "0 0 -9.81"][0].split(), dtype=float)
-        return cls(path, frozenset(coupled), gravity)
+        return cls(path, coupled, gravity)
 
     def model(self) -> pin.Model:
         """Build the model.

@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
+from .chain import Mimics
 from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand
 
 _HINT = "Write finite numbers with a decimal point, and separate several by spaces."
@@ -146,10 +147,18 @@ class Urdf:
         return parse_xml(self.text, str(self.path))
 
     @cached_property
-    def mimics(self) -> frozenset[str]:
-        """The names of the mimic joints, which Pinocchio treats as independent."""
-        joints = self.root.findall("joint[mimic]")
-        return frozenset(joint.get("name", "") for joint in joints)
+    def mimics(self) -> Mimics:
+        """The mimic joints, which Pinocchio treats as independent."""
+        found = {}
+        for joint in self.root.findall("joint[mimic]"):
+            stated = joint.find("mimic")
+            assert stated is not None
+            ratio, offset = (
+                float(stated.get(name, default))
+                for name, default in (("multiplier", "1"), ("offset", "0"))
+            )
+            found[joint.get("name", "")] = stated.get("joint", ""), ratio, offset
+        return found
 
     def joint_effects(self, attribute: str) -> dict[str, float]:
         """Return joint name -> the number of an attribute of <dynamics>, for joints that state it.

@@ -268,4 +268,4 @@ def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, 
             where="unknown",
             hint="Record x (a bag: --pose-topic), and load the robot with a task of the frame.",
         )
-    return frames, replace(robot, task=JointTask.of_chain(robot.model))
+    return frames, replace(robot, task=JointTask.of_joints(robot.model))

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import ParameterError
-from ..robot.contacts import ContactConstraints
+from ..robot.constraints import Constraints
 from ..robot.robot import Robot
 from ..tasks.task import JointTask, Task
 from .right_inverse import ConstrainedInverse, RightInverse
@@ -71,10 +71,10 @@ class TaskKinematics(ABC):
     Jdot_v: np.ndarray
     Y_k: np.ndarray
 
-    constraints: ContactConstraints | None = None
+    constraints: Constraints | None = None
 
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
-        """Return the right inverse of J, under the constraints of the contacts if there are any.
+        """Return the right inverse of J, under the constraints if there are any.
 
         Args:
             q: (nq) configuration of the last update.
@@ -156,7 +156,7 @@ class TaskKinematics(ABC):
 
 
 class JointKinematics(TaskKinematics):
-    """x = q and J = I: no parameters, no singularities, no null space.
+    """x = q and J = I, of the joints with motors: no parameters, no singularities, no null space.
 
     With it a task-space law becomes the corresponding joint-space law.
     """
@@ -177,15 +177,17 @@ class JointKinematics(TaskKinematics):
             )
         n = robot.model.nv
         self.robot = robot.undrawn()
-        self.task = JointTask.of_chain(robot.model)
+        self.task = JointTask.of_joints(robot.model, robot.motors)
+        self._dofs = list(self.task.dofs)
         self.joint_names, self.frame = robot.joint_names, robot.frame
         self.nq, self.nv = int(robot.model.nq), int(n)
         self.names, self.size, self.positions = (), 0, 0
         self.initial = self.a_k = np.zeros(0)
-        self.J, self.Jdot_v, self._no_rate = np.eye(n), np.zeros(n), np.zeros((n, n))
-        self.Y_k = np.zeros((n, 0))
+        self.J = np.eye(n)[self._dofs]
+        m, self._no_rate = len(self.J), np.zeros(self.J.shape)
+        self.Jdot_v, self.Y_k = np.zeros(m), np.zeros((m, 0))
         self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
-        self._q, self.xd_hat = robot.q0, np.zeros(n)
+        self._q, self.xd_hat = robot.q0, np.zeros(m)
         self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -194,7 +196,7 @@ class JointKinematics(TaskKinematics):
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""
-        self._q, self.xd_hat = q, v
+        self._q, self.xd_hat = q, v[self._dofs]
 
     @property
     def x_hat(self) -> np.ndarray:

@@ -10,7 +10,6 @@ import pinocchio as pin
 
 from ..exceptions import DivergedError
 from ..records import Measurement
-from ..robot.contacts import ContactConstraints
 from ..robot.robot import Robot
 from .plant import SimulatedPlant, fitted_friction
 
@@ -105,9 +104,9 @@ class PinocchioPlant(SimulatedPlant):
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
         self._motion = robot.task.motion_of(self._model, self._data, robot.frame_id)
-        self._integrate, self._contacts = FittedMidpoint(robot), None
-        if robot.contacts:
-            self._contacts = ContactConstraints(robot.model, robot.contacts)
+        self._integrate, self._constraints = FittedMidpoint(robot), None
+        if robot.constraints:
+            self._constraints = robot.constrained
             self._integrate = self._held
 
     def measure(self) -> Measurement:
@@ -124,7 +123,7 @@ class PinocchioPlant(SimulatedPlant):
     def _held(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (nq) and v (nv) after h [s] with contacts, by the midpoint."""
+        """Return q (nq) and v (nv) after h [s] under constraints, by the midpoint."""
         middle = v + 0.5 * h * self.acceleration_at(q, v, tau)
         at = pin.integrate(self._model, q, 0.5 * h * v)
         after = v + h * self.acceleration_at(at, middle, tau)
@@ -145,8 +144,8 @@ class PinocchioPlant(SimulatedPlant):
         M, friction = self.mass_matrix(q), self.robot.friction_at(q).torque(v)
         M = M if feedthrough is None else M - feedthrough
         force = tau - friction - pin.nonLinearEffects(self._model, self._data, q, v)
-        if self._contacts is not None:
-            A, A_rate = self._contacts.at(q, v)
+        if self._constraints is not None:
+            A, A_rate = self._constraints.at(q, v)
             M = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
             force = np.concatenate([force, -A_rate @ v])
         try:

@@ -3,7 +3,9 @@
 from .changes import Friction as Friction
 from .changes import Payload as Payload
 from .changes import Shaft as Shaft
-from .contacts import Contact as Contact
+from .constraints import Contact as Contact
+from .constraints import Coupling as Coupling
+from .constraints import Loop as Loop
 from .loading import load as load
 from .motors import Actuators as Actuators
 from .motors import Gravity as Gravity

@@ -35,7 +35,7 @@ from ..tasks.frame import IMAGE, TASKS, FrameTask
 from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import FRICTION_ATTRIBUTES, Friction
-from .contacts import Contact
+from .constraints import Constraint, Contact, Coupling, Loop, consistent
 from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
@@ -67,6 +67,8 @@ def load(
     pixel: float | None = None,
     base: str = FIXED,
     contacts: Iterable[Contact | str] = (),
+    loops: Iterable[Loop] = (),
+    passive: str | Sequence[str] = (),
 ) -> Robot:
     """Load a robot: the chain from its base to one frame, or the whole tree of its joints.
 
@@ -104,10 +106,8 @@ def load(
             pitch and roll, which no motor moves. The task is then the pose of the root link, unless
             a frame is given.
         contacts: frames of point feet, or ``Contact``, on which a robot with a free base stands.
-        base: "fixed", or "free" for a robot that stands: q begins with the base's position, yaw,
-            pitch and roll, which no motor moves. The task is then the pose of the root link, unless
-            a frame is given.
-        contacts: frames of point feet, or ``Contact``, on which a robot with a free base stands.
+        loops: frames that move alike, see ``Loop``; the whole tree is loaded then.
+        passive: joints without a motor, which a loop moves.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
@@ -142,11 +142,12 @@ def load(
         weld=weld or found.weld_root,
     )
     free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
-    feet = Contact.all_of(contacts, model)
-    if free:
-        robot = make(frame, feet=feet)
-    elif feet:
+    feet, idle = Contact.all_of(contacts), tuple(name_list(passive, "passive", RobotError))
+    closed = tuple(instance(loop, Loop, "loops", RobotError) for loop in loops)
+    if feet and not free:
         raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
+    if free or closed:
+        robot = make(frame, whole=True, free=free, constraints=closed + feet, passive=idle)
     elif known or task == JOINT:
         robot = make(known)
     else:
@@ -192,7 +193,10 @@ def _load_chain(
     q0: ArrayLike | None,
     gravity: ArrayLike | None,
     weld: bool,
-    feet: Sequence[Contact] | None = None,
+    whole: bool = False,
+    free: bool = False,
+    constraints: tuple[Constraint, ...] = (),
+    passive: tuple[str, ...] = (),
 ) -> Robot:
     """Return the robot whose chain ends at a frame, or the whole tree; see ``load``.
 
@@ -205,47 +209,54 @@ def _load_chain(
         q0: home pose, or None.
         gravity: or None.
         weld: whether a floating base is fixed.
-        feet: contacts of a robot with a free base; None: its base is fixed.
+        whole: whether all joints are kept, with a frame too.
+        free: whether the base is.
+        constraints: loops and contacts.
+        passive: joints without motors.
     """
-    whole, locks = found.model, set()
-    floating = [joint for joint in range(1, whole.njoints) if is_free_flyer(whole.joints[joint])]
+    described, locks = found.model, set()
+    floating = [j for j in range(1, described.njoints) if is_free_flyer(described.joints[j])]
     for name in locked:
-        locks.add(changes.joint_id(whole, name, "locked"))
-    tree = frame is None or feet is not None
-    if tree:
-        locks |= {j for j in range(1, whole.njoints) if str(whole.names[j]) in found.mimics}
-        chain, weld = list(range(1, whole.njoints)), weld or feet is not None
-    else:
-        chain = chain_joints(whole, frame_id(whole, str(frame)))
+        locks.add(changes.joint_id(described, name, "locked"))
+    whole, weld = whole or frame is None, weld or free
+    chain = list(range(1, described.njoints))
+    if not whole:
+        chain = chain_joints(described, frame_id(described, str(frame)))
     keep = [joint for joint in chain if joint not in locks and not (weld and joint in floating)]
-    check_joints(whole, keep, found.mimics)
+    check_joints(described, keep, () if whole else found.mimics)
     if not keep:
         raise RobotError(
             f"no joint moves frame '{frame}' relative to the base.",
             where=found.name,
             hint="Choose a frame further from the base, or lock fewer joints.",
         )
-    if feet is not None:
-        for joint in floating:
-            at = whole.joints[joint].idx_q
-            found.q_reference[at : at + 7] = [0.0] * 6 + [1.0]
-    model = reduced(whole, keep, found.q_reference)[0]
-    root = next(str(each.name) for each in model.frames if each.type == pin.FrameType.BODY)
+    reference = found.q_reference.copy()
+    for joint in floating if free else ():
+        at = described.joints[joint].idx_q
+        reference[at : at + 7] = [0.0] * 6 + [1.0]  # the base's joints say where it is
+    model = reduced(described, keep, reference)[0]
     if frame is None:
-        frame = root if feet is not None else (*ends, str(model.frames[-1].name))[0]
-    if feet is not None:
-        model = with_base_joints(model)
+        root = next(str(each.name) for each in model.frames if each.type == pin.FrameType.BODY)
+        frame = root if free else (*ends, str(model.frames[-1].name))[0]
+    model = with_base_joints(model) if free else model
     check_position_limits(model)
     if gravity is not None:
         model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError, fills=False)
-    parts = [whole.joints[joint] for joint in keep]
-    shown = np.concatenate([found.q_reference[j.idx_q : j.idx_q + j.nq] for j in parts])
+    parts = [described.joints[joint] for joint in keep]
+    shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
     tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
-    plane = None if welded or found.weld_root or tree else MountingPlane.of(model, tip, shown)
-    if feet is not None:
-        chosen, home = task_named(task or "pose", model), _standing(model, shown, feet)
+    plane = None if welded or found.weld_root or whole else MountingPlane.of(model, tip, shown)
+    if whole:
+        names = {str(described.names[joint]) for joint in keep}
+        follow = [Coupling(name, *found.mimics[name]) for name in found.mimics if name in names]
+        constraints = *follow, *constraints
+    for part in constraints:
+        part.check(model)
+    if free:
+        chosen, home = task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
     else:
         chosen, home = choose_task(model, tip, task, [shown, pin.neutral(model)], plane)
+    home = consistent(model, home, constraints)
     model = _regular(model, home, found.name)
     robot = Robot(
         found.name,
@@ -254,28 +265,22 @@ def _load_chain(
         chosen,
         home,
         Friction.none(model.nv),
-        Visual(found.geometry, whole, tuple(keep), found.q_reference),
+        Visual(found.geometry, described, tuple(keep), reference),
         ends=tuple(end for end in ends if end != frame),
         locked=tuple(
-            str(whole.names[joint])
-            for joint in range(1, whole.njoints)
+            str(described.names[joint])
+            for joint in range(1, described.njoints)
             if joint not in keep and joint not in floating
         ),
-        welded=welded and feet is None,
+        welded=welded and not free,
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
-        contacts=tuple(feet or ()),
+        constraints=constraints,
+        passive=passive,
     )
+    if isinstance(chosen, JointTask):
+        robot = replace(robot, task=JointTask.of_joints(model, robot.motors))
     return robot if q0 is None else robot.at(q0)
-
-
-def _standing(model: pin.Model, shown: np.ndarray, feet: Sequence[Contact]) -> np.ndarray:
-    """Return a home pose (nq): the joints as shown, the base upright with the feet at height 0."""
-    home, data = np.concatenate([np.zeros(6), shown]), model.createData()
-    pin.framesForwardKinematics(model, data, home)
-    heights = [data.oMf[frame_id(model, foot.frame)].translation[2] for foot in feet]
-    home[2] = -float(np.mean(heights)) if heights else 0.0
-    return home
 
 
 def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:
@@ -426,7 +431,7 @@ def task_named(name: str, model: pin.Model) -> Task:
         RobotError: unknown name; the message suggests the nearest.
     """
     if name == JOINT:
-        return JointTask.of_chain(model)
+        return JointTask.of_joints(model)
     if name not in TASKS:
         names = [*TASKS, JOINT]
         raise RobotError(

@@ -36,7 +36,7 @@ from ..tasks.frame import FrameTask, ImageTask
 from ..tasks.task import Task
 from . import changes
 from .changes import Friction
-from .contacts import Contact
+from .constraints import Constraint, Constraints, Contact, Coupling
 from .home import MountingPlane
 
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
@@ -67,7 +67,8 @@ class Robot:
         tracker: the placement of the base in the axes in which x is measured, which the model has,
             see ``seen_from``; None: x is in the axes of the base.
         origin: the URDF that the robot was read from, or None.
-        contacts: feet on which it stands.
+        constraints: of its motion; the contacts come last.
+        passive: joints without a motor, beside those of a free base and those that follow others.
         remark: about where its parameters come from, for the first comment of its URDF.
     """
 
@@ -86,7 +87,8 @@ class Robot:
     tracker: pin.SE3 | None = None
     origin: Origin | None = None
     remark: str = ""
-    contacts: tuple[Contact, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
+    passive: tuple[str, ...] = ()
 
     @property
     def visual(self) -> pin.GeometryModel | None:
@@ -100,8 +102,20 @@ class Robot:
 
     @property
     def motors(self) -> np.ndarray:
-        """Whether each joint (nv) has a motor: those of a floating base have none."""
-        return np.array([name not in BASE_JOINTS for name in self.joint_names])
+        """Whether each joint (nv) has a motor."""
+        follow = [part.joint for part in self.constraints if isinstance(part, Coupling)]
+        idle = {*BASE_JOINTS, *self.passive, *follow}
+        return np.array([name not in idle for name in self.joint_names])
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The feet on which it stands."""
+        return tuple(part for part in self.constraints if isinstance(part, Contact))
+
+    @property
+    def constrained(self) -> Constraints:
+        """The rows of all constraints, with scratch of their own."""
+        return Constraints(self.model, self.constraints)
 
     @property
     def joint_names(self) -> list[str]:

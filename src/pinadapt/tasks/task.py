@@ -160,7 +160,9 @@ class Task(ABC):
 
 @dataclass(frozen=True)
 class JointTask(Task):
-    """x = q, one number per joint [rad or m]; the Jacobian is I, no kinematic parameter is unknown.
+    """x = q, one number per joint [rad or m], of all joints or of those that have motors.
+
+    The Jacobian is I, or its rows of these joints; no kinematic parameter is unknown.
 
     The error is that of ``pin.difference``. A continuous joint, which Pinocchio configures by (cos,
     sin), has its angle as coordinate, with any number of whole turns; its error is within half a
@@ -168,18 +170,28 @@ class JointTask(Task):
 
     Attributes:
         continuous: for each joint, whether it turns without limits.
+        places: where each begins in q.
+        dofs: its place in v.
     """
 
     continuous: tuple[bool, ...]
+    places: tuple[int, ...]
+    dofs: tuple[int, ...]
 
     @classmethod
-    def of_chain(cls, model: pin.Model) -> JointTask:
-        """Return the task of a chain whose joints have one degree of freedom each."""
-        joints = model.joints[1:]
+    def of_joints(cls, model: pin.Model, chosen: np.ndarray | None = None) -> JointTask:
+        """Return the task of all joints (n), one degree of freedom each, or of those chosen (n)."""
+        own = [
+            (str(name), joint)
+            for name, joint in zip(model.names[1:], model.joints[1:], strict=True)
+            if chosen is None or chosen[joint.idx_v]
+        ]
         return cls(
             "joint",
-            tuple(str(name) for name in model.names[1:]),
-            tuple(joint.nq == 2 for joint in joints),
+            tuple(name for name, _ in own),
+            tuple(joint.nq == 2 for _, joint in own),
+            tuple(joint.idx_q for _, joint in own),
+            tuple(joint.idx_v for _, joint in own),
         )
 
     @property
@@ -196,10 +208,9 @@ class JointTask(Task):
         """Return the coordinates (m) of a configuration q (nq)."""
         if len(q) == self.size:
             return np.array(q, dtype=float)
-        x, i = np.empty(self.size), 0
-        for j, endless in enumerate(self.continuous):
+        x = np.empty(self.size)
+        for j, (i, endless) in enumerate(zip(self.places, self.continuous, strict=True)):
             x[j] = math.atan2(q[i + 1], q[i]) if endless else q[i]
-            i += 2 if endless else 1
         return x
 
     def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
@@ -209,8 +220,8 @@ class JointTask(Task):
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coordinates x (m) and v (m) itself."""
-        return self.of(q), np.array(v, dtype=float)
+        """Return the coordinates x (m) and their velocity (m)."""
+        return self.of(q), v[list(self.dofs)]
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates (m) of the measured q (nq); x is not used."""

@@ -145,7 +145,7 @@ def make_controller(
     if (
         adaptation is None
         and kind == "natural"
-        and not robot.contacts
+        and not robot.constraints
         and chosen.remembers
         and dynamics.per_body
     ):

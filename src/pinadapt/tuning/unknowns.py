@@ -28,7 +28,6 @@ from ..models.lumped import LumpedDynamics
 from ..models.task_kinematics import JointKinematics, TaskKinematics
 from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
-from ..robot.contacts import ContactConstraints
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
 from ..tasks.task import JointTask
@@ -225,7 +224,7 @@ class Unknown:
 
 
 def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKinematics:
-    """Return the kinematics of the model, with the constraints of its contacts.
+    """Return the kinematics of the model, with the constraints of the robot.
 
     By default the tool is unknown, of a joint task and of a robot that stands nothing.
 
@@ -233,8 +232,8 @@ def nominal_kinematics(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskKi
         InputError: unknown translations that cannot be used, or not by this law.
     """
     kinematics = _kinematics_of_task(robot, unknown, law)
-    if robot.contacts:
-        kinematics.constraints = ContactConstraints(robot.model, robot.contacts)
+    if robot.constraints:
+        kinematics.constraints = robot.constrained
     return kinematics
 
 
@@ -242,7 +241,7 @@ def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskK
     """Return the kinematics of the task; see ``nominal_kinematics``."""
     if isinstance(robot.task, JointTask):
         return JointKinematics(robot, unknown.translation_words(tool=False))
-    words = unknown.translation_words(tool=not robot.contacts)
+    words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
     geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
     others = [word for word in words if word not in (GEOMETRY, TRACKER, CAMERA, BASE)]
@@ -295,7 +294,7 @@ def nominal_dynamics(
     Raises:
         InputError: words or a basis that cannot be used.
     """
-    kinds = unknown.joint_kinds("none" if robot.contacts else joint)
+    kinds = unknown.joint_kinds("none" if robot.constraints else joint)
     stacked = bool(kinds) or robot.friction.present
     carrier = without_joint_effects(robot) if stacked else robot
     inertial: Dynamics = BodyDynamics(carrier, unknown.bodies)  # checks the words in any case

@@ -1,0 +1,136 @@
+"""The choice of constraint forces and motor torques, of which a torque that a law asks for is made."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+
+from ..exceptions import DivergedError, InputError, RobotError
+from ..robot.constraints import Contact
+from ..robot.robot import Robot
+
+_FORCES = 1e-4  # weight of squared forces [m^2]; half or double: the torques are as small to 1 %,
+# it only decides what no torque shows
+_SLACK = 1e6  # weight of a squared torque that is missed where there is no motor; half: misses
+# twice as much of what is infeasible, double: the solver needs more iterations
+_LEAST = 1e-9  # of the norm of the rows without motors, of a singular value that counts
+_NONE = 1e20  # what the solver takes for no limit
+
+
+class ConstraintForces:
+    """Motor torques tau and constraint forces f of a torque that a law asks for.
+
+    min |tau|^2 + w |f|^2 subject to S^T tau + A^T f = torque. Forces of contacts stay in friction
+    pyramids, unilateral, with the centre of pressure within the soles, and |tau| within the motors'
+    limits. Rows without a motor, those of a free base, are kept by f alone, and where that is
+    infeasible they are missed, by as little as possible, never a cone. Any such tau and f leave
+    dV/dt as it is, since A s = 0.
+
+    Attributes:
+        constraints: of the robot.
+    """
+
+    def __init__(self, robot: Robot, limits: np.ndarray | None) -> None:
+        """Take a robot with constraints, and limits of the torques (n) [N m or N] or None.
+
+        Raises:
+            RobotError: the constraints leave a motion that no motor moves.
+            InputError: the solver is not installed.
+        """
+        self.constraints, self._motors = robot.constrained, robot.motors
+        self._contacts = [part for part in robot.constraints if isinstance(part, Contact)]
+        self._solver = _solver() if self._contacts else None
+        self._limits = np.full(int(self._motors.sum()), _NONE)
+        if limits is not None:
+            self._limits = np.minimum(limits[self._motors], _NONE)
+        A, _ = self.constraints.at(robot.q0, np.zeros(robot.model.nv))
+        idle = A[:, ~self._motors]
+        if np.linalg.matrix_rank(idle, tol=_LEAST * np.linalg.norm(idle)) < idle.shape[1]:
+            raise RobotError(
+                "the constraints leave a motion that no motor moves.",
+                where="contacts" if self._contacts else "constraints",
+                hint="A free base is held by one sole or three point feet, not in a line.",
+            )
+
+    def torque(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Return the torques (n), zero where there is no motor, for a wanted torque (n).
+
+        Raises:
+            DivergedError: the wanted torque is not finite.
+        """
+        if not np.isfinite(wanted).all():
+            raise DivergedError("the torque is no longer finite.")
+        motors, A = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
+        own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
+        k, m = len(A), len(idle)
+        H = np.zeros((k + m, k + m))  # of the forces, and of what is missed
+        H[:k, :k] = own.T @ own + _FORCES * np.eye(k)
+        H[k:, k:] = _SLACK * np.eye(m)
+        g = np.concatenate([-own.T @ asked, np.zeros(m)])
+        equal, right = np.hstack([idle, np.eye(m)]), wanted[~motors]
+        if self._solver is None:
+            none = np.zeros((m, m))
+            KKT = np.block([[H, equal.T], [equal, none]])
+            f = np.linalg.solve(KKT, np.concatenate([-g, right]))[:k]
+        else:
+            cones = self._cones(k)
+            C = np.zeros((len(cones) + len(own), k + m))
+            C[: len(cones), :k], C[len(cones) :, :k] = cones, own
+            low = np.concatenate([np.zeros(len(cones)), asked - self._limits])
+            high = np.concatenate([np.full(len(cones), _NONE), asked + self._limits])
+            solve = self._solver.dense.solve
+            f = solve(H, g, equal, right, C, low, high, eps_abs=1e-9).x[:k]
+        torque = np.zeros(wanted.size)
+        torque[motors] = np.clip(asked - own @ f, -self._limits, self._limits)
+        return torque
+
+    def _cones(self, k: int) -> np.ndarray:
+        """Return the rows (., k) that are positive for possible forces of the contacts.
+
+        The contacts are the last of the constraints.
+        """
+        rows, first = [], k - sum(contact.size for contact in self._contacts)
+        for contact in self._contacts:
+            own, last = _pyramid(contact), first + contact.size
+            if contact.sole is not None:  # stated in the axes of the sole
+                own = own @ np.kron(np.eye(2), self.constraints.axes(contact.frame).T)
+            rows.append(np.zeros((len(own), k)))
+            rows[-1][:, first:last], first = own, last
+        return np.concatenate(rows)
+
+
+def _pyramid(contact: Contact) -> np.ndarray:
+    """Return the rows (., 3 or 6) that are positive for possible forces of a contact.
+
+    Of a sole also those of its centre of pressure, and of the torque about its normal, which
+    friction bounds at half of the mean half width.
+    """
+    mu = contact.friction / np.sqrt(2.0)  # the pyramid inside of the cone
+    rows = [[0.0, 0.0, 1.0]]
+    rows += [[sign * (i == 0), sign * (i == 1), mu] for i in (0, 1) for sign in (-1.0, 1.0)]
+    if contact.sole is None:
+        return np.array(rows)
+    length, width = contact.sole
+    rows = [[*row, 0.0, 0.0, 0.0] for row in rows]
+    lever = 0.5 * contact.friction * 0.5 * (length + width)
+    for i, half in enumerate((width, length, lever)):
+        rows += [[0.0, 0.0, half, *(sign * (j == i) for j in range(3))] for sign in (-1.0, 1.0)]
+    return np.array(rows)
+
+
+def _solver() -> ModuleType:
+    """Return the module of the solver, imported at first use.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        from proxsuite import proxqp
+    except ImportError as error:
+        raise InputError(
+            "the solver of the contact forces, proxsuite, is not installed.",
+            where="contacts",
+            hint='Install it: pip install "pinadapt[contacts]".',
+        ) from error
+    return proxqp
