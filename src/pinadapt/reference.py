@@ -118,7 +118,14 @@ def joint_motion(
         robot: the model of the robot; read only.
         s: (N) instants at even steps [s], N >= 3.
         q: (nq) where the search for the first configuration begins; None: home.
+
+    Raises:
+        InputError: the robot has constraints.
     """
+    if robot.constraints:
+        raise InputError(
+            "how fast a robot with constraints can move is not computed.", where="motion"
+        )
     model, data, n = robot.model, robot.model.createData(), robot.model.nv
     asked = [motion.at(float(each)) for each in s]
     if isinstance(robot.task, FrameTask):

@@ -256,6 +256,8 @@ def _load_chain(
         chosen, home = task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
     else:
         chosen, home = choose_task(model, tip, task, [shown, pin.neutral(model)], plane)
+    if q0 is not None and constraints:  # near which they hold
+        home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
     home = consistent(model, home, constraints)
     model = _regular(model, home, found.name)
     robot = Robot(
@@ -280,7 +282,7 @@ def _load_chain(
     )
     if isinstance(chosen, JointTask):
         robot = replace(robot, task=JointTask.of_joints(model, robot.motors))
-    return robot if q0 is None else robot.at(q0)
+    return robot if q0 is None or constraints else robot.at(q0)
 
 
 def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:

@@ -149,7 +149,8 @@ def simulate(
             start = {**found, **given, "a_k": found["a_k"]}
     state = prepare(plant, controller, trajectory, start, duration)
     believed = controller.kinematics.seen(state.a_k)
-    trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
+    if not believed.constraints:
+        trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
     robots = replace(Succession.of(true, events.changes), known=plant.described)
     events.check(controller, state)
     options: dict[str, Any] = {
