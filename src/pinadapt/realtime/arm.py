@@ -17,20 +17,16 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from .._checks import instance, positive, shown, vector, word
 from ..description.chain import effort_limits, velocity_limits
 from ..exceptions import ArmError, InputError
-from ..plants.plant import Plant, SimulatedPlant
+from ..plants.plant import Plant
 from ..plants.sensors import SimulatedSensors
 from ..records import Measurement, Sensors
-from ..robot.motors import Compensation, Gravity
+from ..robot.motors import Compensation
 from ..robot.robot import Robot
 
-_BRAKE = 20.0  # [1/s] of a simulated arm's brakes; half: it moves on for longer, twice: as well
-_REST = 1e-3  # [rad/s or m/s] of an arm that they have stopped, or after e^-20
-_SILENCE = 0.1  # [s] without a torque after which a simulated arm stops by itself
 _STARTING = 60.0  # [s] that a new process may take
 _NEEDED = ("t", "q", "v")  # signals of a measurement that a driver cannot leave out
 Frames = Callable[[], tuple[np.ndarray, float] | None]
@@ -56,7 +52,6 @@ class ArmFacts:
         torque: (n) limits of the torque [N m or N].
         torque_rate: (n) largest change of a torque [N m/s or N/s]; infinite for none.
         velocity: (n) limits of the joint velocity [rad/s or m/s].
-        silence: time without a torque after which the arm stops by itself [s].
     """
 
     name: str
@@ -68,7 +63,6 @@ class ArmFacts:
     paced: bool = True
     clock: str = "arm"
     compensation: Compensation | None = None
-    silence: float = _SILENCE
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -198,7 +192,7 @@ class PlantArm(Arm):
     """Any ``Plant`` as an arm in this process.
 
     Each ``read`` moves the plant on by one period, under the torque that was sent last; before the
-    first torque its brakes hold it.
+    first torque it rests.
 
     Attributes:
         plant: the plant.
@@ -211,7 +205,6 @@ class PlantArm(Arm):
         period: float = 1e-3,
         *,
         sensors: Sensors | None = None,
-        silence: float = _SILENCE,
         seed: int = 0,
     ) -> None:
         """Take a plant.
@@ -220,7 +213,6 @@ class PlantArm(Arm):
             plant: it is reset; it has a ``robot``, as a ``SimulatedPlant``.
             period: of its cycle [s].
             sensors: through which it is seen; None for perfect ones.
-            silence: time without a torque after which it stops by itself [s].
             seed: of the noise.
 
         Raises:
@@ -233,14 +225,13 @@ class PlantArm(Arm):
             period=period,
             clock="simulated",
             compensation=getattr(plant, "compensation", None),
-            silence=silence,
         )
         self._sensors = (
             None if sensors is None else SimulatedSensors(robot, period, sensors, seed=seed)
         )
         self._sent: np.ndarray | None = None
         self._given: np.ndarray | None = None
-        self._count, self._quiet = -1, 0  # the first measurement is of time zero
+        self._count = -1  # the first measurement is of time zero
         self.stopped = ""
         plant.reset()
 
@@ -251,14 +242,10 @@ class PlantArm(Arm):
             ArmError: the arm has stopped.
         """
         self._count += 1
-        if self._sent is not None and not self.stopped:
-            self._quiet += 1
-            if self._quiet * self.facts.period > self.facts.silence:
-                self.stop(f"no torque came for {self.facts.silence:g} s")
-            else:
-                self.plant.step(self._sent.copy(), self.facts.period)
         if self.stopped:
             raise ArmError(f"the arm has stopped: {self.stopped}.", where=self.facts.name)
+        if self._sent is not None:
+            self.plant.step(self._sent.copy(), self.facts.period)
         truth = self.plant.measure()._replace(t=self._count * self.facts.period)
         return truth if self._sensors is None else self._sensors.measure(truth, self._given)
 
@@ -270,31 +257,17 @@ class PlantArm(Arm):
         """
         self._sent = vector(torque, len(self.facts.joints), "torque", fills=False)
         self._given = self.plant.motors(self._sent.copy())
-        self._quiet = 0
 
     def stop(self, reason: str) -> None:
-        """Bring the plant to rest by brakes, as a real arm does by itself."""
-        moves = self._sent is not None and not self.stopped
+        """Stop: nothing moves or is measured any more."""
         self.stopped = self.stopped or reason.rstrip(".") or "stopped"
-        if not moves or not isinstance(self.plant, SimulatedPlant):
-            return
-        plant, period = self.plant, self.facts.period
-        gravity, data = Gravity(plant.robot), plant.robot.model.createData()
-        for _ in range(round(20.0 / _BRAKE / period)):
-            seen = plant.measure()
-            if not _REST < np.abs(seen.v).max() < np.inf:
-                return
-            added = 0.0 if plant.compensation is None else plant.compensation(seen.q)
-            inertia = np.diag(pin.crba(plant.robot.model, data, seen.q))
-            plant.step(gravity(seen.q) - added - _BRAKE * inertia * seen.v, period)
 
 
 class ProcessArm(Arm):
     """A plant that moves in a process of its own, on its own clock, behind a pipe.
 
     The process sends a measurement each period and applies the latest torque it has got, whether
-    the loop is late or not. If no torque comes for a while, or the loop's process has died, it
-    brings the plant to rest by its brakes.
+    the loop is late or not. It ends with the loop's process.
 
     Attributes:
         pid: of the process.
@@ -308,7 +281,6 @@ class ProcessArm(Arm):
         sensors: Sensors | None = None,
         core: int | None = None,
         priority: int | None = None,
-        silence: float = _SILENCE,
         timeout: float = 1.0,
         seed: int = 0,
     ) -> None:
@@ -321,7 +293,6 @@ class ProcessArm(Arm):
             sensors: through which it is seen; None for perfect ones.
             core: processor core for the process; None for any.
             priority: real-time priority of the process, if the system allows it; None: ordinary.
-            silence: time without a torque after which it stops by itself [s].
             timeout: for the next measurement [s].
             seed: of the noise.
 
@@ -330,7 +301,7 @@ class ProcessArm(Arm):
         """
         context = get_context("spawn")
         self._link, there = context.Pipe()
-        options = {"period": period, "sensors": sensors, "silence": silence, "seed": seed}
+        options = {"period": period, "sensors": sensors, "seed": seed}
         arguments = there, make, options, core, priority
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
@@ -405,7 +376,7 @@ def _serve(
     core: int | None,
     priority: int | None,
 ) -> None:
-    """Move a plant on its own clock until the loop ends, stops it, or goes silent."""
+    """Move a plant on its own clock until the loop stops it or ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
     try:
         with suppress(OSError, AttributeError):

@@ -125,7 +125,6 @@ class MoteusArm(Arm):
             period=period,
             paced=False,
             clock="host",
-            silence=silence,
         )
         signs, ratios, self._offset, scales = np.array(
             [(one.sign, one.ratio, one.offset, one.torque) for one in self.motors]
