@@ -351,6 +351,5 @@ def tell(options: argparse.Namespace) -> int:
     """
     value = None if options.value is None else _json(options.value, "value")
     for key, part in tell_loop(options.port, options.what, value).items():
-        if key != "about":
-            print(f"{key}: {part}")
+        print(f"{key}: {part}")
     return DONE

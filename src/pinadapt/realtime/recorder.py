@@ -369,7 +369,6 @@ class _LogProcess:
                 "adapting": bool(row["adapting"] == 1.0),
                 "step_us": float(row["step_us"]),
                 "messages": self._messages,
-                "about": self._about,
                 **{key: np.nan_to_num(row[key]).tolist() for key in numbers},
             }
         value = asked.get("value")
