@@ -190,10 +190,9 @@ class MoteusArm(Arm):
         values = self._moteus.parse_registers(bytes(message.data)).response
         mode, modes = int(values.get(register.MODE, 0)), self._moteus.Mode
         if mode in (modes.FAULT, modes.TIMEOUT):
-            fault = f"has fault {int(values.get(register.FAULT, 0))}"
-            what = "stopped by its watchdog" if mode == modes.TIMEOUT else fault
             raise ArmError(
-                f"the motor of {self.motors[k].joint} {what}.",
+                f"the motor of {self.motors[k].joint} has fault {values.get(register.FAULT, 0)}, or "
+                "was stopped by its watchdog.",
                 where=self.facts.name,
                 hint="Faults are listed in moteus' reference; they end with a stop command.",
             )

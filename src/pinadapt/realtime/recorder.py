@@ -551,11 +551,11 @@ class CycleLog:
         start: dict[str, Any] = {name: np.array(part) for name, part in begun["start"].items()}
         announced = {int(event["cycle"]): event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
-        found = []
+        found, stepped = [], self.stepped
         for k, row in enumerate(np.asarray(self.cycles)):
             if k in announced and state is not None:
                 state = controller.announce(state, payload=load_of(announced[k]))
-            if not self.stepped[k]:
+            if not stepped[k]:
                 continue
             m, given = measurement_of(row), np.array(row["given"])
             desired = Desired(*(np.array(row[name]) for name in ("x_d", "xd_d", "xdd_d")))
@@ -568,7 +568,7 @@ class CycleLog:
             state = state.gave(None if np.isnan(given).any() else given)
             torque, state = controller.step(state, m, desired, float(begun["period"]))
             found.append(torque)
-        logged = self.cycles.asked[self.stepped]
+        logged = self.cycles.asked[stepped]
         return ReplayedTorques(np.reshape(found, logged.shape), logged)
 
 
