@@ -81,7 +81,7 @@ def excite(options: argparse.Namespace) -> int:
     folder = Path(source).parent if _is_scenario(source) else Path()
     tables = exciting_tables(tables, motion, folder, out.parent)
     scenario = Scenario.build(tables, out.parent)
-    write_text(out, exciting_text(tables))
+    write_text(out, f"# {_HEADER}\n{tomlkit.dumps(tables)}")
     warn_of_findings(scenario)
     print(f"\npinadapt run {out}")
     return 0
@@ -187,16 +187,3 @@ def exciting_tables(
     whole["trajectory"] = motion.reference()
     whole["simulation"] = {**whole.get("simulation", {}), "duration": motion.duration}
     return whole
-
-
-def exciting_text(tables: Tables) -> str:
-    """Return tables as TOML text."""
-    document = tomlkit.document()
-    document.add(tomlkit.comment(_HEADER))
-    for key, value in tables.items():
-        document[key] = value
-    for name in ("cosine", "sine"):
-        rows = tomlkit.array().multiline(True)  # a line for each joint
-        rows.extend(tables["trajectory"][name])
-        document["trajectory"][name] = rows
-    return tomlkit.dumps(document)

@@ -191,8 +191,8 @@ class MoteusArm(Arm):
         mode, modes = int(values.get(register.MODE, 0)), self._moteus.Mode
         if mode in (modes.FAULT, modes.TIMEOUT):
             raise ArmError(
-                f"the motor of {self.motors[k].joint} has fault {values.get(register.FAULT, 0)}, or "
-                "was stopped by its watchdog.",
+                f"the motor of {self.motors[k].joint} has fault {values.get(register.FAULT, 0)}, "
+                "or was stopped by its watchdog.",
                 where=self.facts.name,
                 hint="Faults are listed in moteus' reference; they end with a stop command.",
             )

@@ -441,20 +441,14 @@ def watched(
     """
     from ..controller.state import Sample
 
-    state: ControllerState | None = None
     said = tell(port, "state")
     rest = np.zeros(controller.kinematics.task.size)
     while said["phase"] != PHASES[-1]:
         if said["cycle"]:
-            q, v = np.array(said["q"]), np.array(said["v"])
+            q, v, x_d, a_k, a_d = (np.array(said[name]) for name in ("q", "v", "x_d", "a_k", "a_d"))
             seen = Measurement(said["t"], q, v, robot.position(q))
-            state = controller.init(seen) if state is None else state
-            state = state._replace(
-                t=seen.t,
-                dynamic=state.dynamic.with_value(np.array(said["a_d"])),
-                kinematic=state.kinematic.with_value(np.array(said["a_k"])),
-            )
-            desired = Desired(np.array(said["x_d"]), rest, rest)
+            state = controller.init(seen, a_k=a_k, a_d=a_d)
+            desired = Desired(x_d, rest, rest)
             yield Sample(seen.t, seen, desired, state, np.full(v.size, math.nan), seen)
         time.sleep(1.0 / rate)
         try:
