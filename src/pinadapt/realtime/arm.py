@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import gc
-import math
 import os
 import signal
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, positive, shown, vector, word
+from .._checks import instance, positive, vector, word
 from ..description.chain import effort_limits, velocity_limits
 from ..exceptions import ArmError, InputError
 from ..plants.plant import Plant
@@ -28,7 +27,6 @@ from ..robot.motors import Compensation
 from ..robot.robot import Robot
 
 _STARTING = 60.0  # [s] that a new process may take
-_NEEDED = ("t", "q", "v")  # signals of a measurement that a driver cannot leave out
 Frames = Callable[[], tuple[np.ndarray, float] | None]
 """Returns x of a new frame and when it was taken [s], or None while there is no new one."""
 
@@ -87,46 +85,6 @@ class ArmFacts:
         limits = {"torque": effort_limits(model), "velocity": velocity_limits(model)}
         parts = {"name": robot.name, "joints": tuple(robot.joint_names), **limits, **given}
         return cls(**parts)  # type: ignore[arg-type]
-
-
-def as_measured(
-    given: Any, shapes: Mapping[str, tuple[int, ...]], t: float
-) -> tuple[Measurement, str]:
-    """Return a driver's measurement in new arrays, and what is wrong with it, or "".
-
-    Lists and integers are converted. What is wrong becomes NaN, a signal that may be missing None,
-    and a time that is none becomes t.
-
-    Args:
-        given: anything.
-        shapes: of the signals, by name.
-        t: expected time [s].
-    """
-    flaw, found = "", dict[str, Any]()
-    if not isinstance(given, Measurement):
-        flaw = f"`read` returned {shown(given)}; expected a pinadapt.Measurement"
-        given = Measurement(t, np.full(shapes["q"], np.nan), np.full(shapes["v"], np.nan))
-    for name, shape in shapes.items():
-        value, needed, words = getattr(given, name), name in _NEEDED, ""
-        if value is None and not needed:
-            continue
-        try:
-            array = np.array(value)
-            usable = array.dtype.kind in "fiu" and array.shape == shape
-        except Exception:  # whatever an object of a driver does
-            usable = False
-        if not usable:
-            what = f"{shape[0]} numbers" if shape else "a time"
-            words = f": expected {what}, got {shown(value)}"
-            array = np.full(shape, np.nan)
-        elif (needed or not shape) and not math.isfinite(np.vdot(array, array)):
-            words = " is not finite"
-        flaw = flaw or (words and f"measurement '{name}'{words}")
-        if usable or needed:
-            found[name] = array.astype(float) if shape else float(array)
-    if not math.isfinite(found["t"]):
-        found["t"] = t
-    return Measurement(**found), flaw
 
 
 class Arm(ABC):

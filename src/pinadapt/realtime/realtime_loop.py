@@ -34,13 +34,14 @@ from threadpoolctl import threadpool_limits
 from .._checks import instance, positive, vector, word
 from .._output import Sheet, Table
 from ..controller.controller import Controller
+from ..controller.inputs import InputCheck
 from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
 from ..records import Desired, Measurement
 from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
-from .arm import Arm, as_measured
+from .arm import Arm
 from .recorder import Recorder, load_of
 from .safety import Checklist, Safety, SafetyAction, SafetyFinding
 
@@ -276,13 +277,9 @@ class RealtimeLoop:
         self._recorder = recorder
         self._scheduling = Scheduling() if scheduling is None else scheduling
         self._say = say or partial(print, "pinadapt:", file=sys.stderr, flush=True)
-        n, task = kinematics.nv, kinematics.task
-        self._shapes = {"t": (), "q": (kinematics.nq,)}
-        self._shapes |= dict.fromkeys(("v", "a", "tau", "w"), (n,))
-        if kinematics.positions:  # a joint task ignores x
-            self._shapes |= {"x": (task.coordinates,), "x_time": (), "xd": (task.size,)}
+        self._inputs = InputCheck(kinematics, controller.dynamics.size)
         self._flaw = ""  # of the latest measurement
-        self._sent = np.zeros(n)  # torque by the loop, and that of the motors
+        self._sent = np.zeros(kinematics.nv)  # torque by the loop, and that of the motors
         self._given: np.ndarray | None = None
         self._state: ControllerState | None = None
         self._path: Trajectory = Hold()
@@ -439,9 +436,17 @@ class RealtimeLoop:
         Raises:
             ArmError: something is wrong with it before anything moves.
         """
-        m, self._flaw = as_measured(self._arm.read(), self._shapes, self._t + self._period)
+        given, kinematics = self._arm.read(), self._controller.kinematics
+        unknown = np.full(kinematics.nq, np.nan), np.full(kinematics.nv, np.nan)
+        m, self._flaw = Measurement(self._t + self._period, *unknown), ""
+        try:
+            m = self._inputs.measurement(given)._replace(tau=None)
+            m = m._replace(tau=self._inputs.torque(given.tau))
+            self._inputs.finite(m)
+        except Exception as error:  # whatever an object of a driver does
+            self._flaw = str(error).partition("\n")[0]
         if self._flaw and self._phase is Phase.STARTING:
-            raise ArmError(f"{self._flaw}.", where=self._facts.name)
+            raise ArmError(self._flaw, where=self._facts.name)
         self._t = m.t
         for name, value in self._recorder.commands() if self._recorder is not None else ():
             try:
