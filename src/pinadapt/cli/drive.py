@@ -38,10 +38,7 @@ _STAGES = {
     "slow": (Stage.SLOW, "the motion five times slower, without adaptation"),
     "adapt": (Stage.ADAPT, "the motion with adaptation"),
 }
-_COLLISION = {
-    "collision": (7, "NM", "external torques at which the robot's own reflex stops it"),
-    "forces": (6, "N", "the same for force and torque at the flange"),
-}
+_COLLISION = ("collision", "forces")
 _FRANKA = {
     "title": "Franka, load unknown",
     "robot": {"source": "panda", "task": "joint"},
@@ -84,10 +81,20 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--recover", action="store_true", help="acknowledge the error of an earlier run (Franka)"
     )
-    for name, (number, unit, text) in _COLLISION.items():
-        parser.add_argument(
-            f"--{name}", type=float, nargs=number, metavar=unit, help=f"{text} (Franka)"
-        )
+    parser.add_argument(
+        "--collision",
+        type=float,
+        nargs=7,
+        metavar="NM",
+        help="external torques at which the robot's own reflex stops it (Franka)",
+    )
+    parser.add_argument(
+        "--forces",
+        type=float,
+        nargs=6,
+        metavar="N",
+        help="the same for force and torque at the flange (Franka)",
+    )
     parser.add_argument("--core", type=at_least(1), metavar="N", help="processor core to stay on")
     parser.add_argument(
         "--safety",

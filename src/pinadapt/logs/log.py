@@ -30,7 +30,6 @@ _EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970; twelve 
 _SHORTEST = 1.0  # [s]; half as much leaves nothing to hold out
 _LONGEST_PERIOD = 0.2  # [s]; windows of four samples have no inertia left at twice as much
 _REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
-_MEASURED = 0.5  # share of the samples that must be finite, and within the joint limits
 _BEYOND = 0.5  # [rad or m] beyond a limit; half refuses other zeros, twice takes some degrees
 _MOVING = 0.02  # [rad/s or m/s] rms of a velocity that can be compared; half is noise of encoders
 _AVERAGED = 25  # samples over which velocities are averaged; half leaves noise of slow motions
@@ -249,7 +248,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     for name in ("q", "tau") if torques else ("q",):
         part = getattr(log, name)
         share = float(np.isfinite(part).mean(axis=0).min())
-        if share < _MEASURED:
+        if share < 0.5:
             refuse(
                 name,
                 f"only {share:.0%} of the samples of a joint are numbers.",
@@ -291,7 +290,7 @@ def _outside_limits(log: Log, robot: Robot) -> tuple[str, str] | None:
     low, high = position_limits(robot.model)
     outside = np.mean((log.q < low - _BEYOND) | (log.q > high + _BEYOND), axis=0)
     j = int(outside.argmax())
-    if outside[j] <= _MEASURED:
+    if outside[j] <= 0.5:
         return None
     least, most = np.nanmin(log.q[:, j]), np.nanmax(log.q[:, j])
     return (

@@ -29,10 +29,7 @@ from ..robot.motors import Gravity
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts, Frames
 
-JOINTS = 7
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
-TORQUE_RATE = 1000.0  # [N m/s]
-PERIOD = 1e-3  # [s]
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
@@ -76,9 +73,9 @@ class FrankaArm(Arm):
             import pylibfranka
         except ImportError as error:
             raise InputError(f"pylibfranka is missing: {error}.", hint=_INSTALL) from error
-        if robot.model.nv != JOINTS:
+        if robot.model.nv != len(TORQUE):
             raise InputError(
-                f"a Franka has {JOINTS} joints; the description has {robot.joint_names}.",
+                f"a Franka has {len(TORQUE)} joints; the description has {robot.joint_names}.",
                 where="robot",
                 hint="Lock the fingers, and take a frame behind the seventh joint.",
             )
@@ -87,7 +84,7 @@ class FrankaArm(Arm):
         self.address, self._camera = address, camera
         self._thresholds: list[list[float]] | None = None
         if collision is not None and forces is not None:
-            torques = vector(collision, JOINTS, "collision", fills=False).tolist()
+            torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()
             wrench = vector(forces, 6, "forces", fills=False).tolist()
             self._thresholds = [torques, torques, wrench, wrench]  # of contact and collision alike
         elif collision is not None or forces is not None:
@@ -96,9 +93,9 @@ class FrankaArm(Arm):
         self.facts = ArmFacts.of(
             robot,
             name=f"Franka at {address}",
-            period=PERIOD,
+            period=1e-3,  # of its control interface
             torque=TORQUE,
-            torque_rate=TORQUE_RATE,
+            torque_rate=1000.0,
             compensation=Gravity(robot),
         )
         try:  # any kernel: the loop says what the system denies
@@ -177,7 +174,7 @@ class FrankaArm(Arm):
         """
         if self._control is None:
             return
-        given = vector(torque, JOINTS, "torque", fills=False)
+        given = vector(torque, len(TORQUE), "torque", fills=False)
         try:
             self._control.writeOnce(self._vendor.Torques(given.tolist()))
         except self._failures as error:
@@ -193,7 +190,7 @@ class FrankaArm(Arm):
             return
         with suppress(*self._failures):
             control.readOnce()
-            torques = self._vendor.Torques([0.0] * JOINTS)
+            torques = self._vendor.Torques([0.0] * len(TORQUE))
             torques.motion_finished = True
             control.writeOnce(torques)
             return

@@ -53,7 +53,6 @@ _RINGING = 2.0  # [s] of the end of a run that are searched for ringing
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
 _FREE = 0.5  # [1/s] damping of a free drive
 _SLOWNESS = 5.0  # of a slow motion: half is too fast to step in, twice takes patience
-_ALL_PAGES = 3  # MCL_CURRENT | MCL_FUTURE of mlockall
 _PATIENCE = 2.0  # [s] for the first frame of a camera
 
 
@@ -108,7 +107,7 @@ class Scheduling:
             )
         if self.lock:
             system = ctypes.CDLL(None)
-            if system.mlockall(_ALL_PAGES):
+            if system.mlockall(3):  # MCL_CURRENT | MCL_FUTURE
                 notes.append(
                     "memory is not locked: paging may make cycles late; raise 'memlock' in "
                     "/etc/security/limits.conf"

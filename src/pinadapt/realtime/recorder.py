@@ -48,7 +48,7 @@ _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process 
 
 _MAGIC = b"\x89MCAP0\r\n"  # that an MCAP file begins and ends with
 
-_LINE = "=" * 80  # between parts of a definition
+_LINE = "================================================================================"
 _HEADER = f"""{_LINE}
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
