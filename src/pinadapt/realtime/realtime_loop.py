@@ -19,7 +19,7 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -120,34 +120,10 @@ class Scheduling:
                 undo()
 
 
-class Histogram:
-    """Histogram of times in bins of a microsecond; those above 100 ms share one bin."""
-
-    def __init__(self) -> None:
-        """Begin without times."""
-        self._counts = np.zeros(100_001, dtype=np.int64)
-        self.worst = 0.0
-
-    def add(self, seconds: float) -> None:
-        """Count a time [s]."""
-        self._counts[min(max(int(1e6 * seconds), 0), 100_000)] += 1
-        self.worst = max(self.worst, seconds)
-
-    @property
-    def count(self) -> int:
-        """How many times were counted."""
-        return int(self._counts.sum())
-
-    def above(self, seconds: float) -> int:
-        """Return how many times are longer [s]."""
-        return int(self._counts[int(1e6 * seconds) :].sum())
-
-    def row(self) -> list[str]:
-        """Return median, 99 %, 99.9 % and worst in microseconds."""
-        below = np.cumsum(self._counts) / max(self.count, 1)
-        return [f"{each:.0f}" for each in np.searchsorted(below, (0.5, 0.99, 0.999))] + [
-            f"{1e6 * self.worst:.0f}"
-        ]
+def quantiles(times: Counter[int]) -> list[str]:
+    """Return median, 99 %, 99.9 % and worst of times that were counted [us]."""
+    found = np.percentile(list(times.elements()) or [0], (50.0, 99.0, 99.9, 100.0))
+    return [f"{each:.0f}" for each in found]
 
 
 @dataclass
@@ -159,8 +135,8 @@ class RunResult:
         phases: time [s] since the start, phase, and why it was entered.
         cycles: how many there were.
         late: how many took more than one and a half periods, by either clock.
-        step: time from a measurement to its torque [s].
-        period: time between measurements by this computer's clock [s].
+        step: how often it took which time from a measurement to its torque [us].
+        period: the same of the time between measurements by this computer's clock [us].
         notes: what the system did not allow, and what else was noticed.
         state: the last state of the controller; None if it never began.
         failed: whether anything but a command or the end of the time ended it.
@@ -170,15 +146,15 @@ class RunResult:
     phases: list[tuple[float, str, str]] = field(default_factory=list)
     cycles: int = 0
     late: int = 0
-    step: Histogram = field(default_factory=Histogram)
-    period: Histogram = field(default_factory=Histogram)
+    step: Counter[int] = field(default_factory=Counter)
+    period: Counter[int] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     state: ControllerState | None = None
     failed: bool = False
 
     def __str__(self) -> str:
         """Return the histogram, the phases and the notes."""
-        times = [("step", *self.step.row()), ("period", *self.period.row())]
+        times = [("step", *quantiles(self.step)), ("period", *quantiles(self.period))]
         rows = [("cycles", str(self.cycles)), ("late", f"{self.late} by over half a period")]
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
         rows += [("note", note) for note in self.notes]
@@ -470,7 +446,7 @@ class RealtimeLoop:
             if torque is not None:
                 arm.send(torque.copy())
             spent = clock() - began
-            result.step.add(spent)
+            result.step[round(1e6 * spent)] += 1
             result.cycles += 1
             if recorder is not None:
                 self._tick |= {"step_us": 1e6 * spent, "phase": self._phase, "sent": self._sent}
@@ -490,7 +466,7 @@ class RealtimeLoop:
             m = self._read()
             arrived = clock()
             dt, host = m.t - earlier, arrived - before
-            result.period.add(host)
+            result.period[round(1e6 * host)] += 1
             host = 0.0 if self._facts.clock == "simulated" else host
             result.late += max(dt, host) > 1.5 * period
 
@@ -714,19 +690,21 @@ class RealtimeLoop:
         elif name == "hold" and moving:
             self._enter(Phase.HOLDING, "commanded", commanded=True)
         elif name == "go" and self._halted and isinstance(self._path, Retimed):
-            place = self._path.law.at(self._now)[0]
-            self._path = Retimed(self._path.motion, _Ramp(self._now, place, rising=True))
-            self._enter(Phase.RUNNING, "commanded", commanded=True)
+            self._go(self._path.motion, self._path.law.at(self._now)[0], "commanded")
         elif name == "reference" and self._halted:
             self._begin = self._t
-            self._path = Retimed(value, _Ramp(self._now, 0.0, rising=True))
-            self._enter(Phase.RUNNING, f"new reference, {value!r}", commanded=True)
+            self._go(value, 0.0, f"new reference, {value!r}")
         else:
             held = ", or before `hold`" if name == "reference" else ""
             raise InputError(
                 f"not while {self._phase.name.lower()} at stage '{self.stage.value}'{held}.",
                 where=name,
             )
+
+    def _go(self, motion: Trajectory, place: float, why: str) -> None:
+        """Move on along a motion from a place [s] of its own time, at rest there."""
+        self._path = Retimed(motion, _Ramp(self._now, place, rising=True))
+        self._enter(Phase.RUNNING, why, commanded=True)
 
 
 def _check_fit(arm: Arm, controller: Controller) -> None:
