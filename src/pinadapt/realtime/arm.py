@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from types import TracebackType
 from typing import Any
 
@@ -26,7 +27,7 @@ from ..records import Measurement, Sensors
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
 
-_STARTING = 60.0  # [s] that a new process may take
+_STARTING, _ENDING = 60.0, 10.0  # [s] that a process may take to start, and to end
 Frames = Callable[[], tuple[np.ndarray, float] | None]
 """Returns x of a new frame and when it was taken [s], or None while there is no new one."""
 
@@ -257,18 +258,9 @@ class ProcessArm(Arm):
         Raises:
             ArmError: the process does not start.
         """
-        context = get_context("spawn")
-        self._link, there = context.Pipe()
         options = {"period": period, "sensors": sensors, "seed": seed}
-        arguments = there, make, options, core, priority
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
-        self._process.start()
-        there.close()
+        self._process, self._link, facts = start_process(_serve, make, options, core, priority)
         self.pid, self._timeout, self._stopped = self._process.pid, timeout, ""
-        try:
-            facts = self._link.recv() if self._link.poll(_STARTING) else None
-        except (OSError, EOFError):
-            facts = None
         if not isinstance(facts, ArmFacts):
             self.close()
             raise facts or ArmError(
@@ -321,10 +313,35 @@ class ProcessArm(Arm):
 
     def close(self) -> None:
         """End the process."""
-        self._link.close()
-        self._process.join(2.0)
-        self._process.kill()
-        self._process.join(1.0)
+        end_process(self._process, self._link)
+
+
+def start_process(
+    serve: Callable[..., None], *arguments: Any
+) -> tuple[SpawnProcess, Connection, Any]:
+    """Start a process that serves one end of a pipe.
+
+    Returns:
+        The process, the other end, and the first that comes from there; None: it did not start.
+    """
+    context = get_context("spawn")
+    link, there = context.Pipe()
+    process = context.Process(target=serve, args=(there, *arguments), daemon=True)
+    process.start()
+    there.close()
+    try:
+        first = link.recv() if link.poll(_STARTING) else None
+    except (OSError, EOFError):
+        first = None
+    return process, link, first
+
+
+def end_process(process: SpawnProcess, link: Connection) -> None:
+    """Wait until a process ends that was told to; kill it if it does not."""
+    process.join(_ENDING)
+    process.kill()
+    process.join(1.0)
+    link.close()
 
 
 def _serve(

@@ -34,7 +34,7 @@ from .._version import __version__
 from ..exceptions import InputError, LogError, PinadaptError
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
-from .arm import _STARTING, MAIN
+from .arm import MAIN, end_process, start_process
 
 if TYPE_CHECKING:
     from ..controller.controller import Controller
@@ -163,18 +163,11 @@ class Recorder:
             "dynamic_names": json.dumps(list(controller.dynamics.names)),
             **(about or {}),
         }
-        self._link, there = context.Pipe()
-        arguments = shared, tick, about, self.path, there, server, dict(translate or {})
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
-        self._process.start()
+        arguments = shared, tick, about, self.path, server, dict(translate or {})
+        self._process, self._link, ready = start_process(_serve, *arguments)
         self.pid = self._process.pid
-        there.close()
         if server is not None:
             server.close()
-        try:
-            ready = self._link.poll(_STARTING) and self._link.recv()
-        except (OSError, EOFError):
-            ready = False
         if not ready:
             self.close()
             raise InputError("the process of the log has not started.", where=str(path), hint=MAIN)
@@ -218,10 +211,7 @@ class Recorder:
         """Have the rest written and end the process."""
         with suppress(OSError):
             self._link.send(None)
-        self._process.join(10.0)
-        self._process.kill()
-        self._process.join(1.0)
-        self._link.close()
+        end_process(self._process, self._link)
 
     def __enter__(self) -> Recorder:
         """Return the recorder."""
@@ -242,11 +232,11 @@ class _LogProcess:
 
     def __init__(
         self,
+        link: Connection,
         shared: tuple[Any, Any],
         tick: np.dtype[Any],
         about: dict[str, str],
         path: Path | None,
-        link: Connection,
         server: socket.socket | None,
         translate: dict[str, Translator],
     ) -> None:
@@ -380,11 +370,10 @@ class _LogProcess:
         return {"done": name}
 
 
-def _serve(*arguments: Any) -> None:
+def _serve(link: Connection, *arguments: Any) -> None:
     """Serve in the process beside the loop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
-    link = arguments[4]
-    process = _LogProcess(*arguments)
+    process = _LogProcess(link, *arguments)
     link.send(True)
     process.run()
 
