@@ -269,18 +269,17 @@ class ProcessArm(Arm):
         self.facts = replace(facts, clock="arm")  # its process keeps the time
 
     def read(self) -> Measurement:
-        """Wait for the next measurement and return the newest; frames of skipped ones stay.
+        """Wait for the next measurement and return the newest.
 
         Raises:
             ArmError: none comes in time, or the process has ended.
         """
-        name, frame = self.facts.name, None
+        name = self.facts.name
         try:
             if not self._link.poll(self._timeout):
                 raise ArmError(f"no measurement came for {self._timeout:g} s.", where=name)
             newest: Measurement = self._link.recv()
             while self._link.poll():
-                frame = newest if newest.x is not None else frame
                 newest = self._link.recv()
         except (OSError, EOFError) as error:
             raise ArmError(
@@ -288,9 +287,6 @@ class ProcessArm(Arm):
                 where=name,
                 hint="Its process has died or was stopped.",
             ) from error
-        if newest.x is None and frame is not None:
-            seen_at = frame.t if frame.x_time is None else frame.x_time
-            newest = newest._replace(x=frame.x, x_time=seen_at, xd=frame.xd)
         return newest
 
     def send(self, torque: np.ndarray) -> None:
