@@ -53,42 +53,17 @@ def ended_sooner(monkeypatch):
     monkeypatch.setattr("pinadapt.realtime.franka.ArmFacts", facts)
 
 
-def drive(server, stage, seconds, **options):
-    """Return ending, and positions (N, 7) and torques (N, 7) of a run.
-
-    It ends as by a second Ctrl-C, which damps at once: a path comes to rest in half a second.
-    """
-    q, sent = [], []
-    circle = pa.trajectories.Circle(robot().position(robot().q0), 0.04, 3.0)
-    server.camera()  # frames of an earlier connection, on another clock
-    with FrankaArm(server.address, robot(), camera=server.camera) as arm:
-        read, send = arm.read, arm.send
-
-        def reading():
-            m = read()
-            q.append(m.q)
-            if m.t - loop._begin >= seconds:
-                loop._signals = 2
-            return m
-
-        arm.read, arm.send = reading, lambda torque: (sent.append(torque), send(torque))
-        safety = Safety(late=10**6, contact=1.0)
-        options |= {"safety": safety, "scheduling": ORDINARY, "say": lambda words: None}
-        loop = RealtimeLoop(arm, controller(), circle, stage=stage, **options)
-        ending = loop.run()
-    return ending, np.array(q), np.array(sent)
-
-
-def test_log_only_sends_nothing(franka):
-    ending, q, sent = drive(franka, "log", 0.1)
-    assert not len(sent) and np.ptp(q, axis=0).max() < 1e-3
-    assert not ending.failed or ending.reason.startswith("late: ")
-
-
 def test_tool_and_load_are_learned_on_a_circle(franka, tmp_path):
     path, of = tmp_path / "franka.mcap", controller()
-    with Recorder(path, of) as recorder:
-        ending, *_ = drive(franka, "adapt", 1.0, recorder=recorder)
+    franka.camera()  # frames of an earlier connection, on another clock
+    circle = pa.trajectories.Circle(robot().position(robot().q0), 0.04, 3.0)
+    options = {"safety": Safety(late=10**6, contact=1.0), "scheduling": ORDINARY}
+    with (
+        Recorder(path, of) as recorder,
+        FrankaArm(franka.address, robot(), camera=franka.camera) as arm,
+    ):
+        loop = RealtimeLoop(arm, of, circle, stage="adapt", recorder=recorder, **options)
+        ending = loop.run(1.0)
     assert not ending.failed, ending
     log, model = CycleLog.read(path), robot().changed(tool_translation=TOOL)
     assert log.replay(of).same

@@ -21,7 +21,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from functools import partial
@@ -90,34 +90,30 @@ class Scheduling:
     def applied(self) -> Iterator[list[str]]:
         """Apply it, yield notes on what is not allowed, and take it back."""
         notes: list[str] = []
-        back: list[Callable[[], object]] = []
-        try:
-            if self.core is not None:
-                back.append(partial(os.sched_setaffinity, 0, os.sched_getaffinity(0)))
-                os.sched_setaffinity(0, {self.core})
-            if self.priority is not None:
-                former = os.sched_getscheduler(0), os.sched_getparam(0)
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
-                back.append(partial(os.sched_setscheduler, 0, *former))
-        except (OSError, AttributeError) as error:
-            notes.append(
-                f"no core of its own or real-time priority ({error}): other programs will make "
-                "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "
-                "yourself to the group"
-            )
-        if self.lock:
-            system = ctypes.CDLL(None)
-            if system.mlockall(3):  # MCL_CURRENT | MCL_FUTURE
+        with ExitStack() as back:
+            try:
+                if self.core is not None:
+                    back.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
+                    os.sched_setaffinity(0, {self.core})
+                if self.priority is not None:
+                    former = os.sched_getscheduler(0), os.sched_getparam(0)
+                    back.callback(os.sched_setscheduler, 0, *former)
+                    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
+            except (OSError, AttributeError) as error:
                 notes.append(
-                    "memory is not locked: paging may make cycles late; raise 'memlock' in "
-                    "/etc/security/limits.conf"
+                    f"no core of its own or real-time priority ({error}): other programs will make "
+                    "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "
+                    "yourself to the group"
                 )
-            back.append(system.munlockall)
-        try:
+            if self.lock:
+                system = ctypes.CDLL(None)
+                back.callback(system.munlockall)
+                if system.mlockall(3):  # MCL_CURRENT | MCL_FUTURE
+                    notes.append(
+                        "memory is not locked: paging may make cycles late; raise 'memlock' in "
+                        "/etc/security/limits.conf"
+                    )
             yield notes
-        finally:
-            for undo in back:
-                undo()
 
 
 def quantiles(times: Counter[int]) -> list[str]:

@@ -142,6 +142,8 @@ class Recorder:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self.path.write_bytes(b"")
         except OSError as error:
+            if server is not None:
+                server.close()
             raise InputError(
                 f"log or port {port} cannot be used: {error.strerror or error}.",
                 where=str(path),
