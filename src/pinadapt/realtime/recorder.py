@@ -105,14 +105,14 @@ class Recorder:
     """Writes the log of a loop and takes its commands, by a process of its own.
 
     Attributes:
-        path: of the log, or None.
+        path: of the log.
         port: on the loopback, or None.
         trouble: what is wrong with the log or its process, or an empty text.
     """
 
     def __init__(
         self,
-        path: Path | str | None,
+        path: Path | str,
         controller: Controller,
         *,
         about: Mapping[str, str] | None = None,
@@ -122,7 +122,7 @@ class Recorder:
         """Start the process.
 
         Args:
-            path: of the MCAP file, replaced if there is one; None for no log.
+            path: of the MCAP file, replaced if there is one.
             controller: whose cycles are recorded.
             about: texts kept with the log.
             port: for commands and state, on the loopback only; 0 takes any free one, None: none.
@@ -133,14 +133,13 @@ class Recorder:
             InputError: the file cannot be written, or the port is in use.
         """
         tick, kinematics = tick_of(controller), controller.kinematics
-        self.path, self.trouble = None if path is None else Path(path), ""
+        self.path, self.trouble = Path(path), ""
         server = None if port is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             if server is not None:
                 server.bind(("127.0.0.1", port))
-            if self.path is not None:
-                self.path.parent.mkdir(parents=True, exist_ok=True)
-                self.path.write_bytes(b"")
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_bytes(b"")
         except OSError as error:
             if server is not None:
                 server.close()
@@ -238,27 +237,22 @@ class _LogProcess:
         shared: tuple[Any, Any],
         tick: np.dtype[Any],
         about: dict[str, str],
-        path: Path | None,
+        path: Path,
         server: socket.socket | None,
         translate: dict[str, Translator],
     ) -> None:
         self._ring, self._counts = _views(shared, tick)
-        self._about, self._link, self._server = about, link, server
+        self._link, self._server = link, server
         self._translate, self._read = translate, 0
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
         self._start, self._zero = time.time_ns(), 0.0
         self._messages: list[str] = []
-        self._writer: Any = None
-        if path is not None:
-            self._open(path, float(about["period"]))
-
-    def _open(self, path: Path, period: float) -> None:
         from mcap.writer import CompressionType, Writer
 
         self._file = path.open("wb")
-        size = self._ring.itemsize * _CHUNK / period
-        self._writer = Writer(self._file, max(int(size), 1), CompressionType.ZSTD)
+        chunk = int(self._ring.itemsize * _CHUNK / float(about["period"]))
+        self._writer: Any = Writer(self._file, max(chunk, 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
         self._channels = {}
         for topic, kind in {
@@ -268,7 +262,7 @@ class _LogProcess:
         }.items():
             text = _DEFINITIONS.get(kind) or _definition(self._ring.dtype)
             schema = self._writer.register_schema(kind, "ros2msg", text.encode())
-            channel = self._writer.register_channel(topic, "cdr", schema, self._about)
+            channel = self._writer.register_channel(topic, "cdr", schema, about)
             self._channels[topic] = channel
 
     def run(self) -> None:
