@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import select
 import signal
 import socket
@@ -21,7 +22,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from io import BytesIO
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -481,22 +481,23 @@ class CycleLog:
 
         about: dict[str, str] = {}
         found: dict[str, list[bytes]] = {}
-        with read_as_data(Path(path), LogError):
-            content = Path(path).read_bytes()
-            reader = NonSeekingReader(BytesIO(content))
+        with read_as_data(Path(path), LogError), Path(path).open("rb") as file:
             with suppress(McapError, struct.error):  # where its end is missing
-                for _, channel, message in reader.iter_messages(log_time_order=False):
+                for _, channel, message in NonSeekingReader(file).iter_messages(
+                    log_time_order=False
+                ):
                     found.setdefault(channel.topic, []).append(message.data[4:])
                     about = channel.metadata
             if "/pinadapt/cycle" not in found:
                 raise LogError("has no cycle of a loop.", where=str(path))
+            file.seek(-len(_MAGIC), os.SEEK_END)
+            whole = file.read() == _MAGIC
             fields = [
                 (name, float, tuple(shape)) for name, shape in json.loads(about["record"]).items()
             ]
             data = b"".join(found["/pinadapt/cycle"])
             cycles = np.frombuffer(data, np.dtype(fields)).view(np.recarray)
             events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
-        whole = content.endswith(_MAGIC)
         return cls(about, cycles, events, whole)
 
     def __len__(self) -> int:
