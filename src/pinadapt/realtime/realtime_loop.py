@@ -37,7 +37,7 @@ from ..controller.controller import Controller
 from ..controller.inputs import InputCheck
 from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
-from ..records import Desired, Measurement
+from ..records import Measurement
 from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
@@ -323,7 +323,7 @@ class RealtimeLoop:
             lock.release()
 
     def _prepared(self) -> Measurement:
-        """Return the first measurement, with all code run and all memory touched before."""
+        """Return the first measurement, after the controller has run and its memory is touched."""
         arm, controller = self._arm, self._controller
         start = {
             k: np.asarray(part).tolist() for k, part in self._start.items() if part is not None
@@ -357,30 +357,23 @@ class RealtimeLoop:
         return m
 
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
-        """Run all code of a cycle from a state, beside the path, and forget what came of it.
+        """Run the controller from a state, beside the path, and forget what came of it.
 
         Raises:
             ArmError: the controller refuses the measurement.
         """
         controller, period = self._controller, self._period
-        checks = Checklist(self.safety, controller, self._facts)
         aside = self._path.shifted(np.full(controller.kinematics.task.size, _ASIDE))
-        torque = np.zeros(controller.kinematics.nv)
         for k in range(_WARM_UPS):
             m = m._replace(t=m.t + period)
             try:
                 desired = controller.desired(state, aside, k * period)
-                asked, state = controller.step(state.adapt(True), m, desired, period)
+                torque, state = controller.step(state.adapt(True), m, desired, period)
             except PinadaptError as error:
                 words = " ".join(str(error).split())
                 raise ArmError(f"cannot start: {words}", where=self._facts.name) from error
-            checks.of_arm(m, period)
-            self._check_motion(checks, state, desired, m, asked, period)
-            torque = checks.limited(asked, torque, period)
-            given = self._of_motors(torque, m)
-            state = state.gave(given)
             if m.tau is not None:  # the brakes hold the arm: it is not what is asked for
-                m = m._replace(tau=given)
+                m = m._replace(tau=self._of_motors(torque, m))
         controller.safe(state, m)
 
     def _first_frame(self) -> Measurement:
@@ -522,7 +515,12 @@ class RealtimeLoop:
         self._last.append(torque)
         self._state = after
         self._tick |= {"asked": torque, "adapting": adapting, **desired._asdict()}
-        finding = self._check_motion(self._checks, after, desired, m, torque, dt)
+        sensed, task = after.sensed, controller.kinematics.task
+        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
+        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
+        age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
+        pushed = None if self.stage is Stage.LOG else controller.disturbance(after)
+        finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
         self._tick["residual"] = self._checks.residual
         if finding is not None and finding.action is SafetyAction.REST:
             if self._calm > _CALM:
@@ -533,23 +531,6 @@ class RealtimeLoop:
         if self.stage is not Stage.LOG:
             self._respond(finding)
         return torque
-
-    def _check_motion(
-        self,
-        checks: Checklist,
-        state: ControllerState,
-        desired: Desired,
-        m: Measurement,
-        torque: np.ndarray,
-        dt: float,
-    ) -> SafetyFinding | None:
-        """Return the first finding about the motion after a step."""
-        sensed, task = state.sensed, self._controller.kinematics.task
-        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
-        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
-        age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
-        pushed = None if self.stage is Stage.LOG else self._controller.disturbance(state)
-        return checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
 
     def _of_motors(self, torque: np.ndarray, m: Measurement) -> np.ndarray:
         """Return the torque (n) of the motors, with what the arm adds by itself."""
