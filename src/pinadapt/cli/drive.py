@@ -279,14 +279,11 @@ def replay(options: argparse.Namespace) -> int:
     found = log.replay(scenario.controller)
     if not found.torque.size:
         raise InputError("this log contains no torque of a controller.", where=str(options.log))
+    names = scenario.controller.kinematics.joint_names
+    largest = np.abs(found.torque - found.logged).max(axis=0)
     rows = [
-        (name, *(f"{value:.4g}" for value in values))
-        for name, *values in zip(
-            scenario.controller.kinematics.joint_names,
-            found.difference,
-            np.abs(found.torque - found.logged).max(axis=0),
-            strict=True,
-        )
+        (name, f"{rms:.4g}", f"{most:.4g}")
+        for name, rms, most in zip(names, found.difference, largest, strict=True)
     ]
     header = ("[N m, N]", "difference, rms", "largest")
     print(Sheet(f"{len(log)} cycles of {options.log}", [Table(rows, header)]))

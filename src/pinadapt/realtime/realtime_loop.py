@@ -43,12 +43,11 @@ from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm
 from .recorder import Recorder, load_of
-from .safety import Checklist, Safety, SafetyAction, SafetyFinding
+from .safety import STILL, Checklist, Safety, SafetyAction, SafetyFinding
 
 _WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
 _ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
 _HALT, _HOLD = 0.3, 0.5  # [s] until the path rests; until damping, at most for twice as long
-_STILL = 0.02  # [rad/s or m/s] of joints that rest, once for a time constant of the damping
 _RINGING = 2.0  # [s] of the end of a run that are searched for ringing
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
 _FREE = 0.5  # [1/s] damping of a free drive
@@ -554,8 +553,8 @@ class RealtimeLoop:
         self._since += self._period
         if self._phase is Phase.HOLDING and self._since > _HOLD and not self._halted:
             self._enter(Phase.DAMPING, "the path rests")
-        elif self._phase is Phase.DAMPING:
-            still = np.abs(self._state.sensed.v).max() < _STILL
+        elif self._phase is Phase.DAMPING:  # at rest for a time constant of the damping
+            still = np.abs(self._state.sensed.v).max() < STILL
             self._quiet = self._quiet + self._period if still else 0.0
             if self._quiet * self.safety.damping > 1.0 or self._since > 2.0 * _HOLD:
                 self._enter(Phase.STOPPED, self.result.reason)

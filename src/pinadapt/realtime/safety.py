@@ -28,7 +28,7 @@ from .arm import ArmFacts
 _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation rests
 _SLOW = 2.0  # [1/s] up to which a disturbance is no contact; 1: as well; 4: 30 N on a UR5 are none
 _SETTLED = 0.33  # [s] in which all of it is none; half: a load rests the adaptation; twice: as well
-_STILL = 0.01  # [rad/s or m/s] up to which a joint rests at its stop; half or twice: as well
+STILL = 0.02  # [rad/s or m/s] up to which a joint rests, also at its stop; half: as well there
 
 # Words of the checks
 _STALE = "the last {value} measurements are of the same instant"
@@ -190,7 +190,7 @@ class Checklist:
         way = np.maximum(1.5 / safety.damping * speed, self._braked * speed**2)
         q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)  # not cosine and sine
         room = np.where(m.v > 0.0, self._upper - q, q - self._lower)
-        missing = np.where(speed > _STILL, way - room, 0.0)
+        missing = np.where(speed > STILL, way - room, 0.0)
         if self.latched:
             return SafetyFinding("latch", self.latched, SafetyAction.DAMP)
         return self._first(
