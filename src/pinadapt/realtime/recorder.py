@@ -407,9 +407,7 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
     return reply
 
 
-def watched(
-    port: int, controller: Controller, robot: Robot, *, rate: float = 30.0
-) -> Iterator[Sample]:
+def watched(port: int, controller: Controller, robot: Robot) -> Iterator[Sample]:
     """Yield samples of a running loop as a live view takes them, until it ends.
 
     The process of the log answers, not the loop. The torque is not in the samples: between
@@ -419,7 +417,6 @@ def watched(
         port: of the loop, on this machine.
         controller: as the loop has it.
         robot: that is shown where the arm is; of a real arm the description.
-        rate: samples a second.
 
     Raises:
         InputError: no loop answers there.
@@ -435,7 +432,7 @@ def watched(
             state = controller.init(seen, a_k=a_k, a_d=a_d)
             desired = Desired(x_d, rest, rest)
             yield Sample(seen.t, seen, desired, state, np.full(v.size, math.nan), seen)
-        time.sleep(1.0 / rate)
+        time.sleep(1.0 / 30.0)  # smooth to the eye
         try:
             said = tell(port, "state")
         except InputError:
