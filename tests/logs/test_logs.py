@@ -105,7 +105,6 @@ def flawed(log, robot):
         "at least 1 s are needed": replace(log, t=1e-3 * log.t),
         "are the times in seconds? --rate": replace(log, t=1e3 * log.t),
         "the torque of shoulder_pan_joint is zero": replace(log, tau=0.0 * log.tau),
-        "--degrees": replace(log, q=np.degrees(log.q), v=None),
         "57.3 times the rate": replace(log, v=np.degrees(log.v)),
         "-1 times the rate": replace(log, v=-log.v),
         "only 0%": replace(log, tau=np.nan * log.tau),
