@@ -28,9 +28,6 @@ from ..robot.motors import Compensation
 from ..robot.robot import Robot
 
 _STARTING, _ENDING = 60.0, 10.0  # [s] that a process may take to start, and to end
-Frames = Callable[[], tuple[np.ndarray, float] | None]
-"""Returns x of a new frame and when it was taken [s], or None while there is no new one."""
-
 MAIN = "In a script, what starts processes stands below `if __name__ == '__main__':`."
 
 
@@ -164,7 +161,6 @@ class PlantArm(Arm):
         period: float = 1e-3,
         *,
         sensors: Sensors | None = None,
-        seed: int = 0,
     ) -> None:
         """Take a plant.
 
@@ -172,7 +168,6 @@ class PlantArm(Arm):
             plant: it is reset; it has a ``robot``, as a ``SimulatedPlant``.
             period: of its cycle [s].
             sensors: through which it is seen; None for perfect ones.
-            seed: of the noise.
 
         Raises:
             InputError: no plant, or one without a robot.
@@ -186,7 +181,7 @@ class PlantArm(Arm):
             compensation=getattr(plant, "compensation", None),
         )
         self._sensors = (
-            None if sensors is None else SimulatedSensors(robot, period, sensors, seed=seed)
+            None if sensors is None else SimulatedSensors(robot, period, sensors, seed=0)
         )
         self._sent: np.ndarray | None = None
         self._given: np.ndarray | None = None
@@ -241,7 +236,6 @@ class ProcessArm(Arm):
         core: int | None = None,
         priority: int | None = None,
         timeout: float = 1.0,
-        seed: int = 0,
     ) -> None:
         """Start the process.
 
@@ -253,12 +247,11 @@ class ProcessArm(Arm):
             core: processor core for the process; None for any.
             priority: real-time priority of the process, if the system allows it; None: ordinary.
             timeout: for the next measurement [s].
-            seed: of the noise.
 
         Raises:
             ArmError: the process does not start.
         """
-        options = {"period": period, "sensors": sensors, "seed": seed}
+        options = {"period": period, "sensors": sensors}
         self._process, self._link, facts = start_process(_serve, make, options, core, priority)
         self.pid, self._timeout, self._stopped = self._process.pid, timeout, ""
         if not isinstance(facts, ArmFacts):

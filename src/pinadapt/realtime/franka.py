@@ -27,7 +27,7 @@ from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.motors import Gravity
 from ..robot.robot import Robot
-from .arm import Arm, ArmFacts, Frames
+from .arm import Arm, ArmFacts
 
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
@@ -52,7 +52,6 @@ class FrankaArm(Arm):
         collision: ArrayLike | None = None,
         forces: ArrayLike | None = None,
         recover: bool = False,
-        camera: Frames | None = None,
     ) -> None:
         """Connect; nothing moves.
 
@@ -63,7 +62,6 @@ class FrankaArm(Arm):
             forces: (6) the same for force and torque at the flange [N, N m]; both are set, or with
                 None for both those of the robot stay.
             recover: acknowledge the error of an earlier run.
-            camera: returns x of a new frame and its time on the robot's clock [s], or None.
 
         Raises:
             InputError: pylibfranka is missing, no answer, a description of another arm, or another
@@ -81,7 +79,7 @@ class FrankaArm(Arm):
             )
         self._vendor: Any = pylibfranka
         self._failures = (pylibfranka.FrankaException, RuntimeError)  # of which its others are
-        self.address, self._camera = address, camera
+        self.address = address
         self._thresholds: list[list[float]] | None = None
         if collision is not None and forces is not None:
             torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()
@@ -124,15 +122,10 @@ class FrankaArm(Arm):
                 state, _ = self._control.readOnce()
         except self._failures as error:
             raise self._broken(error) from error
-        t = float(state.time.to_sec())
-        seen = None if self._camera is None else self._camera()
-        x, x_time = (None, None) if seen is None else (seen[0], min(seen[1], t))
         return Measurement(
-            t,
+            float(state.time.to_sec()),
             np.array(state.q),
             np.array(state.dq),
-            x=x,
-            x_time=x_time,
             tau=np.array(state.tau_J),
         )
 
