@@ -97,6 +97,21 @@ def test_many_late_cycles_hold_damp_and_stop_in_this_order():
     assert rests(loop)
 
 
+def test_torques_that_do_not_reach_the_arm_hold_it():
+    class Deaf(PlantArm):
+        def read(self):
+            self.received = 0.98 if self._count < 75 else 0.6
+            return super().read()
+
+    loop = Loop(arm(kind=Deaf), "hold")
+    ending = loop.ended()
+    assert loop.phases == OUT and ending.failed and ending.received == 0.6
+    assert ending.reason.startswith("commands: 40% of the last torques")
+    assert "at least 60% of the last torques" in str(ending)
+    silent = Loop(seconds=0.05).ended()
+    assert np.isnan(silent.received) and "received" not in str(silent)
+
+
 def test_an_arm_without_a_cycle_is_paced_by_deadlines():
     """The plant moves by a period in each cycle, of which the clock allows no more."""
     follower = arm()

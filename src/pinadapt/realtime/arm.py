@@ -95,9 +95,12 @@ class Arm(ABC):
 
     Attributes:
         facts: what it declares.
+        received: share of the last torques that have reached the arm, updated by ``read``; NaN
+            if unknown.
     """
 
     facts: ArmFacts
+    received: float = np.nan
 
     @abstractmethod
     def read(self) -> Measurement:

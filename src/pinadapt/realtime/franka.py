@@ -7,6 +7,8 @@ Conventions of the Franka Control Interface, 1 kHz:
   ``compensated="nominal"``, and what is wrong in the robot's own gravity is learned like any load.
 * ``tau_J``, the measured torque, has gravity in it and is ``Measurement.tau``.
 * The torque may change by 1000 N m/s. The time is the robot's, in milliseconds.
+* ``control_command_success_rate``, the share of the last 100 commands that the robot has received,
+  is ``received`` once 100 were sent; before and without control it is 0 or counts fewer.
 * Above the collision thresholds the robot stops by its reflex; then, and after errors, it waits for
   a recovery. A torque that stays out for some cycles is an error too, so a killed program stops it.
 
@@ -105,6 +107,7 @@ class FrankaArm(Arm):
                 hint="Is this the address of the control box, and FCI activated in Desk?",
             ) from error
         self._control: Any = None
+        self._commands = 0
         self._stopped = ""
 
     def read(self) -> Measurement:
@@ -120,6 +123,8 @@ class FrankaArm(Arm):
                 state = self._robot.read_once()
             else:
                 state, _ = self._control.readOnce()
+                if self._commands >= 100:  # of which the robot states the share
+                    self.received = float(state.control_command_success_rate)
         except self._failures as error:
             raise self._broken(error) from error
         return Measurement(
@@ -170,6 +175,7 @@ class FrankaArm(Arm):
         given = vector(torque, len(TORQUE), "torque", fills=False)
         try:
             self._control.writeOnce(self._vendor.Torques(given.tolist()))
+            self._commands += 1
         except self._failures as error:
             raise self._broken(error) from error
 

@@ -132,6 +132,7 @@ class RunResult:
         late: how many took more than one and a half periods, by either clock.
         step: how often it took which time from a measurement to its torque [us].
         period: the same of the time between measurements by this computer's clock [us].
+        received: least share of its last torques that the arm has received; NaN: not reported.
         notes: what the system did not allow, and what else was noticed.
         state: the last state of the controller; None if it never began.
         failed: whether anything but a command or the end of the time ended it.
@@ -143,6 +144,7 @@ class RunResult:
     late: int = 0
     step: Counter[int] = field(default_factory=Counter)
     period: Counter[int] = field(default_factory=Counter)
+    received: float = math.nan
     notes: list[str] = field(default_factory=list)
     state: ControllerState | None = None
     failed: bool = False
@@ -151,6 +153,8 @@ class RunResult:
         """Return the histogram, the phases and the notes."""
         times = [("step", *quantiles(self.step)), ("period", *quantiles(self.period))]
         rows = [("cycles", str(self.cycles)), ("late", f"{self.late} by over half a period")]
+        if not math.isnan(self.received):
+            rows.append(("received", f"at least {self.received:.0%} of the last torques"))
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
         rows += [("note", note) for note in self.notes]
         histogram = Table(times, ("[us]", "median", "99 %", "99.9 %", "worst"))
@@ -456,15 +460,16 @@ class RealtimeLoop:
             dt, host = m.t - earlier, arrived - before
             result.period[round(1e6 * host)] += 1
             host = 0.0 if self._facts.clock == "simulated" else host
+            result.received = float(np.fmin(arm.received, result.received))
             result.late += max(dt, host) > 1.5 * period
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
         recorder, state = self._recorder, self._state
         assert state is not None
-        self._tick |= {"given": self._given, "asked": None}
+        self._tick |= {"given": self._given, "received": self._arm.received, "asked": None}
         self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
-        finding = self._checks.of_arm(m, dt, host)
+        finding = self._checks.of_arm(m, dt, host, self._arm.received)
         if self._flaw:
             finding = SafetyFinding("driver", self._flaw, SafetyAction.DAMP)
         if finding is None and recorder is not None and recorder.trouble and not self._leaving:

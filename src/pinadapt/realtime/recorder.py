@@ -73,7 +73,7 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
     sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
     sizes |= {"q": kinematics.nq, "x": x, "x_d": x, "xd": m, "xd_d": m, "xdd_d": m}
     sizes |= {"a_k": kinematics.size, "a_d": controller.dynamics.size}
-    one = ("t", "host", "dt", "phase", "adapting", "step_us", "x_time")
+    one = ("t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time")
     return np.dtype(
         [(name, float) for name in one] + [(name, float, (size,)) for name, size in sizes.items()]
     )
