@@ -1,5 +1,6 @@
 """A Franka by its vendor's client, against ``franky-sim``: the protocol is real, the arm is not."""
 
+import json
 from functools import cache, partial
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ import pinadapt as pa
 from pinadapt.cli import main
 from pinadapt.realtime import ArmFacts, CycleLog, RealtimeLoop, Recorder, Safety
 from tests.support.arms import ORDINARY
-from tests.support.franka_server import TOOL, Franka
+from tests.support.franka_server import MASS, TOOL, Franka
 
 pytestmark = pytest.mark.slow
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
@@ -94,3 +95,14 @@ def test_one_command_identifies_the_load(franka, tmp_path, capsys):
     assert np.abs((cycles.q - cycles.x_d)[log_of.stepped]).max() < 5e-3
     assert main(["drive", "franka", "--hold", *log]) == 2
     assert "ADDRESS: is needed" in capsys.readouterr().err
+
+
+def test_a_load_that_is_told_is_compensated(franka, tmp_path):
+    """The hand is turned against the flange, in whose axes the load is given."""
+    x, y, z = TOOL + np.array([0.0, 0.0, 0.1034])
+    load = json.dumps({"mass": MASS, "com": [(x + y) / 2**0.5, (y - x) / 2**0.5, z]})
+    path = str(tmp_path / "run.mcap")
+    given = ["--gravity", "--duration", "0.2", "--load", load, "--log", path]
+    assert main(["drive", "franka", franka.address, *given, "--safety", "late=1000000"]) == 0
+    q = CycleLog.read(path).cycles.q
+    assert np.abs(q - q[0]).max() < 1e-3

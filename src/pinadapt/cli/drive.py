@@ -24,9 +24,10 @@ from ..realtime.recorder import tell as tell_loop
 from ..realtime.safety import Safety
 from ..records import Measurement
 from ..reference import starting_from
+from ..robot.changes import Payload
 from ..robot.robot import Robot
-from ..scenario.scenario import Scenario, trajectory_of
-from ..scenario.tables import Tables, made, read_tables, setting, with_values
+from ..scenario.scenario import Scenario, described_robot, trajectory_of
+from ..scenario.tables import Tables, at_folder, made, put, read_tables, setting, with_values
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
 from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, at_least
@@ -82,6 +83,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--recover", action="store_true", help="acknowledge the error of an earlier run (Franka)"
     )
     parser.add_argument(
+        "--load",
+        metavar="JSON",
+        help="load that is set on the robot, which then compensates it (Franka): mass, com "
+        """and inertia in the axes of the flange, such as '{"mass": 0.7, "com": [0, 0, 0.1]}'""",
+    )
+    parser.add_argument(
         "--collision",
         type=float,
         nargs=7,
@@ -119,6 +126,10 @@ def drive(options: argparse.Namespace) -> int:
     safety: Safety = made(Safety, given, "safety")
     _check_arm(options)
     tables, folder = _tables(options)
+    load = None
+    if options.load is not None:
+        load = made(Payload, _json(options.load, "--load"), "--load")
+        _carry(load, tables, folder)
     scenario = Scenario.build(tables, folder)
     controller = scenario.controller
     for finding in preflight(controller, controller.period):
@@ -132,7 +143,7 @@ def drive(options: argparse.Namespace) -> int:
     }
     translate = {"reference": partial(_new_motion, scenario.estimated)}
     recorder = Recorder(path, controller, about=about, port=options.port, translate=translate)
-    with recorder, _connect(options, scenario) as arm:
+    with recorder, _connect(options, scenario, load) as arm:
         print(f"log {path}, commands at port {recorder.port}: pinadapt tell {recorder.port} stop")
         loop = RealtimeLoop(
             arm,
@@ -177,7 +188,7 @@ def _check_arm(options: argparse.Namespace) -> None:
         InputError: it is refused.
     """
     kind = options.kind
-    for name in _COLLISION:
+    for name in ("load", *_COLLISION):
         if kind != "franka" and getattr(options, name) is not None:
             raise InputError("is set on a Franka only.", where=f"--{name}")
     if kind == "franka" and options.address is None:
@@ -193,7 +204,7 @@ def _check_arm(options: argparse.Namespace) -> None:
         )
 
 
-def _connect(options: argparse.Namespace, scenario: Scenario) -> Arm:
+def _connect(options: argparse.Namespace, scenario: Scenario, load: Payload | None) -> Arm:
     """Return the arm of the options.
 
     Raises:
@@ -211,13 +222,44 @@ def _connect(options: argparse.Namespace, scenario: Scenario) -> Arm:
 
         given = {name: getattr(options, name) for name in _COLLISION}
         known = {name: value for name, value in given.items() if value is not None}
-        return FrankaArm(address, scenario.estimated, recover=options.recover, **known)
+        return FrankaArm(address, scenario.estimated, load=load, recover=options.recover, **known)
     file, _, name = kind.rpartition(":")
     found = runpy.run_path(file).get(name)
     arm = None if found is None else found(address, scenario.estimated)
     if not isinstance(arm, Arm):
         raise InputError("is not a pinadapt.realtime.Arm.", where=kind)
     return arm
+
+
+def _json(text: str, where: str) -> Any:
+    """Return what a JSON text states.
+
+    Raises:
+        InputError: it is not valid JSON.
+    """
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise InputError(f"is not valid JSON: {error}.", where=where) from error
+
+
+def _carry(load: Payload, tables: Tables, folder: Path) -> None:
+    """Write into tables that the robot carries a load, whose gravity it compensates itself.
+
+    Raises:
+        InputError: the scenario has a load already, or its robot no flange.
+    """
+    from ..realtime.franka import at_task_frame
+
+    if "payload" in tables.get("controller", {}):
+        raise ScenarioError(
+            "is also given by --load; give only one of them.", where="controller.payload"
+        )
+    seen = at_task_frame(load, described_robot(at_folder(tables, folder)))
+    com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
+    known = {"mass": seen.mass, "com": com, "inertia": inertia}
+    put(tables, "controller.payload", known)
+    put(tables, "controller.compensated", {"payload": known})
 
 
 def _motors(scenario: Scenario, channel: str | None) -> Arm:
@@ -311,10 +353,7 @@ def tell(options: argparse.Namespace) -> int:
     Raises:
         InputError: no answer, or the command is refused.
     """
-    try:
-        value = None if options.value is None else json.loads(options.value)
-    except ValueError as error:
-        raise InputError(f"is not valid JSON: {error}.", where="value") from error
+    value = None if options.value is None else _json(options.value, "value")
     for key, part in tell_loop(options.port, options.what, value).items():
         print(f"{key}: {part}")
     return DONE

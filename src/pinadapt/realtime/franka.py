@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from .._checks import vector
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
+from ..robot.changes import Payload
 from ..robot.motors import Gravity
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts
@@ -53,6 +54,7 @@ class FrankaArm(Arm):
         *,
         collision: ArrayLike | None = None,
         forces: ArrayLike | None = None,
+        load: Payload | None = None,
         recover: bool = False,
     ) -> None:
         """Connect; nothing moves.
@@ -63,6 +65,9 @@ class FrankaArm(Arm):
             collision: (7) torques beyond the model at which the robot's own reflex stops it [N m].
             forces: (6) the same for force and torque at the flange [N, N m]; both are set, or with
                 None for both those of the robot stay.
+            load: that is set on the robot, which then compensates its gravity; ``robot`` must have
+                it too, see ``at_task_frame``. com and inertia are given in the axes of the flange.
+                None: nothing is set.
             recover: acknowledge the error of an earlier run.
 
         Raises:
@@ -89,7 +94,7 @@ class FrankaArm(Arm):
             self._thresholds = [torques, torques, wrench, wrench]  # of contact and collision alike
         elif collision is not None or forces is not None:
             raise InputError("collision and forces are set together.", where="collision")
-        self._recover = recover
+        self._load, self._recover = load, recover
         self.facts = ArmFacts.of(
             robot,
             name=f"Franka at {address}",
@@ -159,6 +164,10 @@ class FrankaArm(Arm):
                 )
             if self._thresholds is not None:
                 self._robot.set_collision_behavior(*self._thresholds)
+            if self._load is not None:
+                seen = self._load.spatial_inertia()
+                inertia = seen.inertia.ravel().tolist()
+                self._robot.set_load(seen.mass, seen.lever.tolist(), inertia)
             self._control = self._robot.start_torque_control()
         except self._failures as error:
             raise self._broken(error) from error
@@ -208,3 +217,22 @@ class FrankaArm(Arm):
         hint = _RECOVER if reflex else "Is the cable in, and the control box on?"
         kind = "has stopped the motion" if reflex else "does not answer"
         return ArmError(f"{kind}: {words}.", where=self.facts.name, hint=hint)
+
+
+def at_task_frame(load: Payload, robot: Robot) -> Payload:
+    """Return a load that is given in the axes of the flange in those of the task frame.
+
+    Raises:
+        InputError: the description has no flange, a frame whose name ends in "link8".
+        RobotError: impossible mass or inertia.
+    """
+    model = robot.model
+    flange = next((frame for frame in model.frames if frame.name.endswith("link8")), None)
+    task = model.frames[robot.frame_id]
+    if flange is None or flange.parentJoint != task.parentJoint:
+        raise InputError(
+            "has no frame '..._link8', the flange, on the body of the task frame.", where="robot"
+        )
+    seen = task.placement.actInv(flange.placement).act(load.spatial_inertia())
+    full = seen.inertia
+    return Payload(seen.mass, seen.lever, full[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
