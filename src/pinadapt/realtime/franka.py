@@ -33,6 +33,8 @@ from ..robot.robot import Robot
 from .arm import Arm, ArmFacts
 
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
+COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
+FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
@@ -52,8 +54,8 @@ class FrankaArm(Arm):
         address: str,
         robot: Robot,
         *,
-        collision: ArrayLike | None = None,
-        forces: ArrayLike | None = None,
+        collision: ArrayLike = COLLISION,
+        forces: ArrayLike = FORCES,
         load: Payload | None = None,
         recover: bool = False,
     ) -> None:
@@ -63,8 +65,7 @@ class FrankaArm(Arm):
             address: of the control box.
             robot: its description, seven joints; the gravity that the arm adds is taken from it.
             collision: (7) torques beyond the model at which the robot's own reflex stops it [N m].
-            forces: (6) the same for force and torque at the flange [N, N m]; both are set, or with
-                None for both those of the robot stay.
+            forces: (6) the same for force and torque at the flange [N, N m].
             load: that is set on the robot, which then compensates its gravity; ``robot`` must have
                 it too, see ``at_task_frame``. com and inertia are given in the axes of the flange.
                 None: nothing is set.
@@ -87,13 +88,9 @@ class FrankaArm(Arm):
         self._vendor: Any = pylibfranka
         self._failures = (pylibfranka.FrankaException, RuntimeError)  # of which its others are
         self.address = address
-        self._thresholds: list[list[float]] | None = None
-        if collision is not None and forces is not None:
-            torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()
-            wrench = vector(forces, 6, "forces", fills=False).tolist()
-            self._thresholds = [torques, torques, wrench, wrench]  # of contact and collision alike
-        elif collision is not None or forces is not None:
-            raise InputError("collision and forces are set together.", where="collision")
+        torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()
+        wrench = vector(forces, len(FORCES), "forces", fills=False).tolist()
+        self._thresholds = torques, torques, wrench, wrench  # of contact and collision alike
         self._load, self._recover = load, recover
         self.facts = ArmFacts.of(
             robot,
@@ -140,7 +137,7 @@ class FrankaArm(Arm):
         )
 
     def begin(self) -> None:
-        """Set what is to be set, and take over the control.
+        """Set collision behaviour and load, and take over the control.
 
         Raises:
             ArmError: the robot is in error, stopped by its user, or controlled by someone else.
@@ -162,8 +159,7 @@ class FrankaArm(Arm):
                     where=self.facts.name,
                     hint="Release the user stop, unlock the brakes in Desk, end other programs.",
                 )
-            if self._thresholds is not None:
-                self._robot.set_collision_behavior(*self._thresholds)
+            self._robot.set_collision_behavior(*self._thresholds)
             if self._load is not None:
                 seen = self._load.spatial_inertia()
                 inertia = seen.inertia.ravel().tolist()
