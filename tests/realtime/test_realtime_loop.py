@@ -112,6 +112,25 @@ def test_torques_that_do_not_reach_the_arm_hold_it():
     assert np.isnan(silent.received) and "received" not in str(silent)
 
 
+def test_a_read_that_hangs_damps_the_arm_by_the_clock_of_this_computer():
+    """By its own clock it takes one period."""
+    on = faulty(lambda arm, m: time.sleep(11.0 * PERIOD * (arm.cycle == 20)) or m, at=20)
+    on.facts = replace(on.facts, clock="arm")
+    loop = Loop(on, safety=Safety(late=10**6))
+    assert loop.ended().failed and loop.phases == ["running", "damping", "stopped"]
+    assert re.match(r"late: \d+\.?\d* periods passed", loop.loop.result.reason)
+
+
+def test_two_loops_on_one_arm_are_refused():
+    def fault(arm, m):
+        if arm.cycle == arm.at:
+            with pytest.raises(ArmError, match="is driven by another loop"):
+                Loop(arm, "hold").run()
+        return m
+
+    assert not Loop(faulty(fault), "hold").ended().failed
+
+
 def test_an_arm_without_a_cycle_is_paced_by_deadlines():
     """The plant moves by a period in each cycle, of which the clock allows no more."""
     follower = arm()
@@ -271,6 +290,25 @@ def test_nonsense_from_a_driver_ends_the_loop_damped_and_says_what_it_was(name, 
     assert re.match(f"driver: {words}", ending.reason)
     assert ending.failed and loop.phases == ["running", "damping", "stopped"]
     assert np.isfinite(loop.arm.sent).all() and (rests(loop) or (name, lasting) == ("no q", True))
+
+
+@pytest.mark.parametrize("name", ["no q", "short q", "complex v"])
+def test_without_measurements_the_arm_is_braked_by_its_model_for_15_ms(name):
+    seen, gravity = [], pa.robot.Gravity(robot())
+    on = faulty(lambda arm, m: seen.append(m) or NONSENSE[name][0](m), at=20, true=robot())
+    assert Loop(on).ended().failed and len(seen) == 4
+    for m, torque in zip(seen[1:3], on.sent[-2:], strict=True):  # the first changes by its rate
+        assert ((torque - gravity(m.q)) * m.v).max() < 0.0
+
+
+def test_measurements_that_fail_slowly_stop_the_arm_by_the_clock_of_this_computer():
+    def fault(arm, m):
+        time.sleep(2.0 * PERIOD)
+        return m._replace(q=None)
+
+    on = faulty(fault, at=20)
+    on.facts = replace(on.facts, clock="arm")
+    assert Loop(on).ended().failed and on.cycle <= 21  # not four periods
 
 
 def test_a_torque_that_is_not_finite_is_not_sent():

@@ -35,6 +35,7 @@ from .._checks import instance, positive, vector, word
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.inputs import InputCheck
+from ..controller.sensing import LASTS
 from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
 from ..records import Measurement
@@ -253,6 +254,7 @@ class RealtimeLoop:
         self._say = say or partial(print, "pinadapt:", file=sys.stderr, flush=True)
         self._inputs = InputCheck(kinematics, controller.dynamics.size)
         self._flaw = ""  # of the latest measurement
+        self._blind = 0.0  # [s] by this computer's clock, without q and v
         self._sent = np.zeros(kinematics.nv)  # torque by the loop, and that of the motors
         self._given: np.ndarray | None = None
         self._state: ControllerState | None = None
@@ -460,6 +462,8 @@ class RealtimeLoop:
             dt, host = m.t - earlier, arrived - before
             result.period[round(1e6 * host)] += 1
             host = 0.0 if self._facts.clock == "simulated" else host
+            lost = self._flaw and not (np.isfinite(m.q).all() or np.isfinite(m.v).all())
+            self._blind = self._blind + host if lost else 0.0
             result.received = float(np.fmin(arm.received, result.received))
             result.late += max(dt, host) > 1.5 * period
 
@@ -545,7 +549,7 @@ class RealtimeLoop:
         """Return the torque (n) that compensates gravity and damps [1/s], even if sensors fail."""
         assert self._state is not None
         torque, self._state = self._controller.safe(self._state, m, damping=damping, hold=hold)
-        unseen = self._state.unseen
+        unseen = self._state.unseen | (self._blind > max(LASTS - self._period, 0.0))
         if unseen.any():
             names = ", ".join(np.array(self._facts.joints)[unseen])
             words = f"neither q nor v of {names} is measured any more; it needs brakes"
