@@ -172,7 +172,7 @@ def hold(of, on, stage="hold", motion=None, seconds=0.2):
 
 def test_the_node_of_ros_drives_an_arm(ros):
     on = loaded("ros2", "RosArm")("/arm", robot())
-    assert (on.facts.period, on.facts.silence) == (PERIOD, 0.05)
+    assert on.facts.period == PERIOD
     ending = hold(joints(), on)
     assert not ending.failed and len(ros.efforts) > 100 and not ros.running
     assert np.abs(ros.plant.plant.measure().q - robot().q0).max() < 1e-3

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from .._output import check_writable
 from ..exceptions import InputError
@@ -98,25 +97,19 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
         InputError: a folder holds no sweep, or something is varied that the folder has fixed.
     """
     path: Path = options.scenario
-    own = {
-        name: getattr(options, name)
-        for name in ("samples", "method", "repeat", "seed", "timeout", "success")
-    }
+    names = ("samples", "method", "repeat", "seed", "timeout", "success")
+    own = {name: getattr(options, name) for name in names}
     if not path.is_dir():
         plan = Plan.read(path, options.vary, options.set, **own)
         return plan, options.out or Path("out") / f"{path.stem}-sweep"
-    fixed = [name for name in ("samples", "method", "repeat", "seed") if own[name] is not None]
-    fixed += [name for name in ("vary", "set") if getattr(options, name)]
+    fixed = [name for name in (*names, "vary", "set") if getattr(options, name) not in (None, [])]
     if fixed:
         raise InputError(
             f"{', '.join(fixed)}: the folder holds a sweep, which says this.",
             where=str(path),
             hint=f"Change a copy of {path / COPY} and run that in another folder.",
         )
-    changed: dict[str, Any] = {
-        name: own[name] for name in ("timeout", "success") if own[name] is not None
-    }
-    return Plan.of(Plan.load(path).tables() | changed), path
+    return Plan.load(path), path
 
 
 def _alone(plan: Plan, number: int, folder: Path) -> int:
