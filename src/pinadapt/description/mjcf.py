@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ..exceptions import RobotError
 from .chain import effort_limits, is_physical, is_slide, links_of, position_limits
-from .urdf import flaws_of_numbers, xml_text
+from .urdf import check_numbers, xml_text
 from .urdf_writer import axis_of, digits, first_comment, free_name
 
 _COMPILED = (
@@ -24,12 +24,10 @@ _COMPILED = (
 _SKIPPED = ("include", "attach", "replicate", "composite", "flexcomp", "frame", "plugin")
 # Pinocchio does not compute the inertia of these shapes.
 _NO_INERTIA = ("mesh", "ellipsoid", "hfield", "sdf")
-_NUMBERS = dict.fromkeys(
-    (
-        *("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "fromto"),
-        *("size", "mass", "density", "diaginertia", "fullinertia", "armature", "gravity", "qpos"),
-        *("damping", "frictionloss", "scale", "actuatorfrcrange"),
-    )
+_NUMBERS = (
+    *("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "fromto"),
+    *("size", "mass", "density", "diaginertia", "fullinertia", "armature", "gravity", "qpos"),
+    *("damping", "frictionloss", "scale", "actuatorfrcrange"),
 )
 
 
@@ -55,6 +53,8 @@ class Mjcf:
             RobotError: an element that Pinocchio would ignore, text in place of a number, or a
                 negative mass.
         """
+        for element in root.iter():
+            check_numbers(element, _NUMBERS, None, path)
         for flaw in _flaws(root):
             raise RobotError(f"{flaw}.", where=str(path), hint=_COMPILED)
         if loops := [*root.iter("connect"), *root.iter("weld")]:
@@ -113,7 +113,6 @@ def _flaws(root: ElementTree.Element) -> Iterator[str]:
     for element in root.iter():
         if element.tag in _SKIPPED:
             yield f"Pinocchio does not read <{element.tag}>"
-        yield from flaws_of_numbers(element, _NUMBERS)
         if float(element.get("mass", "0")) < 0.0:
             yield f"<{element.tag}> has a negative mass, {element.get('mass')} kg"
     for body in root.iter("body"):

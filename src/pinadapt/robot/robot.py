@@ -296,10 +296,10 @@ class Robot:
         of the task frame, joint damping and friction. Paths of meshes are made absolute. For any
         other source only the chain is written, without shapes.
 
-        A changed inertia is written to the first link of the body. The other links that are fixed
-        or locked to it keep their inertia as long as that of the first link remains physical, else
-        a part of it. A moved task frame is written as its own fixed joint if it is a last link,
-        else as a new link, ``<frame>_learned``.
+        What changed of a body is written to its first link; links that are fixed or locked to it
+        keep their inertia as long as that of the first link remains physical. A moved task frame is
+        written as its own fixed joint if it is a last link, else as a new link,
+        ``<frame>_learned``.
 
         A URDF does not contain gravity or the placement of the base. Rotor inertias and effects of
         the joints beside viscous and Coulomb friction are written as attributes of ``dynamics``
