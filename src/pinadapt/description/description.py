@@ -182,31 +182,22 @@ def named_description(name: str) -> tuple[Path, Mapping[str, str], Mapping[str, 
         RobotError: the package is not installed, has no such description, or cannot download it.
     """
     try:
-        package = import_module("robot_descriptions")
-    except ImportError as error:
+        known = import_module("robot_descriptions").DESCRIPTIONS
+        module = import_module(f"robot_descriptions.{name}") if name in known else None
+    except Exception as error:  # of the import, git, the network, the disk
         raise RobotError(
-            f"the package robot_descriptions, needed for '{name}', is not installed.",
+            f"the package robot_descriptions does not give '{name}' ({error}).",
             where="source",
-            hint='Install it: pip install "pinadapt[descriptions]".',
-        ) from error
-    if name not in package.DESCRIPTIONS:
-        raise RobotError(
-            f"the package robot_descriptions has no '{name}'."
-            f"{did_you_mean(name, package.DESCRIPTIONS)}",
-            where="source",
-        )
-    try:
-        module = import_module(f"robot_descriptions.{name}")
-    except Exception as error:  # of git, the network, the disk
-        raise RobotError(
-            f"robot_descriptions could not fetch '{name}' ({error}).",
-            where="source",
-            hint="At its first use a description is cloned from GitHub with git: try again online, "
-            "or set ROBOT_DESCRIPTIONS_CACHE to a folder that already contains it.",
+            hint='Install it: pip install "pinadapt[descriptions]". At its first use a description '
+            "is cloned from GitHub with git: try again online, or set ROBOT_DESCRIPTIONS_CACHE to "
+            "a folder that already contains it.",
         ) from error
     kinds = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
     path = next((getattr(module, kind) for kind in kinds if hasattr(module, kind)), None)
     if path is None:
-        raise RobotError(f"'{name}' has no URDF, xacro or MJCF file.", where="source")
+        raise RobotError(
+            f"the package robot_descriptions has no '{name}'.{did_you_mean(name, known)}",
+            where="source",
+        )
     arguments = {} if hasattr(module, "URDF_PATH") else getattr(module, "XACRO_ARGS", {})
     return Path(path), arguments, getattr(module, "XACRO_PACKAGE_PATHS", {})

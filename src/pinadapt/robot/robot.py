@@ -317,10 +317,9 @@ class Robot:
     def mjcf(self) -> str:
         """Return this robot as MJCF, the format of MuJoCo: the chain alone, without shapes.
 
-        It holds inertias, limits, rotor inertias (``armature``), viscous friction (``damping``),
-        Coulomb friction (``frictionloss``), constant torques (an actuator each) and shafts of two
-        joints (a fixed tendon each). A first comment says which effects of the joints it does not
-        hold. Each joint has a motor, the task frame is a site.
+        It holds inertias, limits, rotor inertias (``armature``), viscous friction (``damping``) and
+        Coulomb friction (``frictionloss``). A first comment says which effects of the joints it
+        does not hold. Each joint has a motor, the task frame is a site.
 
         Raises:
             RobotError: a body without a physical inertia.
