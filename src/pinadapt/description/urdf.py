@@ -18,10 +18,6 @@ from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand
 
 ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _REQUIRED = {"mass": ("value",), "inertia": ENTRIES}
-_TAGS = (
-    *("origin", "axis", "mass", "inertia", "limit", "dynamics", "mimic"),
-    *("box", "sphere", "cylinder", "capsule", "mesh"),
-)
 _VECTORS = ("xyz", "rpy", "size", "scale")  # of three numbers
 _NUMBERS = (
     *(*ENTRIES, "value", "lower", "upper", "effort", "velocity", "multiplier", "offset"),
@@ -83,8 +79,8 @@ class Urdf:
             )
         for part in [*root.findall("link"), *root.findall("joint")]:
             for element in part.iter():
-                owner = f"{part.tag} '{part.get('name', '')}', "
-                if element.tag in _TAGS:
+                if ":" not in element.tag:
+                    owner = f"{part.tag} '{part.get('name', '')}', "
                     for name in _REQUIRED.get(element.tag, ()):
                         element.attrib.setdefault(name, "")
                     own = element.attrib if element.tag == "dynamics" else _NUMBERS

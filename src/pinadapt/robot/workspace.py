@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import ceil, exp, floor, log10, pi, sqrt
@@ -29,7 +28,6 @@ from .robot import Robot
 _RATIO, _SIZES = 0.8, 18  # radii tried: a geometric sequence down to 2 % of the largest
 _STEPS, _TURNS = 40, 1.5  # of the inverse kinematics a turn, and how far it goes
 _LEAST_SINGULAR = 0.5  # relative to the smallest singular value at home
-_TRACKED = 0.05  # [radii] and [rad], largest errors of the inverse kinematics
 _RETURN = 4.0  # [rad/s], bandwidth of the return to the home pose in the null space, as in the laws
 _PERIOD = 3.0  # [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing
 _SPEED = 1.5  # [rad/s], largest on a circle; of a slide half of it in m/s
@@ -258,32 +256,26 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         J = pin.computeFrameJacobian(of.model, data, q, of.frame_id, axes)
         return arms[:, None] * J[task.rows]
 
-    at_home = _least_singular([jacobian(robot, q)])
+    at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
     circle, home_share = path.motion(m), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
     at = [circle.at(k / _STEPS).x_d for k in range(int(_TURNS * _STEPS) + 2)]
-    damping = (0.01 * at_home) ** 2 * np.eye(task.size)
-    passed, places, fastest = list[np.ndarray](), [q], np.zeros(model.nv)
-    start = target = tool.position(q)
+    least, places, fastest = np.inf, [q], np.zeros(model.nv)
+    start = tool.position(q)
     for position in at[1:]:
-        angles = angles_from_configuration(model, q)
-        x, J = task.at(model, data, tool.frame_id, q), jacobian(tool, q)
-        passed.append(J)
-        away, turned = np.split(task.error(target, x), [m])
-        lost = away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2
-        if lost or (angles < low).any() or (angles > high).any():
+        angles, J = angles_from_configuration(model, q), jacobian(tool, q)
+        U, singular, V = np.linalg.svd(J, full_matrices=False)
+        least = min(least, float(singular[-1] / at_home))
+        if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
             return None
-        psi = home_share * pin.difference(model, q, robot.q0)
         offset = np.zeros(task.size)
         offset[:m] = position - at[0]
-        target = task.moved(start, offset)
-        to_go = arms * task.error(target, x)
-        step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
+        x = task.at(model, data, tool.frame_id, q)
+        to_go = arms * task.error(task.moved(start, offset), x)
+        psi = home_share * pin.difference(model, q, robot.q0)
+        step = psi + V.T @ (U.T @ (to_go - J @ psi) / singular)
         fastest = np.maximum(fastest, np.abs(step))
         q = pin.integrate(model, q, step)
         places.append(q)
-    least = _least_singular(passed) / at_home
-    if least < _LEAST_SINGULAR:
-        return None
     if robot.mounting is not None:
         distances = robot.mounting.distances(model, tool.frame_id, places)
         if distances[0] >= 0.0 > distances.min():
@@ -291,12 +283,6 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
     speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
     return least, fastest * _STEPS / speeds
-
-
-def _least_singular(Js: Sequence[np.ndarray]) -> float:
-    """Return the smallest singular value of all matrices (m, n)."""
-    J = np.array(Js)
-    return sqrt(max(np.linalg.eigvalsh(J @ J.swapaxes(1, 2))[:, 0].min(), 0.0))
 
 
 def _margin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
