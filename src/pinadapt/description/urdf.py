@@ -18,6 +18,10 @@ from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand
 
 ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _REQUIRED = {"mass": ("value",), "inertia": ENTRIES}
+_TAGS = (
+    *("origin", "axis", "mass", "inertia", "limit", "dynamics", "mimic"),
+    *("box", "sphere", "cylinder", "capsule", "mesh"),
+)
 _VECTORS = ("xyz", "rpy", "size", "scale")  # of three numbers
 _NUMBERS = (
     *(*ENTRIES, "value", "lower", "upper", "effort", "velocity", "multiplier", "offset"),
@@ -79,7 +83,7 @@ class Urdf:
             )
         for part in [*root.findall("link"), *root.findall("joint")]:
             for element in part.iter():
-                if ":" not in element.tag:
+                if element.tag in _TAGS:
                     owner = f"{part.tag} '{part.get('name', '')}', "
                     for name in _REQUIRED.get(element.tag, ()):
                         element.attrib.setdefault(name, "")

@@ -45,15 +45,12 @@ class WorkspaceCircle:
         phase: angle of the home position on the circle, from the first axis [rad].
         radius: [m].
         period: time of one revolution [s].
-        least_singular: smallest singular value of the task Jacobian along the circle, relative to
-            that at home.
     """
 
     plane: str
     phase: float
     radius: float
     period: float
-    least_singular: float
 
     def motion(self, size: int) -> Circle:
         """Return the circle around the origin in two or three coordinates; two are its plane."""
@@ -134,7 +131,7 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
     described, *others = [robot.changed(tool_translation=shift) for shift in shifts]
     for size in largest * length * _RATIO ** np.arange(_SIZES):
         paths = [
-            WorkspaceCircle(plane, phase, rounded_down(size), 1.0, 1.0)
+            WorkspaceCircle(plane, phase, rounded_down(size), 1.0)
             for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2))
         ]
         followed = [(run, path) for path in paths if (run := _follow(robot, described, path))]
@@ -143,9 +140,9 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
             while len(runs) <= len(others) and (run := _follow(robot, others[len(runs) - 1], path)):
                 runs.append(run)
             if len(runs) > len(others):
-                least, slowest = min(run[0] for run in runs), max(run[1].max() for run in runs)
-                period = max(_PERIOD * sqrt(max(length, 1.0)), float(slowest))
-                return replace(path, period=ceil(10 * period) / 10, least_singular=least)
+                slowest = max(float(run[1].max()) for run in runs)
+                period = max(_PERIOD * sqrt(max(length, 1.0)), slowest)
+                return replace(path, period=ceil(10 * period) / 10)
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
         "the joint limits and away from singularities.",
