@@ -27,7 +27,7 @@ LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be 
 MOST_SAMPLES, MOST_PARAMETERS = 100_000, 10_000  # that are drawn, or adapted
 
 _SHORT = Repr()
-_SHORT.maxlong, _SHORT.maxstring, _SHORT.maxother = 24, 60, 60
+_SHORT.maxstring = _SHORT.maxother = 60
 
 
 def shown(value: object) -> str:

@@ -39,7 +39,6 @@ from .home import MountingPlane
 
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
 _UNITS = ("rad, rad/s, N m", "m, m/s, N")
-_SHOWN = 100  # characters of a list of names
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -413,7 +412,7 @@ def robot_sheet(robot: Robot) -> Sheet:
         ("moving mass", f"{robot.mass:.4g} kg"),
         ("reach", f"{robot.reach:.4g} m"),
         *(
-            (word, shorten(", ".join(names), _SHOWN, placeholder=" ..."))
+            (word, shorten(", ".join(names), 100, placeholder=" ..."))
             for word, names in (("other ends", robot.ends), ("locked joints", robot.locked))
             if names
         ),

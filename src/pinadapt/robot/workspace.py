@@ -26,14 +26,13 @@ from .home import MARGIN
 from .robot import Robot
 
 _RATIO, _SIZES = 0.8, 18  # radii tried: a geometric sequence down to 2 % of the largest
-_STEPS, _TURNS = 40, 1.5  # of the inverse kinematics a turn, and how far it goes
-_LEAST_SINGULAR = 0.5  # relative to the smallest singular value at home
+_STEPS = 40  # of the inverse kinematics a turn; 20, 80: the same radii of all robots
+# relative to the smallest singular value at home; 0.25: three of 129 robots get larger circles
+_LEAST_SINGULAR = 0.5
 _RETURN = 4.0  # [rad/s], bandwidth of the return to the home pose in the null space, as in the laws
 _PERIOD = 3.0  # [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing
 _SPEED = 1.5  # [rad/s], largest on a circle; of a slide half of it in m/s
 _SHARE = 0.8  # of the velocity and effort limits in the description
-_SWING = 0.3  # [rad], largest amplitude of a joint; of a slide a third of it in m
-_SPREAD = 1.5  # longest period of a joint, relative to the shortest
 
 
 @dataclass(frozen=True)
@@ -195,10 +194,10 @@ def find_swing(robot: Robot) -> JointSwing:
         )
     margin = _margin(lower, upper)
     first = _PERIOD * sqrt(max(robot.reach, 1.0))
-    period = np.round(first * np.linspace(1.0, _SPREAD, model.nv), 1)
+    period = np.round(first * np.linspace(1.0, 1.5, model.nv), 1)
     slides = list(robot.slides.values())
     most = np.minimum(
-        np.where(slides, _SWING / 3.0, _SWING),
+        np.where(slides, 0.1, 0.3),  # [m], [rad]
         _SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
     room = np.array([upper - home, home - lower]) - margin
@@ -255,7 +254,7 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
     circle, home_share = path.motion(m), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
-    at = [circle.at(k / _STEPS).x_d for k in range(int(_TURNS * _STEPS) + 2)]
+    at = [circle.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
     least, places, fastest = np.inf, [q], np.zeros(model.nv)
     start = tool.position(q)
     for position in at[1:]:

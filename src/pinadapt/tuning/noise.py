@@ -83,10 +83,6 @@ SIGMA = "sigma"
 MODIFICATIONS = ("projection", SIGMA, "e1", "dead-zone", "normalised")
 Given: TypeAlias = str | Sequence[str] | Mapping[str, Any] | None
 
-_LEAK_RATE = 0.05  # [1/s]
-_E1, _OFF = 0.2, 1e-3  # [1/s] in a loop that is 1 mrad or 1 mm off at the bandwidth
-_DEVIATIONS = 3.0  # of the noise, for a dead zone
-
 
 class Tuning(NamedTuple):
     """A tuned loop, from which the sizes of modifications follow.
@@ -158,11 +154,11 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], tuning: Tuning) 
         if name == "projection":
             adaptation = MassMatrixProjection(adaptation, motion.dynamics, motion.robot)
         elif name == SIGMA:
-            default = tuning.settings.leak or _LEAK_RATE
+            default = tuning.settings.leak or 0.05  # [1/s]
             adaptation = Leak(adaptation, default if gain is None else gain)
         elif name == "e1":
-            size = _of_velocity(tuning, _OFF * tuning.bandwidth, "modifications.e1")
-            adaptation = ErrorLeak(adaptation, _E1 if gain is None else gain, size)
+            size = _of_velocity(tuning, 1e-3 * tuning.bandwidth, "modifications.e1")
+            adaptation = ErrorLeak(adaptation, 0.2 if gain is None else gain, size)  # [1/s]
         elif name == "dead-zone":
             zone = _noise(tuning) if gain is None else gain
             adaptation = DeadZone(adaptation, zone)
@@ -186,7 +182,7 @@ def _noise(tuning: Tuning) -> float:
             where=where,
             hint="Give the size, or the sensors: pa.Sensors(encoder=...) or noise=.",
         )
-    return _of_velocity(tuning, _DEVIATIONS * tuning.jitter, where)
+    return _of_velocity(tuning, 3.0 * tuning.jitter, where)
 
 
 def _of_velocity(tuning: Tuning, size: float, where: str) -> float:

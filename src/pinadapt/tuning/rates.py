@@ -62,7 +62,6 @@ RATES = (
 )  # as users write them
 
 _THICKNESS = 1e-2  # least thickness of the last body, as a share of the reach
-_THINNEST = 1e-4  # [m]
 _LOAD = 0.1  # load that the last body may have, as a share of the robot's mass
 
 # of the bandwidth: forgetting of least squares, and decay of the kinematic prediction error; half:
@@ -73,17 +72,14 @@ _LEAST_SQUARES = 1e3
 # noise that a memory assumes, of the torque that its covariance explains; half: errors of up to
 # 0.11 % of the radius with Stribeck friction in place of 0.064; twice: 0.061
 _NOISE = 0.01
-_INTERVAL = 0.5  # between evaluations, in 1 / rate
 # of a memory that cannot explain all of the torque; 3: its parameters follow the errors of others
 # until some loops at 1 kHz are unstable (human_left_arm); 12: errors of some arms are larger
 _DOUBT = 6.0
 # of P in standard deviations of the prior; half: errors as there of up to 0.23 %; twice: 0.06
 _WIDTH = 3.0
 _HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
-_FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
 
 _PRIOR = 0.1  # error of the translations, as a share of the reach
-_FINEST = 1e-3  # least noise, as a share of the signal by that prior
 
 
 def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
@@ -226,7 +222,7 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.
     P = unit.cone.matrices(unit.validate(dynamics.initial))[index]
     mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
     square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
-    thick = (_THICKNESS * robot.reach) ** 2 / max(square, _THINNEST**2)
+    thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
     shares = np.ones(len(dynamics.bodies))
     shares[index] = max(1.0, thick, 1.0 + load * pin.computeTotalMass(robot.model) / mass)
     return shares if shares[index] > 1.0 else None
@@ -310,13 +306,13 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
             forgetting=tuning.rate("forgetting", w),
             share=1.0 / unit,
             doubt=1.0 if explains_all(motion) else _DOUBT,
-            interval=_INTERVAL / rate,
+            interval=0.5 / rate,
             unit=1.0 / _WIDTH**2,
             prior=prior,
         )
     if kind != LeastSquares.name:
         rate = tuning.rate("prediction_rate", mode * w * share)
-        return Composite(moved, low_pass, rate=rate, floor=_FLOOR * torques)
+        return Composite(moved, low_pass, rate=rate, floor=0.01 * torques)
     rate = tuning.rate("prediction_rate", _LEAST_SQUARES * w * share)
     return LeastSquares(
         moved.gain(typical_start(moved, motion)),
@@ -434,7 +430,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     # noise of the measured signal over its size by the prior, white over a second
     off = math.sqrt(unit * typical)
     noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
-    floor = typical * max(noise, _FINEST**2)
+    floor = typical * max(noise, 1e-6)
     return LeastSquares(P_0, size, rate=rate, floor=floor or 1.0, **options)
 
 
