@@ -131,7 +131,6 @@ CALLS = {
     ),
     "stream": lambda r, c, bad: next(pa.run(pa.plants.PinocchioPlant(r), c, hold(r), dt=bad)),
     "preflight": lambda r, c, bad: pa.preflight(c, bad),
-    "largest": lambda r, c, bad: pa.reachable_circle(r, largest=bad),
 }
 
 

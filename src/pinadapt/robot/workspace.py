@@ -9,7 +9,7 @@ from math import ceil, exp, floor, log10, pi, sqrt
 import numpy as np
 import pinocchio as pin
 
-from .._checks import arithmetic, instance, positive
+from .._checks import arithmetic, instance
 from ..description.chain import (
     angles_from_configuration,
     configuration_from_angles,
@@ -17,7 +17,7 @@ from ..description.chain import (
     position_limits,
     velocity_limits,
 )
-from ..exceptions import InputError, RobotError
+from ..exceptions import RobotError
 from ..tasks.frame import ImageTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
@@ -25,6 +25,8 @@ from ..trajectories.trajectory import Trajectory
 from .home import MARGIN
 from .robot import Robot
 
+# of the tool as described, relative to the reach; half, twice: two, three of 129 radii change
+TOOL_ERROR = 0.05
 _RATIO, _SIZES = 0.8, 18  # radii tried: a geometric sequence down to 2 % of the largest
 _STEPS = 40  # of the inverse kinematics a turn; 20, 80: the same radii of all robots
 # relative to the smallest singular value at home; 0.25: three of 129 robots get larger circles
@@ -64,9 +66,7 @@ def rounded_down(number: float) -> float:
 
 
 @arithmetic("robot", RobotError)
-def reachable_circle(
-    robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05
-) -> Circle | PoseCircle:
+def reachable_circle(robot: Robot) -> Circle | PoseCircle:
     """Return a circle that the robot can follow, as a motion that starts at its home position.
 
     It is the circle of ``find_circle``. For a true robot with another tool, start it where that one
@@ -75,30 +75,28 @@ def reachable_circle(
 
     Args:
         robot: any robot with a task of its frame; read only.
-        largest: largest radius, relative to the reach.
-        tool_error: largest error of the described tool position, relative to the reach.
 
     Raises:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
             task is the joint task.
     """
     task, start = robot.frame_task, robot.position(robot.q0)
-    circle = find_circle(robot, largest=largest, tool_error=tool_error).motion(task.positions)
+    circle = find_circle(robot).motion(task.positions)
     circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
     return circle if task.size == task.positions else PoseCircle(circle, start[3:])
 
 
-def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05) -> WorkspaceCircle:
+def find_circle(robot: Robot) -> WorkspaceCircle:
     """Return the largest circle through the home position that the robot can follow safely.
 
-    Radii are tried in descending order, each 0.8 times the last, planes and centres in the order of
-    their conditioning. Inverse kinematics, with a return to the home pose in the null space as in
-    the control laws, follows each circle from home. A circle is accepted if all joints keep a
-    distance of 5 % of their range from the limits (less if the home pose is closer) and the
-    smallest singular value of the task Jacobian stays above half of its value at home. This is
-    required with the tool as described and with a tool displaced by the tool error in both
-    directions along each axis of the frame; singular values are those of its Jacobian. If the
-    home pose is on the right side of the mounting plane, so is the whole motion.
+    Radii are tried in descending order from a tenth of the reach, each 0.8 times the last, planes
+    and centres in the order of their conditioning. Inverse kinematics, with a return to the home
+    pose in the null space as in the control laws, follows each circle from home. A circle is
+    accepted if all joints keep a distance of 5 % of their range from the limits (less if the home
+    pose is closer) and the smallest singular value of the task Jacobian stays above half of its
+    value at home. This is required with the tool as described and with a tool displaced by 5 % of
+    the reach in both directions along each axis of the frame; singular values are those of its
+    Jacobian. If the home pose is on the right side of the mounting plane, so is the whole motion.
 
     The period is 3 s, or 3 sqrt(L) s for a reach of L > 1 m. It is longer if joints would exceed
     1.5 rad/s, slides 0.75 m/s, or either of them 80 % of the velocity limits in the description.
@@ -108,16 +106,12 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
 
     Args:
         robot: any robot with a task of its frame; read only.
-        largest: largest radius, relative to the reach.
-        tool_error: largest error of the described tool position, relative to the reach.
 
     Raises:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
             task is the joint task or a picture.
     """
     instance(robot, Robot, "robot")
-    positive(largest, "largest", error=InputError)
-    positive(tool_error, "tool_error", zero=True, error=InputError)
     if isinstance(robot.task, ImageTask):
         raise RobotError(
             "a picture has no circle in space.",
@@ -126,9 +120,9 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
         )
     length, task = robot.reach, robot.frame_task
     planes = [task.name] if task.positions == 2 else ["xy", "yz", "xz"]
-    shifts = tool_error * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    shifts = TOOL_ERROR * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     described, *others = [robot.changed(tool_translation=shift) for shift in shifts]
-    for size in largest * length * _RATIO ** np.arange(_SIZES):
+    for size in 0.1 * length * _RATIO ** np.arange(_SIZES):
         paths = [
             WorkspaceCircle(plane, phase, rounded_down(size), 1.0)
             for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2))

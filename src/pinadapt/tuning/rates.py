@@ -57,8 +57,6 @@ RATES = (
     "prediction_rate",
     "prediction_filter",
     "forgetting",
-    "kinematic_rate",
-    "kinematic_forgetting",
 )  # as users write them
 
 _THICKNESS = 1e-2  # least thickness of the last body, as a share of the reach
@@ -400,38 +398,28 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     tenth of the reach; from then on frames are averaged. Each direction forgets by itself, at w / 8
     or an eighth of the bandwidth of the low pass on the frames. A given weight R_k replaces all but
     the forgetting.
-
-    Raises:
-        GainError: a rate that is not positive.
     """
     law, motion, w, quality = tuning.law, tuning.motion, tuning.bandwidth, tuning.quality
-    kinematics, size, rate = (
-        motion.kinematics,
-        motion.kinematics.size,
-        tuning.rates.get("kinematic_rate"),
-    )
-    usual = _SLOW * min(w, tuning.settings.smoothing)
+    kinematics, size = motion.kinematics, motion.kinematics.size
     unit = (_PRIOR * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
     options: dict[str, Any] = {
         "weight": None,
-        "forgetting": tuning.rate("kinematic_forgetting", usual),
+        "forgetting": _SLOW * min(w, tuning.settings.smoothing),
         "directional": True,
         "unit": unit,
     }
-    if tuning.rates.get("R_k") is not None and rate is None:
+    if tuning.rates.get("R_k") is not None:
         return LeastSquares(P_0, size, **options)
-    rate, spread = tuning.rate("kinematic_rate", w), quality.x
-    seen = motion.position_regressors
+    seen, spread = motion.position_regressors, quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors
         spread *= float(getattr(law, "lambda_", w))
-    squares = [np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]
-    typical = float(np.mean(squares)) if squares else 0.0
+    typical = float(np.mean([np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]))
     # noise of the measured signal over its size by the prior, white over a second
     off = math.sqrt(unit * typical)
-    noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
+    noise = w * (spread / off) ** 2 / quality.rate if spread and off else 0.0
     floor = typical * max(noise, 1e-6)
-    return LeastSquares(P_0, size, rate=rate, floor=floor or 1.0, **options)
+    return LeastSquares(P_0, size, rate=w, floor=floor or 1.0, **options)
 
 
 def with_prediction_weight(tuning: Tuning, adaptation: Adaptation) -> Law:

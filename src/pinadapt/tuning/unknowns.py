@@ -367,8 +367,6 @@ def warn_of_unused_gains(
         used += ["prediction_rate", "prediction_filter", *["forgetting"] * (kind in FORGETTING)]
     if kinematics.size and kind_k not in ("none", "custom") and law.learns_kinematics:
         used.append("gamma_k")
-        if kind_k == "least-squares":
-            used += ["kinematic_rate", "kinematic_forgetting"]
     idle = [name for name, gain in given.items() if gain is not None and name not in used]
     if idle:
         warnings.warn(
