@@ -501,14 +501,11 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
     """
     if not isinstance(after, Robot):
         raise RobotError(f"expected a Robot, got {after!r}.", where=where)
-    ours, theirs = (
-        (robot.joint_names, list(robot.slides.values()), robot.frame, robot.task.name)
-        for robot in (before, after)
-    )
+    ours, theirs = ((one.slides, one.frame, one.task.name) for one in (before, after))
     if ours != theirs:
         raise RobotError(
-            "joints, whether they slide, task frame and task cannot change during a motion; "
-            f"before: {ours}, after: {theirs}.",
+            "joints, task frame and task cannot change during a motion; before: "
+            f"{ours}, after: {theirs}.",
             where=where,
             hint="Derive both robots from the same load() with .changed().",
         )

@@ -228,7 +228,14 @@ def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive."""
-    start = typical_start(adaptation, motion)
-    squares = [np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0) for Y in motion.regressors]
-    mean = np.mean(squares, axis=0)
+    mean = mean_diagonal(adaptation, motion, motion.regressors)
     return np.maximum(mean, 1e-12 * max(mean.max(initial=0.0), 1e-300))
+
+
+def mean_diagonal(
+    adaptation: Adaptation, motion: TypicalMotion, regressors: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
+    start = typical_start(adaptation, motion)
+    squares = [np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0) for Y in regressors]
+    return np.asarray(np.mean(squares, axis=0))

@@ -31,6 +31,7 @@ from ..robot.robot import Robot
 from .defaults import (
     frequency,
     gradient_shape,
+    mean_diagonal,
     prior_variances,
     rate_for,
     typical_start,
@@ -349,19 +350,13 @@ def explains_all(motion: TypicalMotion) -> bool:
 def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
     """Return the mean diagonal (n) of E Y Gamma Y^T, Y due to accelerations of the joints alone.
 
-    Args:
-        adaptation: with Gamma.
-        motion: of the model.
-        a: standard deviation of the acceleration of each joint [rad/s^2 or m/s^2].
+    These have the standard deviation ``a`` [rad/s^2 or m/s^2].
     """
-    start, regressor = typical_start(adaptation, motion), motion.dynamics.regressor
-    rest, found = np.zeros(motion.robot.model.nv), []
+    regressor, rest, changes = motion.dynamics.regressor, np.zeros(motion.robot.model.nv), []
     for q in motion.states.q:
         still = np.array(regressor(q, rest, rest))
-        for e in np.eye(rest.size):
-            Y = regressor(q, rest, e) - still
-            found.append(np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0))
-    return np.asarray(a**2 * rest.size * np.mean(found, axis=0))
+        changes += [regressor(q, rest, e) - still for e in np.eye(rest.size)]
+    return np.asarray(a**2 * rest.size * mean_diagonal(adaptation, motion, changes))
 
 
 def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> Adaptation:
