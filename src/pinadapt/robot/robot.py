@@ -200,17 +200,26 @@ class Robot:
         model, loads = self.model.copy(), self.loads
         changes.scale_inertias(model, inertial_scale)
         instance(payload, changes.Payload | None, "payload", RobotError)
+        frame = model.frames[self.frame_id]
         if payload is not None and payload.present:
-            loads = *loads, changes.attach_payload(model, self.frame_id, payload)
-        changes.shift_joints(model, link_translation)
+            load = frame.placement.act(payload.spatial_inertia())
+            model.inertias[frame.parentJoint] += load
+            loads = *loads, load
+        shifts = mapping(link_translation, "link_translation", RobotError)
+        for name, given in shifts.items():
+            index = changes.joint_id(model, name, "link_translation")
+            where = f"link_translation.{name}"
+            shift = vector(given, 3, where, error=RobotError, fills=False)
+            model.jointPlacements[index].translation += shift
         if tool_translation is not None:
-            changes.shift_tool(model, self.frame_id, tool_translation)
+            where = "tool_translation"
+            shift = vector(tool_translation, 3, where, error=RobotError, fills=False)
+            frame.placement.translation += frame.placement.rotation @ shift
         if armature is not None:
             model.armature = self._coefficients(armature, "armature")
-        given = {"viscous": viscous, "coulomb": coulomb}
         own = {
             name: self._coefficients(value, f"friction.{name}")
-            for name, value in given.items()
+            for name, value in (("viscous", viscous), ("coulomb", coulomb))
             if value is not None
         }
         if friction is None:
