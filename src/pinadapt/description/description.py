@@ -71,32 +71,29 @@ def describe(
         RobotError: the source is not found, cannot be read or has impossible numbers, or xacro
             arguments are given for another kind of source.
     """
-    found = _find(source, mapping(xacro, "xacro", RobotError))
-    check_numbers(found.model)
-    if mass is None:
-        return found
-    return replace(found, model=with_inertias(found.model, found.geometry, mass, found.name))
-
-
-def _find(source: Source, xacro: XacroArguments) -> Description:
+    arguments = mapping(xacro, "xacro", RobotError)
     if isinstance(source, RobotWrapper | pin.Model):
-        return _from_object(source)
-    if not isinstance(source, str | Path):
+        found = _from_object(source)
+    elif not isinstance(source, str | Path):
         raise RobotError(
             "expected a name, the path of a file, a pin.Model or a RobotWrapper, got "
             f"{shown(source)}.",
             where="source",
             hint="`pinadapt robots` lists the names.",
         )
-    if is_path(source):
-        return _from_file(Path(source).expanduser(), xacro)
-    name = str(source)
-    if name not in catalogue() and is_description_name(name):
-        path, arguments, packages = named_description(name)
-        return replace(_from_file(path, {**arguments, **xacro}, packages), name=name)
-    if xacro:
-        raise RobotError(f"'{name}' is not a xacro file; it takes no arguments.", where="xacro")
-    return _from_catalogue(name)
+    elif is_path(source):
+        found = _from_file(Path(source).expanduser(), arguments)
+    elif source not in catalogue() and is_description_name(str(source)):
+        path, own, packages = named_description(str(source))
+        found = replace(_from_file(path, {**own, **arguments}, packages), name=str(source))
+    elif xacro:
+        raise RobotError(f"'{source}' is not a xacro file; it takes no arguments.", where="xacro")
+    else:
+        found = _from_catalogue(str(source))
+    check_numbers(found.model)
+    if mass is None:
+        return found
+    return replace(found, model=with_inertias(found.model, found.geometry, mass, found.name))
 
 
 def _from_object(source: pin.Model | RobotWrapper) -> Description:

@@ -60,20 +60,16 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = of_ros
-    _check_known(words, path, [path, *map(Path, xacro.all_includes)])
-    return text
-
-
-def _check_known(given: Mapping[str, str], path: Path, files: list[Path]) -> None:
-    """Refuse arguments that no file declares or uses."""
-    text = "".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
-    known = set(_ARGUMENT.findall(text))
-    for name in given.keys() - known:
+    files = [path, *map(Path, xacro.all_includes)]
+    declared = "".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
+    known = set(_ARGUMENT.findall(declared))
+    for name in words.keys() - known:
         raise RobotError(
             f"the file has no xacro argument '{name}'.{did_you_mean(name, known)}",
             where=str(path),
             hint=f"Its arguments: {', '.join(sorted(known)) or 'none'}.",
         )
+    return text
 
 
 # Packages
