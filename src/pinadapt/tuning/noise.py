@@ -95,6 +95,7 @@ class Tuning(NamedTuple):
         quality: of the sensors.
         settings: of the filters for their noise.
         rates: given by name; None: the default.
+        lmi: matrix inequality for a basis of the user's own, or None.
     """
 
     law: Law
@@ -104,6 +105,7 @@ class Tuning(NamedTuple):
     quality: SensorQuality
     settings: NoiseSettings
     rates: Mapping[str, Any]
+    lmi: Any = None
 
     @property
     def jitter(self) -> float:

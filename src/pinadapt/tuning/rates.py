@@ -118,9 +118,7 @@ def predicting_kind(kind: str, law: str) -> str:
     )
 
 
-def dynamic_adaptation(
-    kind: str, tuning: Tuning, lmi: ArrayLike | MatrixInequality | None, share: float = 1.0
-) -> Adaptation:
+def dynamic_adaptation(kind: str, tuning: Tuning, share: float = 1.0) -> Adaptation:
     """Return the dynamic adaptation with given rates or a share of the default ones.
 
     Beside a memory the tracking error adapts at most at the bandwidth.
@@ -128,7 +126,6 @@ def dynamic_adaptation(
     Args:
         kind: of adaptation.
         tuning: of the loop, which the default rates follow.
-        lmi: matrix inequality for a basis of the user's own.
         share: of the default rates, beside that which noise leaves.
 
     Raises:
@@ -140,24 +137,18 @@ def dynamic_adaptation(
     if kind in MEMORIES:
         mode = min(mode, 1.0 / law.adaptation_mode)
     share *= mode**2
-    moved = _tracking_adaptation(kind, tuning, tuning.bandwidth * share**0.5, lmi)
+    moved = _tracking_adaptation(kind, tuning, tuning.bandwidth * share**0.5)
     if kind in _METRICS:
         moved = predicting(kind, moved, tuning, share)
     return law.guarded(moved, dynamics)
 
 
-def _tracking_adaptation(
-    kind: str, tuning: Tuning, w: float, lmi: ArrayLike | MatrixInequality | None
-) -> Adaptation:
+def _tracking_adaptation(kind: str, tuning: Tuning, w: float) -> Adaptation:
     """Return the adaptation to the tracking error at a bandwidth w [rad/s]."""
-    dynamics, law = tuning.motion.dynamics, tuning.law
-    effects, inertial, joints = (
-        law.parameter_effects(tuning.motion),
-        dynamics.inertial,
-        dynamics.joints,
-    )
+    motion, law, dynamics = tuning.motion, tuning.law, tuning.motion.dynamics
+    inertial, joints, effects = dynamics.inertial, dynamics.joints, law.parameter_effects(motion)
     own = [Phi[:, : inertial.size] for Phi in effects]
-    adaptation = _inertial_adaptation(kind, tuning, own, law.adaptation_mode * w, lmi)
+    adaptation = _inertial_adaptation(kind, tuning, own, law.adaptation_mode * w)
     if joints is None or not joints.size:
         return adaptation
     typical, gamma_joint = joints.typical, tuning.rates.get("gamma_joint")
@@ -182,11 +173,7 @@ def _of_joints(gamma: float, typical: np.ndarray, signed: int) -> list[tuple[Ada
 
 
 def _inertial_adaptation(
-    kind: str,
-    tuning: Tuning,
-    effects: list[np.ndarray],
-    mode: float,
-    lmi: ArrayLike | MatrixInequality | None,
+    kind: str, tuning: Tuning, effects: list[np.ndarray], mode: float
 ) -> Adaptation:
     """Return the adaptation of the inertial parameters; by default its fastest mode is ``mode``."""
     dynamics, gamma_d = tuning.motion.dynamics.inertial, tuning.rates.get("gamma_d")
@@ -194,7 +181,7 @@ def _inertial_adaptation(
     if not dynamics.size:
         return Frozen()
     if metric_of(kind) == "natural":
-        cone = _cone(robot, dynamics, lmi)
+        cone = _cone(robot, dynamics, tuning.lmi)
         unit = Natural(1.0, cone)
         if gamma_d is None:
             gamma_d = rate_for(mode, effects, unit, unit.validate(dynamics.initial))
