@@ -37,11 +37,10 @@ def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
     check_holds_home(robot)
 
 
-@pytest.mark.parametrize("text", [MJCF, FREE], ids=["fixed", "free"])
 @pytest.mark.slow
-def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
+def test_init_writes_a_scenario_of_it_that_runs(tmp_path):
     file = tmp_path / "arm.toml"
-    assert main(["init", str(mjcf(tmp_path, text)), "--frame", "tip", "--out", str(file)]) == 0
+    assert main(["init", str(mjcf(tmp_path, FREE)), "--frame", "tip", "--out", str(file)]) == 0
     settings = ["simulation.duration=3.0", "controller.dt=4e-3", "trajectory.as_given=true"]
     rollout = Scenario.read(file, settings).run()
     assert rollout.distance[-100:].max() < 0.1 * rollout.distance[:100].max()

@@ -50,7 +50,7 @@ def test_a_spinning_wrist_does_not_swing_the_estimate_of_the_tool():
         true,
         controller,
         circle,
-        duration=3.0,
+        duration=2.0,
         record_every=5,
         sensors=pa.Sensors(camera=CAMERA),
     )

@@ -56,7 +56,7 @@ def test_the_tracking_error_adapts_at_the_bandwidth(name):
     assert w <= frequency(effects, Gamma) < 1.5 * w  # a last body that may carry a load adds to it
 
 
-def last_error(adaptation, actuators, duration=1.2, **given):
+def last_error(adaptation, actuators, duration=0.9, **given):
     """Return the largest error of the last tenth, relative to the radius."""
     case = zoo_case("panda")
     with warnings.catch_warnings():
