@@ -318,8 +318,6 @@ class Friction:
 
     def under(self, gravity: np.ndarray) -> Friction:
         """Return the friction under a gravity torque (nv), which is then part of ``coulomb``."""
-        if not self.loaded:
-            return self
         coulomb = self.coulomb + self.gear_friction * np.abs(gravity)
         return replace(self, coulomb=coulomb, gear_friction=np.zeros(coulomb.size))
 

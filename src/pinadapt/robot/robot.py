@@ -363,8 +363,11 @@ class Robot:
             RobotError: not nq finite numbers.
         """
         q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
-        gravity = pin.computeGeneralizedGravity(self.model, self.model.createData(), q)
-        return self.friction.under(gravity)
+        if not self.friction.loaded:
+            return self.friction
+        return self.friction.under(
+            pin.computeGeneralizedGravity(self.model, self.model.createData(), q)
+        )
 
     def _coefficients(self, given: ArrayLike, where: str) -> np.ndarray:
         """Return coefficients (nv), one per joint; negative ones are refused."""

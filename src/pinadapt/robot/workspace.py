@@ -27,14 +27,20 @@ from .robot import Robot
 
 # of the tool as described, relative to the reach; half, twice: two, three of 129 radii change
 TOOL_ERROR = 0.05
-_RATIO, _SIZES = 0.8, 18  # radii tried: a geometric sequence down to 2 % of the largest
+# radii tried: a geometric sequence down to 2 % of the largest; finer: radii up to a tenth larger
+_RATIO, _SIZES = 0.8, 18
 _STEPS = 40  # of the inverse kinematics a turn; 20, 80: the same radii of all robots
 # relative to the smallest singular value at home; 0.25: three of 129 robots get larger circles
 _LEAST_SINGULAR = 0.5
-_RETURN = 4.0  # [rad/s], bandwidth of the return to the home pose in the null space, as in the laws
-_PERIOD = 3.0  # [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing
-_SPEED = 1.5  # [rad/s], largest on a circle; of a slide half of it in m/s
-_SHARE = 0.8  # of the velocity and effort limits in the description
+# [rad/s], bandwidth of the return to the home pose in the null space, as in the laws; half, twice:
+# the same radii, another plane for three robots and none
+_RETURN = 4.0
+# [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing; half: twice as
+# fast, four times the accelerations
+_PERIOD = 3.0
+# [rad/s], largest on a circle; of a slide half of it in m/s; half: longer periods of fast joints
+_SPEED = 1.5
+_SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
 
 
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
-_LARGEST_STEP = 0.075  # bandwidth times sampling period
+_LARGEST_STEP = 0.075  # bandwidth times sampling period; half: slow loops are half as fast
 
 
 def usual_bandwidth(robot: Robot, own: float | None = None) -> float:

@@ -24,10 +24,12 @@ from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from .defaults import typical_torques
 
-_COARSE = 5e-3  # [rad]
-_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.2  # bandwidths; share of the adaptation's mode
-_LEAK = 0.03  # [1/s]
-_FINEST = 1.5e-4  # of the reach: accepted noise of the filtered position
+_COARSE = 5e-3  # [rad], at which the others are as stated
+# bandwidths, and share of the adaptation's mode; half: more lag, slower; twice: more noise passes
+_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.2
+_LEAK = 0.03  # [1/s]; half: estimates drift twice as far; twice: they stay nearer to the start
+# of the reach: accepted noise of the filtered position; half: a quarter of the low pass's bandwidth
+_FINEST = 1.5e-4
 
 
 class NoiseSettings(NamedTuple):
