@@ -22,7 +22,7 @@ def test_chains_have_the_stated_number_of_joints():
 def test_loaders_exist():
     from example_robot_data.robots_loader import ROBOTS
 
-    assert {entry.origin for entry in pa.catalogue().values() if entry.path is None} <= set(ROBOTS)
+    assert {entry.origin for entry in pa.catalogue().values() if entry.urdf is None} <= set(ROBOTS)
 
 
 LIMBS = [  # name, joints, first and last of them
