@@ -62,8 +62,7 @@ def noise_settings(quality: SensorQuality, bandwidth: float, reach: float) -> No
     """
     found = NoiseSettings(kinematic=1.0 / quality.age if quality.age else math.inf)
     if quality.v > 0.0:
-        size = coarseness(quality, bandwidth)
-        root = size ** (1.0 / 3.0)
+        root = (quality.v / bandwidth / _COARSE) ** (1.0 / 3.0)
         found = found._replace(
             velocity=_FILTER * bandwidth / root**2,
             decorrelation=_DECORRELATION * bandwidth / root,
@@ -74,11 +73,6 @@ def noise_settings(quality: SensorQuality, bandwidth: float, reach: float) -> No
         smoothing = 2.0 * quality.rate * (_FINEST * reach / quality.x) ** 2
         found = found._replace(smoothing=smoothing)
     return found
-
-
-def coarseness(quality: SensorQuality, bandwidth: float) -> float:
-    """Return the noise of the joint velocity against that of 14 bits a turn at w [rad/s]."""
-    return quality.v / bandwidth / _COARSE
 
 
 SIGMA = "sigma"
