@@ -41,7 +41,6 @@ _STABLE = 1.0 + 1e-6  # rounding of the double roots of free directions; half, t
 # of a robot's bandwidth, from which on a period is to blame; half: found at twice the period
 _SLOWED = 0.25
 _WORSE = 1.5  # times the noise for which a controller was made; twice: found at twice the noise
-_RELATIVE_DAMPING = 0.01  # of springs without a stated one; half, twice: about the same gains
 # of the inertia that a joint moves, where a description has no rotors; half: slower gains
 _ROTOR = 0.5
 _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
@@ -372,7 +371,7 @@ def _chain(
     if np.isfinite(K).all():
         own = np.diagonal(M, axis1=1, axis2=2).min(axis=0)
         motor = np.where(rotors > 0.0, rotors, _ROTOR * own)
-        D = np.where(D > 0.0, D, 2.0 * _RELATIVE_DAMPING * np.sqrt(K * motor))
+        D = np.where(D > 0.0, D, 2.0 * 0.01 * np.sqrt(K * motor))
         links, drive = np.linalg.inv(M - np.diag(rotors)), diagonal(1.0 / motor)
         A = np.block(
             [
