@@ -63,7 +63,7 @@ def test_covariance_of_bodies_is_the_metric_of_natural_adaptation(monkeypatch):
     ],
 )
 def test_default_gain_puts_the_fastest_mode_where_it_belongs(law, unknown):
-    robot = catalogue_robot("planar_2r" if unknown == "basis" else "ur5")
+    robot = catalogue_robot("ur5" if unknown == "bodies" else "planar_2r")
     words = {
         "lumped": {"tool": False, "translations": lengths(robot)},
         "bodies": {},
