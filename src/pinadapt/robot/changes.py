@@ -237,7 +237,7 @@ class Friction:
         Raises:
             RobotError: negative coefficients, different sizes, or a speed that is not positive.
         """
-        sizes = set()
+        arrays = {}
         for name in COEFFICIENTS:
             value, speeds = getattr(self, name), name in ("threshold", "fading")
             listed = list(value.values()) if isinstance(value, Mapping) else value
@@ -250,14 +250,14 @@ class Friction:
                     where=f"friction.{name}",
                 )
             if not isinstance(value, Mapping):
-                object.__setattr__(self, name, array)
-                sizes |= {array.size} if array.ndim else set()
-        if len(sizes) > 1:
-            raise RobotError(f"there are lists of {sorted(sizes)} joints.", where="friction")
-        for name in COEFFICIENTS if sizes else ():
-            value = getattr(self, name)
-            if not isinstance(value, Mapping):
-                object.__setattr__(self, name, np.full(max(sizes), value))
+                arrays[name] = array
+        try:
+            filled = np.broadcast_arrays(*arrays.values())
+        except ValueError as reason:
+            sizes = {name: array.size for name, array in arrays.items() if array.ndim}
+            raise RobotError(f"numbers of joints differ: {sizes}.", where="friction") from reason
+        for name, array in zip(arrays, filled, strict=True):
+            object.__setattr__(self, name, array.copy())
         for shaft in self.shafts:
             instance(shaft, Shaft, "friction.shafts", RobotError)
 
