@@ -75,7 +75,7 @@ def test_the_gain_damps_the_springs_of_every_joint():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:the .* is too fast for joints")
+@pytest.mark.filterwarnings("ignore:dt = .* behind joints")
 @pytest.mark.parametrize(
     ("name", "adaptation"),
     [("panda", "none"), ("panda", "natural-memory"), ("ur5", "natural")],

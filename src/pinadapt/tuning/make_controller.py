@@ -158,7 +158,7 @@ def make_controller(
         tuned = tuned.within(applied.governor.velocity)
     warn_of_unused_gains(tuned, (kind, kind_k), kinematics, dynamics, gains | rates)
     box = make_box(robot, kinematics, limits.box)
-    tuning = Tuning(tuned, motion, w, dt, quality, settings, rates | gains)
+    tuning = Tuning(tuned, motion, w, dt, quality, settings, rates | gains, unknown.lmi)
     adaptation_k = moved_kinematics(kind_k, tuning, box)
     if isinstance(law, str) and gains.get("R_k") is None:
         tuning = tuning._replace(law=with_prediction_weight(tuning, adaptation_k))
@@ -172,7 +172,7 @@ def make_controller(
         """
         if isinstance(adaptation, Adaptation):
             return modified(tuning.law.guarded(adaptation, dynamics), modifying, tuning)
-        moved = dynamic_adaptation(kind, tuning, unknown.lmi, share)
+        moved = dynamic_adaptation(kind, tuning, share)
         if kind == "none":
             return moved
         moved = modified(moved, modifying, tuning)

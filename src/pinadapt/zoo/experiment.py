@@ -23,6 +23,7 @@ from ..robot.changes import Friction, Payload
 from ..robot.loading import load
 from ..robot.motors import overloaded
 from ..robot.robot import Robot
+from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
 from ..robot.workspace import WorkspaceCircle, find_circle
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
@@ -39,7 +40,6 @@ from ..tuning.unknowns import Unknown
 
 PERIOD = 1e-3  # [s], sampling period of the controller
 INERTIA_ERROR = 0.3  # relative, of the mass and inertia of each body of the model
-TOOL_ERROR = 0.05  # relative to the reach
 LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
 FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
 SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
@@ -103,7 +103,7 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
     """
     robot = load(name, task=task)
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    found = find_circle(robot, tool_error=TOOL_ERROR)
+    found = find_circle(robot)
     tool = _tool(robot, rng)
     bodies = [inertia.mass for inertia in robot.model.inertias[1:]]
     _, viscous, coulomb = (
