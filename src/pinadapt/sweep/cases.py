@@ -41,7 +41,6 @@ from .table import flat, plain
 METHODS = ("random", "lhs", "sobol")
 COPY = "sweep.toml"
 SUCCESS = "follows"
-_OWN = {"case", "status", "reason", "seconds"}  # columns that no argument of a function may have
 _MAY_DIFFER = ("title", "timeout", "success")  # between a sweep and its resumption
 _HINT = (
     "Write values such as 1.0, 2.0 or a, b, or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
@@ -100,8 +99,6 @@ class Values:
                 ) from error
         listed = isinstance(given, np.ndarray | range | tuple | list)
         arguments = tuple(plain(given) if kind == "list" else given) if listed else (given,)
-        if not arguments:
-            raise InputError("expected at least one value.", where=key, hint=_HINT)
         return cls(key, kind, arguments)
 
     @property
@@ -269,12 +266,8 @@ class Plan:
                 where="samples",
                 hint="State it: --samples 100, or samples=100; a distribution is uniform(0.5, 2).",
             )
-        if len(set(self.keys)) < len(self.keys):
-            raise InputError(f"something is varied twice: {', '.join(self.keys)}.", where="vary")
-        for key in _OWN & set(self.keys):
-            raise InputError(
-                "is a column of every table.", where=key, hint="Give the argument another name."
-            )
+        if not self.cases:
+            raise InputError("there is no case.", where="case")
         ordinary = self.cases[0].values
         self.check(ordinary)
         for each in self.values:
@@ -304,7 +297,8 @@ class Plan:
         elif not {"vary", "case", "function"} & set(tables):
             tables = {"scenario": tables}
         tables = {"path": str(_import_folder(path)), "folder": str(folder)} | tables
-        tables["vary"] = flat(tables.get("vary", {})) | dict(map(_key_and_values, vary))
+        varied = dict(setting(text, "--vary") for text in vary)
+        tables["vary"] = flat(tables.get("vary", {})) | varied
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
         return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 
@@ -418,18 +412,6 @@ class Plan:
                 hint="Take that version, or run the sweep again in another folder.",
             )
         return cls.of(tables)
-
-
-def _key_and_values(text: str) -> tuple[str, str]:
-    """Return key and values of a text.
-
-    Raises:
-        InputError: it has no equals sign or no key.
-    """
-    key, equals, values = text.partition("=")
-    if not (equals and key.strip()):
-        raise InputError(f"expected key=values, got '{text}'.", where="--vary")
-    return key, values
 
 
 def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -147,33 +147,24 @@ def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
     return FunctionWork(plan.function, plan.path)
 
 
+# of ``summary.json``
+_KEPT = ("error_share", "max_error_first", "max_error_last", "rms_error_last", "max_angle_last")
+_KEPT += ("max_tool_error_last", "saturated", "diverged")
+
+
 def numbers_of(rollout: Rollout) -> dict[str, Any]:
     """Return the numbers of a run that a sweep keeps; None where there is none.
 
-    ``follows``: whether the verdict is "follows"; ``error_share``, ``max_error_first``,
-    ``max_error_last``, ``rms_error_last``, ``max_angle_last``, ``max_tool_error_last``,
-    ``saturated`` and ``diverged`` as in ``summary.json``; ``torque_use``: largest torque over its
-    limit; ``worst_after_change``: largest error after an event during the run.
+    ``follows``: whether the verdict is "follows"; ``torque_use``: largest torque over its limit;
+    ``error_share``, ``max_error_last``, ``diverged`` and others as in ``summary.json``.
     """
-    last, limits = rollout.window(False), rollout.effort_limits
+    numbers, limits = rollout.numbers, rollout.effort_limits
     used = np.abs(rollout.tau) / limits
     found: dict[str, Any] = {
         "follows": rollout.grade == FOLLOWS,
-        "error_share": rollout.error_share,
-        "max_error_first": extreme(np.max, rollout.window(True)),
-        "max_error_last": extreme(np.max, last),
-        "rms_error_last": extreme(lambda x: float(np.sqrt(np.mean(x**2))), last),
+        **{name: numbers[name] for name in _KEPT if name in numbers},
         "torque_use": extreme(np.max, used[:, np.isfinite(limits)]),
-        "saturated": extreme(np.mean, rollout.saturated),
-        "diverged": rollout.diverged,
     }
-    if rollout.beside_picture is not None:
-        found["max_tool_error_last"] = rollout.beside_picture
-    if rollout.angle is not None:
-        found["max_angle_last"] = extreme(np.max, rollout.angle[-len(last) :])
-    if rollout.transients:
-        worst = np.array([each.worst for each in rollout.transients])
-        found["worst_after_change"] = extreme(np.max, worst)
     if rollout.diverged is not None:
         found |= {"status": DIVERGED, "reason": f"at {rollout.diverged:.3f} s: {rollout.reason}"}
     return found
@@ -239,16 +230,8 @@ def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
 
 
 def _run(packed: bytes, timeout: float | None, case: Case) -> Row:
-    """Run a case of pickled work.
-
-    Raises:
-        InputError: the work cannot be imported here.
-    """
-    try:
-        work: Work = pickle.loads(packed)
-    except Exception as error:
-        raise InputError(f"a worker cannot import it: {error}.", where="function") from error
-    return run_case(work, case, timeout)
+    """Run a case of pickled work; what cannot be imported here is a case that failed."""
+    return run_case(lambda case: pickle.loads(packed)(case), case, timeout)
 
 
 # --- processes ---
@@ -374,22 +357,14 @@ def rows(
         timeout: [s] of a case.
 
     Raises:
-        InputError: the work cannot be sent to other processes, or none can be started.
+        InputError: no process can be started.
     """
     with threadpool_limits(1, "blas"):
         if executor == 0:  # nothing is pickled: any function will do
             for case in cases:
                 yield run_case(work, case, timeout)
             return
-        try:
-            task = partial(_run, pickle.dumps(work), timeout)
-        except Exception as error:
-            raise InputError(
-                f"cannot be sent to other processes: {error}.",
-                where="function",
-                hint="Define it at the top of a module, not in a shell, a notebook or another "
-                "function; or run it in this process: executor=0.",
-            ) from error
+        task = partial(_run, pickle.dumps(work), timeout)
         if isinstance(executor, Executor):
             # two cases for each worker: with one it would wait for the next
             ahead = 2 * getattr(executor, "_max_workers", cores())
@@ -401,14 +376,8 @@ def rows(
 
 
 def _row(case: Case, future: Future[Row]) -> Row:
-    """Return the row of a case that has ended, or was lost with its process.
-
-    Raises:
-        InputError: the worker cannot import the work.
-    """
+    """Return the row of a case that has ended, or was lost with its process."""
     error = future.exception()
-    if isinstance(error, InputError):
-        raise error
     if error is None:
         return future.result()
     reason = f"lost by the executor: {type(error).__name__}: {error}"
