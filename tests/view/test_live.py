@@ -2,6 +2,7 @@
 
 import socket
 import threading
+import time
 import urllib.error
 import urllib.request
 
@@ -41,10 +42,15 @@ def loop(duration, changes=None):
 def watched(duration, **options):
     """Run a loop with one reader; return what it received, the samples, and the view."""
     plant, controller, path, view = loop(duration, **options)
-    received = []
+    received = [b""]
 
     def read():
-        received.append(urllib.request.urlopen(view.url + "messages", timeout=20).read())
+        count = 0
+        while b'{"end"' not in received[0]:
+            answer = urllib.request.urlopen(f"{view.url}messages?{count}", timeout=20)
+            count = answer.headers["Count"]
+            received[0] += answer.read()
+            time.sleep(0.01)
 
     reader = threading.Thread(target=read)
     reader.start()

@@ -8,7 +8,7 @@ import webbrowser
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Condition, Thread
+from threading import Lock, Thread
 from time import perf_counter, sleep
 from typing import TYPE_CHECKING, Any
 
@@ -40,56 +40,40 @@ _RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that fa
 
 
 class Broadcast(Window):
-    """Keeps the latest message of each key, in order of arrival, and hands them to browsers.
+    """Keeps the latest message of each key, in order of arrival; browsers ask for what is new.
 
     A browser that connects late gets the whole scene. A slow one skips messages that have been
     replaced meanwhile.
+
+    Attributes:
+        count: of all messages so far.
+        read: how many of them a browser has got or skipped.
     """
 
     def __init__(self) -> None:
         """Make a window without messages."""
         self._latest: dict[Any, tuple[int, bytes]] = {}
-        self._count = self._readers = 0
-        self._closed = False
-        self._changed = Condition()
+        self._lock = Lock()
+        self.count = self.read = 0
 
     def keep(self, key: Any, message: bytes) -> None:
         """Store a message in place of an older one with the same key."""
-        with self._changed:
+        with self._lock:
             self._latest.pop(key, None)
-            self._count += 1
-            self._latest[key] = self._count, message
-            self._changed.notify_all()
+            self.count += 1
+            self._latest[key] = self.count, message
 
-    def read(self) -> Iterator[bytes]:
-        """Yield the messages so far, framed, and then new ones until the window is closed."""
-        seen, closed = 0, False
-        with self._changed:
-            self._readers += 1
-            self._changed.notify_all()
-        try:
-            while not closed:
-                with self._changed:
-                    self._changed.wait_for(lambda: self._closed or self._count > seen)  # noqa: B023
-                    new = [message for n, message in self._latest.values() if n > seen]
-                    seen, closed = self._count, self._closed
-                yield from map(framed, new)  # one at a time, as a slow reader holds what it gets
-        finally:
-            with self._changed:
-                self._readers -= 1
-                self._changed.notify_all()
+    def since(self, count: int) -> tuple[int, bytes]:
+        """Return how many messages there are, and those after the first ``count``, framed."""
+        with self._lock:
+            new = [message for number, message in self._latest.values() if number > count]
+            return self.count, b"".join(map(framed, new))
 
-    def wait_for_reader(self, timeout: float) -> bool:
-        """Wait up to ``timeout`` [s] for a browser to read; return whether one does."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self._readers > 0, timeout)
-
-    def close(self) -> None:
-        """Let all browsers read the remaining messages, then end their streams."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
-            self._changed.wait_for(lambda: self._readers == 0, _PATIENCE)
+    def wait_until_read(self, timeout: float) -> None:
+        """Wait up to ``timeout`` [s] for a browser to read all messages."""
+        end = perf_counter() + timeout
+        while self.read < self.count and perf_counter() < end:
+            sleep(0.02)
 
 
 class Server(ThreadingHTTPServer):
@@ -117,8 +101,9 @@ class Server(ThreadingHTTPServer):
         self._thread.start()
 
     def close(self) -> None:
-        """Let browsers read the remaining messages, stop, and free the port."""
-        self.messages.close()
+        """Let a browser read the remaining messages, stop, and free the port."""
+        if self.messages.read:
+            self.messages.wait_until_read(_PATIENCE)
         self.shutdown()
         self._thread.join()
         self.server_close()
@@ -129,24 +114,27 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = _PATIENCE  # for a browser that does not read
 
     def do_GET(self) -> None:
-        """Send the page, or the messages as they arrive."""
+        """Send the page, or the messages after the number in the query."""
+        place, _, query = self.path.partition("?")
         if self.headers.get("Host") not in self.server.hosts:
             self.send_error(421, "this page is served to the same machine only")
-        elif self.path == "/":
-            self._send("text/html; charset=utf-8", [self.server.page])
-        elif self.path == "/messages":
-            self._send("application/octet-stream", self.server.messages.read())
+        elif place == "/":
+            self._send("text/html; charset=utf-8", self.server.page)
+        elif place == "/messages" and query.isdecimal():
+            count, new = self.server.messages.since(int(query))
+            self._send("application/octet-stream", new, count)
+            self.server.messages.read = count
         else:
             self.send_error(404)
 
-    def _send(self, kind: str, parts: Iterable[bytes]) -> None:
+    def _send(self, kind: str, body: bytes, count: int = 0) -> None:
         self.send_response(200)
         self.send_header("Content-Type", kind)
         self.send_header("Cache-Control", "no-store")
+        self.send_header("Count", f"{count}")
         self.end_headers()
         with suppress(OSError):  # the browser has disconnected
-            for part in parts:
-                self.wfile.write(part)
+            self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Log nothing."""
@@ -210,7 +198,7 @@ class LiveView:
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
         if open_in_browser(self.url):
-            self._window.wait_for_reader(_ARRIVAL)
+            self._window.wait_until_read(_ARRIVAL)
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""

@@ -260,6 +260,7 @@ class Scene:
         grid = np.diag([2.0 * spacing, 2.0 * spacing, 1.0, 1.0])  # of lines that are 0.5 m apart
         grid[2, 3] = floor
         self.root["/Grid"].set_transform(grid)
+        self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
         self.root["/Axes"].set_property("visible", False)
         for end in ("top_color", "bottom_color"):
             self.root["/Background"].set_property(end, [0.93, 0.94, 0.96])
