@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,8 +82,8 @@ def sweep(options: argparse.Namespace) -> int:
         return _alone(plan, options.case, folder)
     if given.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    resume = options.resume or options.retry
-    claimed(folder, plan, resume=resume, anew=options.force)
+    if not given.is_dir():
+        claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
     try:
         table = run_plan(plan, options.processes, folder, retry=options.retry)
     except KeyboardInterrupt:
@@ -120,7 +121,7 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
     changed: dict[str, Any] = {
         name: own[name] for name in ("timeout", "success") if own[name] is not None
     }
-    return Plan.of(Plan.load(path).tables() | changed), path
+    return replace(Plan.load(path), **changed), path
 
 
 def _alone(plan: Plan, number: int, folder: Path) -> int:

@@ -41,7 +41,6 @@ from .table import flat, plain
 METHODS = ("random", "lhs", "sobol")
 COPY = "sweep.toml"
 SUCCESS = "follows"
-_MAY_DIFFER = ("title", "timeout", "success")  # between a sweep and its resumption
 _HINT = (
     "Write values such as 1.0, 2.0 or a, b, or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
     "loguniform(a, b), normal(mean, deviation), choice([...]), finite numbers and a below b."
@@ -268,11 +267,7 @@ class Plan:
             )
         if not self.cases:
             raise InputError("there is no case.", where="case")
-        ordinary = self.cases[0].values
-        self.check(ordinary)
-        for each in self.values:
-            for value in () if each.drawn else each.arguments:
-                self.check(ordinary | {each.key: each.used(value)})
+        self.check(self.cases[0].values)
 
     @classmethod
     def read(
@@ -374,24 +369,23 @@ class Plan:
             found.append(Case(number, _case_seed(self.seed, number), {**listed, **in_order}))
         return found
 
-    def tables(self) -> dict[str, Any]:
-        """Return the keys of a sweep file that says the same."""
-        given = {each.name: getattr(self, each.name) for each in fields(self)}
-        found = {key: value for key, value in given.items() if value not in (None, "", (), {}, [])}
-        if callable(self.function):
-            found["function"] = f"{self.function.__module__}:{self.function.__qualname__}"
-        return found
+    def text(self) -> str:
+        """Return the sweep file that says the same, with the version of the library."""
+        import tomlkit
 
-    def differs(self, other: Plan) -> list[str]:
-        """Return the keys in which two sweeps differ so that their rows do not fit together."""
-        a, b = plain(self.tables()), plain(other.tables())
-        return [key for key in (a | b) if key not in _MAY_DIFFER and a.get(key) != b.get(key)]
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        if callable(self.function):
+            given["function"] = f"{self.function.__module__}:{self.function.__qualname__}"
+        return tomlkit.dumps({"version": __version__, **plain(given)})
 
     def save(self, folder: Path) -> None:
         """Write ``sweep.toml`` into a folder."""
-        import tomlkit
+        write_text(folder / COPY, self.text())
 
-        write_text(folder / COPY, tomlkit.dumps({"version": __version__, **plain(self.tables())}))
+    def is_in(self, folder: Path) -> bool:
+        """Return whether a folder holds this sweep, run by this version of the library."""
+        path = folder / COPY
+        return path.is_file() and path.read_text(encoding="utf-8") == self.text()
 
     @classmethod
     def load(cls, folder: Path) -> Plan:

@@ -199,11 +199,7 @@ def _within(seconds: float | None) -> Iterator[None]:
 
 
 def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
-    """Return the row of a case, whatever happens in it: values, status, reason, numbers, seconds.
-
-    A number that has the name of a value of the case is called "NAME (result)", unless it is the
-    same.
-    """
+    """Return the row of a case, whatever happens in it."""
     started, found = time.perf_counter(), Row()
     status, reason = DONE, None
     try:
@@ -219,13 +215,8 @@ def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
         status, reason = FAILED, f"{type(error).__name__}: {error} ({place})"
-    row: Row = {"case": case.number, "seed": case.seed, **case.values}
-    row |= {"status": status, "reason": reason}
-    for key, value in found.items():
-        if key not in row:
-            row[key] = value
-        elif row[key] != value:
-            row[f"{key} (result)"] = value
+    row = {"case": case.number, "seed": case.seed, **case.values}
+    row |= {"status": status, "reason": reason, **found}
     return {**row, "seconds": time.perf_counter() - started}
 
 
@@ -458,11 +449,11 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
             (folder / name).unlink(missing_ok=True)
         plan.save(folder)
         return folder
-    if different := plan.differs(Plan.load(folder)):
+    if not plan.is_in(folder):
         raise InputError(
-            f"holds another sweep; different: {', '.join(different)}.",
+            "holds another sweep, or one of another version.",
             where=str(folder),
-            hint="Choose another folder by --out, or begin anew by --force.",
+            hint=f"Compare its {COPY}; choose another folder by --out, or begin anew by --force.",
         )
     if not resume:
         raise InputError(

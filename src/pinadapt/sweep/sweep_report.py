@@ -125,7 +125,7 @@ class Report:
     def title(self) -> str:
         """The plan's title, or that of its scenario."""
         named = self.plan.title or (self.plan.scenario or {}).get("title", "")
-        return str(named or self.plan.tables().get("function", "sweep"))
+        return str(named or self.plan.function)
 
     @cached_property
     def _varied(self) -> dict[str, None]:

@@ -133,7 +133,7 @@ def tune(
     """
     plan = work if isinstance(work, Plan) else Plan.read(Path(work), samples=samples)
     if vary:
-        plan = Plan.of({**plan.tables(), "vary": {**plan.vary, **vary}})
+        plan = replace(plan, vary={**plan.vary, **vary})
     found = searched(gains, plan)
     positive(share, "share", most=1.0, error=InputError)
     trials = whole(trials, "trials", 1)

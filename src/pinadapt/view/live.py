@@ -8,7 +8,7 @@ import webbrowser
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Lock, Thread
+from threading import Thread
 from time import perf_counter, sleep
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .drawing import TRUE, Keyframes, Window, framed, solid
+from .drawing import TRUE, Keyframes, Window, solid
 from .page import Viewpoint, page, readings, task_curves
 from .scene import Scene, desired_tip, motion_of
 
@@ -39,43 +39,6 @@ _ARRIVAL = 30.0  # [s] to wait for the browser that was opened; half: a slow one
 _RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 
 
-class Broadcast(Window):
-    """Keeps the latest message of each key, in order of arrival; browsers ask for what is new.
-
-    A browser that connects late gets the whole scene. A slow one skips messages that have been
-    replaced meanwhile.
-
-    Attributes:
-        count: of all messages so far.
-        read: how many of them a browser has got or skipped.
-    """
-
-    def __init__(self) -> None:
-        """Make a window without messages."""
-        self._latest: dict[Any, tuple[int, bytes]] = {}
-        self._lock = Lock()
-        self.count = self.read = 0
-
-    def keep(self, key: Any, message: bytes) -> None:
-        """Store a message in place of an older one with the same key."""
-        with self._lock:
-            self._latest.pop(key, None)
-            self.count += 1
-            self._latest[key] = self.count, message
-
-    def since(self, count: int) -> tuple[int, bytes]:
-        """Return how many messages there are, and those after the first ``count``, framed."""
-        with self._lock:
-            new = [message for number, message in self._latest.values() if number > count]
-            return self.count, b"".join(map(framed, new))
-
-    def wait_until_read(self, timeout: float) -> None:
-        """Wait up to ``timeout`` [s] for a browser to read all messages."""
-        end = perf_counter() + timeout
-        while self.read < self.count and perf_counter() < end:
-            sleep(0.02)
-
-
 class Server(ThreadingHTTPServer):
     """Serves one page and its messages, to this machine only.
 
@@ -85,25 +48,32 @@ class Server(ThreadingHTTPServer):
     Attributes:
         url: of the page.
         page: in HTML.
-        messages: that the page reads.
+        messages: that the page asks for; one that connects late gets the whole scene.
+        read: how many of them a browser has got.
         hosts: names by which it may be asked for.
     """
 
     daemon_threads = True
 
-    def __init__(self, page: str, messages: Broadcast) -> None:
+    def __init__(self, page: str, messages: Window) -> None:
         """Start the server on a free port."""
         super().__init__(("127.0.0.1", 0), _Handler)
-        self.page, self.messages = page.encode(), messages
+        self.page, self.messages, self.read = page.encode(), messages, 0
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.url = f"http://127.0.0.1:{self.server_port}/"
         self._thread = Thread(target=self.serve_forever, args=(0.05,), daemon=True)
         self._thread.start()
 
+    def wait_until_read(self, timeout: float) -> None:
+        """Wait up to ``timeout`` [s] for a browser to read all messages."""
+        end = perf_counter() + timeout
+        while self.read < self.messages.count and perf_counter() < end:
+            sleep(0.02)
+
     def close(self) -> None:
         """Let a browser read the remaining messages, stop, and free the port."""
-        if self.messages.read:
-            self.messages.wait_until_read(_PATIENCE)
+        if self.read:
+            self.wait_until_read(_PATIENCE)
         self.shutdown()
         self._thread.join()
         self.server_close()
@@ -123,7 +93,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif place == "/messages" and query.isdecimal():
             count, new = self.server.messages.since(int(query))
             self._send("application/octet-stream", new, count)
-            self.server.messages.read = count
+            self.server.read = count
         else:
             self.send_error(404)
 
@@ -178,7 +148,7 @@ class LiveView:
             title: of the page.
         """
         self._robots, self._controller = Succession.of(true, changes), controller
-        self._window = Broadcast()
+        self._window = Window()
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | None = None
@@ -198,7 +168,7 @@ class LiveView:
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
         if open_in_browser(self.url):
-            self._window.wait_until_read(_ARRIVAL)
+            self._server.wait_until_read(_ARRIVAL)
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""

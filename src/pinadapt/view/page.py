@@ -20,7 +20,7 @@ from .._checks import positive
 from .._output import write_text
 from ..controller.controller import Controller
 from ..robot.robot import Succession
-from .drawing import TRUE, Keyframes, Window, framed, ghost, solid
+from .drawing import TRUE, Keyframes, Window, ghost, solid
 from .scene import Scene, desired_tip, motion_in_time
 
 
@@ -110,18 +110,6 @@ class Viewpoint(NamedTuple):
         half = 0.5 * (high - low)
         margin = 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
         return cls(axes @ (0.5 * (low + high)), direction, half + margin)
-
-
-class Messages(Window):
-    """Keeps all messages, for a page that contains them."""
-
-    def __init__(self) -> None:
-        """Make a window without messages."""
-        self.all = b""
-
-    def keep(self, key: Any, message: bytes) -> None:
-        """Append a message."""
-        self.all += framed(message)
 
 
 def page(
@@ -227,7 +215,7 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     """
     rate, run = positive(frames_per_second, "frames_per_second"), rollout.evaluated()
     robots, kinematics = run.true, run.controller.kinematics
-    true, window = robots.robots[0], Messages()
+    true, window = robots.robots[0], Window()
     t, q, x, x_d, a_k = rollout.t, rollout.q, rollout.x, rollout.x_d, rollout.a_k
     if not len(t):  # it diverged at once
         home, here = true.q0, true.position(true.q0)
@@ -258,6 +246,6 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
         [*curves],
         rollout.duration,
         marks=rollout.marks,
-        messages=window.all,
+        messages=window.since(0)[1],
     )
     return Animation(html)
