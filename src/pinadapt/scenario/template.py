@@ -248,8 +248,8 @@ class Template:
             sizes = {"amplitude": _numbers(path.amplitude), "period": _numbers(path.period)}
             return {"kind": "sinusoid", **sizes}
         if self.filmed:
-            sizes = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
-            return {"kind": "circle", **sizes}
+            seen = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
+            return {"kind": "circle", **seen}
         given = {"radius": path.radius, "period": path.period, "plane": path.plane}
         return {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
 

@@ -158,7 +158,11 @@ def _normal(mean: np.ndarray, deviation: np.ndarray, u: np.ndarray) -> np.ndarra
     return np.asarray(mean + deviation * ndtri(np.clip(u, edge, 1.0 - edge)))
 
 
-_DISTRIBUTIONS = {"uniform": _uniform, "loguniform": _loguniform, "normal": _normal}
+_DISTRIBUTIONS: dict[str, Callable[..., np.ndarray]] = {
+    "uniform": _uniform,
+    "loguniform": _loguniform,
+    "normal": _normal,
+}
 
 
 def _parsed(text: str) -> tuple[str, list[Any]]:

@@ -148,8 +148,10 @@ def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
 
 
 # of ``summary.json``
-_KEPT = ("error_share", "max_error_first", "max_error_last", "rms_error_last", "max_angle_last")
-_KEPT += ("max_tool_error_last", "saturated", "diverged")
+_KEPT = (
+    *("error_share", "max_error_first", "max_error_last", "rms_error_last", "max_angle_last"),
+    *("max_tool_error_last", "saturated", "diverged"),
+)
 
 
 def numbers_of(rollout: Rollout) -> dict[str, Any]:

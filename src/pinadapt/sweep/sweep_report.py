@@ -205,7 +205,7 @@ class Report:
     @property
     def lost(self) -> list[int]:
         """Rows of the lost cases, of many the first."""
-        return np.flatnonzero(self.table.lost)[:PRINTED_ROWS].tolist()  # type: ignore[no-any-return]
+        return np.flatnonzero(self.table.lost)[:PRINTED_ROWS].tolist()
 
     def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""

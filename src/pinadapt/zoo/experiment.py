@@ -152,8 +152,10 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
-_MEASURED = ("joints", "radius", "unadapted", "adapted", "min_eig_M_hat", "min_singular_J_hat")
-_MEASURED += ("unadapted_angle", "adapted_angle")
+_MEASURED = (
+    *("joints", "radius", "unadapted", "adapted", "min_eig_M_hat", "min_singular_J_hat"),
+    *("unadapted_angle", "adapted_angle"),
+)
 
 
 def zoo_names(task: str = POSITION) -> list[str]:
