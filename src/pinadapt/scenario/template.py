@@ -17,8 +17,6 @@ import tomlkit
 
 from .._output import meanings
 from ..controller.controller import Controller
-from ..description.chain import links_of, massless_joints
-from ..description.description import describe
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
 from ..exceptions import InputError
@@ -266,15 +264,11 @@ class Template:
 
     def remarks(self) -> dict[str, str]:
         """Return what the robot adds to the meaning of keys."""
-        robot, massless = self.robot, list[str]()
-        if self.mass is not None:
-            model = describe(self.source, xacro=self.xacro).model
-            massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
+        robot = self.robot
         return {
             "robot.frame": f"Other ends of chains: {_names(robot.ends)}.",
             "robot.locked": f"Always locked, off the chain: {_names(robot.locked)}.",
             "robot.q0": f"Joints: {', '.join(robot.joint_names)}.",
-            "robot.mass": f"Links described without inertia: {_names(massless)}.",
         }
 
     def gains(self) -> Iterator[tuple[str, float | list[float]]]:

@@ -422,18 +422,15 @@ def sweep(
         InputError: a value or a key is not allowed, the folder holds another sweep, or no case can
             run.
     """
-    tables: dict[str, Any] = {"samples": samples, "method": method, "repeat": repeat, "seed": seed}
-    tables["timeout"] = timeout
+    what: dict[str, Any] = {"function": work}
+    if not callable(work):
+        what = {"scenario": read_toml(Path(work)), "folder": str(Path(work).resolve().parent)}
     if isinstance(cases, Mapping):
-        tables["vary"] = dict(cases)
+        what["vary"] = dict(cases)
     else:
-        tables["case"] = [mapping(each, "cases") for each in cases]
-    if callable(work):
-        tables["function"] = work
-    else:
-        path = Path(work)
-        tables |= {"scenario": read_toml(path), "folder": str(path.resolve().parent)}
-    plan = Plan.of({key: value for key, value in tables.items() if value is not None})
+        what["case"] = [mapping(each, "cases") for each in cases]
+    options: dict[str, Any] = {"method": method, "repeat": repeat, "seed": seed}
+    plan = Plan(**what, **options, samples=samples, timeout=timeout)
     place = None if folder is None else claimed(Path(folder), plan, resume=True)
     return run_plan(plan, executor, place, shown=progress)
 

@@ -18,8 +18,8 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .drawing import TRUE, Keyframes, Window, solid
-from .page import Viewpoint, page, readings, task_curves
+from .drawing import TRUE, Window, solid
+from .page import page, readings, task_curves
 from .scene import Scene, desired_tip, motion_of
 
 if TYPE_CHECKING:
@@ -148,7 +148,6 @@ class LiveView:
             title: of the page.
         """
         self._robots, self._controller = Succession.of(true, changes), controller
-        self._window = Window()
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | None = None
@@ -158,13 +157,11 @@ class LiveView:
         t = np.linspace(0.0, duration, 600)
         x_d = as_trajectory(trajectory, true.task).positions(t)
         path = desired_tip(true, x_d, here.tip[0])
-        viewpoint = Viewpoint.of(np.vstack([here.points, path]), path)
-        described = self._robots, controller.kinematics
-        self._scene = Scene(self._window, *described, viewpoint.size, Keyframes(t[:1]), path)
+        self._scene = Scene(self._robots, controller.kinematics, here, path, t[:1])
         start = x_d[:1], x_d[:1], np.asarray(controller.kinematics.initial)[None]
-        curves = [*task_curves(self._robots, controller, t[:1], *start)]
-        html = page(title or true.name, self._scene.legend, viewpoint, curves, duration)
-        self._server = Server(html, self._window)
+        curves = task_curves(self._robots, controller, t[:1], *start)
+        html = page(self._scene, title or true.name, curves, duration, live=True)
+        self._server = Server(html, self._scene.window)
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
         if open_in_browser(self.url):
@@ -204,13 +201,13 @@ class LiveView:
         both = sample.truth.x[None], x_d
         curves = task_curves(self._robots, self._controller, t, *both, a_k[None])
         for reading in readings(t, curves):
-            self._window.note(("reading", sample.t), reading=reading)
+            self._scene.window.note(("reading", sample.t), reading=reading)
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""
         if self._last is not None:
             self._draw(self._last)
-        self._window.note("end", end=self._end)
+        self._scene.window.note("end", end=self._end)
         self._server.close()
 
     def __enter__(self) -> LiveView:
