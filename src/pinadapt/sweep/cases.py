@@ -356,22 +356,29 @@ class Plan:
     @cached_property
     def cases(self) -> list[Case]:
         """The product of listed cases, grid, samples and repetitions, the last changing fastest."""
-        axes = [each for each in self.values if not each.drawn]
         drawn = [each for each in self.values if each.drawn]
         sizes = [math.prod(each.shape) for each in drawn]
-        design = _design(self.method, self.seed, self.samples or 1, sum(sizes))
-        # row of the design -> its quantiles of each key
-        split = [np.split(row, np.cumsum(sizes)[:-1]) for row in design] if drawn else [[]]
-        samples = [[each.at(u) for each, u in zip(drawn, row, strict=True)] for row in split]
-        grid = product(*(each.arguments for each in axes))
-        points = product(self.case or [{}], grid, samples, range(self.repeat))
-        found = []
-        for number, (listed, point, sample, _) in enumerate(points):
-            chosen = zip([*axes, *drawn], [*point, *sample], strict=True)
-            values = {each.key: each.used(value) for each, value in chosen}
-            in_order = {each.key: values[each.key] for each in self.values}
-            found.append(Case(number, _case_seed(self.seed, number), {**listed, **in_order}))
-        return found
+        samples = [
+            {
+                each.key: each.used(each.at(u))
+                for each, u in zip(drawn, np.split(row, np.cumsum(sizes)[:-1]), strict=False)
+            }
+            for row in _design(self.method, self.seed, self.samples or 1, sum(sizes))
+        ]
+        axes = [
+            [{each.key: each.used(value)} for value in each.arguments]
+            for each in self.values
+            if not each.drawn
+        ]
+        points = product(self.case or [{}], *axes, samples, range(self.repeat))
+        return [
+            Case(
+                number,
+                _case_seed(self.seed, number),
+                {key: value for part in parts for key, value in part.items()},
+            )
+            for number, (*parts, _) in enumerate(points)
+        ]
 
     def text(self) -> str:
         """Return the sweep file that says the same, with the version of the library."""
