@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from pinadapt.sweep import CaseTable, Plan
-from pinadapt.sweep.sweep_report import Report, percentile, rate
+from pinadapt.sweep.sweep_report import SweepReport, percentile, rate
 
 
 def test_the_rate_has_wilsons_interval():
@@ -51,7 +51,7 @@ def report(count=200, lost=True, **options):
             {"status": "diverged", "reason": "at 1 s"} if gone else {"status": "done", "reason": ""}
         )
         rows.append(row | ({"value": None, "ok": None} if gone else {"value": value, "ok": True}))
-    return Report(CaseTable(rows), plan, **options)
+    return SweepReport(CaseTable(rows), plan, **options)
 
 
 @pytest.mark.parametrize("lost", [True, False])

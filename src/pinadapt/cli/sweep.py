@@ -145,12 +145,12 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
 
 def _show(table: CaseTable, plan: Plan, column: str, folder: Path) -> int:
     """Print the report of a table and write its page."""
-    from ..sweep.sweep_report import PAGE, Report  # here, because matplotlib is slow to import
+    from ..sweep.sweep_report import PAGE, SweepReport  # here, because matplotlib is slow to import
 
     if not len(table):
         print(f"no case has run; go on: pinadapt sweep {folder} --resume")
         return DONE
-    report = Report(table, plan, column, folder)
+    report = SweepReport(table, plan, column, folder)
     report.save(folder)
     print(report.sheet())
     print(f"\nwritten to {folder}, see {folder / PAGE}")

@@ -370,7 +370,7 @@ class Plan:
             for each in self.values
             if not each.drawn
         ]
-        points = product(self.case or [{}], *axes, samples, range(self.repeat))
+        points: Any = product(self.case or [{}], *axes, samples, range(self.repeat))
         return [
             Case(
                 number,

@@ -106,7 +106,7 @@ def percentile(values: np.ndarray, p: float) -> Percentile:
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class SweepReport:
     """The report of a table.
 
     Attributes:
