@@ -207,6 +207,7 @@ def test_a_wrong_key_is_named_and_the_nearest_suggested(setting, key, suggestion
     ("setting", "key"),
     [
         ("title=3", "title"),
+        ("truth.camera=3", "truth.camera"),
         ("robot.q0=[nan, 1.0]", "robot.q0"),
         ("robot.gravity=[0.0, 0.0]", "robot.gravity"),
         ("truth.payload={ com = [0.0, 0.0, 0.0] }", "truth.payload.mass"),

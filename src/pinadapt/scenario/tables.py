@@ -202,16 +202,23 @@ def parts(tables: Tables) -> dict[str, Any]:
     for key, allowed in _WORDS.items():
         if isinstance(value := found["controller"].get(key), str):
             word(value, allowed, f"controller.{key}")
-    found["truth"]["camera"] = [
+    truth, events = found["truth"], found["events"]
+    truth["camera"] = [
         dict(checked(each, f"truth.camera.{i}", arguments(pinhole_camera)))
-        for i, each in enumerate(found["truth"].get("camera", []))
+        for i, each in enumerate(_listed(truth, "camera", "truth"))
     ]
     changes = {"changes": KEYS["truth"][1], "announcements": ("payload", "tool_translation")}
     for name, allowed in changes.items():
-        found["events"][name] = [
+        events[name] = [
             read(each, f"events.{name}.{i}", Robot.changed, ("at", *allowed))
-            for i, each in enumerate(found["events"].get(name, []))
+            for i, each in enumerate(_listed(events, name, "events"))
         ]
+    return found
+
+
+def _listed(table: Mapping[str, Any], key: str, path: str) -> list[Any]:
+    """Return a list of tables, an empty one where there is none."""
+    found: list[Any] = instance(table.get(key, []), list, f"{path}.{key}", ScenarioError)
     return found
 
 
