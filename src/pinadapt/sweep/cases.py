@@ -113,7 +113,7 @@ class Values:
     def at(self, u: np.ndarray) -> Any:
         """Return the value at the quantiles u (n), or (1) for a single one."""
         if self.kind == "choice":
-            return self.arguments[min(int(u[0] * len(self.arguments)), len(self.arguments) - 1)]
+            return self.arguments[int(u[0] * len(self.arguments))]  # u < 1
         found = _DISTRIBUTIONS[self.kind](*self.arguments, u).tolist()
         return found if self.shape else found[0]
 

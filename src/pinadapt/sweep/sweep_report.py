@@ -98,11 +98,9 @@ def percentile(values: np.ndarray, p: float) -> Percentile:
     from scipy.stats import quantile_test
 
     value = float(np.quantile(values, p, method="inverted_cdf"))
-    low, high = quantile_test(values, p=p).confidence_interval(LEVEL)
-    too_few = np.isnan(low), np.isnan(high)
-    return Percentile(
-        p, value, -np.inf if too_few[0] else float(low), np.inf if too_few[1] else float(high)
-    )
+    bounds = quantile_test(values, p=p).confidence_interval(LEVEL)  # NaN: too few cases
+    low, high = np.where(np.isnan(bounds), [-np.inf, np.inf], bounds).tolist()
+    return Percentile(p, value, low, high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +123,7 @@ class SweepReport:
     def title(self) -> str:
         """The plan's title, or that of its scenario."""
         named = self.plan.title or (self.plan.scenario or {}).get("title", "")
-        return str(named or self.plan.function)
+        return str(named or getattr(self.plan.function, "__name__", self.plan.function))
 
     @cached_property
     def _varied(self) -> dict[str, None]:
@@ -198,14 +196,14 @@ class SweepReport:
     @property
     def worst(self) -> list[int]:
         """Rows of the cases with the largest result, without the lost ones."""
-        values = np.where(self.table.lost, -np.inf, self.values(self.main))
-        order = np.argsort(-values, kind="stable")[: PRINTED_ROWS // 2].tolist()
-        return [i for i in order if values[i] > -np.inf]
+        rows = np.flatnonzero(~self.table.lost)
+        order = np.argsort(-self.values(self.main)[rows], kind="stable")
+        return [int(i) for i in rows[order][: PRINTED_ROWS // 2]]
 
     @property
     def lost(self) -> list[int]:
         """Rows of the lost cases, of many the first."""
-        return np.flatnonzero(self.table.lost)[:PRINTED_ROWS].tolist()
+        return [int(i) for i in np.flatnonzero(self.table.lost)[:PRINTED_ROWS]]
 
     def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""
