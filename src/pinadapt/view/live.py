@@ -19,7 +19,7 @@ from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .drawing import TRUE, Window, solid
-from .page import page, readings, task_curves
+from .page import note_readings, page, task_curves
 from .scene import Scene, desired_tip, motion_of
 
 if TYPE_CHECKING:
@@ -147,7 +147,6 @@ class LiveView:
             changes: time [s] -> the true robot from then on.
             title: of the page.
         """
-        self._robots, self._controller = Succession.of(true, changes), controller
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | None = None
@@ -157,9 +156,10 @@ class LiveView:
         t = np.linspace(0.0, duration, 600)
         x_d = as_trajectory(trajectory, true.task).positions(t)
         path = desired_tip(true, x_d, here.tip[0])
-        self._scene = Scene(self._robots, controller.kinematics, here, path, t[:1])
+        robots = Succession.of(true, changes)
+        self._scene = Scene(robots, controller.kinematics, here, path, t[:1])
         start = x_d[:1], x_d[:1], np.asarray(controller.kinematics.initial)[None]
-        curves = task_curves(self._robots, controller, t[:1], *start)
+        curves = task_curves(self._scene, t[:1], *start)
         html = page(self._scene, title or true.name, curves, duration, live=True)
         self._server = Server(html, self._scene.window)
         self.url = self._server.url
@@ -198,10 +198,8 @@ class LiveView:
         motion = self._scene.show(t, q[None], x_d, a_k[None])
         self._trace(motion.tip[0])
         assert sample.truth.x is not None  # perfect sensors see the task
-        both = sample.truth.x[None], x_d
-        curves = task_curves(self._robots, self._controller, t, *both, a_k[None])
-        for reading in readings(t, curves):
-            self._scene.window.note(("reading", sample.t), reading=reading)
+        curves = task_curves(self._scene, t, sample.truth.x[None], x_d, a_k[None])
+        note_readings(self._scene, t, curves)
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 from base64 import b64encode
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from html import escape
 from importlib.resources import files
@@ -18,8 +18,6 @@ import numpy as np
 
 from .._checks import positive
 from .._output import write_text
-from ..controller.controller import Controller
-from ..robot.robot import Succession
 from .drawing import TRUE, ghost, solid
 from .scene import Scene, desired_tip, motion_in_time
 
@@ -36,26 +34,21 @@ Curves = dict[Curve, np.ndarray]
 
 
 def task_curves(
-    robots: Succession,
-    controller: Controller,
-    t: np.ndarray,
-    x: np.ndarray,
-    x_d: np.ndarray,
-    a_k: np.ndarray,
+    scene: Scene, t: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
 ) -> Curves:
     """Return the errors of the task and of estimated translations.
 
     Args:
-        robots: the true robot, and what it changes to.
-        controller: of the loop.
+        scene: of the page.
         t: (N) time [s].
         x: (N, .) true task coordinates.
         x_d: (N, .) desired ones.
         a_k: (N, p_k) estimates.
     """
-    true, kinematics, found = robots.robots[0], controller.kinematics, Curves()
-    error = np.array([true.task.error(*both) for both in zip(x, x_d, strict=True)])
-    for group in true.task.groups:
+    robots, kinematics = scene.robots, scene.kinematics
+    task, found = robots.robots[0].task, Curves()
+    error = np.array([task.error(*both) for both in zip(x, x_d, strict=True)])
+    for group in task.groups:
         unit, scale = group.shown
         size = np.linalg.norm(error[:, group.rows], axis=1)
         found[Curve(f"{group.name} error", unit)] = scale * size
@@ -67,11 +60,11 @@ def task_curves(
     return found
 
 
-def readings(t: np.ndarray, curves: Curves) -> Iterator[dict[str, Any]]:
-    """Yield time and values of the curves at each sample; None for values that are not finite."""
-    for moment, values in zip(t, np.array([*curves.values()]).T, strict=True):
+def note_readings(scene: Scene, t: np.ndarray, curves: Curves) -> None:
+    """Note the values of the curves at times t (N) [s]; null where they are not finite."""
+    for moment, values in zip(t.round(4).tolist(), np.array([*curves.values()]).T, strict=True):
         shown = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
-        yield {"t": round(float(moment), 4), "values": shown}
+        scene.window.note(("reading", moment), reading={"t": moment, "values": shown})
 
 
 def page(
@@ -193,9 +186,8 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     if len(traced.tip) > 1:
         scene.add_path("true", traced.tip, 0.005, solid(TRUE))
         scene.window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
-    curves = task_curves(robots, run.controller, t, x, x_d, a_k)
-    for reading in readings(t, curves):
-        scene.window.note(("reading", reading["t"]), reading=reading)
+    curves = task_curves(scene, t, x, x_d, a_k)
+    note_readings(scene, t, curves)
     scene.poses.play(scene.root)
     title = rollout.title or true.name
     html = page(scene, title, curves, rollout.duration, marks=rollout.marks)
