@@ -452,8 +452,8 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
         raise InputError(
             "holds another sweep, or one of another version.",
             where=str(folder),
-            hint=f"Go on with that: pinadapt sweep {folder} --resume; or take another folder by --out, "
-            "or begin anew by --force.",
+            hint=f"Go on with that: pinadapt sweep {folder} --resume; or take another folder by "
+            "--out, or begin anew by --force.",
         )
     if not resume:
         raise InputError(
