@@ -25,7 +25,7 @@ from .table import DONE, FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = FIGURES = ("map.png", "bands.png")
-LEVEL = 0.95  # of all intervals
+LEVEL = 0.95  # of all intervals, as usual
 PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one

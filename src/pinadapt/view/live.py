@@ -34,7 +34,9 @@ def open_in_browser(address: str) -> bool:
     return webbrowser.open(address)
 
 
-_PATIENCE = 2.0  # [s] for browsers to read the last messages before the server stops
+# [s] for a browser to read the last messages; half: a slow one misses the end, twice: a hung one
+# delays the end of the program
+_PATIENCE = 2.0
 _ARRIVAL = 30.0  # [s] to wait for the browser that was opened; half: a slow one misses the start
 _RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 

@@ -37,13 +37,15 @@ from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 
+# The case: half or twice of these is an easier or a harder one, and another table of results.
 PERIOD = 1e-3  # [s], sampling period of the controller
 INERTIA_ERROR = 0.3  # relative, of the mass and inertia of each body of the model
 TOOL_ERROR = 0.05  # relative to the reach
 LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
 FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
 SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
-LEAST_DURATION = 30.0  # [s]; its last 10 % is a whole turn of the fastest circle, 3 s
+# [s]; its last 10 % is a whole turn of the fastest circle, 3 s; half: some arms still converge
+LEAST_DURATION = 30.0
 
 
 @dataclass(frozen=True, eq=False)
