@@ -31,7 +31,7 @@ from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 from .tables import KEYS, MOTIONS
 
-# The unknown of the example, which users replace: half of it is learned sooner, twice later.
+# The unknown of the example, which users replace: half or twice is an easier or a harder one.
 _SHARE = 0.05  # length of the tool, relative to the reach; mass of the payload, to the moving mass
 _FRICTION = 0.5  # relative to what is typical for a robot of this size
 _FOCAL = 1000.0  # [pixels] of the camera; half: a picture of half the resolution

@@ -44,7 +44,7 @@ TOOL_ERROR = 0.05  # relative to the reach
 LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
 FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
 SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
-# [s]; its last 10 % is a whole turn of the fastest circle, 3 s; half: some arms still converge
+# [s]; its last 10 % is a whole turn of the fastest circle, 3 s; half: less time to converge
 LEAST_DURATION = 30.0
 
 
