@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from inspect import Parameter, signature
+from inspect import signature
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from types import FrameType
@@ -105,9 +105,7 @@ class FunctionWork:
     def __call__(self, case: Case) -> Mapping[str, Any]:
         """Return what the function returns; what is no table is called "result"."""
         function = resolved(self.function, self.path)
-        arguments = signature(function).parameters
-        takes_all = any(each.kind is Parameter.VAR_KEYWORD for each in arguments.values())
-        seed = {"seed": case.seed} if "seed" in arguments or takes_all else {}
+        seed = {"seed": case.seed} if "seed" in signature(function).parameters else {}
         found = function(**{**seed, **case.values})
         return found if isinstance(found, Mapping) else {"result": found}
 
