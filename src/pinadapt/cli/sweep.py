@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from .._output import check_writable
@@ -76,8 +77,8 @@ def sweep(options: argparse.Namespace) -> int:
         return _alone(plan, options.case, folder)
     if given.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    resume = options.resume or options.retry
-    claimed(folder, plan, resume=resume, anew=options.force)
+    if not given.is_dir():
+        claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
     try:
         table = run_plan(plan, options.processes, folder, retry=options.retry)
     except KeyboardInterrupt:
@@ -134,12 +135,12 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
 
 def _show(table: CaseTable, plan: Plan, column: str, folder: Path) -> int:
     """Print the report of a table and write its page."""
-    from ..sweep.sweep_report import PAGE, Report  # here, because matplotlib is slow to import
+    from ..sweep.sweep_report import PAGE, SweepReport  # here, because matplotlib is slow to import
 
     if not len(table):
         print(f"no case has run; go on: pinadapt sweep {folder} --resume")
         return DONE
-    report = Report(table, plan, column, folder)
+    report = SweepReport(table, plan, column, folder)
     report.save(folder)
     print(report.sheet())
     print(f"\nwritten to {folder}, see {folder / PAGE}")
