@@ -251,22 +251,10 @@ def momentum_columns(
     axes. With the row s = (l, r) in the body's axes and its velocity (v, w), s^T h = m l^T v +
     mc^T (l x w + v x r) + r^T I w.
     """
-
-    def add(row: np.ndarray, sign: float, s: np.ndarray, m: np.ndarray) -> None:
-        """Add sign s^T h of a body moving at m = (v, w) to its ten entries of a row."""
-        for t in range(3):
-            f, h = (t + 1) % 3, (t + 2) % 3
-            row[0] += sign * s[t] * m[t]
-            lever = s[f] * m[h + 3] - s[h] * m[f + 3] + m[f] * s[h + 3] - m[h] * s[f + 3]
-            row[1 + t] += sign * lever
-            for e in range(t + 1):  # xx, xy, yy, xz, yz, zz
-                product = s[t + 3] * m[e + 3] + (s[e + 3] * m[t + 3] if e < t else 0.0)
-                row[4 + t * (t + 1) // 2 + e] += sign * product
-
     for i in range(Y_M.shape[0]):
         for j in range(Y_M.shape[1]):
             Y_M[i, j] = Y_0[i, j] = 0.0
-    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 6))
+    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 3))
     for b in range(len(R)):
         for t in range(3):
             for e in range(3):
@@ -284,7 +272,26 @@ def momentum_columns(
                 s[t + 3] += R[b, e, t] * J[e + 3, c]
                 d[t] += R[b, e, t] * rate
                 d[t + 3] += R[b, e, t] * Jdot[e + 3, c]
-        own = slice(PER_BODY * b, PER_BODY * b + PER_BODY)
-        add(Y_M[c, own], 1.0, s, V[b])
-        add(Y_0[c, own], 1.0, s, weights[b])
-        add(Y_0[c, own], -1.0, d, V[b])
+        g = weights[b]
+        v, w, i = V[b, :3], V[b, 3:], 10 * b
+        Y_M[c, i] = s[0] * v[0] + s[1] * v[1] + s[2] * v[2]
+        Y_0[c, i] = s[0] * g[0] + s[1] * g[1] + s[2] * g[2]
+        Y_0[c, i] -= d[0] * v[0] + d[1] * v[1] + d[2] * v[2]
+        for t in range(3):
+            f, h = (t + 1) % 3, (t + 2) % 3
+            Y_M[c, i + 1 + t] = s[f] * w[h] - s[h] * w[f] + v[f] * s[h + 3] - v[h] * s[f + 3]
+            Y_0[c, i + 1 + t] = (
+                g[f] * s[h + 3]
+                - g[h] * s[f + 3]
+                - (d[f] * w[h] - d[h] * w[f] + v[f] * d[h + 3] - v[h] * d[f + 3])
+            )
+        j = i + 4
+        for t in range(3):  # xx, xy, yy, xz, yz, zz
+            for e in range(t + 1):
+                if e == t:
+                    Y_M[c, j] = s[t + 3] * w[t]
+                    Y_0[c, j] = -d[t + 3] * w[t]
+                else:
+                    Y_M[c, j] = s[t + 3] * w[e] + s[e + 3] * w[t]
+                    Y_0[c, j] = -d[t + 3] * w[e] - d[e + 3] * w[t]
+                j += 1
