@@ -59,18 +59,13 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
     if len(chosen) == 1:
         chosen = list({ALL: USUAL, NONE: ()}.get(chosen[0], chosen))
     for word in chosen:
-        if _kind(word) not in KINDS:
+        if word.rpartition(".")[2] not in KINDS:
             raise ParameterError(
                 f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'."
                 f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
                 where="unknown.effects",
             )
-    return tuple(sorted(dict.fromkeys(chosen), key=lambda word: KINDS.index(_kind(word))))
-
-
-def _kind(word: str) -> str:
-    """Return the kind in "elbow.offset" or "offset"."""
-    return word.rpartition(".")[2]
+    return tuple(word for kind in KINDS for word in chosen if word.rpartition(".")[2] == kind)
 
 
 class JointEffects:
@@ -96,7 +91,6 @@ class JointEffects:
         places: (p), (p) kind and shaft of each parameter.
         tables: column (6, m) of each coefficient among the parameters, -1 where it is known; shape
             of the friction (3, m); D (m - n, n); as the kernel ``add_joint_effects`` takes them.
-        loaded: whether the friction depends on the load of the gears.
         zero, nothing: (n) zeros, and a matrix (n, 0).
     """
 
@@ -110,12 +104,10 @@ class JointEffects:
         friction, self._n = robot.friction, robot.model.nv
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
-        self._kinds = np.array([kind for kind, _ in pairs], dtype=np.int64)
-        self._shafts = np.array([shaft for _, shaft in pairs], dtype=np.int64)
+        at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
         self._shape, self._directions = _shape(friction), friction.directions
         self._values = coefficients(robot)
         typical = typical_coefficients(robot)
-        at = self._kinds, self._shafts
         start = np.where(self._values > 0.0, self._values, _START * _all_shafts(robot, typical))
         start[_SIGNED:] = self._values[_SIGNED:]
         self._values[at] = start[at]
@@ -126,19 +118,15 @@ class JointEffects:
         self.places, self.tables = at, (columns, self._shape, self._directions)
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
-        self.signed = int(np.count_nonzero(self._kinds >= _SIGNED))
+        self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
         slides = list(robot.slides.values())
         slides += [slides[part.joints[0]] for part in friction.shafts]
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
         self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
-        self.loaded = friction.loaded or KINDS.index("gear_friction") in self._kinds
-        self._bodies = InertialModel(friction.bodies or robot.model) if self.loaded else None
-
-    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
-        return self.added(self._values, q, v, a, 1.0, self.nothing, np.zeros(self._n))[0]
+        loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
+        self._bodies = InertialModel(friction.bodies or robot.model) if loaded else None
 
     def added(
         self,
@@ -189,45 +177,39 @@ class JointEffects:
 
         That is, whether it moves faster than three thresholds, or its Coulomb friction is known.
         """
-        if KINDS.index("coulomb") not in self._kinds:
+        if KINDS.index("coulomb") not in self.places[0]:
             return np.ones(self._n, dtype=bool)
         return np.abs(v) * self._shape[0, : self._n] > _SLIDING
 
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""
         values, n = coefficients(nominal), self._n
-        values[self._kinds, self._shafts] = a_j
-        armature, viscous, coulomb, geared, asymmetry, offset = values
+        values[self.places] = a_j
+        armature, viscous, coulomb, geared, asymmetry, offset = values[:, :n]
         shafts = tuple(
-            replace(
-                part,
-                armature=float(armature[k]),
-                viscous=float(viscous[k]),
-                coulomb=float(coulomb[k]),
-            )
-            for k, part in enumerate(nominal.friction.shafts, n)
+            replace(part, armature=own[0], viscous=own[1], coulomb=own[2])
+            for part, own in zip(nominal.friction.shafts, values[:, n:].T.tolist(), strict=True)
         )
         friction = replace(
             nominal.friction,
-            viscous=viscous[:n],
-            coulomb=coulomb[:n],
-            gear_friction=geared[:n],
-            asymmetry=asymmetry[:n],
-            offset=offset[:n],
+            viscous=viscous,
+            coulomb=coulomb,
+            gear_friction=geared,
+            asymmetry=asymmetry,
+            offset=offset,
             shafts=shafts,
         )
-        return nominal.changed(armature=armature[:n], friction=friction)
+        return nominal.changed(armature=armature, friction=friction)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of a robot; None if those of a known kind differ."""
-        if len(robot.friction.shafts) != len(self._directions):
+        if not np.array_equal(robot.friction.directions, self._directions):
             return None
-        true, known = coefficients(robot), np.ones(self._values.shape, dtype=bool)
-        known[self._kinds, self._shafts] = False
-        same = np.allclose(true[known], self._values[known])
-        same = same and np.allclose(_shape(robot.friction), self._shape, atol=0.0)
-        same = same and np.array_equal(robot.friction.directions, self._directions)
-        return true[self._kinds, self._shafts] if same else None
+        true = coefficients(robot)
+        a_j = true[self.places]
+        true[self.places] = self._values[self.places]
+        same = np.allclose(_shape(robot.friction), self._shape, atol=0.0)
+        return a_j if same and np.allclose(true, self._values) else None
 
 
 def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
@@ -236,7 +218,7 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
     Raises:
         ParameterError: a joint or shaft that does not exist, or has no such coefficient.
     """
-    found: list[tuple[int, int]] = []
+    found: set[tuple[int, int]] = set()
     for word in words:
         owner, _, kind = word.rpartition(".")
         number = KINDS.index(kind)
@@ -247,8 +229,8 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
                 f"{did_you_mean(owner, names[:shafts])}",
                 where="unknown.effects",
             )
-        chosen = [names.index(owner)] if owner else list(range(shafts))
-        found += [(number, shaft) for shaft in chosen if (number, shaft) not in found]
+        chosen = [names.index(owner)] if owner else range(shafts)
+        found |= {(number, shaft) for shaft in chosen}
     return sorted(found)
 
 

@@ -19,7 +19,7 @@ a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -330,27 +330,26 @@ class LinearKinematics(TaskKinematics):
 
     def displace(self, model: pin.Model, off: np.ndarray) -> None:
         """Write the described placements, displaced by off (p), into a model of the chain."""
-        columns = self.columns
-        for joint in set(columns.joints.tolist()):
-            own, nominal = columns.joints == joint, self._place(self.robot.model, joint)
-            moved, place = columns.motions[:, own] @ off[own], self._place(model, joint)
+        for own, nominal, place in self._placements(model):
+            moved = self.columns.motions[:, own] @ off[own]
             place.translation = nominal.translation + moved[:3]
             place.rotation = pin.exp3(moved[3:]) @ nominal.rotation
 
     def displacement(self, model: pin.Model) -> np.ndarray:
         """Return how far (p) the placements of a model of the chain are along the columns."""
-        columns, found = self.columns, empty(len(self.columns.names))
-        for joint in set(columns.joints.tolist()):
-            own, place = columns.joints == joint, self._place(model, joint)
-            nominal = self._place(self.robot.model, joint)
+        found = empty(len(self.columns.names))
+        for own, nominal, place in self._placements(model):
             turn = pin.log3(place.rotation @ nominal.rotation.T)
             moved = np.concatenate([place.translation - nominal.translation, turn])
-            found[own] = columns.motions[:, own].T @ moved
+            found[own] = self.columns.motions[:, own].T @ moved
         return found
 
-    def _place(self, model: pin.Model, joint: int) -> pin.SE3:
-        """Return a placement of a model as a view: of a joint, or of the tool after the last."""
-        return placement_of(model, self.robot.frame_id, None if joint == model.njoints else joint)
+    def _placements(self, model: pin.Model) -> Iterator[tuple[np.ndarray, pin.SE3, pin.SE3]]:
+        """Yield the columns (p) of each placement, the described one, and that of a model."""
+        for joint in np.unique(self.columns.joints).tolist():
+            frame, of = self.robot.frame_id, None if joint == model.njoints else joint
+            places = (placement_of(each, frame, of) for each in (self.robot.model, model))
+            yield self.columns.joints == joint, *places
 
 
 class FrameKinematics(LinearKinematics):
