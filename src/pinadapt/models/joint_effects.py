@@ -128,6 +128,10 @@ class JointEffects:
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
         self._bodies = InertialModel(friction.bodies or robot.model) if loaded else None
 
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
+        return self.added(self.known, q, v, a, 1.0, self.nothing, self.zero)[0]
+
     def added(
         self,
         values: np.ndarray,
