@@ -238,7 +238,7 @@ class BodyDynamics(ChosenParameters):
 # 2018).
 
 
-_ROWS, _COLUMNS = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]  # of Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+_ROWS, _COLUMNS = np.tril_indices(3)  # of Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 UNCERTAINTY = 0.3  # as far as a described body may be off, in the metric of natural adaptation
 
 
@@ -262,7 +262,9 @@ def ten_parameters(P: np.ndarray) -> np.ndarray:
     return np.concatenate([P[..., 3, 3:], P[..., 3, :3], inertia[..., _ROWS, _COLUMNS]], axis=-1)
 
 
-def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) -> np.ndarray:
+def nearest_physical(
+    pi: np.ndarray, *, least_mass: float = 1e-6, least_radius: float = 1e-3
+) -> np.ndarray:
     """Return ten physical parameters (10) close to pi (10), or pi if it has the margins below.
 
     The mass becomes at least ``least_mass`` [kg], the eigenvalues of the second moment about the

@@ -36,13 +36,10 @@ USUAL = KINDS[:3]  # "all" that is usually unknown
 _SIGNED = KINDS.index("asymmetry")  # this and the following kinds may be negative
 _OF_SHAFTS = len(USUAL)  # kinds that a shaft of two joints has
 ALL, NONE = "all", "none"
-_SAMPLES = 100  # random states
 _SPEED = 0.5  # typical joint speed and acceleration [rad/s, rad/s^2, or in m]
 _OF_EFFORT = 0.02  # Coulomb friction of a motor, as a share of its effort limit,
 _BRAKING = 50.0  # and the largest deceleration that it causes [rad/s^2 or m/s^2]
 _SLIDING = 3.0  # thresholds of speed at which the smoothed sign is 0.995
-_START = 0.1  # initial value of an unknown coefficient, as a share of the typical one
-_LOAD = 0.1  # typical friction by load, as a share of it
 
 
 def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
@@ -108,7 +105,7 @@ class JointEffects:
         self._shape, self._directions = _shape(friction), friction.directions
         self._values = coefficients(robot)
         typical = typical_coefficients(robot)
-        start = np.where(self._values > 0.0, self._values, _START * _all_shafts(robot, typical))
+        start = np.where(self._values > 0.0, self._values, 0.1 * _all_shafts(robot, typical))
         start[_SIGNED:] = self._values[_SIGNED:]
         self._values[at] = start[at]
         self.known = self._values.copy()
@@ -246,9 +243,12 @@ def _shape(friction: Friction) -> np.ndarray:
 
 
 def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
-    """Return typical coefficients (6, m), from those of the usual kinds of the joints (3, n)."""
+    """Return typical coefficients (6, m), from those of the usual kinds of the joints (3, n).
+
+    Gears add a tenth of the torque that they carry.
+    """
     n = robot.model.nv
-    others = [np.full(n, _LOAD), typical[2], typical[2]]
+    others = [np.full(n, 0.1), typical[2], typical[2]]
     joints = np.array([*typical, *others])
     of_shafts = [joints[:, part.joints].mean(axis=1) for part in robot.friction.shafts]
     return np.column_stack([joints, *of_shafts])
@@ -278,7 +278,7 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
     """
     model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
     torques = []
-    for _ in range(_SAMPLES):
+    for _ in range(100):
         q = pin.integrate(model, robot.q0, rng.uniform(-0.3, 0.3, model.nv))
         v, a = _SPEED * rng.standard_normal((2, model.nv))
         torques.append(pin.rnea(model, data, q, v, a))

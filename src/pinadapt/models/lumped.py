@@ -25,8 +25,6 @@ from .regressor import LABELS, PER_BODY, Momentum, Regressor, random_states
 from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
 
 _DEPENDENT = 1e-8  # relative residual of dependent columns: below 1e-12; of others: above 1e-4
-_ZERO = 1e-12  # relative size of columns that are zero up to rounding
-_REPEATS = 2  # random nodes in a row that must add no column before the search ends
 
 
 def lumped_base(
@@ -35,8 +33,8 @@ def lumped_base(
     """Return the base of a chain's dynamics for unknown translations.
 
     Of each random node it has the columns outside the span of the nodes before. The search ends
-    when further nodes add no column: a random node lies in the span with probability one only if
-    all nodes do.
+    when two further nodes add no column: a random node lies in the span with probability one only
+    if all nodes do.
 
     Returns:
         One virtual chain a node, without rotors; the columns of each node's regressor (n, 10 n)
@@ -46,7 +44,7 @@ def lumped_base(
     states = random_states(model, 40 + 10 * model.nv)
     models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
     without_news = 0
-    while without_news < _REPEATS:
+    while without_news < 2:
         node = model.copy()
         node.armature = np.zeros(model.nv)
         placed = PlacedTranslations(node, 0, translations)
@@ -69,7 +67,7 @@ def _independent(Y: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     from scipy.linalg import qr  # here, because scipy is slow to import
 
     norms = np.linalg.norm(Y, axis=0)
-    nonzero = np.flatnonzero(norms > _ZERO * norms.max())
+    nonzero = np.flatnonzero(norms > _DEPENDENT * norms.max())
     rest = Y[:, nonzero] / norms[nonzero]
     for _ in range(2):  # the second pass removes rounding
         rest = rest - Q @ (Q.T @ rest)

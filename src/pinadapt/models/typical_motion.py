@@ -14,10 +14,7 @@ from .task_kinematics import TaskKinematics
 
 _SAMPLES = 30
 _SPREAD = 0.3  # of the configurations around home [rad or m]
-_SPEED = 1.0 / 6.0  # task speed, of the reach [1/s]
-_ERROR = 0.01  # task error, of the reach
 _SINGULAR = 1e-2  # singular values left out of inverses, relative to the largest
-_TURN = 1.0  # length in place of the reach for rotations and joints [rad]
 
 
 class States(NamedTuple):
@@ -66,8 +63,8 @@ class TypicalMotion:
         """The states (N)."""
         model, rng, kinematics = self.robot.model, np.random.default_rng(0), self.kinematics
         p, m = kinematics.task.positions, kinematics.task.size
-        size = np.repeat([self.robot.reach, _TURN], [p, m - p])
-        scale = np.array([[_SPEED], [_ERROR * self.bandwidth**2]]) * size
+        size = np.repeat([self.robot.reach, 1.0], [p, m - p])
+        scale = np.array([[1.0 / 6.0], [0.01 * self.bandwidth**2]]) * size
         found, rest = [], np.zeros(model.nv)
         for _ in range(_SAMPLES):
             q = pin.integrate(model, self.robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
