@@ -152,3 +152,19 @@ def right_inverse_and_rate(
     for i in range(m):
         for t in range(n):
             rate[t] += J[i, t] * y[i]
+
+
+@compiled("f8(f8[:], f8[:])", fills=0)
+def largest_share(x: np.ndarray, limits: np.ndarray) -> float:
+    """Return the norm of x / limits with the eighth power, slightly above its largest entry.
+
+    Zero where that is not finite.
+    """
+    largest, total = 0.0, 0.0
+    for i in range(len(x)):
+        largest = max(largest, abs(x[i] / limits[i]))
+    if not 0.0 < largest < math.inf:
+        return 0.0
+    for i in range(len(x)):
+        total += (x[i] / limits[i] / largest) ** 8
+    return largest * total**0.125
