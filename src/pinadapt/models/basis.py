@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers
+from .._checks import instance, numbers, vector
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import InertialDynamics
@@ -125,18 +125,14 @@ def read_matrix(path: Path) -> np.ndarray:
     Raises:
         ParameterError: no such file, or entries that are not numbers.
     """
-    if not path.is_file():
-        raise ParameterError("no such file.", where=str(path))
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about an empty file, refused below
+            warnings.simplefilter("error", UserWarning)  # of an empty file
             matrix = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
-    except ValueError as error:
+    except (OSError, ValueError, UserWarning) as error:
         raise ParameterError(
-            f"expected numbers separated by commas: {error}", where=str(path)
+            f"expected a file of numbers separated by commas: {error}", where=str(path)
         ) from error
-    if not matrix.size:
-        raise ParameterError("the file contains no numbers.", where=str(path))
     return numbers(matrix, str(path), error=ParameterError)
 
 
@@ -172,12 +168,7 @@ class BaseParameters:
         Raises:
             ParameterError: a is not p finite numbers.
         """
-        a = numbers(a, "a", error=ParameterError)
-        if a.shape != (len(self.parameters),):
-            raise ParameterError(
-                f"expected {len(self.parameters)} numbers, got shape {a.shape}.", where="a"
-            )
-        return self.regrouping @ a
+        return self.regrouping @ vector(a, len(self.parameters), "a", error=ParameterError)
 
     def expression(self, index: int) -> str:
         """Return a combination as a sum of parameters, the leading one first."""

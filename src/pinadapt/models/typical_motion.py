@@ -81,14 +81,14 @@ class TypicalMotion:
         return self._kinematic[0]
 
     @property
-    def kinematic_regressors(self) -> np.ndarray:
-        """Y_p (N, m_p, p_k), the position rows of Y_k, at each state."""
-        return self._kinematic[1]
+    def kinematic_regressors(self) -> list[np.ndarray]:
+        """Y_p (m_p, p_k), the position rows of Y_k, at each state."""
+        return list(self._kinematic[1])
 
     @property
-    def position_regressors(self) -> np.ndarray:
-        """X_k = dx/da_k (N, m_p, p_k) at each state."""
-        return self._kinematic[2]
+    def position_regressors(self) -> list[np.ndarray]:
+        """X_k = dx/da_k (m_p, p_k) at each state."""
+        return list(self._kinematic[2])
 
     @cached_property
     def regressors(self) -> np.ndarray:
@@ -115,14 +115,14 @@ class TypicalMotion:
         return np.linalg.pinv(self.jacobians, rcond=_SINGULAR)
 
     @property
-    def acceleration_effects(self) -> np.ndarray:
-        """J M_hat^-1 Y (N, m, p_d): task acceleration by parameter errors, at each state."""
-        return np.asarray(self.jacobians @ np.linalg.solve(self.mass_matrices, self.regressors))
+    def acceleration_effects(self) -> list[np.ndarray]:
+        """J M_hat^-1 Y (m, p_d): task acceleration by parameter errors, at each state."""
+        return list(self.jacobians @ np.linalg.solve(self.mass_matrices, self.regressors))
 
     @property
-    def momentum_effects(self) -> np.ndarray:
-        """M_hat^-1/2 Y (N, n, p_d): joint acceleration by them, in coordinates of unit mass."""
-        return np.asarray(self.unit_masses @ self.regressors)
+    def momentum_effects(self) -> list[np.ndarray]:
+        """M_hat^-1/2 Y (n, p_d): joint acceleration by them, in coordinates of unit mass."""
+        return list(self.unit_masses @ self.regressors)
 
     @cached_property
     def _kinematic(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
