@@ -223,7 +223,11 @@ def _newton(
     most: int = _STEPS,
 ) -> tuple[np.ndarray, bool]:
     """Return the minimum of |R a - z|^2 / 2 + gamma D(a), and whether ``most`` steps reached it."""
-    root, value = np.sqrt(gamma), _value(R, z, physical, a, gamma)
+
+    def objective(x: np.ndarray) -> float:
+        return float(0.5 * np.sum((R @ x - z) ** 2) + gamma * physical.divergence(x))
+
+    root, value = np.sqrt(gamma), objective(a)
     rows = np.vstack([R, root * np.eye(a.size)])
     for _ in range(most):
         T, h = physical.local(a)
@@ -232,9 +236,9 @@ def _newton(
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= decrement * gamma:
             return a, True
-        share = _share_inside(step, physical, a)
+        share = 1.0
         while share > 1e-12:
-            after = _value(R, z, physical, a + share * step, gamma)
+            after = objective(a + share * step)
             if after <= value - 0.1 * share * fall:
                 break
             share *= 0.5
@@ -242,27 +246,3 @@ def _newton(
             return a, True  # rounding prevents further progress
         a, value = a + share * step, after
     return a, False
-
-
-def _share_inside(step: np.ndarray, physical: PhysicalSet, a: np.ndarray) -> float:
-    """Return the share of a step, at most one, that stays inside the set with a margin."""
-    largest = 0.0
-    if physical.bodies:
-        P, change = physical.matrices(a), physical.matrices(step)
-        L = np.linalg.inv(np.linalg.cholesky(P))
-        relative = L @ change @ L.transpose(0, 2, 1)
-        largest = float(-np.linalg.eigvalsh(relative).min())
-    shares = physical.coefficients(step) / physical.coefficients(a)
-    largest = max(largest, float(-shares.min(initial=0.0)))
-    return min(1.0, 0.9 / largest) if largest > 0.0 else 1.0
-
-
-def _value(
-    R: np.ndarray, z: np.ndarray, physical: PhysicalSet, a: np.ndarray, gamma: float
-) -> float:
-    divergence = physical.divergence(a)
-    return (
-        np.inf
-        if np.isinf(divergence)
-        else float(0.5 * np.sum((R @ a - z) ** 2)) + gamma * divergence
-    )
