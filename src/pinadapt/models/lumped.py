@@ -19,7 +19,7 @@ from .._checks import instance
 from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
 from .basis import TorqueFit
-from .bodies import ChosenParameters
+from .bodies import InertialDynamics
 from .dynamics import Dynamics
 from .regressor import LABELS, PER_BODY, Momentum, Regressor, random_states
 from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
@@ -108,8 +108,9 @@ class LumpedDynamics(Dynamics):
         models[0].armature = robot.model.armature
         initial = self._fit.parameters(robot)
         assert initial is not None  # the nominal translations are along their directions
+        identity = np.eye(PER_BODY * robot.model.nv)
         self._chains = [
-            ChosenParameters(replace(robot, model=model), own, known=False)
+            InertialDynamics(replace(robot, model=model), identity[:, own])
             for model, own in zip(models, columns, strict=True)
         ]
         self._ends = np.cumsum([len(own) for own in columns])[:-1]
