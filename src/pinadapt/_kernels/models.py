@@ -190,40 +190,31 @@ def add_joint_effects(
 ) -> None:
     """Write [Y_b, Y_j] (n, p) and tau_b + the joints' torque (n); Y_b and tau_b are the bodies'.
 
-    Of each of n joints, and of the shafts along directions (k, n), the torque is values . f, and
-    f = (a, v, s, g s, |s|, one) with s = tanh(v shape_0) (1 + shape_1 exp(-|v| shape_2)). An entry
-    of f is column ``columns`` (6, n + k) of Y_j, where that is not negative. ``one`` is that of a
-    constant torque, zero for the momentum.
+    Of each of m shafts along directions (m, n), the joints and then others, the torque is values .
+    f, and f = (a, v, s, g s, |s|, one) with s = tanh(v shape_0) (1 + shape_1 exp(-|v| shape_2)). An
+    entry of f is column ``columns`` (6, m) of Y_j, where that is not negative. ``one`` is that of a
+    constant torque, zero for the momentum; g (n) is that of the joints alone.
     """
     n, p = Y_b.shape
     for i in range(n):
         tau[i] = tau_b[i]
-        for j in range(p):
-            Y[i, j] = Y_b[i, j]
-        for j in range(p, Y.shape[1]):
-            Y[i, j] = 0.0
+        for j in range(Y.shape[1]):
+            Y[i, j] = Y_b[i, j] if j < p else 0.0
     for k in range(values.shape[1]):
-        u, w, load = 0.0, 0.0, 0.0
-        if k < n:
-            u, w, load = v[k], a[k], g[k]
-        else:
-            for i in range(n):
-                u += directions[k - n, i] * v[i]
-                w += directions[k - n, i] * a[i]
+        u, w, load = 0.0, 0.0, g[k] if k < n else 0.0
+        for i in range(n):
+            u += directions[k, i] * v[i]
+            w += directions[k, i] * a[i]
         s = math.tanh(u * shape[0, k])
         if shape[1, k] != 0.0:
             s *= 1.0 + shape[1, k] * math.exp(-abs(u) * shape[2, k])
-        for c, f in enumerate((w, u, s, load * s, abs(s), one)):
-            j = columns[c, k]
-            if k < n:
-                tau[k] += values[c, k] * f
-                if j >= 0:
-                    Y[k, p + j] = f
-            else:
-                for i in range(n):
-                    tau[i] += directions[k - n, i] * values[c, k] * f
-                    if j >= 0:
-                        Y[i, p + j] = directions[k - n, i] * f
+        for i in range(n):
+            if directions[k, i] == 0.0:
+                continue
+            for c, f in enumerate((w, u, s, load * s, abs(s), one)):
+                tau[i] += directions[k, i] * values[c, k] * f
+                if columns[c, k] >= 0:
+                    Y[i, p + columns[c, k]] = directions[k, i] * f
 
 
 @compiled(

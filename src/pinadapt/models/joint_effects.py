@@ -66,7 +66,7 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
 
 
 class JointEffects:
-    """The torque of all shafts, D^T f(D v, D a), with D the identity above ``directions``.
+    """The torque of all shafts, D^T f(D v, D a), D the identity above further directions.
 
         f = armature a + viscous v + (coulomb + gear_friction |g|) sigma(v)
             + asymmetry |sigma(v)| + offset.
@@ -87,7 +87,7 @@ class JointEffects:
         known: (6, m) coefficients of all kinds and shafts, zero where they are unknown.
         places: (p), (p) kind and shaft of each parameter.
         tables: column (6, m) of each coefficient among the parameters, -1 where it is known; shape
-            of the friction (3, m); D (m - n, n); as the kernel ``add_joint_effects`` takes them.
+            of the friction (3, m); D (m, n); as the kernel ``add_joint_effects`` takes them.
         zero, nothing: (n) zeros, and a matrix (n, 0).
     """
 
@@ -112,7 +112,8 @@ class JointEffects:
         self.known[at] = 0.0
         columns = np.full(self._values.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
-        self.places, self.tables = at, (columns, self._shape, self._directions)
+        shafts = np.concatenate([np.eye(self._n), self._directions])
+        self.places, self.tables = at, (columns, self._shape, shafts)
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
