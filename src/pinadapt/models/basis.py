@@ -217,14 +217,14 @@ def independent_columns(
     """
     sizes = np.linalg.norm(W, axis=0)
     floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
-    Q, chosen = np.zeros((len(W), 0)), []
+    Q, chosen = np.zeros((len(W), min(W.shape))), []
     for j in np.flatnonzero(sizes > floor):
-        left = W[:, j] / sizes[j]
+        left, before = W[:, j] / sizes[j], Q[:, : len(chosen)]
         for _ in range(2):  # the second pass removes rounding
-            left = left - Q @ (Q.T @ left)
+            left = left - before @ (before.T @ left)
         length = np.linalg.norm(left)
         if length > _NEGLIGIBLE:
-            Q = np.column_stack([Q, left / length])
+            Q[:, len(chosen)] = left / length
             chosen.append(int(j))
     units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
     R = np.linalg.lstsq(units[:, chosen], units, rcond=None)[0]

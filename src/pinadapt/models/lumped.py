@@ -18,13 +18,11 @@ import pinocchio as pin
 from .._checks import instance
 from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
-from .basis import TorqueFit
+from .basis import TorqueFit, independent_columns
 from .bodies import InertialDynamics
 from .dynamics import Dynamics
 from .regressor import LABELS, PER_BODY, Momentum, Regressor, random_states
 from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
-
-_DEPENDENT = 1e-8  # relative residual of dependent columns: below 1e-12; of others: above 1e-4
 
 
 def lumped_base(
@@ -42,7 +40,7 @@ def lumped_base(
     """
     model, rng = robot.model, np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
-    models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
+    models, columns, base = [], [], np.zeros((len(states) * model.nv, 0))
     without_news = 0
     while without_news < 2:
         node = model.copy()
@@ -50,31 +48,15 @@ def lumped_base(
         placed = PlacedTranslations(node, 0, translations)
         placed.write(rng.uniform(-1.0, 1.0, placed.size))
         regressor = Regressor(node)
-        Y = np.vstack([regressor(*state) for state in states])
-        columns, directions = _independent(Y, Q)
-        if not len(columns):
-            without_news += 1
-            continue
-        without_news, Q = 0, np.hstack([Q, directions])
-        models.append(node)
-        kept.append(columns)
-        Y_kept.append(Y[:, columns])
-    return models, kept, TorqueFit(states, np.hstack(Y_kept), np.array(model.armature))
-
-
-def _independent(Y: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns of Y independent of Q and of each other, and their directions."""
-    from scipy.linalg import qr  # here, because scipy is slow to import
-
-    norms = np.linalg.norm(Y, axis=0)
-    nonzero = np.flatnonzero(norms > _DEPENDENT * norms.max())
-    rest = Y[:, nonzero] / norms[nonzero]
-    for _ in range(2):  # the second pass removes rounding
-        rest = rest - Q @ (Q.T @ rest)
-    directions, R, order = qr(rest, mode="economic", pivoting=True)
-    rank = int(np.count_nonzero(np.abs(np.diag(R)) > _DEPENDENT))
-    chosen = np.argsort(nonzero[order[:rank]])
-    return nonzero[order[:rank]][chosen], directions[:, :rank]
+        both = np.hstack([base, np.vstack([regressor(*state) for state in states])])
+        chosen, _ = independent_columns(both)
+        own = chosen[base.shape[1] :] - base.shape[1]
+        without_news = 0 if own.size else without_news + 1
+        if own.size:
+            models.append(node)
+            columns.append(own)
+            base = both[:, chosen]
+    return models, columns, TorqueFit(states, base, np.array(model.armature))
 
 
 class LumpedDynamics(Dynamics):
