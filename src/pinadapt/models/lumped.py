@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -95,7 +96,8 @@ class LumpedDynamics(Dynamics):
             InertialDynamics(replace(robot, model=model), identity[:, own])
             for model, own in zip(models, columns, strict=True)
         ]
-        self._ends = np.cumsum([len(own) for own in columns])[:-1]
+        ends = np.cumsum([0, *(len(own) for own in columns)]).tolist()
+        self._windows = [slice(first, last) for first, last in pairwise(ends)]
         self.names = tuple(
             f"{robot.joint_names[column // PER_BODY]}.{LABELS[column % PER_BODY]}#{node}"
             for node, own in enumerate(columns, 1)
@@ -107,8 +109,8 @@ class LumpedDynamics(Dynamics):
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each virtual chain with its part."""
         self._a_d = a_d
-        for chain, a in zip(self._chains, np.split(a_d, self._ends), strict=True):
-            chain.load(a)
+        for chain, window in zip(self._chains, self._windows, strict=True):
+            chain.load(a_d[window])
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return M a + C v + g (n) [N m or N], by the regressor, the fastest way."""
