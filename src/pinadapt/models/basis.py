@@ -217,7 +217,8 @@ def independent_columns(
     """
     sizes = np.linalg.norm(W, axis=0)
     floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
-    Q, chosen = np.zeros((len(W), min(W.shape))), []
+    Q = np.zeros((len(W), min(W.shape)))
+    chosen: list[int] = []
     for j in np.flatnonzero(sizes > floor):
         left, before = W[:, j] / sizes[j], Q[:, : len(chosen)]
         for _ in range(2):  # the second pass removes rounding
