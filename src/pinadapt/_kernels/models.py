@@ -70,10 +70,11 @@ def observed_motion(
     ``columns`` (9, 1 + p) has s, w, and what is subtracted from d.
 
     ``motion`` (2, k, n + 1) becomes [dphi/dq, phi] and its rate, phi (k) the d one after the other,
-    for a pose three zeros whose rate is the angular velocity, and a one. y = N phi / z (m) with z =
+    a one, and for a pose three zeros whose rate is the angular velocity. y = N phi / z (m) with z =
     D phi. ``maps`` are N and D (m, k), ``constants`` with a_j added at the ``entries`` (j, 0 for N
-    or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the last column; J = G dphi/dq and
-    dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the derivative by a, Y that of the rate.
+    or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the column of the one; J = G
+    dphi/dq and dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the derivative by a, Y that
+    of the rate.
     """
 
     def cross(a: np.ndarray, b: np.ndarray, i: int) -> float:
@@ -81,7 +82,7 @@ def observed_motion(
         f, h = (i + 1) % 3, (i + 2) % 3
         return a[f] * b[h] - a[h] * b[f]
 
-    n, last = len(v), maps.shape[2] - 1
+    n, one, width = len(v), 3 * len(parent), maps.shape[2]
     Phi, Phid = motion[0], motion[1]
     turns, turn_rates, p, pd = S[3:], dS[3:], Phi[:3], Phid[:3]
     w, wd, turning, lever = scratch[0], scratch[1], scratch[2], scratch[3]
@@ -114,31 +115,31 @@ def observed_motion(
     for j in range(len(parent)):
         for i in range(3):
             Phi[3 * j + i, n] -= columns[i + 6, j]
-    for c in range(3 * len(parent), last):
-        i = c - 3 * len(parent)
+    for c in range(one + 1, width):
         Phid[c, n] = 0.0
         for t in range(n):
-            Phi[c, t], Phid[c, t] = turns[i, t], turn_rates[i, t]
-            Phid[c, n] += turns[i, t] * v[t]
+            Phi[c, t], Phid[c, t] = turns[c - one - 1, t], turn_rates[c - one - 1, t]
+            Phid[c, n] += Phi[c, t] * v[t]
 
     for i in range(len(y)):
-        for c in range(last + 1):
+        for c in range(width):
             maps[0, i, c], maps[1, i, c] = constants[0, i, c], constants[1, i, c]
     for k in range(len(entries)):
         maps[entries[k, 1], entries[k, 2], entries[k, 3]] += a[entries[k, 0]]
     for i in range(len(y)):
         N, D = maps[0, i], maps[1, i]
         top = depth = zd = yd[i] = Jdot_v[i] = 0.0
-        for c in range(last + 1):
+        for c in range(width):
             top += N[c] * Phi[c, n]
             depth += D[c] * Phi[c, n]
             zd += D[c] * Phid[c, n]
-        z = G[i, last] = max(depth, LEAST_DEPTH)
+        z = max(depth, LEAST_DEPTH)
         y[i] = top / z
         for t in range(n):
             J[i, t] = Jdot[i, t] = 0.0
-        for c in range(last):
-            g = G[i, c] = (N[c] - y[i] * D[c]) / z
+        for c in range(width):
+            g = (N[c] - y[i] * D[c]) / z
+            G[i, c] = g if c != one else z
             for t in range(n if g != 0.0 else 0):
                 J[i, t] += g * Phi[c, t]
                 Jdot[i, t] += g * Phid[c, t]
@@ -150,23 +151,22 @@ def observed_motion(
             X[i, j] = Y[i, j] = 0.0
     for k in range(len(entries)):
         j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
-        share = (1.0 if entries[k, 1] == 0 else -y[i]) / G[i, last]
+        share = (1.0 if entries[k, 1] == 0 else -y[i]) / G[i, one]
         X[i, j], Y[i, j] = share * Phi[c, n], share * Phid[c, n]
 
 
-@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:,:], f8[:,:])")
+@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:], f8[:,:])")
 def add_map_rates(
-    rate: np.ndarray, entries: np.ndarray, motion: np.ndarray, G: np.ndarray, Jdot: np.ndarray
+    rate: np.ndarray, entries: np.ndarray, motion: np.ndarray, z: np.ndarray, Jdot: np.ndarray
 ) -> None:
     """Add dN/dt dphi/dq / z to dJ/dt (m, n), for the rates (p) of N's parameters.
 
     The others are as in ``observed_motion``.
     """
-    last = G.shape[1] - 1
     for k in range(len(entries)):
         j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
-        for t in range(Jdot.shape[1] if entries[k, 1] == 0 and c < last else 0):
-            Jdot[i, t] += rate[j] * motion[0, c, t] / G[i, last]
+        for t in range(Jdot.shape[1] if entries[k, 1] == 0 else 0):
+            Jdot[i, t] += rate[j] * motion[0, c, t] / z[i]
 
 
 @compiled(
