@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from .._checks import vector
 from ..exceptions import DivergedError, GainError, InputError, ParameterError
+from ..models.bodies import InertialModel
 from ..models.dynamics import Dynamics
-from ..models.inertial_model import InertialModel
 from ..robot.robot import Robot
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .gradient import Gradient

@@ -15,7 +15,7 @@ from ..exceptions import ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .inertial_model import InertialModel
+from .inertial_model import InertialModel as InertialModel
 from .regressor import (
     LABELS,
     PER_BODY,
