@@ -126,48 +126,46 @@ def follow_geodesic(
 
     Of each block of p parameters P (n, n) is the sum of a_i F_i, and L that of g_i dual_i. F and
     dual are the entries that are not zero, at the places (i, row, column). Where h
-    sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that. The product
-    is P - 2 Z P + 2 Z^2 P - Z^3 P + Z^4 P / 4, of symmetric terms.
+    sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
-    k, square = len(a) // p, 0.0
-    P, PL, work = np.zeros((k, n, n)), np.empty((k, n, n)), np.empty((3, n, n))
-    L = work[2]
+    k = len(a) // p
+    P, A, L = np.empty((k, n, n)), np.zeros((k, n, n)), np.empty((n, n))
+    E, B, square = np.empty((n, n)), np.empty((n, n)), 0.0
     for b in range(k):
-        for e in range(len(F)):
-            P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for r in range(n):
             for s in range(n):
-                L[r, s] = 0.0
+                P[b, r, s] = L[r, s] = 0.0
+        for e in range(len(F)):
+            P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for e in range(len(dual)):
             L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
-                x = 0.0
                 for t in range(n):
-                    x += P[b, r, t] * L[t, s]
-                PL[b, r, s] = x
+                    A[b, r, s] += P[b, r, t] * L[t, s]
         for r in range(n):
             for s in range(n):
-                square += PL[b, r, s] * PL[b, s, r]
+                square += A[b, r, s] * A[b, s, r]
     length = h * math.sqrt(abs(square))
     z = 0.5 * h * (most / length if length > most else 1.0)
     for b in range(k):
-        before = P[b]
         for r in range(n):
             for s in range(n):
-                L[r, s] = 0.0  # from here on the change of P
-        for power, factor in enumerate((-2.0, 2.0, -1.0, 0.25)):
-            term = work[power % 2]
-            for r in range(n):
-                for s in range(r + 1):
-                    x = 0.0
-                    for t in range(n):
-                        x += PL[b, r, t] * before[t, s]
-                    term[r, s] = term[s, r] = z * x
-                    L[r, s] += factor * z * x
-                    L[s, r] = L[r, s]
-            before = term
+                x = 0.0
+                for t in range(n):
+                    x += A[b, r, t] * A[b, t, s]
+                E[r, s] = (1.0 if r == s else 0.0) - z * A[b, r, s] + 0.5 * z * z * x
+        for r in range(n):
+            for s in range(n):
+                B[r, s] = 0.0
+                for t in range(n):
+                    B[r, s] += E[r, t] * P[b, t, s]
         for i in range(p):
             after[b * p + i] = a[b * p + i]
+        for r in range(n):
+            for s in range(n):
+                L[r, s] = -P[b, r, s]
+                for t in range(n):
+                    L[r, s] += B[r, t] * E[s, t]
         for e in range(len(dual)):
             after[b * p + dual_places[e, 0]] += dual[e] * L[dual_places[e, 1], dual_places[e, 2]]
