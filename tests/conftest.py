@@ -14,6 +14,15 @@ gc.set_threshold(100_000, 50, 100)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_configure(config):
+    """Compile all kernels, before every worker compiles them: that takes it some 12 s."""
+    if getattr(config.option, "numprocesses", None):
+        import pinadapt.tuning.make_controller  # noqa: F401, imports all that has kernels
+        from pinadapt._compiled import compile_all
+
+        compile_all()
+
+
 @pytest.fixture
 def blank_pictures(monkeypatch):
     """Leave pictures blank, in tests that do not look at their contents."""
