@@ -42,7 +42,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
-        e, kinematic = self._errors(s)
+        e, kinematic = self._errors(s, self.alpha)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self._commanded_acceleration(s, a_k_rate)
         # tau = M_hat v + C_hat qd + g_hat (11)
@@ -200,7 +200,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
-        e, kinematic = self._errors(s)
+        e, kinematic = self._errors(s, self.alpha)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self._commanded_acceleration(s, a_k_rate)
         dynamics = model.dynamics

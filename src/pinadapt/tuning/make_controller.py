@@ -191,7 +191,7 @@ def make_controller(
     )
     slowly = not kinematics.calibrated and not isinstance(adaptation_k, Frozen)
     controller = (SlowStart if slowly else Controller)(
-        tuned if fast is None or K_f is None else fast.around(tuned, K_f),
+        tuned if fast is None or K_f is None else replace(fast, law=tuned, gain=K_f),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,
