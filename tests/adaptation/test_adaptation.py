@@ -168,9 +168,9 @@ def test_unphysical_bodies_are_made_physical_with_a_warning():
     a[19] += 100.0  # Izz of the second body
     cone = pa.adaptation.BodyInequality(["shoulder", "elbow"], least_mass=1e-3, least_radius=1e-3)
     with pytest.warns(UserWarning, match=r"\['elbow'\]"):
-        valid = pa.adaptation.Natural(1.0, cone).validate(a)
+        valid = pa.adaptation.Natural(1.0, cone).init(a).value
     assert cone.contains(valid)
     assert np.array_equal(valid[:10], a[:10])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert pa.adaptation.Natural(1.0, cone).validate(valid) is valid
+        assert pa.adaptation.Natural(1.0, cone).init(valid).value is valid

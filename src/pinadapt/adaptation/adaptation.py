@@ -164,17 +164,18 @@ class Adaptation(ABC):
     sources: tuple[str, ...] = ()
     torque_bandwidth: float | None = None
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the estimate to start from, ``validate(value)`` with an empty memory."""
-        return Estimate(np.asarray(self.validate(value), dtype=float))
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the estimate to start from, moved into the domain with a warning if necessary.
 
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p), moved into the domain with a warning if necessary.
+        Args:
+            value: (p) initial, or announced during a run.
+            information: (p, p) matrix of other data, whose best value it is: the inverse covariance
+                where that has full rank. Adaptations without a memory of data ignore it.
 
         Raises:
             ParameterError: the value cannot be used.
         """
-        return value
+        return Estimate(value)
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the domain, which no estimate ever leaves."""
@@ -191,28 +192,6 @@ class Adaptation(ABC):
         A projection must reduce the distance to every admissible truth, so that V decreases.
         """
         return estimate.value
-
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate at an announced value (p).
-
-        Args:
-            estimate: before the announcement.
-            value: (p) the announced value.
-            start: (p) the new initial value, for adaptations that refer to it.
-        """
-        return estimate.with_value(value)
-
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with a memory of other data, whose best value is the estimate's.
-
-        Adaptations without a memory of data return the estimate itself.
-
-        Args:
-            estimate: at the start.
-            H: (p, p) information matrix of the other data, the inverse covariance where it has full
-                rank.
-        """
-        return estimate
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate for a record, with the memory for ``storage`` and ``project``."""
@@ -305,14 +284,10 @@ class Wrapper(Adaptation):
         """Return the estimate with the inner adaptation's own memory."""
         return Estimate(estimate.value, estimate.memory[self._parts :])
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the inner adaptation's start, with the value validated by this one."""
-        inner = self.inner.init(self.validate(value))
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the inner adaptation's start, with this one's parts before its memory."""
+        inner = self.inner.init(value, information)
         return _after(self._own(inner.value), inner)
-
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p) validated by the inner adaptation."""
-        return self.inner.validate(value)
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the inner adaptation's domain."""
@@ -326,14 +301,6 @@ class Wrapper(Adaptation):
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) that the inner adaptation uses at q (nq)."""
         return self.inner.project(self._inner(estimate), q)
-
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the inner adaptation's estimate at an announced value (p)."""
-        return _after(self._own(start), self.inner.reset_to(self._inner(estimate), value, start))
-
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with the inner adaptation's memory of other data."""
-        return _after(estimate.memory[: self._parts], self.inner.informed(self._inner(estimate), H))
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record keeps: this one's parts and those of the inner adaptation."""
@@ -402,13 +369,9 @@ class Stacked(Adaptation):
         """Whether a block's adaptation may move its value."""
         return any(part.projects for part, _ in self.parts)
 
-    def init(self, value: np.ndarray) -> Estimate:
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the estimate to start from; its memory holds one memory a block."""
         return _joined([part.init(value[block]) for part, block in self.parts])
-
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p), each block validated by its adaptation."""
-        return np.concatenate([part.validate(value[block]) for part, block in self.parts])
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether each block of a value (p) is in the domain of its adaptation."""
@@ -420,13 +383,6 @@ class Stacked(Adaptation):
         blocks = [part.project(own, q) for part, _, own in split]
         kept = all(block is own.value for block, (_, _, own) in zip(blocks, split, strict=True))
         return estimate.value if kept else np.concatenate(blocks)
-
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate with each block reset by its adaptation to an announced value."""
-        split = self._split(estimate)
-        return _joined(
-            [part.reset_to(own, value[block], start[block]) for part, block, own in split]
-        )
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""

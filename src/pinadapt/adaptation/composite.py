@@ -197,13 +197,16 @@ class CompositeMemory(Wrapper):
         told = np.zeros(p) if self.prior is None else self.prior.dot(start)
         return np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros(1), told
 
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with A = unit H and b = A a_hat.
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the inner adaptation's start, with A = unit H and b = A a_hat for other data.
 
         Where the other data's best value is off by e, dV/dt changes by (rho / kappa) da^T
         (I + A P)^-1 A e besides: the memory keeps the other data with the stated accuracy.
         """
-        A = self.unit * H
+        estimate = super().init(value)
+        if information is None:
+            return estimate
+        A = self.unit * information
         return Estimate(estimate.value, (A, A.dot(estimate.value), *estimate.memory[2:]))
 
     def recorded(self, estimate: Estimate) -> Estimate:

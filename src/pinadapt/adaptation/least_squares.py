@@ -149,17 +149,10 @@ class LeastSquares(Adaptation):
             self._weight = PredictionWeight(weight, rate, floor)
             self._rate, self._floor = self._weight.rate, self._weight.floor
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the estimate to start from, with P(0)."""
-        return Estimate(super().init(value).value, (self._prior,))
-
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with the gain (P(0)^-1 + unit H)^-1."""
-        return Estimate(estimate.value, (self._prior + self.unit * H,))
-
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate at an announced value (p), with P(0) again."""
-        return Estimate(value, (self._prior,))
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the estimate to start from, with P(0), or (P(0)^-1 + unit H)^-1."""
+        H = self._prior if information is None else self._prior + self.unit * information
+        return Estimate(value, (H,))
 
     def weight(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return R (l, l) for a drive with a prediction error."""

@@ -81,13 +81,14 @@ class BoxProjection(Wrapper):
                 f"the lower bounds of {empty} are not below the upper bounds.", where=where
             )
 
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p) if it lies in the box.
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the inner adaptation's start, if that lies in the box.
 
         Raises:
             ParameterError: it does not.
         """
-        value = self.inner.validate(value)
+        estimate = super().init(value, information)
+        value = estimate.value
         if outside := np.flatnonzero((value < self.low) | (value > self.high)).tolist():
             i = outside[0]
             raise ParameterError(
@@ -96,7 +97,7 @@ class BoxProjection(Wrapper):
                 where=self._where,
                 hint="Start inside the box, or give a wider one.",
             )
-        return value
+        return estimate
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the box and in the inner adaptation's domain."""

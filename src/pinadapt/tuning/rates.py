@@ -242,7 +242,7 @@ def _inertial_adaptation(
         cone = _cone(robot, dynamics, lmi)
         unit = Natural(1.0, cone)
         if gamma_d is None:
-            gamma_d = rate_for(mode, effects, unit, Estimate(unit.validate(dynamics.initial)))
+            gamma_d = rate_for(mode, effects, unit, unit.init(dynamics.initial))
         if isinstance(gamma_d, Iterable) and not isinstance(gamma_d, str):
             raise InputError("natural adaptation has one scalar gain.", where="gamma_d")
         shares = _shares(robot, dynamics, unit, load)
@@ -267,7 +267,7 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.
         return None
     shares = np.ones(len(dynamics.bodies))
     index = list(dynamics.bodies).index(last)
-    P = unit.cone.matrices(unit.validate(dynamics.initial))[index]
+    P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
     about_centre = P[:3, :3] / P[3, 3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3] ** 2
     radius = np.sqrt(max(np.linalg.eigvalsh(about_centre)[0], 0.0))
     shares[index] = max(1.0, (_THICKNESS * robot.reach / max(radius, _THINNEST)) ** 2)
