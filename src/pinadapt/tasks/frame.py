@@ -23,8 +23,7 @@ def quaternion(R: np.ndarray) -> np.ndarray:
 
 def _quaternion(q: np.ndarray) -> pin.Quaternion:
     """Return the unit quaternion along q (4), xyzw, of any length but zero."""
-    x, y, z, w = q
-    return pin.Quaternion(float(w), float(x), float(y), float(z)).normalized()
+    return pin.Quaternion(np.asarray(q, dtype=float)).normalized()
 
 
 def matrix(q: np.ndarray) -> np.ndarray:
@@ -158,7 +157,7 @@ class PoseTask(FrameTask):
 
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return position [m] and quaternion xyzw, of either sign, (7) of a frame's placement."""
-        return np.concatenate([placement.translation, quaternion(placement.rotation)])
+        return np.array(pin.SE3ToXYZQUAT(placement))
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
