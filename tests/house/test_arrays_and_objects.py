@@ -45,9 +45,8 @@ def methods(loop):
         "dynamics.slotine_li": (dyn.slotine_li, [q, v, v, v]),
         "dynamics.momentum": (dyn.momentum, [q, v]),
         "posture.offset": (law.posture.offset, [q]),
-        "posture.acceleration": (law.posture.acceleration, [q, v]),
         "adaptation.step": (lambda value: ad.step(Estimate(value), news, 1e-3), [a]),
-        "adaptation.gain": (ad.gain, [a]),
+        "adaptation.gain": (lambda value: ad.gain(Estimate(value)), [a]),
     }
 
 
@@ -59,7 +58,6 @@ METHODS = (
     "dynamics.slotine_li",
     "dynamics.momentum",
     "posture.offset",
-    "posture.acceleration",
     "adaptation.step",
     "adaptation.gain",
 )

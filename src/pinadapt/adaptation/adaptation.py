@@ -310,23 +310,36 @@ class Wrapper(Adaptation):
         """Return the drive of the inner adaptation."""
         return drive
 
+    def _added(self, estimate: Estimate, drive: Drive) -> np.ndarray | None:
+        """Return what is added to the inner rate of the value (p), None for nothing."""
+        return None
+
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates."""
-        return self.inner.rate(estimate, self._driven(estimate, drive))
+        """Return the inner adaptation's rates, and what this one adds to the value's."""
+        rate = self.inner.rate(self._inner(estimate), self._driven(estimate, drive))
+        still = tuple(np.zeros(part.shape) for part in estimate.memory[: self._parts])
+        added = self._added(estimate, drive)
+        return _after(still, rate if added is None else rate.with_value(rate.value + added))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
-        return self.inner.step(estimate, self._driven(estimate, drive), dt)
+        inner = self.inner.step(self._inner(estimate), self._driven(estimate, drive), dt)
+        return _after(estimate.memory[: self._parts], inner)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
         return self.inner.storage(self._inner(estimate), truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt, and da^T (g - g'), g' of its drive."""
-        driven = self._driven(estimate, drive)
-        removed = (estimate.value - truth) @ (drive.gradient - driven.gradient)
-        return float(removed) + self.inner.dissipation(estimate, driven, truth)
+        """Return what the inner adaptation adds to dV/dt, and what this one changes.
+
+        That is da^T (g - g') for the drive g' of the inner one, and the power of what is added.
+        """
+        inner, driven = self._inner(estimate), self._driven(estimate, drive)
+        total = self.inner.dissipation(inner, driven, truth)
+        total += float((estimate.value - truth) @ (drive.gradient - driven.gradient))
+        added = self._added(estimate, drive)
+        return total if added is None else total + self.inner.power(inner, added, truth)
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""

@@ -127,7 +127,9 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         u = s.xdd_d - self.K_v.dot(dxd) - self.K_P.dot(dx) - s.Jdot_v
         if s.delta is not None:
             u -= self._turning.dot(s.delta)
-        psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
+        psi = self.posture.null_motion(s)[0]
+        if psi is not None:  # -w offset: from here on -2 w qd - w^2 offset
+            psi = self.posture.frequency * (psi - 2.0 * s.v)
         # tau = M_hat J_hat^+ u + C_hat qd + g_hat (25)
         dynamics = model.dynamics
         torque = dynamics.torque(s.q, s.v, s.inverse.solve(u, psi))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ from .._checks import definite_matrix, numbers
 from ..adaptation.adaptation import Adaptation, Drive, Drives
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
-from ..exceptions import GainError
+from ..exceptions import DivergedError, GainError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
@@ -228,6 +229,9 @@ class ApproximateJacobian(Law):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the torque and the drive Z^T y; the kinematic estimate is not adapted."""
+        sizes = s.dx.dot(s.dx) + s.xd_d.dot(s.xd_d) + s.xdd_d.dot(s.xdd_d)
+        if not math.isfinite(sizes):  # a bounded torque would not show it, nor use xd_d and xdd_d
+            raise DivergedError("the error of the task, or the desired motion, is not finite.")
         rest, pull = np.zeros(s.v.size), self._pull(s)
         # tau = Z a_d + g_0 - J_hat^T K_P s(dx) - K_v qd
         torque = model.dynamics.torque(s.q, rest, rest) - pull - self.brake(s.v)
@@ -352,10 +356,10 @@ class BoundedTorque(ApproximateJacobian):
 
     Default gains: the bound is the limit of the motors; without one, the largest torque of gravity
     and of the gains of ``ApproximateJacobian``. The share of gravity is the largest gravity torque
-    in the workspace with bodies 30 % heavier and a load of a tenth of the mass, plus what the
-    feedback leaves, between 10 and 90 % of the bound. Half of the rest is for the spring: K_P and
-    width are reduced where necessary, K_P by the square of the factor of width, unless one of them
-    or K_v is given. K_v damps critically.
+    in the workspace with bodies 30 % heavier and a load of a tenth of the mass, a twentieth of the
+    reach off the flange, plus what the feedback leaves, between 10 and 90 % of the bound. Half of
+    the rest is for the spring: K_P and width are reduced where necessary, K_P by the square of the
+    factor of width, unless one of them or K_v is given. K_v damps critically.
 
     Attributes:
         kinematics, K_v, K_P, width, weight: as ``ApproximateJacobian``.
@@ -489,10 +493,12 @@ def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> n
 
 def _worst_gravity(robot: Robot) -> np.ndarray:
     """Return what gravity may ask of each joint (n) [N m or N] at seeded configurations."""
-    loaded = robot.changed(inertial_scale=1.3, payload=assumed_load(robot))
+    load = assumed_load(robot)
+    loaded = robot.changed(inertial_scale=1.3, payload=load)
     model, data, neutral = loaded.model, loaded.model.createData(), pin.neutral(loaded.model)
     low, high = position_bounds(model)
     moves = np.random.default_rng(0).uniform(low, high, (500, model.nv))
     places = [robot.q0, *(pin.integrate(model, neutral, move) for move in moves)]
     asked = [np.array(pin.computeGeneralizedGravity(model, data, q)) for q in places]
-    return np.asarray(np.abs(asked).max(axis=0))
+    aside = 0.05 * robot.reach * load.mass * np.linalg.norm(model.gravity.linear)
+    return np.asarray(np.abs(asked).max(axis=0) + aside)

@@ -288,7 +288,7 @@ class Separation(Law):
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
         Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
-        qd = s.v + self.lead * qdd_r  # the measured one is late by the lead
+        qd = s.v + self.lead * qdd_r if self.lead else s.v  # the measured one is late by the lead
         if self.lag:
             M_hat = model.dynamics.mass_matrix(s.q)
             kernels.subtract_limited_damping(

@@ -507,7 +507,7 @@ def kinematic_adaptation(
         moved = kinematic_least_squares(P_0, law, motion, bandwidth, rates, settings, quality)
     if box is None:
         return moved
-    return BoxProjection(moved, *box, names=kinematics.names, where="limits.box")
+    return BoxProjection(moved, *box, names=kinematics.names)
 
 
 def kinematic_least_squares(
