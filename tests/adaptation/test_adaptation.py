@@ -113,7 +113,7 @@ def test_step_follows_rate_for_small_steps(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("step", [1e-3, 1e-1, 1.0, 1e2, 1e4])
+@pytest.mark.parametrize("step", [1e-3, 1.0, 1e4])
 def test_natural_adaptation_stays_in_the_cone(case, step):
     rng = np.random.default_rng(6)
     cone, a, _ = CASES[case](rng)
@@ -127,7 +127,7 @@ def test_natural_adaptation_stays_in_the_cone(case, step):
         assert ratios.max() <= np.exp(0.02) + 1e-5 and ratios.min() >= np.exp(-0.021)
 
 
-@pytest.mark.parametrize("norm", [1e-4, 1e-3, 2.9e-3, 1e-2, 1.9e-2])
+@pytest.mark.parametrize("norm", [1e-4, 1.9e-2])
 def test_series_for_small_steps_equals_the_geodesic(norm):
     """The short series for small steps agrees with S exp(-S^T X S) S^T, by eigenvalues."""
     rng = np.random.default_rng(8)

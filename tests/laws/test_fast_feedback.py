@@ -31,7 +31,7 @@ def made(robot, law="separation", actuators=None, **options):
     )
 
 
-@pytest.mark.parametrize("eps", [1.0, 0.3, 0.1])
+@pytest.mark.parametrize("eps", [1.0, 0.1])
 def test_the_boundary_layer_of_one_joint(eps):
     """A motor and a link on a spring decay as eta'' + K_f / B eta' + K (1 / B + 1 / M) eta = 0.
 
@@ -78,7 +78,7 @@ def test_the_gain_damps_the_springs_of_every_joint():
 @pytest.mark.filterwarnings("ignore:the .* is too fast for joints")
 @pytest.mark.parametrize(
     ("name", "adaptation"),
-    [("panda", "none"), ("panda", "natural-memory"), ("ur5", "natural")],
+    [("panda", "natural-memory"), ("ur5", "natural")],
 )
 def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptation):
     robot = geared(name)
@@ -98,7 +98,7 @@ def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptatio
     assert fast.diverged is None and fast.ringing is None
     chatter = [np.sqrt(np.mean(np.diff(run.tau[-200:], axis=0) ** 2)) for run in runs]
     assert chatter[1] < 0.02 * chatter[0]
-    assert fast.distance[-200:].max() < (1e-2 if adaptation == "none" else 1e-3)
+    assert fast.distance[-200:].max() < 1e-3
     assert fast.law == "separation, fast feedback"
 
 

@@ -18,13 +18,13 @@ HERE = ROOT / "tests"
 PUBLISHED = {"gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
 
 # file: law, acceleration, integration step [s], which may be long where the bounds below are still
-# kept with room to spare, end [s], further gains. The differences are largest in the first turn of
-# 2 s, after which the loops end; the filters need short steps, and half a turn is enough.
+# kept with room to spare, end [s], further gains. The differences are largest in the first half of
+# a turn, after which the loops end; the filters need short steps.
 LOOPS = {
-    "known": ("resolved-acceleration", "filtered", 0.01 / 2, 2.0, {}),
-    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 1.0, {}),
-    "cheah": ("adaptive-jacobian", "ideal", 0.01 / 4, 2.0, {}),
-    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 2.0, {"Q": 1.0}),
+    "known": ("resolved-acceleration", "filtered", 0.01 / 2, 1.0, {}),
+    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 0.5, {}),
+    "cheah": ("adaptive-jacobian", "ideal", 0.01 / 4, 1.0, {}),
+    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 1.0, {"Q": 1.0}),
     "idc_filtered_first_30ms": ("adaptive-inverse-dynamics", "filtered", 2e-4, 0.03, {}),
     "idc_ideal_first_30ms": ("adaptive-inverse-dynamics", "ideal", 2e-4, 0.03, {}),
 }
@@ -85,7 +85,7 @@ def test_truth_is_the_papers():
     assert np.allclose(rollout.a_d_true, [3.34, 1.2, 0.97])
 
 
-@pytest.mark.parametrize("dt", [1e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("dt", [1e-3, 5e-3])
 def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
     """Law (11) with the published filter; the published adaptation makes M_hat singular."""
     natural = controller("adaptive-inverse-dynamics", "natural", gamma_d=1.0)
@@ -93,9 +93,8 @@ def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
         catalogue_robot("planar_2r"),
         natural,
         CIRCLE,
-        duration=1.02 if dt == 1e-4 else 2.0,
+        duration=1.5,
         engine=pa.Engine(dt=dt),
-        record_every=max(1, round(1e-3 / dt)),
         start=WRONG,
     )
     assert rollout.diverged is None
