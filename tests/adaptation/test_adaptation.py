@@ -83,7 +83,7 @@ def test_divergence_changes_as_the_lyapunov_proof_requires(case, seed):
     g = rng.standard_normal(a.size)
     g /= np.linalg.norm(g)
     for adaptation in (
-        pa.adaptation.Natural(0.3, cone),
+        pa.adaptation.Natural(0.3, cone, shares=rng.uniform(0.3, 3.0, cone.blocks)),
         pa.adaptation.Gradient(rng.uniform(0.1, 2.0, a.size), a.size),
     ):
         rate = rate_of(adaptation, a, g)

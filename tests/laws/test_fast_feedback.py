@@ -100,29 +100,3 @@ def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptatio
     assert chatter[1] < 0.02 * chatter[0]
     assert fast.distance[-200:].max() < 1e-3
     assert fast.law == "separation, fast feedback"
-
-
-def start(robot):
-    """Return the first measurement of a robot at rest."""
-    return pa.plants.PinocchioPlant(robot).measure()
-
-
-def test_it_has_the_energy_of_its_law():
-    robot = catalogue_robot("ur5")
-    fast = made(robot, FastFeedback("separation", 30.0))
-    inner, at = fast.law.law, start(robot)._replace(v=np.full(6, 0.1), w=np.zeros(6))
-    signals = fast.observe(fast.init(at), at, circle_at_home(robot).at(0.0))
-    truth = pa.laws.Truth(
-        fast.kinematics.value(robot),
-        fast.dynamics.value(robot),
-        np.eye(6),
-        np.zeros((6, 6)),
-        robot.friction,
-    )
-    assert fast.law.storage(signals, truth) == inner.storage(signals, truth)
-    assert fast.law.dissipation(signals, truth) == inner.dissipation(signals, truth)
-    assert fast.law.feedback(fast.motion)[0].S is not None
-    assert fast.law.uses_position_error is inner.uses_position_error is True
-    assert fast.law.bandwidth_powers is inner.bandwidth_powers
-    with pytest.raises(AttributeError):
-        _ = fast.law.no_such_gain

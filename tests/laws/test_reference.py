@@ -1,13 +1,9 @@
 """The closed loops of Wang and Xie's arm against hand-written closed-form equations."""
 
-import re
-
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.catalogue import robots_folder
-from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
 from tests.support.paper import CIRCLE, WRONG, paper_controller
 from tests.support.paths import ROOT
@@ -61,16 +57,6 @@ def test_loop_falls_on_its_reference(name):
     assert np.abs(rollout.a_d - reference("ad1", "ad2", "ad3")).max() <= 1e-5
     assert np.abs(rollout.a_k - reference("ak1", "ak2")).max() <= 1e-5
     assert np.abs(rollout.tau - reference("tau1", "tau2")).max() <= 1e-3
-
-
-def test_the_scenarios_comment_gives_the_published_adaptation():
-    file = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
-    settings = re.search(r"#\s+--set (.*gradient.*)", file.read_text()).group(1).split()
-    scenario = Scenario.read(file, settings)
-    adaptation_d, adaptation_k = scenario.controller.adaptation_d, scenario.controller.adaptation_k
-    assert np.array_equal(adaptation_d.Gamma, np.diag([4.5, 1.5, 1.5]))
-    assert np.array_equal(adaptation_k.inner.Gamma, 0.05 * np.eye(2))
-    assert type(scenario.controller.law) is pa.laws.AdaptiveInverseDynamics
 
 
 def test_truth_is_the_papers():

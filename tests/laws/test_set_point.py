@@ -59,44 +59,6 @@ def test_equality_along_the_trajectory(law, name, task, adaptation):
     assert energy.largest_rise() <= 1e-12
 
 
-@pytest.mark.parametrize("law", [EXACT, BOUNDED])
-@pytest.mark.parametrize(("name", "task"), CASES)
-def test_a_known_robot_gets_its_gravity_and_a_spring(law, name, task):
-    robot, rng = robot_of(name, task), np.random.default_rng(4)
-    controller = pa.make_controller(robot, law=law)
-    q = pin.integrate(robot.model, robot.q0, rng.uniform(-0.2, 0.2, robot.model.nv))
-    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q)
-    at = pa.Measurement(0.0, q, np.zeros(robot.model.nv), x=robot.position(q))
-    state = controller.init(at)
-    there = (
-        pa.trajectories.Hold(at.x).at(0.0)
-        if task != "pose"
-        else pa.trajectories.PoseTrajectory(pa.trajectories.Hold(at.x[:3]), at.x[3:]).at(0.0)
-    )
-    torque, drives = controller.respond(state, controller.observe(state, at, there))
-    assert np.allclose(torque, g, atol=1e-9)  # at rest in the set point nothing else acts
-    assert not np.abs(drives.dynamic.gradient).max(initial=0.0) > 1e-12
-
-    gains = controller.law
-    moving = at._replace(v=0.1 * rng.standard_normal(robot.model.nv))
-    desired = beside_home(robot).at(0.0)
-    signals, command = controller.command(state, moving, desired)
-    dx = signals.dx
-    s = gains.width * np.tanh(dx / gains.width)
-    if task == "pose":
-        size = np.linalg.norm(dx[3:])
-        s[3:] = gains.width[3] * np.tanh(size / gains.width[3]) / size * dx[3:]
-    spring = signals.J.T @ gains.K_P @ s
-    brake = g - spring - command.torque
-    asked = gains.K_v @ moving.v
-    assert np.allclose(np.cross(brake[:3], asked[:3]) if len(g) > 2 else 0.0, 0.0, atol=1e-7)
-    assert 0.0 < brake @ asked <= asked @ asked * (1.0 + 1e-9)
-    if law != BOUNDED:
-        assert np.allclose(brake, asked, atol=1e-9)
-    else:
-        assert (np.abs(brake) < gains.brake_limit).all()
-
-
 # --- at work ---
 
 

@@ -71,16 +71,6 @@ def test_panda_learns_tool_and_load_and_tracks_its_pose(law, duration):
     assert rollout.min_eig_M_hat.min() > 0.0
 
 
-def test_without_adaptation_the_pose_error_is_large():
-    robot = pose_robot()
-    true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
-    believed, law = robot.changed(inertial_scale=0.7), "adaptive-inverse-dynamics"
-    controller = pa.make_controller(believed, law=law, adaptation="none", dt=2e-3)
-    run = pa.simulate(true, controller, circle(true), duration=2.0, record_every=10)
-    summary = run.summary()
-    assert summary["max_error_last"] > 0.01 and summary["max_angle_last"] > np.radians(1.0)
-
-
 # --- the controller's manners ---
 
 
