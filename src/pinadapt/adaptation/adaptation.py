@@ -208,7 +208,8 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        return Estimate(estimate.value + dt * rate.value, _moved(estimate.memory, rate.memory, dt))
+        memory = _moved(estimate.memory, rate.memory, dt) if rate.memory else ()
+        return Estimate(estimate.value + dt * rate.value, memory)
 
     @abstractmethod
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
