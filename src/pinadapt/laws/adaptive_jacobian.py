@@ -107,9 +107,10 @@ class AdaptiveJacobian(TaskFeedback):
         psi, psid = self.posture.null_motion(s)
         return s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
 
-    def _reference_velocity(self, s: Signals) -> np.ndarray:
-        """Return qd_r (n)."""
-        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self.posture.null_motion(s)[0])
+    def _error(self, s: Signals) -> np.ndarray:
+        """Return s = qd - qd_r (n)."""
+        psi = self.posture.null_motion(s)[0]
+        return np.asarray(s.v - s.inverse.solve(s.xd_d - self.alpha * s.dx, psi))
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the torque and the drives of both estimates."""
@@ -126,7 +127,7 @@ class AdaptiveJacobian(TaskFeedback):
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2, M the true mass matrix."""
-        error = s.v - self._reference_velocity(s)
+        error = self._error(s)
         return float(0.5 * error @ (truth.M @ error) + 0.5 * s.dx @ (self.K_PV @ s.dx))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
@@ -138,20 +139,17 @@ class AdaptiveJacobian(TaskFeedback):
 
     def _joint_dissipation(self, s: Signals, truth: Truth) -> float:
         """Return (N s)^T D (N s) + s^T (f(qd) - f(qd_r)) [W]."""
-        qd_r = self._reference_velocity(s)
-        braking = (s.v - qd_r) @ (truth.friction.torque(s.v) - truth.friction.torque(qd_r))
+        error, f = self._error(s), truth.friction.torque
+        null = s.inverse.null(error)
+        braking = error @ (f(s.v) - f(s.v - error))
         if s.inverse.unique:
             return float(braking)
-        null = s.inverse.null(s.v - qd_r)
         return float(null @ (self.posture.damping * null) + braking)
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
         """Return the feedback at each state, joints in coordinates of unit mass."""
-        D, one, found = (
-            self.posture.damping if self.posture else 0.0,
-            np.eye(motion.robot.model.nv),
-            [],
-        )
+        n, found = motion.robot.model.nv, []
+        D = np.eye(n) * (self.posture.damping if self.posture else 0.0)
         for J, inverse, M, W in zip(
             motion.jacobians,
             motion.right_inverses,
@@ -160,8 +158,8 @@ class AdaptiveJacobian(TaskFeedback):
             strict=True,
         ):
             tracked, J_W = inverse @ J, J @ W.T
-            null = one - tracked
-            N = W @ null @ (D * one) @ null @ W.T
+            null = np.eye(n) - tracked
+            N = W @ null @ D @ null @ W.T
             P = W @ M @ tracked @ W.T  # projects onto what the task feels
             damping = J_W.T @ self.K_v @ J_W
             stiffness = J_W.T @ self.K_P @ J_W

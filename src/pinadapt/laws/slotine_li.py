@@ -78,10 +78,10 @@ class SlotineLi(AdaptiveJacobian):
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2, M the true mass matrix."""
-        error = s.v - self._reference_velocity(s)
+        error = self._error(s)
         return float(0.5 * error @ (truth.M @ error))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
-        error = s.v - self._reference_velocity(s)
+        error = self._error(s)
         return float(-error @ (self.K_v @ error) - self._joint_dissipation(s, truth))

@@ -54,9 +54,6 @@ def rotation_drift(phi: np.ndarray, omega: np.ndarray, omega_d: np.ndarray) -> n
 
 
 IMAGE = "image"
-_UPRIGHT = 0.999  # sine of the elevation, from which a camera looks straight up or down
-_STEPS = 3  # of Newton's method to the point of a picture
-_LOOSEST = 0.02  # of the square of a quaternion's length
 
 
 @dataclass(frozen=True)
@@ -68,6 +65,11 @@ class FrameTask(Task):
     """
 
     rows: slice
+
+    @property
+    def positions(self) -> int:
+        """All rows, but those of a rotation."""
+        return min(self.size, 3)
 
     @property
     def place(self) -> slice:
@@ -100,11 +102,6 @@ class FrameTask(Task):
 @dataclass(frozen=True)
 class PositionTask(FrameTask):
     """Two or three coordinates (m) of the frame's position [m], in world axes."""
-
-    @property
-    def positions(self) -> int:
-        """All rows: m."""
-        return self.size
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
@@ -144,11 +141,6 @@ class PoseTask(FrameTask):
     def coordinates(self) -> int:
         """Seven: position and quaternion."""
         return 7
-
-    @property
-    def positions(self) -> int:
-        """Three: the rotation rows follow."""
-        return 3
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
@@ -258,7 +250,7 @@ class ImageTask(PositionTask):
 
     def nearest(self, p: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the point (3) near p (3) [m], in the axes of the base, whose picture is y (m)."""
-        for _ in range(_STEPS):
+        for _ in range(3):  # of Newton's method
             there = pin.SE3(np.eye(3), p)
             J = self.jacobian(there, np.eye(6)[:, :3])
             p = p + np.linalg.pinv(J) @ (y - self.of(there))
@@ -309,7 +301,8 @@ def pinhole_camera(
     if not away > 0.0:
         raise InputError("the camera looks at the point where it stands.", where="target")
     forward = (at - eye) / away
-    right = np.cross(forward, np.eye(3)[2 if abs(forward[2]) < _UPRIGHT else 1])
+    upright = abs(forward[2]) > 0.999  # straight up or down
+    right = np.cross(forward, np.eye(3)[1 if upright else 2])
     right /= np.linalg.norm(right)
     R = pin.exp3(np.array([0.0, 0.0, -turn])) @ np.array([right, np.cross(forward, right), forward])
     K = np.array([[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]])
@@ -317,12 +310,19 @@ def pinhole_camera(
 
 
 def _unit(q: np.ndarray) -> bool:
-    return bool(abs(q.dot(q) - 1.0) < _LOOSEST)
+    """Return whether a quaternion is of unit length, but for 1 %."""
+    return bool(abs(q.dot(q) - 1.0) < 0.02)
 
 
-_ROWS = {"xy": slice(0, 2), "xz": slice(0, 3, 2), "yz": slice(1, 3), "xyz": slice(0, 3)}
+def _position_task(name: str) -> FrameTask:
+    """Return the task of the coordinates of the position that are the letters of a name."""
+    first, last = "xyz".index(name[0]), "xyz".index(name[-1])
+    rows = slice(first, last + 1, (last - first) // (len(name) - 1))
+    return PositionTask(name, tuple(name), rows)
+
+
 TASKS: dict[str, FrameTask] = {
-    **{name: PositionTask(name, tuple(name), rows) for name, rows in _ROWS.items()},
+    **{name: _position_task(name) for name in ("xy", "xz", "yz", "xyz")},
     "pose": PoseTask("pose", ("x", "y", "z", "phi_x", "phi_y", "phi_z"), slice(0, 6)),
 }
 """The tasks of a frame by name."""
