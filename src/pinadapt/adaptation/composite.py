@@ -71,13 +71,15 @@ class Composite(Wrapper):
         super().__init__(inner)
         self.name = _NAMES.get(inner.name, (inner.name,))[0]
         self.torque_bandwidth = positive(bandwidth, "prediction_filter")
+        if (weight is None) == (rate is None):
+            raise GainError("expected either a weight or a rate.", where="prediction_rate")
         self.weight = PredictionWeight(weight, rate, floor)
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
         if drive.W is None:
             return drive
-        return drive.weighted(self.weight.at(drive.W, partial(self.inner.gain_times, estimate)))
+        return drive.weighted(self.weight.at(drive, partial(self.inner.gain_times, estimate)))
 
 
 class CompositeMemory(Wrapper):

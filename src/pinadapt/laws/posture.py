@@ -47,12 +47,11 @@ class Posture:
         self.damping = self.frequency * np.diag(M).copy()
         self.plain = self._q_rest.size == self.damping.size
         angles, (low, high) = resting.home_angles, position_limits(self._model)
-        below, above = low - angles, high - angles
-        margin = np.minimum(0.1 * (high - low), 0.5 * np.minimum(-below, above))
-        without = ~(margin > 1e-3) | ~np.isfinite(margin)  # [rad or m] rest is at a limit
-        margin[without] = 1.0
-        low, high = below + margin, above - margin
-        low[without], high[without] = -np.inf, np.inf
+        margin = np.minimum(0.1 * (high - low), 0.5 * np.minimum(angles - low, high - angles))
+        limited = np.isfinite(margin) & (margin > 1e-3)  # [rad or m] else rest is at a limit
+        margin = np.where(limited, margin, 1.0)
+        low = np.where(limited, low - angles + margin, -np.inf)
+        high = np.where(limited, high - angles - margin, np.inf)
         rest = self._q_rest if self.plain else np.zeros(self.damping.size)
         self.rows = np.stack([rest, low, high, margin])
 
