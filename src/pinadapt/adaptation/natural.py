@@ -279,10 +279,13 @@ class Natural(Adaptation):
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None outside the cone."""
-        if not self.contains(estimate.value) or not self.contains(truth):
-            return None
         both = np.stack([self.cone.matrices(estimate.value), self.cone.matrices(truth)])
-        L, L_true = np.linalg.cholesky(both)  # more accurate than the matrices for thin bodies
+        if not np.isfinite(both).all():
+            return None
+        try:
+            L, L_true = np.linalg.cholesky(both)  # more accurate than P for thin bodies
+        except np.linalg.LinAlgError:
+            return None
         roots = np.diagonal(L, axis1=1, axis2=2) / np.diagonal(L_true, axis1=1, axis2=2)
         traces = np.square(np.linalg.solve(L, L_true)).sum(axis=(1, 2))
         terms = 2.0 * np.log(roots).sum(axis=1) + traces - L.shape[1]
