@@ -142,7 +142,7 @@ def test_equality_with_a_reference_that_keeps_speeds():
     """The error always demands more than the joints' limits; they lag behind."""
     true, controller, path = frame("panda")
     speeds = np.full(7, 0.04)
-    controller.law = controller.law.within(speeds)
+    controller.law = controller.law.adjusted(speeds=speeds)
     energy = energy_along(true, controller, path, seconds=0.01, dt=2e-4)
     assert energy.mismatch(after=begun(controller)) <= 1e-4
     assert (energy.rate <= 0.0).all() and energy.largest_rise() <= 1e-12

@@ -231,21 +231,9 @@ class Separation(Law):
         """Return (K_v^-1 + lag M^-1)^-1 (n, n)."""
         return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(M))
 
-    def within(self, speeds: np.ndarray) -> Separation:
-        """Return the law with these speeds (n) [rad/s or m/s], unless it has some."""
-        return replace(self, speeds=speeds) if self.speeds is None else self
-
     def of_joints(self, task: JointTask) -> Separation:
         """Return the same feedback with the joints as its task."""
         return replace(self, task=task, R_k=1.0, lever=0.0)
-
-    def decorrelated(self, bandwidth: float, lead: float = 0.0) -> Separation:
-        """Return the law with another lambda_s [1/s], for a velocity that is late by a lead [s]."""
-        return replace(self, lambda_s=bandwidth, lead=lead)
-
-    def with_prediction_weight(self, weight: float) -> Separation:
-        """Return the law with another R, a number times the identity."""
-        return replace(self, R_k=weight)
 
     def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
         """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.

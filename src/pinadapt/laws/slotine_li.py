@@ -72,10 +72,6 @@ class SlotineLi(AdaptiveJacobian):
             raise GainError("the law 'slotine-li' has none: K_P is alpha Kv.", where="Kp")
         return super().tuned(motion, dt, share, **given)
 
-    def with_prediction_weight(self, weight: float) -> SlotineLi:
-        """Return the law itself: it predicts nothing."""
-        return self
-
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2, M the true mass matrix."""
         error = self._error(s)

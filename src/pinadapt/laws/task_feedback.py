@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -44,10 +44,6 @@ class TaskFeedback(Law):
     def K_PV(self) -> np.ndarray:
         """K_P + alpha K_v (m, m)."""
         return np.asarray(self.K_P + self.alpha * self.K_v)
-
-    def with_prediction_weight(self, weight: float) -> TaskFeedback:
-        """Return the law with another R_k, a number times the identity."""
-        return replace(self, R_k=weight)
 
     def _errors(self, s: Signals, alpha: float) -> tuple[np.ndarray, Drive]:
         """Return e = dxd_hat + alpha dx (m), and the drive of the kinematic estimate.

@@ -159,9 +159,9 @@ def make_controller(
     elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
-        tuned = tuned.decorrelated(settings.decorrelation, 1.0 / settings.velocity)
-    if applied.governor is not None:
-        tuned = tuned.within(applied.governor.velocity)
+        tuned = tuned.adjusted(lambda_s=settings.decorrelation, lead=1.0 / settings.velocity)
+    if applied.governor is not None and getattr(tuned, "speeds", None) is None:
+        tuned = tuned.adjusted(speeds=applied.governor.velocity)
     warn_of_unused_gains(tuned, (kind, kind_k), kinematics, dynamics, gains | rates)
     box, given = make_box(robot, kinematics, limits.box), rates | gains
     adaptation_k = moved_kinematics(kind_k, tuned, motion, w, given, box, settings, quality)
@@ -239,7 +239,7 @@ def _weighed(
 ) -> Law:
     """Return the law with the default weight of its kinematic prediction error."""
     weight = prediction_weight(law, motion, adaptation_k, w, settings.smoothing)
-    return law.with_prediction_weight(weight)
+    return law.adjusted(R_k=weight)
 
 
 def _adaptation(
