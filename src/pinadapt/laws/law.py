@@ -294,7 +294,7 @@ class Law(ABC):
         lambda_s and lead, above which a regressor is free of the noise of v, and the time by which
         the low pass on v delays it; and the speeds that a reference keeps.
         """
-        named = [field.name for field in fields(self)] if is_dataclass(self) else []
+        named: list[str] = [each.name for each in fields(self)] if is_dataclass(self) else []
         own = {name: value for name, value in values.items() if name in named}
         return replace(self, **own) if own else self  # type: ignore[type-var]
 
