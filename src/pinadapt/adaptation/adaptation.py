@@ -405,8 +405,12 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        split = self._split(estimate)
-        return _joined([part.step(own, drive.columns(block), dt) for part, block, own in split])
+        value, memories = np.empty(estimate.value.size), []
+        for part, block, own in self._split(estimate):
+            after = part.step(own, drive.columns(block), dt)
+            value[block] = after.value
+            memories.append(after.memory)
+        return Estimate(value, tuple(memories))
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
