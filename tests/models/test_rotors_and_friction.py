@@ -150,4 +150,4 @@ def test_exponentiated_gradient_keeps_estimates_positive():
     )
     assert (ahead - behind) / (2 * h) == pytest.approx(-(a - true) @ g, rel=1e-6)
     with pytest.raises(pa.ParameterError, match="positive"):
-        adaptation.validate(np.array([0.0, 1.0, 1.0]))
+        adaptation.init(np.array([0.0, 1.0, 1.0]))

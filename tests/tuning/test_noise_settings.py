@@ -91,7 +91,7 @@ def driven(lambda_s, noise, count=200, seed=0):
         unknown=pa.Unknown(friction=False, armature=False),
         limits=pa.Limits(guards=False, torque=False),
     )
-    controller.law = controller.law.decorrelated(lambda_s)
+    controller.law = controller.law.adjusted(lambda_s=lambda_s)
     controller = pa.Controller(
         controller.law,
         controller.kinematics,

@@ -36,7 +36,7 @@ from ..trajectories.trajectory import Trajectory
 from .announcement import NominalRobot, announced_state
 from .first_samples import remember
 from .governor import PathTime
-from .inputs import InputCheck, initial_estimate, rows_of
+from .inputs import InputCheck, initial_estimate, squared
 from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
 from .sensing import LATEST, Guards, Senses, row
@@ -241,17 +241,13 @@ class Controller:
         if a_k is None:
             a_k = kinematics.initial_at(measurement.q, measurement.x)
         a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
-        dynamic = self.adaptation_d.init(
-            initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-        )
-        if information is not None:
-            rows = rows_of(information, dynamics.size)
-            dynamic = self.adaptation_d.informed(dynamic, rows.T @ rows)
+        a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
+        dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
         kinematic = self.adaptation_k.init(a_k)
         sensed = self.senses.init(measurement, kinematics, kinematic.value)
         if information_k is not None:
-            rows = rows_of(information_k, kinematics.size, "information_k")
-            kinematic = self.adaptation_k.informed(kinematic, rows.T @ rows)
+            H = squared(information_k, kinematics.size, "information_k")
+            kinematic = self.adaptation_k.init(a_k, H)
             sensed = believed(sensed, kinematics, kinematic.value)
         torque_filter = self._torque_filter
         return ControllerState(

@@ -18,7 +18,7 @@ from ..models.delay_compensation import SensedState
 from ..records import Measurement
 from ..robot.robot import Robot
 from .controller import Controller
-from .inputs import InputCheck, initial_estimate, rows_of
+from .inputs import InputCheck, initial_estimate, squared
 from .learned import learned_robot
 from .sensing import LATEST
 from .state import ControllerState
@@ -120,10 +120,8 @@ class Estimator:
         kinematics, dynamics = parts.kinematics, parts.dynamics
         a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
         a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-        dynamic, kinematic = parts.adaptation_d.init(a_d), parts.adaptation_k.init(a_k)
-        if information is not None:
-            rows = rows_of(information, dynamics.size)
-            dynamic = parts.adaptation_d.informed(dynamic, rows.T @ rows)
+        dynamic = parts.adaptation_d.init(a_d, squared(information, dynamics.size))
+        kinematic = parts.adaptation_k.init(a_k)
         return ControllerState(
             t=sample.t,
             dynamic=dynamic,

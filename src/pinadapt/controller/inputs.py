@@ -246,16 +246,21 @@ def _number(value: Any, name: str) -> float:
     return number
 
 
-def rows_of(given: np.ndarray, size: int, where: str = "information") -> np.ndarray:
-    """Return the rows (r, p) of an information of ``size`` p parameters, or refuse them."""
+def squared(given: np.ndarray | None, size: int, where: str = "information") -> np.ndarray | None:
+    """Return R^T R (p, p) of the rows R (r, p) of an information of ``size`` p, None for none.
+
+    Raises:
+        ParameterError: rows of another size, or not of finite numbers.
+    """
+    if given is None:
+        return None
     rows = numbers(given, where, error=ParameterError)
     if rows.ndim != 2 or rows.shape[1] != size:
-        kind = "kinematic" if where.endswith("_k") else "dynamic"
         raise ParameterError(
-            f"expected rows of {size} numbers, one a {kind} parameter, got shape {rows.shape}.",
+            f"expected rows of {size} numbers, one a parameter, got shape {rows.shape}.",
             where=where,
         )
-    return rows
+    return rows.T @ rows
 
 
 def initial_estimate(

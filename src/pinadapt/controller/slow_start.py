@@ -298,7 +298,7 @@ class SlowStart(Controller):
         sensed = believed(before, self.kinematics, a_k)
         assert state.path is not None
         return state._replace(
-            kinematic=self.adaptation_k.informed(self.adaptation_k.init(a_k), information),
+            kinematic=self.adaptation_k.init(a_k, information),
             filters=self._filters.init(sensed, self.kinematics),
             sensed=sensed,
             path=PathTime(state.path.lag, 0.0, _KNOWN / (_RISE * uncertain), AXES),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -101,7 +102,7 @@ class PinocchioPlant(SimulatedPlant):
         """Copy the model of a robot."""
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
-        self._motion = robot.task.motion_of(self._model, self._data, robot.frame_id)
+        self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
         self._integrate = FittedMidpoint(robot)
 
     def measure(self) -> Measurement:

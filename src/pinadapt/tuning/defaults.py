@@ -218,10 +218,10 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
 
 
 def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
-    """Return the typical parameters, moved into the adaptation's domain, with an empty memory."""
+    """Return the typical parameters, moved into the adaptation's domain, as at a start."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the start of a run warns of bodies outside of the cone
-        return Estimate(adaptation.validate(motion.dynamics.typical))
+        return adaptation.init(motion.dynamics.typical)
 
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:

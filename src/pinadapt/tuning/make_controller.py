@@ -153,9 +153,9 @@ def make_controller(
     elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
-        tuned = tuned.decorrelated(settings.decorrelation, 1.0 / settings.velocity)
-    if applied.governor is not None:
-        tuned = tuned.within(applied.governor.velocity)
+        tuned = tuned.adjusted(lambda_s=settings.decorrelation, lead=1.0 / settings.velocity)
+    if applied.governor is not None and getattr(tuned, "speeds", None) is None:
+        tuned = tuned.adjusted(speeds=applied.governor.velocity)
     warn_of_unused_gains(tuned, (kind, kind_k), kinematics, dynamics, gains | rates)
     box = make_box(robot, kinematics, limits.box)
     tuning = Tuning(tuned, motion, w, dt, quality, settings, rates | gains, unknown.lmi)
@@ -198,7 +198,7 @@ def make_controller(
         compensator = replace(compensator, longest_gap=governor.blind)
     slowly = not kinematics.calibrated and not isinstance(adaptation_k, Frozen)
     controller = (SlowStart if slowly else Controller)(
-        tuning.law if fast is None or K_f is None else fast.around(tuning.law, K_f),
+        tuning.law if fast is None or K_f is None else replace(fast, law=tuning.law, gain=K_f),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,

@@ -214,8 +214,8 @@ def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) 
         yield _FEEDBACK, law.bandwidth_powers, partial(joints.feedback_radius, feedback)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the start of a run warns of unphysical bodies
-            start = controller.adaptation_d.validate(motion.dynamics.initial)
-        Gamma_d = controller.adaptation_d.gain(Estimate(start))
+            start = controller.adaptation_d.init(motion.dynamics.initial)
+        Gamma_d = controller.adaptation_d.gain(start)
         if Gamma_d.any():
             effects = law.parameter_effects(motion)
             pairs = [

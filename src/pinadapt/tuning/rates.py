@@ -191,7 +191,7 @@ def _inertial_adaptation(
         cone = _cone(robot, dynamics, tuning.lmi)
         unit = Natural(1.0, cone)
         if gamma_d is None:
-            gamma_d = rate_for(mode, effects, unit, Estimate(unit.validate(dynamics.initial)))
+            gamma_d = rate_for(mode, effects, unit, unit.init(dynamics.initial))
         shares = _shares(robot, dynamics, unit, _LOAD if kind in MEMORIES else 0.0)
         return Natural(positive(gamma_d, "gamma_d"), cone, shares=shares)
     if gamma_d is None:
@@ -213,7 +213,7 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.
     if not dynamics.per_body or last not in dynamics.bodies:
         return None
     index = list(dynamics.bodies).index(last)
-    P = unit.cone.matrices(unit.validate(dynamics.initial))[index]
+    P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
     mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
     square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
     thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
@@ -378,7 +378,7 @@ def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> A
         moved = kinematic_least_squares(moved.gain(start), tuning)
     if box is None:
         return moved
-    return BoxProjection(moved, *box, names=kinematics.names, where="limits.box")
+    return BoxProjection(moved, *box, names=kinematics.names)
 
 
 def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
@@ -422,4 +422,4 @@ def with_prediction_weight(tuning: Tuning, adaptation: Adaptation) -> Law:
     seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
     rate = frequency(seen, adaptation.gain(Estimate(motion.kinematics.initial))) ** 2
     wanted = min(_SLOW * tuning.bandwidth, tuning.settings.smoothing)
-    return law.with_prediction_weight(wanted / rate if rate > 0.0 else 1.0)
+    return law.adjusted(R_k=wanted / rate if rate > 0.0 else 1.0)
