@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -123,8 +124,7 @@ def joint_motion(
     asked = [motion.at(float(each)) for each in s]
     if isinstance(robot.task, FrameTask):
         h, targets = float(s[1] - s[0]), [each.x_d for each in asked]
-        follower = _InverseKinematics(robot, robot.task, h)
-        poses, off = follower.along(targets, robot.q0 if q is None else q)
+        poses, off = _followed(robot, robot.task, targets, h, robot.q0 if q is None else q)
         angles = np.array([angles_from_configuration(model, pose) for pose in poses])
         v = np.gradient(np.unwrap(angles, axis=0), h, axis=0, edge_order=2)
         a = np.gradient(v, h, axis=0)
@@ -145,61 +145,56 @@ def joint_motion(
     return JointMotion(s, poses, v, a, still, friction.viscous * v, torque - g, off, beyond)
 
 
-class _InverseKinematics:
-    """Damped inverse kinematics of one robot, from one instant to the next, h [s] later."""
+def _followed(
+    robot: Robot, task: FrameTask, targets: list[np.ndarray], h: float, q: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return configurations (N, nq) for N targets h [s] apart, and how far (N) they are off these.
 
-    def __init__(self, robot: Robot, task: FrameTask, h: float) -> None:
-        m, rotations = task.positions, task.size - task.positions
-        self._robot, self._task, self._data = robot, task, robot.model.createData()
-        self._arms = np.repeat([1.0, robot.reach], [m, rotations])  # [m/rad]
-        self._allowed = np.repeat([TRACKED * robot.reach, TRACKED], [m, rotations])
-        self._posture = Posture(robot)
-        redundant = robot.model.nv > task.size
-        self._share = 1.0 - math.exp(-self._posture.frequency * h) if redundant else 0.0
-        J = self._jacobian(robot.q0)[0]
-        self._least = (_DAMPING**2) * max(float(np.linalg.eigvalsh(J @ J.T)[0]), 1e-12)
+    Damped least squares; all rows of errors and Jacobians are in m, rotations times the reach. The
+    search for the first configuration begins at q (nq).
+    """
+    model, data, reach = robot.model, robot.model.createData(), robot.reach
+    arms = np.repeat([1.0, reach], [task.positions, task.size - task.positions])  # [m/rad]
+    posture = Posture(robot)
+    redundant = model.nv > task.size
+    share = 1.0 - math.exp(-posture.frequency * h) if redundant else 0.0
 
-    def along(self, targets: list[np.ndarray], q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return configurations (N, nq) for N targets, and how far (N) they are off these.
+    def jacobian(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the Jacobian (m, n) and the coordinates at q (nq)."""
+        pin.computeJointJacobians(model, data, q)
+        placement = pin.updateFramePlacement(model, data, robot.frame_id)
+        J = pin.getFrameJacobian(model, data, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
+        return arms[:, None] * task.jacobian(placement, J), task.of(placement)
 
-        The search for the first one begins at q (nq).
-        """
-        for _ in range(_SEARCH):
-            J, x = self._jacobian(q)
-            error = self._task.error(targets[0], x)
-            if np.abs(error / self._allowed).max() < 1e-6:
-                break
-            q = self._stepped(q, J, error, error, 0.0)
-        poses, off = [], []
-        for k, target in enumerate(targets):
-            J, x = self._jacobian(q)
-            error = self._task.error(target, x)
-            poses.append(q)
-            off.append(np.abs(error / self._allowed).max())
-            to_go = self._task.error(targets[min(k + 1, len(targets) - 1)], x)
-            q = self._stepped(q, J, to_go, error, self._share)
-        return np.array(poses), np.array(off)
-
-    def _stepped(
-        self, q: np.ndarray, J: np.ndarray, to_go: np.ndarray, error: np.ndarray, share: float
-    ) -> np.ndarray:
+    def stepped(
+        q: np.ndarray, J: np.ndarray, to_go: np.ndarray, error: np.ndarray, share: float
+    ) -> Any:
         """Return q (nq) after a step towards what is left to go (m).
 
         The squared error (m) is added to the damping (Levenberg's rule): out of reach it is strong.
         """
-        psi = -share * self._posture.offset(q)
-        damped = J @ J.T + (self._least + float(error @ error)) * np.eye(len(J))
-        step = psi + J.T @ np.linalg.solve(damped, self._arms * to_go - J @ psi)
+        psi = -share * posture.offset(q)
+        damped = J @ J.T + (least + float(error @ error)) * np.eye(task.size)
+        step = psi + J.T @ np.linalg.solve(damped, to_go - J @ psi)
         step *= _LARGEST_STEP / max(float(np.linalg.norm(step)), _LARGEST_STEP)
-        return np.asarray(pin.integrate(self._robot.model, q, step))
+        return pin.integrate(model, q, step)
 
-    def _jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the Jacobian (m, n), rotations times the reach, and the coordinates at q (nq)."""
-        model, data, frame = self._robot.model, self._data, self._robot.frame_id
-        pin.computeJointJacobians(model, data, q)
-        placement = pin.updateFramePlacement(model, data, frame)
-        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        return self._arms[:, None] * self._task.jacobian(placement, J), self._task.of(placement)
+    smallest = np.linalg.svd(jacobian(robot.q0)[0], compute_uv=False)[-1]
+    least = (_DAMPING * max(float(smallest), 1e-6)) ** 2
+    for _ in range(_SEARCH):
+        J, x = jacobian(q)
+        error = arms * task.error(targets[0], x)
+        if np.abs(error).max() < 1e-8 * reach:
+            break
+        q = stepped(q, J, error, error, 0.0)
+    poses, off = [], []
+    for target, following in zip(targets, [*targets[1:], targets[-1]], strict=True):
+        J, x = jacobian(q)
+        error = arms * task.error(target, x)
+        poses.append(q)
+        off.append(np.abs(error).max() / (TRACKED * reach))
+        q = stepped(q, J, arms * task.error(following, x), error, share)
+    return np.array(poses), np.array(off)
 
 
 _STEP = 0.0125  # [s] between instants looked at; with half of it rates differ by less than 0.2 %
