@@ -129,10 +129,6 @@ class MujocoPlant(SimulatedPlant):
 STIFF = [0.004, 1.0]
 HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
 
-# The compiler of MuJoCo simplifies what is at the origin, in the axes or at the centre of mass of
-# its body, which must not happen here. These positions [m] and quaternions wxyz are others.
-_MASS = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
-_SITE = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
 _FRAME = "pinadapt task frame"
 
 
@@ -189,12 +185,16 @@ def chain_of(robot: Robot) -> MujocoChain:
     the numbers.
     """
     mj, chain = mujoco_module(), robot.model
+    # The compiler of MuJoCo simplifies what is at the origin, in the axes or at the centre of mass
+    # of its body, which must not happen here: these positions [m] and quaternions wxyz are others.
+    mass = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
+    site = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
     spec = mj.MjSpec()
     spec.modelname, spec.compiler.degree = robot.name, False
     bodies, (low, high) = [spec.worldbody], position_limits(chain)
     for i, name in enumerate(robot.joint_names, start=1):
         body = bodies[chain.parents[i]].add_body(
-            name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **_MASS
+            name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **mass
         )
         joint = body.add_joint(
             name=name,
@@ -207,7 +207,7 @@ def chain_of(robot: Robot) -> MujocoChain:
             joint.range, joint.solref_limit, joint.solimp_limit = limits, STIFF, HARD
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
-    carrier.add_site(name=robot.frame, **_SITE)
+    carrier.add_site(name=robot.frame, **site)
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
 
 
