@@ -245,12 +245,11 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     constant and d the share of the ideal force. It should be f v / threshold, hence
     T (1 - d) = 2 threshold / (A f).
     """
-    friction = robot.friction
-    for i in np.flatnonzero(friction.coulomb):
-        product = 2.0 * friction.threshold[i] / (model.dof_invweight0[i] * friction.coulomb[i])
-        constant = max(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
-        model.dof_solref[i] = [constant, 1.0]
-        model.dof_solimp[i, :2] = 1.0 - product / constant
+    friction, dry = robot.friction, robot.friction.coulomb > 0.0
+    product = 2.0 * friction.threshold[dry] / (model.dof_invweight0 * friction.coulomb)[dry]
+    constant = np.maximum(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
+    model.dof_solref[dry, 0], model.dof_solref[dry, 1] = constant, 1.0
+    model.dof_solimp[dry, :2] = (1.0 - product / constant)[:, None]
 
 
 def _kind(joint: pin.JointModel) -> Any:

@@ -28,17 +28,12 @@ def error_figure(run: Drawable) -> Picture:
     """Return the figure of the task error, by coordinate and as norm, and of V(t) where known."""
     groups = run.task.groups
     figure, axes = panels(2 * len(groups) + (run.lyapunov_curve is not None))
-    slowed = np.zeros(len(run.t), dtype=bool)
-    for start, end, *_ in run.slowed:
-        slowed |= (run.t >= start) & (run.t <= end)
     for k, group in enumerate(groups):
         unit, scale = group.shown
         error, label = scale * run.error[:, group.rows], f"{group.name} error [{unit}]"
         curves(axes[2 * k], run.t, error, run.task.labels[group.rows], label)
         _norm(axes[2 * k + 1], run, group, "norm")
         axes[2 * k + 1].set_ylabel(label)
-        for ax in axes[2 * k : 2 * k + 2]:
-            shade(ax, run.t, slowed, "C0", "path slowed")
     if run.lyapunov_curve is not None:
         t, V = run.lyapunov_curve
         curves(axes[-1], t, V[:, None], ["Lyapunov function"], "V")

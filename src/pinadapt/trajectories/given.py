@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -193,16 +193,7 @@ def _quaternion_spline(t: ArrayLike, x: ArrayLike) -> Callable[[float], np.ndarr
     return unit
 
 
-class HasAt(Protocol):
-    """An object with ``at(t)``, which returns x_d, or x_d with its two derivatives."""
-
-    def at(self, t: float) -> Any:
-        """Return x_d, or (x_d, xd_d, xdd_d), at time t [s]."""
-
-
-TrajectoryLike: TypeAlias = (
-    Trajectory | HasAt | Callable[[float], Any] | tuple[ArrayLike, ArrayLike] | np.ndarray
-)
+TrajectoryLike: TypeAlias = Any
 """Whatever ``as_trajectory`` takes."""
 
 
