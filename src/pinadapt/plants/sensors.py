@@ -42,15 +42,10 @@ class SimulatedCamera:
                 axes [rad].
             seed: of the noise and of the lost frames.
         """
-        self._task, self._camera, self._seed = task, camera, seed
+        self._task, self._camera, self._rng = task, camera, np.random.default_rng([seed, 1])
         self._spacing = 1.0 if camera.rate is None else max(1.0, 1.0 / (camera.rate * dt))
         self._late = round(camera.delay / dt)
         self._deviations, self._noisy = deviations, bool(deviations.any())
-        self.reset()
-
-    def reset(self) -> None:
-        """Discard all frames; restart the random numbers of noise and losses."""
-        self._rng = np.random.default_rng([self._seed, 1])
         self._sample = 0
         self._pending: deque[Measurement] = deque()
 
@@ -107,21 +102,15 @@ class Encoder:
         self._dt, self._there = dt, size > 0.0
         self._count = np.where(self._there, size, 1.0)
         self.present = bool(self._there.any())
-        self.reset()
-
-    def reset(self) -> None:
-        """Discard the last sample."""
         self._last: np.ndarray | None = None
 
     def read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
-        model, plain = self._model, self._model.nq == self._model.nv
-        angles = q if plain else angles_from_configuration(model, q)
+        model, angles = self._model, angles_from_configuration(self._model, q)
         counted = np.where(self._there, np.rint(angles / self._count) * self._count, angles)
-        read = counted if plain else configuration_from_angles(model, counted)
+        read = configuration_from_angles(model, counted)
         last, self._last = read if self._last is None else self._last, read
-        way = read - last if plain else pin.difference(model, last, read)
-        return read, np.where(self._there, way / self._dt, v)
+        return read, np.where(self._there, pin.difference(model, last, read) / self._dt, v)
 
     def rate(self, w: np.ndarray) -> np.ndarray:
         """Return a velocity (nv) in whole counts per period, as differences of counts have it."""
@@ -167,10 +156,8 @@ class SimulatedSensors:
                 f"the task '{self.task.name}' has no orientation; it takes no angle noise.",
                 where="noise.angle",
             )
-        deviations = np.repeat([self._noise["x"], self._noise["angle"]], rows)
-        camera = sensors.camera or Camera()
-        self._camera = SimulatedCamera(self.task, camera, dt, deviations, seed)
-        self._encoder = Encoder(robot, sensors.encoder, dt)
+        self._deviations = np.repeat([self._noise["x"], self._noise["angle"]], rows)
+        self._robot, self._dt = robot, dt
         self.reset()
 
     def reset(self) -> None:
@@ -178,8 +165,9 @@ class SimulatedSensors:
         self._rng = np.random.default_rng(self._seed)
         self._of_torque = np.random.default_rng([self._seed, 2])
         self._off = self._offset * np.random.default_rng([self._seed, 3]).uniform(-1.0, 1.0)
-        self._camera.reset()
-        self._encoder.reset()
+        camera = self.sensors.camera or Camera()
+        self._camera = SimulatedCamera(self.task, camera, self._dt, self._deviations, self._seed)
+        self._encoder = Encoder(self._robot, self.sensors.encoder, self._dt)
 
     def measure(self, truth: Measurement, torque: np.ndarray | None = None) -> Measurement:
         """Return the next measurement.
