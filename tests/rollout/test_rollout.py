@@ -43,14 +43,11 @@ def tracked(task=None, singular=0.0):
     return pa.simulate(true, controller, path.as_given(), duration=0.05), controller
 
 
-@pytest.mark.parametrize("modifications", [None, "sigma"])
-def test_a_record_is_without_memory_and_filters_and_has_the_same_v(modifications):
+def test_a_record_is_without_memory_and_filters_and_has_the_same_v():
     """The last state is whole: the loop can go on from it, and from no other."""
     described = pa.load("ur5")
     true = with_tool_and_load(described)
-    controller = pa.make_controller(
-        described, adaptation="natural-memory", modifications=modifications
-    )
+    controller = pa.make_controller(described, adaptation="natural-memory", modifications="sigma")
     path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0, "yz")
     path = path.starting_at(true.position(true.q0)).as_given()
     rollout = pa.simulate(true, controller, path, duration=0.1)
@@ -86,7 +83,7 @@ def joint_run():
     )
 
 
-@pytest.mark.parametrize("make", [lambda: tracked("pose")[0], joint_run, run], ids=range(3))
+@pytest.mark.parametrize("make", [lambda: tracked("pose")[0], joint_run], ids=range(2))
 def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, unpainted):
     rollout = make()
     slowed = (Slowdown(0.01, 0.02, "error", 0.5),)
@@ -97,7 +94,6 @@ def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, un
         assert np.array_equal(getattr(loaded, name), getattr(rollout, name)), name
     assert loaded.summary() == json.loads(json.dumps(rollout.summary()))
     assert str(loaded) == str(rollout) and loaded.task == rollout.task
-    if make is not run:  # of a pose and of joints; of positions they are drawn above
-        assert len(loaded.plot(tmp_path / "plots")) == 3
+    assert len(loaded.plot(tmp_path / "plots")) == 3
     with pytest.raises(pa.InputError, match="no robots"):
         loaded.learned()
