@@ -290,7 +290,7 @@ class MujocoFile:
 
         Raises:
             InputError: no such file, not a model, or joints or frames that are missing or do not
-                match: other types, another order, other axes at the home pose.
+                match: other types, or other axes or places at the home pose.
         """
         mj, path = mujoco_module(), str(self.path)
         try:

@@ -71,6 +71,7 @@ class _Sines(_Centered):
     ) -> None:
         """Take centre, amplitudes, w [rad/s] and phases (m); without a centre, what they are of."""
         self.amplitude, self._w, self._phase = amplitude, w, phase
+        self._speed, self._acceleration = w * amplitude, -w * w * amplitude
         self.center = self._placed(center, w.size, **given)
 
     @property
@@ -80,9 +81,10 @@ class _Sines(_Centered):
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
-        w, angle = self._w, self._w * t + self._phase
-        s, c = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
-        return Desired(self.center + s, w * c, -w * w * s)
+        angle = self._w * t + self._phase
+        s = np.sin(angle)
+        x_d = self.center + self.amplitude * s
+        return Desired(x_d, self._speed * np.cos(angle), self._acceleration * s)
 
 
 class Circle(_Sines):
