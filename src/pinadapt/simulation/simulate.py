@@ -142,11 +142,11 @@ def simulate(
         )
     indices = sample_indices(duration, dt, ends=engine.continuous)
     trajectory = placed_trajectory(trajectory, true.task, true.position(true.q0))
-    if not controller.kinematics.calibrated and not isinstance(start, LearnedParameters):
-        given = {"a_k": None} if start is None else dict(start)
-        if given.get("a_k", ()) is None:
-            found = wiggled(plant, controller, dt, simulated)
-            start = {**found, **given, "a_k": found["a_k"]}
+    given: Any = {"a_k": None} if start is None else start
+    named = isinstance(given, Mapping) and given.get("a_k", ()) is None
+    if named and not controller.kinematics.calibrated:
+        found = wiggled(plant, controller, dt, simulated)
+        start = {**found, **given, "a_k": found["a_k"]}
     state = prepare(plant, controller, trajectory, start, duration)
     believed = controller.kinematics.seen(state.a_k)
     trajectory = starting_from(trajectory, believed, plant.measure(), duration=duration)
