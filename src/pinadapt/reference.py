@@ -51,7 +51,6 @@ class JointMotion:
         drag: (N, n) viscous friction v.
         curve: (N, n) M a + C v.
         off: (N) how far the robot is from the motion, in units of what is allowed.
-        beyond: (N, n) how far joints are beyond their limits [rad or m], else negative.
     """
 
     s: np.ndarray
@@ -62,7 +61,6 @@ class JointMotion:
     drag: np.ndarray
     curve: np.ndarray
     off: np.ndarray
-    beyond: np.ndarray
 
     def slowness(
         self,
@@ -137,9 +135,7 @@ def joint_motion(
     friction = robot.friction
     dry = friction.coulomb + friction.gear_friction * np.abs(g) + friction.asymmetry * np.sign(v)
     still = g + friction.offset + dry * np.maximum(friction.breakaway, 1.0) * np.sign(v)
-    low, high = position_limits(model)
-    beyond = np.maximum(low - angles, angles - high)
-    return JointMotion(s, poses, v, a, still, friction.viscous * v, torque - g, off, beyond)
+    return JointMotion(s, poses, v, a, still, friction.viscous * v, torque - g, off)
 
 
 def _followed(
@@ -215,8 +211,8 @@ def within_limits(
     all instants up to the ``horizon``, or until the motion settles. A motion that starts at speed
     is begun from rest, unless it is ``as_given``.
 
-    Time scaling does not help where the motion leaves the workspace, or a joint its range: a
-    warning says when and where, and instants outside of the workspace do not count for the rate.
+    Time scaling does not help where the motion leaves the workspace: a warning says when and where,
+    and those instants do not count for the rate.
 
     Args:
         motion: of the task's coordinates, as ``as_trajectory`` takes it.
@@ -252,31 +248,19 @@ def within_limits(
     span = horizon if given.settles is None else min(max(given.settles, _STEP), horizon)
     s = np.linspace(0.0, span, math.ceil(span / _STEP) + 2)
     joints = joint_motion(given, robot, s)
-    _warn(joints, given, robot)
+    if (lost := joints.off > 1.0).any():
+        first, last = joints.s[lost][[0, -1]]
+        where = given.at(float(first)).x_d[: robot.task.positions].round(3).tolist()
+        warnings.warn(
+            f"the motion leaves the workspace from {first:.3g} s on, at {where} m, last at "
+            f"{last:.3g} s of its own time.",
+            stacklevel=2,
+        )
     speeds, usable = share * velocity_limits(robot.model), share / (1.0 + margin) * most
     needed = joints.slowness(speeds, usable, accelerations)
     kind = max(needed, key=lambda each: float(needed[each].max()))
     slowness = max(1.0, float(needed[kind].max()))
     return Retimed(given, SlowedTime(slowness, f"{kind} of {names[int(np.argmax(needed[kind]))]}"))
-
-
-def _warn(joints: JointMotion, motion: Trajectory, robot: Robot) -> None:
-    """Say when and where a motion leaves the workspace, or else a joint its range."""
-    if (lost := joints.off > 1.0).any():
-        first, last = joints.s[lost][[0, -1]]
-        where = motion.at(float(first)).x_d[: robot.task.positions].round(3).tolist()
-        warnings.warn(
-            f"the motion leaves the workspace from {first:.3g} s on, at {where} m, last at "
-            f"{last:.3g} s of its own time.",
-            stacklevel=3,
-        )
-    elif (out := joints.beyond > 0.0).any():
-        k, joint = np.argwhere(out)[0]
-        warnings.warn(
-            f"the motion takes joint '{robot.joint_names[joint]}' beyond its range from "
-            f"{joints.s[k]:.3g} s of its own time on.",
-            stacklevel=3,
-        )
 
 
 class Approach(Derived):
@@ -302,10 +286,6 @@ class Approach(Derived):
         self.motion, self._task, self._first = motion, task, motion.at(0.0).x_d
         self.duration = positive(duration, "duration", error=InputError)
         self.way = task.error(vector(start, self._first.size, "start"), self._first)
-
-    def __repr__(self) -> str:
-        """Return how long the approach takes, and what follows."""
-        return f"approach of {self.duration:.3g} s, {self.motion!r}"
 
     @property
     def settles(self) -> float | None:

@@ -7,7 +7,6 @@ from collections import deque
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from .._checks import instance, positive, vector, whole
 from ..description.chain import angles_from_configuration, configuration_from_angles
@@ -80,46 +79,13 @@ class SimulatedCamera:
         return math.floor(nearest + 0.5) == sample
 
 
-class Encoder:
-    """Measures q in whole counts, and v as their difference over one period.
-
-    For continuous joints the angle in (-pi, pi] is rounded, and the difference is the shorter
-    rotation. At the first sample v is zero, as the arm is at rest. Joints with a count of zero have
-    no encoder: their q and v remain unchanged.
-
-    Attributes:
-        present: whether any joint has an encoder.
-    """
-
-    def __init__(self, robot: Robot, counts: ArrayLike, dt: float) -> None:
-        """Take the size of a count, a number or one per joint (nv) [rad or m], and dt [s].
-
-        Raises:
-            InputError: wrong size.
-        """
-        model = self._model = robot.model
-        size = vector(counts, model.nv, "encoder", names=robot.joint_names)
-        self._dt, self._there = dt, size > 0.0
-        self._count = np.where(self._there, size, 1.0)
-        self.present = bool(self._there.any())
-        self._last: np.ndarray | None = None
-
-    def read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
-        model, angles = self._model, angles_from_configuration(self._model, q)
-        counted = np.where(self._there, np.rint(angles / self._count) * self._count, angles)
-        read = configuration_from_angles(model, counted)
-        last, self._last = read if self._last is None else self._last, read
-        return read, np.where(self._there, pin.difference(model, last, read) / self._dt, v)
-
-    def rate(self, w: np.ndarray) -> np.ndarray:
-        """Return a velocity (nv) in whole counts per period, as differences of counts have it."""
-        step = self._count / self._dt
-        return np.where(self._there, np.rint(w / step) * step, w)
-
-
 class SimulatedSensors:
     """Encoders, velocity and torque sensors at the joints, and a camera of the task frame.
+
+    An encoder measures q in whole counts, and v as their difference over one period; it is zero at
+    the first sample, as the arm is at rest. For continuous joints the angle in (-pi, pi] is
+    rounded, and the difference is the shorter rotation. Joints with a count of zero have no
+    encoder.
 
     For a joint task there is no camera: measurements have neither x nor xd. The velocity w of the
     motors of elastic joints has the noise and the resolution of v.
@@ -157,7 +123,9 @@ class SimulatedSensors:
                 where="noise.angle",
             )
         self._deviations = np.repeat([self._noise["x"], self._noise["angle"]], rows)
-        self._robot, self._dt = robot, dt
+        counts = vector(sensors.encoder, n, "encoder", names=robot.joint_names)
+        self._counted, self._count = counts > 0.0, np.where(counts > 0.0, counts, 1.0)
+        self._dt = dt
         self.reset()
 
     def reset(self) -> None:
@@ -167,7 +135,7 @@ class SimulatedSensors:
         self._off = self._offset * np.random.default_rng([self._seed, 3]).uniform(-1.0, 1.0)
         camera = self.sensors.camera or Camera()
         self._camera = SimulatedCamera(self.task, camera, self._dt, self._deviations, self._seed)
-        self._encoder = Encoder(self._robot, self.sensors.encoder, self._dt)
+        self._last: np.ndarray | None = None
 
     def measure(self, truth: Measurement, torque: np.ndarray | None = None) -> Measurement:
         """Return the next measurement.
@@ -185,10 +153,19 @@ class SimulatedSensors:
             q = pin.integrate(self._model, q, self._white("q"))
             v = v + self._white("v")
             w = None if w is None else w + self._white("v")
-        if self._encoder.present:
-            q, v = self._encoder.read(q, v)
-            w = None if w is None else self._encoder.rate(w)
+        if self._counted.any():
+            q, v = self._read(q, v)
+            step = self._count / self._dt
+            w = None if w is None else np.where(self._counted, np.rint(w / step) * step, w)
         return self._camera.see(truth)._replace(q=q, v=v, w=w)
+
+    def _read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
+        model, angles = self._model, angles_from_configuration(self._model, q)
+        counted = np.where(self._counted, np.rint(angles / self._count) * self._count, angles)
+        read = configuration_from_angles(model, counted)
+        last, self._last = read if self._last is None else self._last, read
+        return read, np.where(self._counted, pin.difference(model, last, read) / self._dt, v)
 
     def _white(self, name: str) -> np.ndarray:
         return self._noise[name] * self._rng.standard_normal(self._model.nv)

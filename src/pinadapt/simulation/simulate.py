@@ -328,6 +328,8 @@ def rollout_of(
     words = {time: what for time, what in robots.words}
     for time in announced:
         words[time] = f"{words[time]}, announced" if time in words else "announced"
+    stated = [each for each in (plant.torque_limits, controller.limits.torque) if each is not None]
+    limits = np.min([np.full(n, np.inf), *stated], axis=0)
     adapted = controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
     return Rollout(
         title=title,
@@ -346,7 +348,7 @@ def rollout_of(
         x_d=column(lambda s: s.desired.x_d, coordinates),
         a_k=column(lambda s: s.state.a_k, controller.kinematics.size),
         a_d=column(lambda s: s.state.a_d, controller.dynamics.size),
-        saturated=_saturated(tau, plant.torque_limits, controller.limits.torque),
+        saturated=(np.abs(tau) >= limits).any(axis=1),
         diverged=kept.diverged,
         reason=kept.reason,
         wall_time=wall_time,
@@ -360,9 +362,3 @@ def rollout_of(
         slowed=slowdowns(samples),
         ringing=ringing_of(t, tau, controller),
     )
-
-
-def _saturated(tau: np.ndarray, *limits: np.ndarray | None) -> np.ndarray:
-    """Return for each sample (N) whether a torque (N, nv) is at a limit (nv) [N m or N]."""
-    at = [(np.abs(tau) >= bounds).any(axis=1) for bounds in limits if bounds is not None]
-    return np.any([np.zeros(len(tau), dtype=bool), *at], axis=0)
