@@ -179,12 +179,6 @@ def load(folder: Path, kind: type[Run]) -> Run:
     Raises:
         InputError: the files are missing, broken, or of another version of pinadapt.
     """
-    for name in ("summary.json", "rollout.npz"):
-        if not (folder / name).is_file():
-            raise InputError(
-                f"has no {name}; `rollout.save` and `pinadapt run` write one into a folder.",
-                where=str(folder),
-            )
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         kept, ringing, run = numbers["recorded"], numbers["ringing"], object.__new__(kind)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
@@ -59,12 +58,12 @@ def watched(indices: range, progress: Progress | bool | str | None, title: str) 
         return progress(indices)
     if not isinstance(progress, bool | None):
         raise InputError(f"expected True, False or a function, got {progress!r}.", where="progress")
-    terminal = sys.stderr is not None and sys.stderr.isatty()  # a windowed program has none
-    if not (terminal if progress is None else progress):
-        return indices
     from tqdm.auto import tqdm  # here, because the library is imported without it
 
-    bar: Iterable[int] = tqdm(indices, desc=title, unit="step", leave=False, mininterval=0.2)
+    hidden = None if progress is None else not progress  # None: unless there is a terminal
+    bar: Iterable[int] = tqdm(
+        indices, desc=title, unit="step", leave=False, mininterval=0.2, disable=hidden
+    )
     return bar
 
 
@@ -272,7 +271,7 @@ def record(
     The last state is kept whole, the others as ``Controller.recorded`` returns them. Samples so far
     are kept if the loop diverges or a ``KeyboardInterrupt`` stops it.
     """
-    kept, last, before = Record(), 0.0, None
+    kept, last = Record(), 0.0
     samples = kept.samples
     try:
         for k, sample in zip(indices, stream, strict=False):
@@ -280,12 +279,12 @@ def record(
             kept.step_time += sample.step_time
             if k % every:
                 continue
-            if before is not None:
+            if samples:
+                before = samples[-1]
                 state = controller.recorded(before.state)
                 if state is not before.state:
                     samples[-1] = before._replace(state=state)
             samples.append(sample)
-            before = sample
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
     except KeyboardInterrupt:
