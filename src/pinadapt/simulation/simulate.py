@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
@@ -58,12 +59,12 @@ def watched(indices: range, progress: Progress | bool | str | None, title: str) 
         return progress(indices)
     if not isinstance(progress, bool | None):
         raise InputError(f"expected True, False or a function, got {progress!r}.", where="progress")
+    terminal = sys.stderr is not None and sys.stderr.isatty()  # a windowed program has none
+    if not (terminal if progress is None else progress):
+        return indices
     from tqdm.auto import tqdm  # here, because the library is imported without it
 
-    hidden = None if progress is None else not progress  # None: unless there is a terminal
-    bar: Iterable[int] = tqdm(
-        indices, desc=title, unit="step", leave=False, mininterval=0.2, disable=hidden
-    )
+    bar: Iterable[int] = tqdm(indices, desc=title, unit="step", leave=False, mininterval=0.2)
     return bar
 
 
