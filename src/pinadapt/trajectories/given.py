@@ -193,8 +193,10 @@ def _quaternion_spline(t: ArrayLike, x: ArrayLike) -> Callable[[float], np.ndarr
     return unit
 
 
-TrajectoryLike: TypeAlias = Any
-"""Whatever ``as_trajectory`` takes."""
+TrajectoryLike: TypeAlias = (
+    Trajectory | Callable[[float], Any] | tuple[ArrayLike, ArrayLike] | np.ndarray
+)
+"""What ``as_trajectory`` takes, besides objects with ``at(t)``."""
 
 
 def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory:
