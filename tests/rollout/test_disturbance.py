@@ -9,7 +9,7 @@ from pinadapt.controller.controller import Controller
 from tests.support.chains import catalogue_robot
 
 pytestmark = pytest.mark.slow
-DT, BEGIN = 2e-3, 3.0
+DT, BEGIN = 2e-3, 2.0
 LOAD = pa.Payload(1.0, [0.02, 0.0, 0.06])
 
 
@@ -65,8 +65,8 @@ def test_noise_explains_the_disturbance_of_a_known_robot(name, sensors, monkeypa
     """All joints together; one that hardly turns has no white noise of counts."""
     init = Controller.init
     monkeypatch.setattr(Controller, "init", lambda *a, **k: init(*a, **k).adapt(False))
-    rollout = run(name, 4.0, load=None, sensors=sensors)
-    later, controller = rollout.t > 1.0, rollout.evaluated().controller
+    rollout = run(name, 2.5, load=None, sensors=sensors)
+    later, controller = rollout.t > 0.7, rollout.evaluated().controller
     seen = rollout.disturbance[later]
     told = np.array([controller.disturbance_noise(q, DT) for q in rollout.q[later]])
     ratio = np.sqrt(np.mean(seen**2, axis=0) / np.mean(told**2, axis=0))
