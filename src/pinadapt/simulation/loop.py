@@ -58,11 +58,6 @@ class Events:
             for name in announced:
                 word(name, ANNOUNCED, f"events.announcements[{time:g}]")
 
-    @property
-    def any(self) -> bool:
-        """Whether anything happens."""
-        return bool(self.changes or self.announcements)
-
     def check(self, controller: Controller, state: ControllerState) -> None:
         """Refuse announcements that the parameters of a controller cannot express.
 
@@ -148,7 +143,7 @@ def run(
     plant.reset()
     if sensors is not None:
         sensors.reset()
-    given, governed = None, getattr(controller, "desired", None)
+    given, desired_at = None, getattr(controller, "desired", _as_it_is)
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
@@ -157,10 +152,7 @@ def run(
         if state is None:
             state = controller.init(measurement)
         try:
-            if governed is None:
-                desired = trajectory.at(truth.t)
-            else:
-                desired = governed(state, trajectory, truth.t)
+            desired = desired_at(state, trajectory, truth.t)
             if ideal_acceleration:
                 measurement = _accelerated(plant, controller, state, measurement, desired)
             started = perf_counter()
@@ -176,6 +168,11 @@ def run(
             now = truth.t + dt
             events.change(plant, truth.t, now)
             state = events.announce(controller, state, truth.t, now)
+
+
+def _as_it_is(state: Any, motion: Trajectory, t: float) -> Desired:
+    """Return the desired motion at t [s] for a controller that does not govern it."""
+    return motion.at(t)
 
 
 def ended(error: Exception, t: float) -> Exception:

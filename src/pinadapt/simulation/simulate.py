@@ -155,7 +155,7 @@ def simulate(
     options: dict[str, Any] = {
         "dt": dt,
         "state": state,
-        "events": events if events.any else None,
+        "events": events if events.changes or events.announcements else None,
         "ideal_acceleration": engine.ideal_acceleration,
     }
     if isinstance(plant, PinocchioPlant) and engine.continuous:
