@@ -104,14 +104,6 @@ class ElasticPlant(SimulatedPlant):
             self._v, self._w = 2.0 * v_way - v, 2.0 * w_way - w
         self._t += dt
 
-    def energy(self) -> float:
-        """Return the kinetic and potential energy of links, motors and springs [J]."""
-        model, data = self._model, self._data
-        links = pin.computeKineticEnergy(model, data, self._links, self._v)
-        height = pin.computePotentialEnergy(model, data, self._links)
-        stored = 0.5 * float(self._d @ (self._K * self._d) + self._w @ (self._B * self._w))
-        return float(links + height) + stored
-
     def _means(
         self, q: np.ndarray, v: np.ndarray, w: np.ndarray, tau: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
