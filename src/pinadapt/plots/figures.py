@@ -65,8 +65,7 @@ _KINDS = {
 def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
     """Return the figure of the estimates, with a panel for each kind of parameter.
 
-    Those that the motion does not tell from others are grey. Of a kind with many parameters, those
-    that change most are drawn.
+    Of a kind with many parameters, those that change most are drawn.
 
     Args:
         run: the run.
@@ -85,9 +84,8 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
         drawn.append((kind, run.a_d[:, own], truth, [run.dynamic_names[i] for i in own]))
     figure, axes = panels(max(len(drawn), 1))
     for ax, (label, values, truth, names) in zip(axes, drawn, strict=False):
-        grey = set(names) & set(run.not_identified)
-        notes = [dashed] * (truth is not None) + ["grey: not identified"] * bool(grey)
-        curves(ax, run.t, values, names, label, truth=truth, grey=grey, notes=notes)
+        notes = [] if truth is None else [dashed]
+        curves(ax, run.t, values, names, label, truth=truth, notes=notes)
     if not drawn:
         axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)
     finish(figure, axes, run)
@@ -95,15 +93,14 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
 
 
 def torque_figure(run: Drawable) -> Picture:
-    """Return the figure of motor torques, shares of the limits, disturbance, and an eigenvalue.
+    """Return the figure of motor torques, shares of the limits, and an eigenvalue.
 
-    The limits are those of the description. The disturbance is drawn where the law observes it.
-    The eigenvalue is the smallest of the estimated mass matrix. Shading marks a torque at its
-    limit.
+    The limits are those of the description. The eigenvalue is the smallest of the estimated mass
+    matrix. Shading marks a torque at its limit.
     """
     names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
     bounds = run.effort_limits[limited]
-    figure, axes = panels(2 + (limited.size > 0) + (run.disturbance is not None))
+    figure, axes = panels(2 + (limited.size > 0))
     curves(axes[0], run.t, run.tau, names, "torque [N m] or force [N]")
     shade(axes[0], run.t, run.saturated, "C3", "at its limit")
     if limited.size:
@@ -112,8 +109,6 @@ def torque_figure(run: Drawable) -> Picture:
         curves(axes[1], run.t, share, words, "share of limit [%]", notes=["limit [N m or N]"])
         for sign in (1.0, -1.0):
             axes[1].axhline(100.0 * sign, color="black", ls="-.")
-    if run.disturbance is not None:
-        curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
     eigenvalue = run.min_eig_M_hat[:, None]
     curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
     finish(figure, axes, run)

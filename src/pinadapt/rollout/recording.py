@@ -376,15 +376,6 @@ class Recording:
             torques, truth if truth is None or truth.ndim == 1 else truth[-1]
         )
 
-    @cached_property
-    def not_identified(self) -> tuple[str, ...]:
-        """Names of the dynamic parameters that the motion does not identify by themselves."""
-        torques = self.motion_torques()
-        if torques is None:
-            return ()
-        names = np.array(torques.excited.names)
-        return tuple(names[~torques.excited.alone].tolist())
-
     def motion_torques(self) -> MotionTorques | None:
         """Return the torques since the last mark, and what of the parameters they depend on.
 
@@ -464,15 +455,6 @@ class Recording:
             tool: Any = robot.task
             found.append(tool.distance(robot.placement(self.q[k]).translation, self.x_d[k]))
         return extreme(np.max, np.array(found))
-
-    @cached_property
-    def disturbance(self) -> np.ndarray | None:
-        """The torque (N, nv) [N m or N] that acts on the joints and is not in the model.
-
-        Of each sample, as ``Controller.disturbance``; None where that is.
-        """
-        run = self.evaluated()
-        return _rows([run.controller.disturbance(sample.state) for sample in run.samples])
 
     @cached_property
     def limits(self) -> LimitExcess:

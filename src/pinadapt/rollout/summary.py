@@ -26,7 +26,7 @@ Run = TypeVar("Run", bound=Recording)
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
-    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "effort_limits"),
+    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "effort_limits"),
     *("min_eig_M_hat", "min_singular_J_hat"),
 )
 # What ``load`` needs of a run beside these: as in the summary, and what people do not read.
@@ -34,7 +34,7 @@ _NAMED = (
     *("title", "robot", "law", "adaptation", "diverged", "reason", "interrupted"),
     *("joint_names", "kinematic_names", "dynamic_names"),
 )
-_KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_identified")
+_KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted")
 
 
 def summary(run: Recording) -> dict[str, Any]:
