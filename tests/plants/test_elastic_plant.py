@@ -104,7 +104,3 @@ def test_a_loop_holds_an_elastic_robot_that_changes():
     )
     assert rollout.diverged is None
     assert rollout.distance[rollout.t > 0.4].max() < 5e-3
-    again = pa.simulate(
-        true, controller, circle_beside(true, "yz"), duration=0.1, engine=springs, record_every=5
-    )
-    assert np.array_equal(again.q, rollout.q[: len(again.q)])
