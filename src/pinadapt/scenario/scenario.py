@@ -23,7 +23,7 @@ from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.engine import Engine
 from ..simulation.loop import Events
-from ..simulation.prepare import check_options, findings, prepare
+from ..simulation.prepare import findings, prepare
 from ..simulation.simulate import Progress, simulate
 from ..tasks.frame import ImageTask, pinhole_camera
 from ..trajectories.pose import placed_trajectory
@@ -176,8 +176,6 @@ class Scenario:
                 where="truth",
                 hint="Change the model file, or remove this table.",
             )
-        with located("simulation", KEYS["simulation"][1], TABLES):
-            check_options(self.duration, self.record_every, self.seed, self.title)
         with located("engine", KEYS["engine"][1], TABLES):
             plant = self.engine.make(self.true, self.controller)
         with warnings.catch_warnings():

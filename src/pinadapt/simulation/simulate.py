@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance
+from .._checks import instance, whole
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
@@ -37,7 +37,7 @@ from ..trajectories.pose import placed_trajectory
 from ..tuning.make_controller import make_controller
 from .engine import Engine
 from .loop import Events, run, run_continuous, sample_indices
-from .prepare import check_options, findings, prepare
+from .prepare import findings, prepare
 
 Progress = Callable[[range], Iterable[int]]
 
@@ -123,7 +123,8 @@ def simulate(
     engine = Engine.of(engine)
     events = instance(Events() if events is None else events, Events, "events")
     dt, motors = engine.period(controller), engine.motors(true)
-    check_options(duration, record_every, seed, title)
+    whole(record_every, "record_every", 1)
+    instance(title, str, "title")
     sensors = controller.sensors if sensors is None else sensors
     simulated = SimulatedSensors(true, dt, sensors, seed=seed)
     if engine.continuous and not sensors.perfect:
