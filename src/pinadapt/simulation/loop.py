@@ -50,13 +50,13 @@ class Events:
                 ``Controller.announce`` does not take.
         """
         self.changes: dict[float, Robot] = in_time(changes, "events.changes")
-        self.announcements: dict[float, Mapping[str, Any]] = {
-            time: mapping(announced, f"events.announcements[{time:g}]")
-            for time, announced in in_time(announcements, "events.announcements").items()
-        }
+        self.announcements: dict[float, Mapping[str, Any]] = in_time(
+            announcements, "events.announcements"
+        )
         for time, announced in self.announcements.items():
-            for name in announced:
-                word(name, ANNOUNCED, f"events.announcements[{time:g}]")
+            where = f"events.announcements[{time:g}]"
+            for name in mapping(announced, where):
+                word(name, ANNOUNCED, where)
 
     def check(self, controller: Controller, state: ControllerState) -> None:
         """Refuse announcements that the parameters of a controller cannot express.
