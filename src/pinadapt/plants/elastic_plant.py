@@ -114,7 +114,7 @@ class ElasticPlant(SimulatedPlant):
         M = pin.crba(self._model, self._data, q)
         bias = pin.nonLinearEffects(self._model, self._data, q, v)
         inertia = 2.0 / h * self._B
-        F, theta = fitted_friction(self.robot.friction, w, self._B, h)
+        F, theta, _, _ = fitted_friction(self.robot.friction, self._B, w, w, tau, h)
         S = 0.5 * h * self._K + self._D
         E = inertia + S + 2.0 * theta * F
         pull = self._K * self._d

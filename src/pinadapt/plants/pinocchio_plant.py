@@ -61,9 +61,8 @@ class FittedMidpoint:
         if not robot.friction.present:
             return pin.aba(model, data, q, v, tau)
         part = robot.friction_at(q) if robot.friction.loaded else robot.friction
-        D, self._theta = fitted_friction(part, v, self._inertia, h)
-        model.armature = self._rotors + self._theta * h * D
-        drive = tau - part.offset - D * start
+        _, self._theta, added, drive = fitted_friction(part, self._inertia, v, start, tau, h)
+        model.armature = self._rotors + added
         if not part.shafts:
             return pin.aba(model, data, q, v, drive)
         M = pin.crba(model, data, q)
