@@ -23,12 +23,6 @@ def run(name, duration, engine="pinocchio", load=LOAD, **options):
     )
 
 
-def disturbances(rollout):
-    """Return the torque (N, n) that acts on the joints of a run and is not in the model."""
-    run = rollout.evaluated()
-    return np.array([run.controller.disturbance(sample.state) for sample in run.samples])
-
-
 def push_at(robot, q, force):
     """Return J^T F (n) of a force (3) on the tool."""
     place = robot.frame_id, pin.LOCAL_WORLD_ALIGNED
@@ -50,12 +44,12 @@ def test_a_push_on_a_learned_robot_is_its_joint_torque(name):
             super().step(torque + pushed * push_at(loaded, self.measure().q, force), dt)
 
     rollout = run(name, BEGIN + 0.3, Pushed, unknown=None)  # else the load explains a part
-    k, seen = round(BEGIN / DT), disturbances(rollout)
-    assert np.linalg.norm(seen[k]) < 0.1
+    k = round(BEGIN / DT)
+    assert np.linalg.norm(rollout.disturbance[k]) < 0.1
     for later in (0.2, 0.25):
         k = round((BEGIN + later) / DT)
         true = push_at(loaded, rollout.q[k], force)
-        assert np.linalg.norm(seen[k] - true) < 0.1 * np.linalg.norm(true)
+        assert np.linalg.norm(rollout.disturbance[k] - true) < 0.1 * np.linalg.norm(true)
 
 
 @pytest.mark.parametrize(
@@ -72,12 +66,23 @@ def test_noise_explains_the_disturbance_of_a_known_robot(name, sensors, monkeypa
     init = Controller.init
     monkeypatch.setattr(Controller, "init", lambda *a, **k: init(*a, **k).adapt(False))
     rollout = run(name, 2.5, load=None, sensors=sensors)
-    later, controller = rollout.t > 0.7, rollout.evaluated().controller
-    seen = disturbances(rollout)[later]
-    told = np.array([controller.disturbance_noise(q, DT) for q in rollout.q[later]])
+    later = rollout.t > 0.7
+    seen, told = rollout.disturbance[later], rollout.disturbance_noise[later]
     ratio = np.sqrt(np.mean(seen**2, axis=0) / np.mean(told**2, axis=0))
     assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.2)
     assert ratio.min() > 0.7 and ratio.max() < 1.5
+
+
+def test_the_disturbance_and_its_noise_are_in_the_files_and_drawn_from_them(tmp_path):
+    rollout = run("ur5", 0.04, sensors=pa.Sensors(encoder=1e-4))
+    rollout.save(tmp_path)
+    loaded = pa.Rollout.load(tmp_path)
+    for name in ("disturbance", "disturbance_noise"):
+        saved = getattr(loaded, name)
+        assert saved.shape == (20, 6) and np.array_equal(saved, getattr(rollout, name))
+    panel = loaded.plot().torque.axes[-2]
+    assert panel.get_ylabel() == "disturbance [N m or N]" and len(panel.lines) == 6
+    assert panel.collections[0].get_label() == "largest by noise"
 
 
 @pytest.mark.parametrize("told", [True, False])

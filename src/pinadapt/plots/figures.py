@@ -93,14 +93,15 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
 
 
 def torque_figure(run: Drawable) -> Picture:
-    """Return the figure of motor torques, shares of the limits, and an eigenvalue.
+    """Return the figure of motor torques, shares of the limits, disturbance, and an eigenvalue.
 
-    The limits are those of the description. The eigenvalue is the smallest of the estimated mass
-    matrix. Shading marks a torque at its limit.
+    The limits are those of the description. The disturbance is drawn where the law observes it,
+    with what noise of the sensors explains, one standard deviation, as a band. The eigenvalue is
+    the smallest of the estimated mass matrix. Shading marks a torque at its limit.
     """
     names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
     bounds = run.effort_limits[limited]
-    figure, axes = panels(2 + (limited.size > 0))
+    figure, axes = panels(2 + (limited.size > 0) + (run.disturbance is not None))
     curves(axes[0], run.t, run.tau, names, "torque [N m] or force [N]")
     shade(axes[0], run.t, run.saturated, "C3", "at its limit")
     if limited.size:
@@ -109,6 +110,12 @@ def torque_figure(run: Drawable) -> Picture:
         curves(axes[1], run.t, share, words, "share of limit [%]", notes=["limit [N m or N]"])
         for sign in (1.0, -1.0):
             axes[1].axhline(100.0 * sign, color="black", ls="-.")
+    if run.disturbance is not None:
+        curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
+        if run.disturbance_noise is not None:
+            band = run.disturbance_noise.max(axis=1)
+            axes[-2].fill_between(run.t, -band, band, color="0.8", label="largest by noise")
+            legend(axes[-2])
     eigenvalue = run.min_eig_M_hat[:, None]
     curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
     finish(figure, axes, run)

@@ -457,6 +457,24 @@ class Recording:
         return extreme(np.max, np.array(found))
 
     @cached_property
+    def disturbance(self) -> np.ndarray | None:
+        """The torque (N, nv) [N m or N] that acts on the joints and is not in the model.
+
+        Of each sample, as ``Controller.disturbance``; None where that is.
+        """
+        run = self.evaluated()
+        return _rows([run.controller.disturbance(sample.state) for sample in run.samples])
+
+    @cached_property
+    def disturbance_noise(self) -> np.ndarray | None:
+        """The deviation (N, nv) [N m or N] of ``disturbance`` by the declared noise of sensors.
+
+        None where there is no disturbance, or no period.
+        """
+        controller = self.evaluated().controller
+        return _rows([controller.disturbance_noise(q, controller.period) for q in self.q])
+
+    @cached_property
     def limits(self) -> LimitExcess:
         """How far the motion of each joint exceeded the description's limits."""
         robot = self.evaluated().true.robots[0]

@@ -26,8 +26,8 @@ Run = TypeVar("Run", bound=Recording)
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
-    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "effort_limits"),
-    *("min_eig_M_hat", "min_singular_J_hat"),
+    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "disturbance_noise"),
+    *("effort_limits", "min_eig_M_hat", "min_singular_J_hat"),
 )
 # What ``load`` needs of a run beside these: as in the summary, and what people do not read.
 _NAMED = (
