@@ -399,6 +399,7 @@ class Identification(IdentifiedModel):
             a_d=self.online.a_d,
             a_k_true=self.kinematic.estimate,
             a_d_true=self.dynamic.estimate,
+            not_identified=(),
             kinematic_names=self.kinematic.names,
             dynamic_names=self.dynamic.names,
             marks=(),

@@ -65,7 +65,8 @@ _KINDS = {
 def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
     """Return the figure of the estimates, with a panel for each kind of parameter.
 
-    Of a kind with many parameters, those that change most are drawn.
+    Those that the motion does not tell from others are grey. Of a kind with many parameters, those
+    that change most are drawn.
 
     Args:
         run: the run.
@@ -84,8 +85,9 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
         drawn.append((kind, run.a_d[:, own], truth, [run.dynamic_names[i] for i in own]))
     figure, axes = panels(max(len(drawn), 1))
     for ax, (label, values, truth, names) in zip(axes, drawn, strict=False):
-        notes = [] if truth is None else [dashed]
-        curves(ax, run.t, values, names, label, truth=truth, notes=notes)
+        grey = set(names) & set(run.not_identified)
+        notes = [dashed] * (truth is not None) + ["grey: not identified"] * bool(grey)
+        curves(ax, run.t, values, names, label, truth=truth, grey=grey, notes=notes)
     if not drawn:
         axes[0].text(0.5, 0.5, "no parameter is unknown", ha="center", transform=axes[0].transAxes)
     finish(figure, axes, run)
