@@ -43,7 +43,7 @@ def test_a_loop_with_late_motors_rings_until_they_are_declared_or_the_lag_is_as_
         """Return a run of a Panda whose motors are 15 ms late."""
         controller = pa.make_controller(robot.changed(inertial_scale=0.8), **options)
         path = circle_at_home(true)
-        return pa.simulate(true, controller, path, duration=2.0, engine=late, record_every=4)
+        return pa.simulate(true, controller, path, duration=1.2, engine=late, record_every=2)
 
     undeclared = run()
     found = undeclared.ringing
