@@ -92,7 +92,6 @@ CALLS = {
     "swing": lambda r, c, bad: pa.trajectories.Swing([0, 0, 1], 0.1, bad),
     "pose": lambda r, c, bad: pa.trajectories.PoseTrajectory(bad),
     "camera": lambda r, c, bad: pa.Camera(rate=bad),
-    "quality": lambda r, c, bad: pa.controller.SensorQuality(v=bad),
     "gradient": lambda r, c, bad: pa.adaptation.Gradient([bad, 1.0], 2),
     "natural": lambda r, c, bad: pa.adaptation.Natural(
         bad, pa.adaptation.MatrixInequality(np.eye(2)[None])

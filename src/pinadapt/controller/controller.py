@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, positive, shown
 from .._kernels import samples as kernels
-from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError, InputError
 from ..filters import FilteredRegressor, FilteredTorque
@@ -129,11 +128,17 @@ class Controller:
         return EstimatedModel(*parts, nothing, nothing, stop_on_divergence=stop)
 
     def __repr__(self) -> str:
-        """Return a table: robot, task, gains, what is adapted, limits."""
-        return str(controller_sheet(self))
-
-    def _repr_html_(self) -> str:
-        return controller_sheet(self).html()
+        """Return law, task, what is adapted and how, and what it was made for."""
+        kinematics, adaptation_k, adaptation_d = (
+            self.kinematics,
+            self.adaptation_k,
+            self.adaptation_d,
+        )
+        words = f"controller: {self.law.name} of {kinematics.task.name} of {kinematics.frame}, "
+        words += f"{kinematics.size} kinematic parameters ({adaptation_k.name}), "
+        words += f"{self.dynamics.size} dynamic ones ({adaptation_d.name})"
+        actuators = self.limits.actuators
+        return words if actuators.ideal else f"{words}, made for {actuators.words}"
 
     def limited(self, torque: ArrayLike | bool | None) -> Controller:
         """Return this controller with other torque limits; it shares the scratch.
@@ -773,35 +778,3 @@ def _of_a_user(part: Any) -> bool:
     inner += [each for each, _ in getattr(part, "parts", ())]
     own = not type(part).__module__.startswith("pinadapt.")
     return own or any(_of_a_user(each) for each in inner if each is not None)
-
-
-def controller_sheet(controller: Controller) -> Sheet:
-    """Return law, gains, what is adapted, sampling period and torque limits, with units."""
-    kinematics, law, limits = controller.kinematics, controller.law, controller.limits
-    nominal, torque = controller.nominal, limits.torque
-    name = "" if nominal is None else f"{nominal.unloaded.name}, "
-    rows = [
-        ("robot", f"{name}{kinematics.nv} joints"),
-        ("task", f"{kinematics.task.name} of {kinematics.frame}"),
-    ]
-    velocity, position = getattr(law, "units", ("", ""))
-    for gain, unit in (("K_v", velocity), ("K_P", position), ("alpha", "1/s")):
-        if hasattr(law, gain):
-            value = np.atleast_1d(np.asarray(getattr(law, gain), dtype=float))
-            numbers = [f"{x:.3g}" for x in (np.diag(value) if value.ndim == 2 else value)]
-            same = len(set(numbers)) == 1
-            rows.append((gain, f"{numbers[0] if same else ', '.join(numbers)} {unit}"))
-    for what, names, adaptation in (
-        ("kinematic", kinematics.names, controller.adaptation_k),
-        ("dynamic", controller.dynamics.names, controller.adaptation_d),
-    ):
-        few = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
-        words = f"{len(names)} parameters ({few}), {adaptation.name}" if names else "known"
-        rows.append((what, words))
-    bounds = [] if torque is None else [f"{x:.4g}" if np.isfinite(x) else "-" for x in torque]
-    rows.append(("torque limits", f"{', '.join(bounds)} N m or N" if bounds else "none"))
-    if not limits.actuators.ideal:
-        rows.append(("made for", limits.actuators.words))
-    if np.isfinite(controller.period):
-        rows.append(("period", f"{1e3 * controller.period:g} ms"))
-    return Sheet(f"controller, {getattr(law, 'name', type(law).__name__)}", [Table(rows)])

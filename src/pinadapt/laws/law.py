@@ -15,7 +15,7 @@ from .._checks import definite_matrix, positive
 from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
 from ..exceptions import DivergedError, GainError, InputError, did_you_mean
-from ..filters import Filters, NoFilters
+from ..filters import Filters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
@@ -288,7 +288,7 @@ class Law(ABC):
     @property
     def filters(self) -> Filters:
         """The law's memory besides its estimates."""
-        return NoFilters()
+        return Filters()
 
     @classmethod
     def tuned(cls, motion: TypicalMotion, dt: float, share: float = 1.0, **given: Any) -> Law:
