@@ -17,8 +17,8 @@ from .._version import __version__
 from ..exceptions import ParameterError, did_you_mean
 from ..models.excited import Excited, around, names_together
 from ..models.joint_effects import KINDS
-from ..models.physical_fit import PhysicalSet, nearest_with
-from ..models.regressor import LABELS, PER_BODY
+from ..models.physical_fit import nearest_with
+from ..models.regressor import LABELS
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from .announcement import ControllerParts
@@ -27,10 +27,8 @@ from .state import ControllerState
 _FORMAT = "pinadapt learned parameters"
 
 
-_TOLERANCE = 1e-3  # largest change of the torques, as a share of them,
-_OF_ERROR, _LEAST = 0.1, 1e-9  # and of the error of those that the estimate predicts
-_FALLS = 20  # of gamma, in steps of ten
-_SLOW = 1e-3  # least and largest rate of a body's adaptation relative to the median one
+_TOLERANCE = 1e-3  # largest change of the torques, as a share of them, and at most a tenth of the
+# error of those that the estimate predicts; half: more is kept of what the motion hardly shows
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,30 +48,23 @@ class AlongExcited:
     ) -> tuple[np.ndarray, str]:
         """Return the parameters (p) nearest to the start that predict the same torques.
 
-        Nearest in the metric of natural adaptation, each body with its rate, where the parameters
-        are those of bodies, so that these are physical; else in the metric of the adaptation. Where
-        no physical ones predict the torques, as of estimates that are not, the nearest others. The
-        torques of the motion change by a tenth of their present error, and by at most a thousandth
-        of themselves.
+        Nearest in the metric of natural adaptation where the parameters are those of bodies, so
+        that these are physical; else in the metric of the adaptation. The torques of the motion
+        change by a tenth of their present error, and by at most a thousandth of themselves.
 
         Returns:
             The parameters, and words that say which are as at the start. Where there are no such
             parameters, those of the state.
         """
         rows, a, start = self.excited.rows, state.a_d, state.a_0
-        tolerance = float(np.clip(_OF_ERROR * self.error, _LEAST, _TOLERANCE))
+        tolerance = min(max(0.1 * self.error, 1e-9), _TOLERANCE)
         dynamics, adaptation = controller.dynamics, controller.adaptation_d
-        Gamma, L, found, note = adaptation.gain(start), self.excited.root, None, ""
         if dynamics.per_body:
-            physical = around(dynamics, start)
-            physical = replace(physical, body_weights=_body_weights(Gamma, physical))
-            found = nearest_with(rows, a, physical, tolerance)
-            if found is None:
-                note = "No physical parameters reproduce these torques, so some are not physical. "
-                warnings.warn(note, stacklevel=4)
-                found = _nearest_in(L @ L.T, rows, a, start, tolerance)
+            found = nearest_with(rows, a, around(dynamics, start), tolerance)
         else:
-            found = _nearest_in(Gamma, rows, a, start, tolerance)
+            values, vectors = np.linalg.eigh(adaptation.gain(start))
+            G = vectors * np.sqrt(np.maximum(values, 0.0))
+            found = start + G @ np.linalg.pinv(rows @ G, rcond=tolerance) @ rows @ (a - start)
         if found is None or not adaptation.contains(found):
             words = (
                 "All estimates are kept as learned: no parameters near the initial ones reproduce "
@@ -85,46 +76,10 @@ class AlongExcited:
         moved = percent(float(np.linalg.norm(rows @ (found - a))))
         kept = f"Not excited by the motion: {names_together(still)}. " if still else ""
         words = (
-            f"{note}{kept}Combinations that the motion does not identify are as near to the "
-            f"initial values as possible; the torques differ from those of the last estimate by "
-            f"{moved}."
+            f"{kept}Combinations that the motion does not identify are as near to the initial "
+            f"values as possible; the torques differ from those of the last estimate by {moved}."
         )
         return found, words
-
-
-def _body_weights(Gamma: np.ndarray, physical: PhysicalSet) -> np.ndarray:
-    """Return the median rate of the bodies' adaptation relative to that of each (k)."""
-    T, rates = physical.local(physical.center)[0], []
-    for b in range(physical.bodies):
-        block = slice(PER_BODY * b, PER_BODY * (b + 1))
-        inverse = np.linalg.inv(T[block, block])
-        rates.append(np.trace(inverse @ Gamma[block, block] @ inverse.T))
-    positive = [rate for rate in rates if rate > 0.0]
-    if not positive:
-        return np.ones(1)
-    relative = np.array(rates) / np.median(positive)
-    return np.asarray(1.0 / np.clip(relative, _SLOW, 1.0 / _SLOW))
-
-
-def _nearest_in(
-    Gamma: np.ndarray, rows: np.ndarray, a: np.ndarray, start: np.ndarray, tolerance: float
-) -> np.ndarray | None:
-    """Return x (p) = start + Gamma rows^T y that keeps rows x to a tolerance, for some y.
-
-    It minimises |rows (x - a)|^2 + gamma |x - start|^2 in the metric Gamma^-1, with the first gamma
-    that keeps the tolerance.
-    """
-    values, vectors = np.linalg.eigh(0.5 * (Gamma + Gamma.T))
-    G = vectors * np.sqrt(np.maximum(values, 0.0))
-    U, s, Vt = np.linalg.svd(rows @ G)
-    c, gamma = U.T @ (rows @ (a - start)), float(s.max(initial=0.0) ** 2)
-    if not gamma > 0.0:  # no torque shows any parameter
-        return np.asarray(start)
-    for _ in range(_FALLS):
-        if np.linalg.norm(gamma / np.maximum(s**2 + gamma, np.finfo(float).tiny) * c) <= tolerance:
-            return np.asarray(start + G @ (Vt.T @ (s / (s**2 + gamma) * c)))
-        gamma /= 10.0
-    return None
 
 
 def learned_robot(
