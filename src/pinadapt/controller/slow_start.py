@@ -37,8 +37,6 @@ AXES = "unknown axes"  # the cause for which the path waits
 _BALL = 2.2e-3  # of the reach: farthest that the frame moves
 _KNOWN = 0.03  # standard deviation of a predicted velocity, relative to that of the frame
 _SETTLING, _SEGMENT, _REST = 0.5, 0.64, 0.3  # [s]
-_CORNERS = np.array([[0, 0, 0], [1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0, 0, 0]])
-_MOTION = Waypoints(_CORNERS / math.sqrt(3.0), _SEGMENT)  # each axis is excited as the others
 _LEAST_NOISE = 1e-5  # of the reach
 _RISE = 5.0  # [s] in which the path takes up its full rate if the velocity is just known
 _ROUNDS = 3  # of the noise that the residual shows
@@ -185,23 +183,26 @@ class SlowStart(Controller):
         start, joints, path = state.start, self._joints, state.path
         if start is None or joints is None or path is None:
             return super().step(state, measurement, desired, dt)
-        place = path.lag - _SETTLING  # time in the cycle; negative: before the first
-        place = place if place < 0.0 else math.fmod(place, _MOTION.settles + self._rest)
+        cycle, place = (
+            self._motion,
+            path.lag - _SETTLING,
+        )  # time in the cycle; negative: before the first
+        place = place if place < 0.0 else math.fmod(place, cycle.settles + self._rest)
         with self.reserved():
             sensed, _, held, _, elapsed = self._sensed(state, measurement, desired, dt)
             t, begun = held.t, None
             taken = t if sensed.frame is None else sensed.frame.t
             if taken > start.taken and sensed.epsilon.size:
-                rests = place - _MOTION.settles - (t - taken)
+                rests = place - cycle.settles - (t - taken)
                 first = 0.0 <= rests < taken - start.taken  # frame of this rest
                 start = start.with_frame(sensed.X_k, sensed.epsilon, taken)
                 if first and state.adapting:
                     begun = self._begun(state, start, measurement)
         if begun is not None:
             return super().step(begun, measurement, desired, dt)
-        if not 0.0 <= place < _MOTION.settles:
+        if not 0.0 <= place < cycle.settles:
             start = start._replace(size=_BALL * self.kinematics.robot.reach * state.adapting)
-        e, ed, edd = (start.ways.dot(start.size * each) for each in _MOTION.at(place))
+        e, ed, edd = (start.ways.dot(start.size * each) for each in cycle.at(place))
         inner = state._replace(
             kinematic=Estimate(np.zeros(0)),
             filters=start.filters,
@@ -224,6 +225,12 @@ class SlowStart(Controller):
             path=path._replace(lag=path.lag + elapsed),
             start=start._replace(filters=after.filters),
         )
+
+    @cached_property
+    def _motion(self) -> Waypoints:
+        """A cycle of the frame on the unit sphere, in which each axis is excited as the others."""
+        none, corners = np.zeros(3), [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]
+        return Waypoints(np.vstack([none, corners, none]) / math.sqrt(3.0), _SEGMENT)
 
     @cached_property
     def _rest(self) -> float:
