@@ -137,23 +137,6 @@ def test_an_x_in_another_unit_is_recognised(task, factor):
 
 # --- v against the differences of q ---
 
-SPOILT = {
-    "degrees": (scaled(v=180.0 / np.pi), "'v' is implausible.*in degrees", 1.5),
-    "sign": (scaled(v=-1.0), "'v' is", 5.0),
-    "stuck": (scaled(v=0.0), "v stuck", 1.0),
-    "gear": (scaled(v=100.0), "'v' is", 1.5),
-    "rpm": (scaled(v=30.0 / np.pi), "'v' is.*unit", 1.5),
-}
-
-
-@pytest.mark.parametrize("how", SPOILT)
-@pytest.mark.parametrize("name", ["panda", "kinova"])
-def test_a_velocity_that_is_not_the_rate_of_q_is_refused(name, how):
-    spoil, words, degrees = SPOILT[how]
-    loop = Loop(catalogue_robot(name))
-    error, moved = loop.refused(words, spoil=spoil)
-    assert error.field == "v" and moved < degrees
-
 
 def test_one_joint_of_the_wrong_sign_is_named():
     robot = catalogue_robot("ur5")
@@ -177,65 +160,6 @@ def test_q_in_degrees_from_zero_on_is_refused_as_it_moves():
             state = controller.init(sample) if state is None else state
             state = controller.step(state, sample, desired, DT)[1]
             assert k < 500
-
-
-class Stale:
-    """Sensors that repeat a sample so many times."""
-
-    def __init__(self, times, names=("q", "v")):
-        self.times, self.names, self.k, self.kept = times, names, 0, {}
-
-    def __call__(self, sample):
-        if self.k % self.times == 0:
-            self.kept = {name: getattr(sample, name) for name in self.names}
-        self.k += 1
-        return sample._replace(**self.kept)
-
-
-class Low:
-    """A low pass on v that the driver of an arm has [s]."""
-
-    def __init__(self, lag):
-        self.rest, self.v = math.exp(-DT / lag), 0.0
-
-    def __call__(self, sample):
-        self.v = self.rest * self.v + (1.0 - self.rest) * sample.v
-        return sample._replace(v=self.v)
-
-
-def noisy(of_v, of_q):
-    """Return what adds white noise to v and q."""
-    rng = np.random.default_rng(0)
-
-    def spoil(sample):
-        v = sample.v + of_v * rng.standard_normal(sample.v.size)
-        return sample._replace(v=v, q=sample.q + of_q * rng.standard_normal(sample.q.size))
-
-    return spoil
-
-
-def counted(resolution):
-    """Return what rounds q to counts, of which v knows nothing."""
-    return lambda sample: sample._replace(q=resolution * np.rint(sample.q / resolution))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: Stale(4),
-        lambda: Stale(8, ("q",)),
-        lambda: Low(0.005),
-        lambda: noisy(0.05, 1e-4),
-        lambda: counted(2.0 * np.pi / 2**12),
-        lambda: lambda sample: sample._replace(v=sample.v + 0.02),
-    ],
-    ids=["repeated", "repeated q", "filtered", "noisy", "12 bits", "offset"],
-)
-def test_undeclared_coarse_sensors_raise_no_alarm(make):
-    robot = catalogue_robot("panda")
-    true = robot.changed(inertial_scale=1.2, payload=pa.Payload(0.1 * robot.mass), viscous=0.2)
-    assert len(list(Loop(robot, true=true).run(0.5, make()))) == 500
 
 
 @pytest.mark.parametrize(

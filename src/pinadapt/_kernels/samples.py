@@ -21,7 +21,7 @@ FARTHEST, FLOOR, UNKNOWN = range(3)
 # bridged, and from BRIDGED on for how long [s, or samples with the same time]; numbers of all
 # joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
 BRIDGED, STEPPED, STEP, SEEN, SINCE, RECENT, ERROR, PLACE, TRAIL = 4, 8, 9, 10, 11, 12, 13, 16, 19
-RATE, RAW_Q, RAW_V, LEAST, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
+RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
 UNSEEN, DISPLACED, ROWS = 11, 12, 13
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
@@ -29,7 +29,8 @@ _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refus
 _SHARE = 0.25  # of the way, by which v may be off for good; half: 20 % is refused
 _REPEATED = 0.02  # [s] for which a v may be the same while q goes on, as one of 50 Hz; half: that
 # is refused, double: a stuck v is found as much later
-_COUNTS = 3.0  # least changes of q, by which a joint clearly moves from sample to sample
+_AT_ONCE = 2.0  # times the largest change of v in 0.2 s, by which a joint stops at once; half:
+# stops of coarse encoders are refused, double: one that freezes soon after a start is not found
 _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; half: ``safe`` brakes
 # late, double: counts of an encoder shake it
 
@@ -124,7 +125,7 @@ def check_joints(
         still_q = before[at + STILL_Q] + dt if same else 0.0
         still_v = before[at + STILL_V] + dt if follows and speed == before[at + RAW_V] else 0.0
 
-        tolerance, fastest, least = bounds[TOLERANCE, i], bounds[FASTEST, i], before[at + LEAST]
+        tolerance, fastest, jitter = bounds[TOLERANCE, i], bounds[FASTEST, i], before[at + JITTER]
         bound, C_late = tolerance + MEMORY * after[STEP], _LATE * C
         if still_v == 0.0:
             bound += _SHARE * max(abs(D), abs(D - R))
@@ -132,7 +133,7 @@ def check_joints(
             bound, C_late = bound - 0.5 * tolerance, 0.0
         jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
         leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
-        clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
+        clear = abs(rate) > max(bounds[CLEAR, i], _AT_ONCE * jitter)
         no_q, no_v, kind = not math.isfinite(q[k] + way), not math.isfinite(speed), FOLLOWS
         if no_q or no_v:
             kind = MISSING
@@ -163,7 +164,6 @@ def check_joints(
             v_used[i] = rate * math.exp(-decay * dt)
         elif no_v and follows:
             v_used[i] = rate + (way - dt * rate) / max(dt, 1.0 / _DIFFERENCED)
-        step = abs(way)
         if no_q and follows:
             way = 0.5 * dt * (rate + v_used[i])
             q_used[k] = q_before[k] + way
@@ -178,7 +178,8 @@ def check_joints(
         wrong |= kind != FOLLOWS or distrust != 0.0
         after[at + RATE], after[at + RAW_Q], after[at + RAW_V] = v_used[i], q[k], speed
         after[at + KIND] = kind
-        after[at + LEAST] = step if step > 0.0 and not 0.0 < least < step else least
+        if kind != STOPPED:
+            after[at + JITTER] = max(leak * jitter, abs(speed - rate))
         after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C
         after[at + STILL_Q], after[at + STILL_V], after[at + DISTRUST] = still_q, still_v, distrust
         after[at + UNSEEN] = before[at + UNSEEN] + dt if no_q and no_v else 0.0
