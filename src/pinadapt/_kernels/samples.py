@@ -22,7 +22,7 @@ FARTHEST, FLOOR, UNKNOWN = range(3)
 # joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
 BRIDGED, STEPPED, STEP, SEEN, SINCE, RECENT, ERROR, PLACE, TRAIL = 4, 8, 9, 10, 11, 12, 13, 16, 19
 RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
-UNSEEN, DISPLACED, ROWS = 11, 12, 13
+UNSEEN, DISPLACED, SIZE, BOUND, ROWS = range(11, 16)
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
@@ -126,28 +126,27 @@ def check_joints(
         still_v = before[at + STILL_V] + dt if follows and speed == before[at + RAW_V] else 0.0
 
         tolerance, fastest, jitter = bounds[TOLERANCE, i], bounds[FASTEST, i], before[at + JITTER]
-        bound, C_late = tolerance + MEMORY * after[STEP], _LATE * C
+        apart, C_late = tolerance + MEMORY * after[STEP], _LATE * C
         if still_v == 0.0:
-            bound += _SHARE * max(abs(D), abs(D - R))
+            apart += _SHARE * max(abs(D), abs(D - R))
         elif speed != 0.0:
-            bound, C_late = bound - 0.5 * tolerance, 0.0
+            apart, C_late = apart - 0.5 * tolerance, 0.0
+        R_late = R - min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
         jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
         leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
         clear = abs(rate) > max(bounds[CLEAR, i], _AT_ONCE * jitter)
-        no_q, no_v, kind = not math.isfinite(q[k] + way), not math.isfinite(speed), FOLLOWS
+        no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
+        kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
             kind = MISSING
         elif abs(speed) > fastest or leap:
-            kind = SPIKE
+            kind, size, bound = SPIKE, speed, min(fastest, abs(rate) + bounds[LEAP, i])
         elif abs(r) > jump or not circle:
-            kind = JUMP
-        elif (
-            not 0.0 < still_v < _REPEATED
-            and abs(R - min(max(R, min(C_late, 0.0)), max(C_late, 0.0))) > bound
-        ):
-            kind = APART
+            kind, size, bound = JUMP, r, jump
+        elif abs(R_late) > apart and not 0.0 < still_v < _REPEATED:
+            kind, size, bound = APART, R_late, apart
         elif same and speed == 0.0 and clear and not halted:
-            kind = STOPPED
+            kind, size, bound = STOPPED, rate, bounds[CLEAR, i]
         distrust = before[at + DISTRUST] if follows else 0.0
         if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
             distrust = 0.0
@@ -177,7 +176,7 @@ def check_joints(
         turned += abs(way)
         wrong |= kind != FOLLOWS or distrust != 0.0
         after[at + RATE], after[at + RAW_Q], after[at + RAW_V] = v_used[i], q[k], speed
-        after[at + KIND] = kind
+        after[at + KIND], after[at + SIZE], after[at + BOUND] = kind, size, bound
         if kind != STOPPED:
             after[at + JITTER] = max(leak * jitter, abs(speed - rate))
         after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C

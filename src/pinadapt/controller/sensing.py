@@ -49,9 +49,19 @@ _AWRY = math.radians(30.0)  # of the first orientation; another order of a quate
 _NOTHING, _NO_COLUMNS = np.zeros(0), np.zeros((0, 0))
 _PERFECT = SensorQuality()
 _FLAWS = {
-    kernels.JUMP: ("q", "has jumped", "a wrap at +-pi, a lost count, degrees?", "differences"),
+    kernels.JUMP: (
+        "q",
+        "has jumped",
+        "a wrap at +-pi, a lost count, degrees, cosine and sine?",
+        "differences",
+    ),
     kernels.SPIKE: ("v", "is implausible", "in degrees?", "differences"),
-    kernels.APART: ("v", "is not the rate of q", "the wrong sign, unit or joint?", "differences"),
+    kernels.APART: (
+        "v",
+        "is not the rate of q",
+        "the wrong sign, unit or joint, or stuck?",
+        "differences",
+    ),
     kernels.STOPPED: (
         "q",
         "is stuck",
@@ -171,10 +181,12 @@ class Senses:
         if self._judged(before, q, v, math.inf)[0] == 2:
             self._bridged(before, measurement, math.inf, model)
         for i, joint in enumerate(model.joints[1:]):
-            angle, (low, high) = float(q[joint.idx_q]), guards.range[:, i]
+            angle, (low, high) = q[joint.idx_q], guards.range[:, i]
             if joint.nq == 1 and not low <= angle <= high:
-                where = f"joint '{model.names[i + 1]}'"
-                raise _error(kernels.OUT, measurement, where, angle, low if angle < low else high)
+                bound = low if angle < low else high
+                raise _error(
+                    kernels.OUT, measurement, f"joint '{model.names[i + 1]}'", angle, bound
+                )
         kinematics.update(a_k, q, v)
         if m and x is not None:
             off, far = np.linalg.norm(kinematics.p_hat - x[:m]), guards.frame[kernels.FARTHEST]
@@ -320,19 +332,9 @@ class Senses:
         if not (_lasts(trail, kernels.JOINTS, dt) or apart):
             return q, v, trail
         i = int(np.argmax(wrong))
-        kind, bound = int(kinds[i]), self.guards.bounds[kernels.TOLERANCE, i]
-        residual, guess = row(trail, kernels.RESIDUAL)[i], ""
-        if kind == kernels.SPIKE:
-            residual, bound = sample.v[i], self.guards.bounds[kernels.LEAP, i]
-        elif kind == kernels.JUMP:
-            residual = pin.difference(model, before.q, sample.q)[i] - dt * sample.v[i]
-            pair = model.joints[i + 1].nq == 2
-            guess = "cosine and sine not of length 1?" if pair else ""
-        elif kind == kernels.APART:
-            still = (("q", kernels.STILL_Q), ("v", kernels.STILL_V))
-            stuck = " and ".join(name for name, each in still if row(trail, each)[i] > LASTS)
-            guess = f"{stuck} stuck?" if stuck else ""
-        raise _error(kind, sample, f"joint '{model.names[i + 1]}'", residual, bound, guess)
+        residual, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
+        kind = int(kinds[i]) or kernels.STOPPED  # of which v alone is not zero any more
+        raise _error(kind, sample, f"joint '{model.names[i + 1]}'", residual, bound)
 
     def _checked_torque(
         self, sample: Measurement, dt: float, kinematics: TaskKinematics, trail: np.ndarray
@@ -411,15 +413,15 @@ def _without_frame(
 
 
 def _error(
-    flaw: int, sample: Measurement, where: str, residual: Any, bound: Any, guess: str = ""
+    flaw: int, sample: Measurement, where: str, residual: Any, bound: Any
 ) -> ImplausibleError:
     """Return the error of a residual beyond its bound."""
-    channel, words, usual, guard = _FLAWS[flaw]
+    channel, words, guess, guard = _FLAWS[flaw]
     words = f"{words}: {where}, {residual:.3g} beyond {bound:.3g}"
     hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
     if channel == "x":
         hint = f"If the base's axes or origin are unknown: unknown=pa.Unknown(base=True). {hint}"
-    return ImplausibleError(channel, getattr(sample, channel), words, guess or usual, hint)
+    return ImplausibleError(channel, getattr(sample, channel), words, guess, hint)
 
 
 def _numbers(given: Any, size: int) -> np.ndarray:
