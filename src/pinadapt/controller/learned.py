@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -216,20 +216,8 @@ class LearnedParameters:
 
     def save(self, path: Path | str) -> None:
         """Write a JSON file, whole or not at all; its folder is made if it is missing."""
-        content = {
-            "format": _FORMAT,
-            "version": self.version,
-            "robot": self.robot,
-            **({"remark": self.remark} if self.remark else {}),
-            **({"friction": dict(self.shape)} if self.shape else {}),
-            "kinematic": self._rows(self.kinematic),
-            "dynamic": self._rows(self.dynamic),
-        }
-        text = json.dumps(content, indent=1, allow_nan=False)
-        if self.information:
-            rows = ",\n  ".join(json.dumps(row) for row in self.information)  # one a line
-            text = text.removesuffix("\n}") + f',\n "information": [\n  {rows}\n ]\n}}'
-        write_text(Path(path), text + "\n")
+        content = {"format": _FORMAT, **asdict(self)}
+        write_text(Path(path), json.dumps(content, indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: Path | str) -> LearnedParameters:
@@ -241,31 +229,18 @@ class LearnedParameters:
         where = str(path)
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
-            if content["format"] != _FORMAT:
-                raise ValueError(f"its format is {content['format']!r}, not {_FORMAT!r}")
-            tables = [
-                {str(row["name"]): (row["value"], str(row["unit"])) for row in content[kind]}
-                for kind in ("kinematic", "dynamic")
-            ]
-            robot, version = str(content["robot"]), str(content["version"])
-            remark, shape = str(content.get("remark", "")), dict(content.get("friction", {}))
-        except (OSError, KeyError, TypeError, ValueError, RecursionError) as error:
+            if content.pop("format") != _FORMAT:
+                raise ValueError("another format")
+            found = cls(**content)
+            values = [*found.kinematic.values(), *found.dynamic.values()]
+            numbers(values, where, error=ParameterError)
+            rows = numbers(found.information, where, error=ParameterError)
+            if rows.size and rows.shape[1:] != (len(found.dynamic),):
+                raise ValueError(f"information has not {len(found.dynamic)} numbers in each row")
+        except (OSError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
             words = f"is no file of {_FORMAT}: {type(error).__name__} {error}."
             raise ParameterError(words, where=where) from error
-        kinematic, dynamic = (_values(table, where) for table in tables)
-        units = {name: unit for table in tables for name, (_, unit) in table.items()}
-        rows = numbers(content.get("information", []), where, error=ParameterError)
-        if rows.size and rows.shape[1:] != (len(dynamic),):
-            words = f"information has rows of {rows.shape[1:]} numbers, not of {len(dynamic)}."
-            raise ParameterError(words, where=where)
-        information = tuple(tuple(row) for row in rows.tolist())
-        return cls(robot, kinematic, dynamic, units, version, remark, information, shape)
-
-    def _rows(self, values: Mapping[str, float]) -> list[dict[str, Any]]:
-        return [
-            {"name": name, "value": value, "unit": self.units[name]}
-            for name, value in values.items()
-        ]
+        return replace(found, information=tuple(tuple(row) for row in rows.tolist()))
 
 
 def _rounded(rows: np.ndarray) -> tuple[tuple[float, ...], ...]:
@@ -304,12 +279,6 @@ def _shape_of(friction: Friction) -> dict[str, Any]:
             [list(part.joints), part.sign, part.threshold] for part in friction.shafts
         ]
     return shape
-
-
-def _values(table: Mapping[str, tuple[Any, Any]], where: str) -> dict[str, float]:
-    """Return the numbers of a table, or refuse what is none."""
-    values = numbers([value for value, _ in table.values()], where, error=ParameterError)
-    return dict(zip(table, values.tolist(), strict=True))
 
 
 def _in_order(values: Mapping[str, float], names: tuple[str, ...], where: str) -> np.ndarray:
