@@ -106,7 +106,6 @@ class Controller:
                 self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
             self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
         self._estimated = self._scratch()
-        self._own = any(map(_of_a_user, (law, adaptation_k, adaptation_d)))
         self._alone = Lock()  # for a thread that uses the scratch
         self._data = kinematics.robot.model.createData()
 
@@ -183,18 +182,14 @@ class Controller:
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
             ImplausibleError: the robot cannot be there, see ``Guards``.
-            InputError: no measurement; or a law or an adaptation of one's own returns something
-                else than arrays of finite floats of the right shapes, which is tried out here.
+            InputError: no measurement.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
             InputError: another thread is using this controller.
         """
         flag(adapting, "adapting")
         with self.reserved():
             measurement = self._inputs.first(measurement)
-            state = self._first_state(measurement, a_k, a_d, information, information_k, adapting)
-            if self._own:
-                self._try(state, measurement)
-            return state
+            return self._first_state(measurement, a_k, a_d, information, information_k, adapting)
 
     def _reserve(self) -> None:
         """Take the scratch, or refuse it to another thread."""
@@ -217,20 +212,6 @@ class Controller:
             yield
         finally:
             self._alone.release()
-
-    def _try(self, state: ControllerState, measurement: Measurement) -> None:
-        """Refuse a law or an adaptation of one's own by what it returns at the first sample."""
-        task = self.kinematics.task
-        x, still = task.measured(measurement.x, measurement.q), np.zeros(task.size)
-        s = self._observe(state, measurement, Desired(x, still, still))[0]
-        dt = self.period if math.isfinite(self.period) else PERIOD
-        model = self._model(state, s, dt)
-        command = self.law.command(s, model)
-        self._inputs.returned(command, state.dynamic, state.kinematic)
-        drives = self.sent(s, command)[1]
-        dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, dt)
-        kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, dt)
-        self._inputs.returned(command, dynamic, kinematic)
 
     def _first_state(
         self,
@@ -291,8 +272,7 @@ class Controller:
             )
         if state.path is not None:
             return state.path.desired(motion, t)
-        at = getattr(motion, "at", motion.at) if t.__class__ is float else motion.at
-        return at(t)
+        return motion.at(t)
 
     def announce(
         self,
@@ -770,11 +750,3 @@ def believed(sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray) -
     x = sensed.x.copy()
     x[: kinematics.positions] = kinematics.p_hat
     return sensed._replace(x=x, frame=None, history=())
-
-
-def _of_a_user(part: Any) -> bool:
-    """Tell whether a law or an adaptation, or one inside of it, is not of this package."""
-    inner = [getattr(part, "inner", None), getattr(part, "law", None)]
-    inner += [each for each, _ in getattr(part, "parts", ())]
-    own = not type(part).__module__.startswith("pinadapt.")
-    return own or any(_of_a_user(each) for each in inner if each is not None)

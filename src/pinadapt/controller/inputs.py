@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, numbers, shown
-from ..adaptation.adaptation import Drive, Drives, Estimate
+from .._checks import numbers
 from ..exceptions import InputError, MeasurementError, ParameterError
-from ..laws.law import Command
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
 from .state import ControllerState
@@ -161,36 +159,6 @@ class InputCheck:
             _array(xd_d, self._m, "xd_d", InputError),
             _array(xdd_d, self._m, "xdd_d", InputError),
         )
-
-    def returned(self, command: Any, dynamic: Any, kinematic: Any) -> None:
-        """Refuse what a law or an adaptation of a user's own must not return.
-
-        Args:
-            command: of the law.
-            dynamic: the estimate after a step of its adaptation.
-            kinematic: the other estimate.
-
-        Raises:
-            InputError: an object of another class, or an array of another shape, not of floats or
-                not finite.
-        """
-        instance(command, Command, "the law's command")
-        instance(command.drives, Drives, "the law's drives")
-        parts = [("the law's torque", command.torque, self._v)]
-        for name, estimate, shape in (
-            ("dynamic", dynamic, self._a_d),
-            ("kinematic", kinematic, self._a_k),
-        ):
-            drive = instance(getattr(command.drives, name), Drive, f"the law's drives.{name}")
-            parts.append((f"the law's drives.{name}.gradient", drive.gradient, shape))
-            instance(estimate, Estimate, f"the {name} adaptation's estimate")
-            parts.append((f"the {name} adaptation's estimate.value", estimate.value, shape))
-        for place, given, shape in parts:
-            fits = isinstance(given, np.ndarray) and given.dtype == _FLOAT and given.shape == shape
-            if not (fits and np.isfinite(given).all()):
-                raise InputError(
-                    f"expected finite floats of shape {shape}, got {shown(given)}.", where=place
-                )
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.
