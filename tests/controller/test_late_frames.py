@@ -193,9 +193,6 @@ def test_samples_too_long_without_frames_are_refused_until_one_arrives(panda):
     assert after.sensed.frame.t == pytest.approx(last * DT)
 
 
-# --- controllers and states ---
-
-
 # --- noise of the frames ---
 
 
@@ -206,7 +203,7 @@ def test_smoothing_lowers_the_variance_as_a_first_order_low_pass(panda):
     compensators = [DelayCompensator(), *map(DelayCompensator, rates)]
     begun = panda.controller.senses.init(panda.sample(0, 0.0), kinematics, panda.a_k)
     states, off = [begun] * 3, []
-    for k in range(1, 2000):
+    for k in range(1, 1200):
         q = panda.q(DT * (k % 1000))
         true = panda.plant.measurement(q, still).x
         x = true + sigma * rng.standard_normal(3)

@@ -178,6 +178,3 @@ def test_signals_do_not_share_the_callers_buffers():
     for buffer in (*measurement[1:4], *desired):
         buffer += 1.0
     assert unchanged(all_of(signals), before)
-
-
-# --- what they must not return ---
