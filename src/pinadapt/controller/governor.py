@@ -129,20 +129,12 @@ class Governor:
         for part in fields(self):
             number = positive(getattr(self, part.name), f"governor.{part.name}", error=GainError)
             object.__setattr__(self, part.name, number)
-        for name in ("slow", "creep", "effort"):
-            if getattr(self, name) >= 1.0:
-                raise GainError(
-                    f"must be a share below 1, got {getattr(self, name):g}.",
-                    where=f"governor.{name}",
-                )
-        if self.singular >= self.near:
+        order = max(self.slow, self.creep, self.effort) < 1.0 < self.hold
+        if not (order and self.singular < self.near):
             raise GainError(
-                f"must be less than near = {self.near:g}, got {self.singular:g}.",
-                where="governor.singular",
-            )
-        if self.hold <= 1.0:
-            raise GainError(
-                f"must be more than one stop error, got {self.hold:g}.", where="governor.hold"
+                "slow, creep and effort must be shares below 1, hold more than 1, and singular "
+                f"less than near, got {self}.",
+                where="governor",
             )
 
     def of(

@@ -103,16 +103,17 @@ class InputCheck:
         """
         if not isinstance(given, Measurement):
             raise InputError(f"expected a Measurement, got {given!r}.", where="measurement")
-        t, q, v, x, x_time, xd, a, tau, w = given
-        q, v = _array(q, self._q, "q"), _array(v, self._v, "v")
         if not self._measures_x:  # a joint task
-            x = x_time = xd = None
-        x = None if x is None else _array(x, self._x, "x")
-        x_time = None if x_time is None else _number(x_time, "x_time")
-        xd = None if xd is None else _array(xd, self._m, "xd")
-        a = None if a is None else _array(a, self._v, "a")
-        w = None if w is None else _array(w, self._v, "w")
-        return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau, w)
+            given = given._replace(x=None, x_time=None, xd=None)
+        parts: dict[str, Any] = {"t": _number(given.t, "t"), "tau": given.tau}
+        parts |= {"q": _array(given.q, self._q, "q"), "v": _array(given.v, self._v, "v")}
+        if given.x_time is not None:
+            parts["x_time"] = _number(given.x_time, "x_time")
+        for name, shape in (("x", self._x), ("xd", self._m), ("a", self._v), ("w", self._v)):
+            value = getattr(given, name)
+            if value is not None:
+                parts[name] = _array(value, shape, name)
+        return Measurement(**parts)
 
     def time(self, given: Any) -> float:
         """Return a time [s], NaN if it is none."""
