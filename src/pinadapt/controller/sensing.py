@@ -279,9 +279,9 @@ class Senses:
             q, before.q, v, dt, decay, guards.late, guards.bounds, guards.places, before.trail,
             trail, q_used, v_used,
         )  # fmt: skip
-        doubted = self._doubted(before, v, trail, model) if answer == 2 else _NOTHING
-        if not doubted.any():
-            return answer, q_used, v_used, trail
+        judged = answer, q_used, v_used, trail
+        if answer != 2 or not (doubted := self._doubted(before, v, trail, model)).any():
+            return judged
         kept = before.trail.copy()
         row(kept, kernels.DISTRUST)[doubted] = kernels.NO_Q + kernels.NO_V
         return self._judged(before._replace(trail=kept), q, v, dt, model, decay)
