@@ -20,9 +20,10 @@ FARTHEST, FLOOR, UNKNOWN = range(3)
 # The trail: what is kept of the samples to compare the next one with. By channel how many were
 # bridged, and from BRIDGED on for how long [s, or samples with the same time]; numbers of all
 # joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
-BRIDGED, STEPPED, STEP, SEEN, SINCE, RECENT, ERROR, PLACE, TRAIL = 4, 8, 9, 10, 11, 12, 13, 16, 19
+BRIDGED, ERROR, PLACE, TRAIL = 4, 13, 16, 19
+STEPPED, STEP, SEEN, SINCE, RECENT = range(8, ERROR)
 RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
-UNSEEN, DISPLACED, SIZE, BOUND, ROWS = range(11, 16)
+UNSEEN, DISPLACED, SIZE, BOUND, ROWS = range(DISTRUST + 1, DISTRUST + 6)
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes

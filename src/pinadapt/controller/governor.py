@@ -27,7 +27,6 @@ from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
 EFFORT, STOP, SPEED, SINGULAR = "effort", "joint stop", "joint speed", "singularity"
-_RARE = 1e-6  # share of frames with more lost ones before them than a declared camera explains
 _SPARE = 0.05  # [s] by which a frame may be older than the camera explains
 
 
@@ -188,7 +187,7 @@ def explained_age(sensors: Sensors) -> float:
     camera = sensors.camera
     if camera is None:
         return 0.0
-    lost = math.ceil(math.log(_RARE) / math.log(camera.dropout)) if camera.dropout else 0
+    lost = math.ceil(math.log(1e-6) / math.log(camera.dropout)) if camera.dropout else 0
     return camera.delay + (0.0 if camera.rate is None else (1 + lost) / camera.rate)
 
 

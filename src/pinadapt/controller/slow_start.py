@@ -39,8 +39,6 @@ _KNOWN = 0.03  # standard deviation of a predicted velocity, relative to that of
 _SETTLING, _SEGMENT, _REST = 0.5, 0.64, 0.3  # [s]
 _LEAST_NOISE = 1e-5  # of the reach
 _RISE = 5.0  # [s] in which the path takes up its full rate if the velocity is just known
-_ROUNDS = 3  # of the noise that the residual shows
-_SINGULAR = 0.1  # of the largest singular value of the Jacobian: below, a direction is left out
 
 
 class Start(NamedTuple):
@@ -48,7 +46,8 @@ class Start(NamedTuple):
 
     Attributes:
         q: (nq) where the joints are held.
-        ways: (n, 3) joint motion that moves the frame along each axis of the base by one metre.
+        ways: (n, 3) joint motion that moves the frame along each axis of the base by one metre, but
+            for directions that it hardly moves in, by singular values below a tenth of the largest.
         size: of the motion [m]; zero while the estimates rest.
         filters: state of the filters of the law of the joints.
         taken: time of the last frame [s].
@@ -155,7 +154,7 @@ class SlowStart(Controller):
         )
         start = Start(
             q=q,
-            ways=np.linalg.pinv(J[:3], rcond=_SINGULAR),
+            ways=np.linalg.pinv(J[:3], rcond=0.1),
             size=0.0,
             filters=joints.law.filters.init(state.sensed, joints.kinematics),
             taken=-math.inf,
@@ -253,7 +252,7 @@ class SlowStart(Controller):
         kinematics, H, score = self.kinematics, start.information, start.score
         prior, least = np.diag(1.0 / kinematics.sizes**2), _LEAST_NOISE * kinematics.robot.reach
         variance = least**2
-        for _ in range(_ROUNDS):
+        for _ in range(3):  # the variance is that of the residual
             information = H / variance + prior
             found = a_k - np.linalg.solve(information, score) / variance
             variance = start.variance(found - a_k, least)
