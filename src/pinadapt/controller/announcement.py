@@ -79,7 +79,7 @@ def announced_state(
     a_k = _with_tool(controller.kinematics, nominal.unloaded, state.a_k, tool_translation)
     a_k = controller.adaptation_k.validate(a_k)
     trail = state.sensed.trail.copy()
-    trail[kernels.SEEN : kernels.SEEN + 1] = 0.0  # the next frame is that of another tool
+    trail[kernels.SEEN] = 0.0  # the next frame is that of another tool
     return state._replace(
         kinematic=controller.adaptation_k.reset_to(state.kinematic, a_k, a_k),
         sensed=state.sensed._replace(trail=trail),
