@@ -49,25 +49,10 @@ _AWRY = math.radians(30.0)  # of the first orientation; another order of a quate
 _NOTHING, _NO_COLUMNS = np.zeros(0), np.zeros((0, 0))
 _PERFECT = SensorQuality()
 _FLAWS = {
-    kernels.JUMP: (
-        "q",
-        "has jumped",
-        "a wrap at +-pi, a lost count, degrees, cosine and sine?",
-        "differences",
-    ),
+    kernels.JUMP: ("q", "has jumped", "a wrap at +-pi, a lost count, degrees?", "differences"),
     kernels.SPIKE: ("v", "is implausible", "in degrees?", "differences"),
-    kernels.APART: (
-        "v",
-        "is not the rate of q",
-        "the wrong sign, unit or joint, or stuck?",
-        "differences",
-    ),
-    kernels.STOPPED: (
-        "q",
-        "is stuck",
-        "the encoder stopped? no other joint shows it",
-        "differences",
-    ),
+    kernels.APART: ("v", "is not the rate of q", "the wrong sign, unit or joint?", "differences"),
+    kernels.STOPPED: ("q", "is stuck", "has the encoder stopped?", "differences"),
     kernels.OUT: ("q", "is out of range", "in degrees, millimetres or another order?", "limits"),
     kernels.FAR: ("x", "is implausible", "in millimetres? another frame or origin?", "position"),
     kernels.TURNED: ("x", "is turned", "in the order wxyz? other axes?", "position"),
@@ -113,7 +98,8 @@ class Guards:
         bounds = np.full((kernels.SLOW + 1, model.nv), np.inf)
         bounds[kernels.SLOW] = 0.0
         places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
-        return cls(bounds, places, bounds[:2] * [[-1.0], [1.0]], np.full(3, np.inf), bounds[0])
+        every = np.full((2, model.nv), np.inf)
+        return cls(bounds, places, [[-1.0], [1.0]] * every, np.full(3, np.inf), every[0])
 
     def elapsed(
         self, before: float, now: float, dt: float, period: float, trail: np.ndarray
