@@ -99,7 +99,7 @@ class Guards:
         bounds[kernels.SLOW] = 0.0
         places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
         every = np.full((2, model.nv), np.inf)
-        return cls(bounds, places, [[-1.0], [1.0]] * every, np.full(3, np.inf), every[0])
+        return cls(bounds, places, every * [[-1.0], [1.0]], np.full(3, np.inf), every[0])
 
     def elapsed(
         self, before: float, now: float, dt: float, period: float, trail: np.ndarray
