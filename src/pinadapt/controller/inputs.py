@@ -79,19 +79,14 @@ class InputCheck:
         Raises:
             InputError: it is that of another controller.
         """
-        estimates: tuple[Any, ...] = ()
-        if given.__class__ is ControllerState:
-            estimates = tuple(
-                getattr(part, "value", part) for part in (given.kinematic, given.dynamic, given.a_0)
-            )
-        shapes = tuple(getattr(part, "shape", None) for part in estimates)
-        if shapes != (self._a_k, self._a_d, self._a_d):
-            raise InputError("the state is that of another controller.", where="state")
-        if any(part.dtype != _FLOAT for part in estimates):
+        fits = given.__class__ is ControllerState
+        if fits:
+            parts = (given.kinematic, self._a_k), (given.dynamic, self._a_d), (given.a_0, self._a_d)
+            fits = all(_is(getattr(part, "value", part), shape) for part, shape in parts)
+        if not fits:
             raise InputError(
-                "expected estimates of floats.",
+                "the state is that of another controller, or its estimates are no float arrays.",
                 where="state",
-                hint="An adaptation of your own must return arrays of floats.",
             )
 
     def measurement(self, given: Measurement) -> Measurement:
