@@ -14,7 +14,7 @@ import pinadapt as pa
 from tests.support.chains import catalogue_robot
 from tests.support.loops import motion_at_home, with_tool_and_load
 from tests.support.paper import BASIS, CIRCLE, LMI
-from tests.support.replays import fails, record, replay
+from tests.support.replays import record, replay
 from tests.support.snapshots import snapshot, unchanged
 
 
@@ -85,26 +85,6 @@ def test_another_process_gives_the_same_torques(loop, pool):
     again, end = pool.submit(replay, controller, samples).result(timeout=100)
     assert again.tobytes() == torques.tobytes()
     assert unchanged(end, snapshot(state))
-
-
-@pytest.mark.parametrize(
-    ("spoilt", "kind"),
-    [
-        ("measurement", pa.MeasurementError),
-        ("estimates", pa.DivergedError),
-        ("period", pa.InputError),
-    ],
-)
-@pytest.mark.slow
-def test_errors_of_a_step_can_be_pickled(pool, spoilt, kind):
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, adaptation="gradient")
-    samples = record(robot, controller, motion_at_home(robot), 1)
-    with pytest.raises(kind) as here, np.errstate(all="ignore"):
-        fails(controller, samples, spoilt)
-    there = pool.submit(fails, controller, samples, spoilt).exception(timeout=100)
-    assert type(there) is type(here.value) is kind
-    assert str(there) == str(here.value) and repr(vars(there)) == repr(vars(here.value))
 
 
 def test_a_second_thread_gets_an_error_never_a_wrong_torque(monkeypatch):
