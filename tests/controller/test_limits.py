@@ -125,11 +125,8 @@ def test_damping_brings_the_arm_back_from_beyond_its_reach():
     assert rollout.diverged is None
     assert rollout.distance.max() > 0.02  # out of reach indeed
     assert rollout.distance[-1] < 2e-3
-    damped = rollout.damping > 0.0
-    assert 0.02 < damped.mean() < 0.5 and (rollout.damping[: len(damped) // 8] == 0.0).all()
-    numbers = rollout.summary()
-    assert numbers["max_damping"] == rollout.damping.max()
-    assert 0.1 < numbers["max_damping_share"] <= 1.0
+    least = rollout.min_singular_J_hat
+    assert least.min() < 0.3 * least[0]
 
 
 # --- torque limits ---
