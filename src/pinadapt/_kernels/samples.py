@@ -23,13 +23,13 @@ FARTHEST, FLOOR, UNKNOWN = range(3)
 BRIDGED, ERROR, PLACE, TRAIL = 4, 13, 16, 19
 STEPPED, STEP, SEEN, SINCE, RECENT = range(8, ERROR)
 RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
-UNSEEN, DISPLACED, SIZE, BOUND, ROWS = range(DISTRUST + 1, DISTRUST + 6)
+UNSEEN, DISPLACED, SIZE, BOUND, STOOD_R, STOOD_C, ROWS = range(DISTRUST + 1, DISTRUST + 8)
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
 _SHARE = 0.25  # of the way, by which v may be off for good; half: 20 % is refused
-_REPEATED = 0.02  # [s] for which a v may be the same while q goes on, as one of 50 Hz; half: that
-# is refused, double: a stuck v is found as much later
+_REPEATED = 0.02  # [s] for which q or v may be the same while the other goes on, as one of 50 Hz;
+# half: that is refused, double: a stuck one is found as much later
 _AT_ONCE = 2.0  # times the largest change of v in 0.2 s, by which a joint stops at once; half:
 # stops of coarse encoders are refused, double: one that freezes soon after a start is not found
 _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; half: ``safe`` brakes
@@ -67,7 +67,8 @@ def check_joints(
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
       the nearest of these up to 100 ms: beyond tol + share max(|D|, |D - R|) + T (least change of
       any v, its resolution). There is no share of a v that is the same to the bit, and half of
-      tol if it is not zero; in the first 20 ms it is not judged.
+      tol if it is not zero; in the first 20 ms it is not judged. After 20 ms of a q that is the
+      same to the bit, the sums since then say the same, beyond tol.
     * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
       Only the momentum tells whether the joint did.
 
@@ -133,6 +134,12 @@ def check_joints(
         elif speed != 0.0:
             apart, C_late = apart - 0.5 * tolerance, 0.0
         R_late = R - min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
+        stood_R = leak * before[at + STOOD_R] + r if same else 0.0  # sums since q is the same
+        stood_C = leak * before[at + STOOD_C] + speed - rate if same else 0.0
+        C_late = _LATE * stood_C
+        stood = stood_R - min(max(stood_R, min(C_late, 0.0)), max(C_late, 0.0))
+        if still_q > _REPEATED and abs(stood) > tolerance:
+            R_late, apart = stood, tolerance
         jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
         leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
         clear = abs(rate) > max(bounds[CLEAR, i], _AT_ONCE * jitter)
@@ -181,6 +188,7 @@ def check_joints(
         if kind != STOPPED:
             after[at + JITTER] = max(leak * jitter, abs(speed - rate))
         after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C
+        after[at + STOOD_R], after[at + STOOD_C] = stood_R, stood_C
         after[at + STILL_Q], after[at + STILL_V], after[at + DISTRUST] = still_q, still_v, distrust
         after[at + UNSEEN] = before[at + UNSEEN] + dt if no_q and no_v else 0.0
         after[at + DISPLACED] = before[at + DISPLACED] + way if decay > 0.0 else 0.0
