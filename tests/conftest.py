@@ -1,6 +1,5 @@
 """Fixtures of all tests."""
 
-import copy
 import gc
 import signal
 
@@ -60,19 +59,6 @@ def forked():
 
     with forking():
         yield
-
-
-@pytest.fixture(scope="session")
-def moving():
-    """Return loops of a UR5 in motion, by whether they measure torques, and where they will be."""
-    from benchmarks.lying_sensors import begun
-
-    loops = {measures: begun("ur5", "separation", measures, 2e-3) for measures in (False, True)}
-    honest = {
-        measures: [s.q for s, _ in copy.deepcopy(loop).samples(0.25)]
-        for measures, loop in loops.items()
-    }
-    return loops, honest
 
 
 def pytest_collection_finish(session):

@@ -200,8 +200,8 @@ def test_the_observer_is_ahead_of_a_velocity_that_is_late(task, samples):
     low_pass, dt, left = pa.filters.LowPass(50.0), 2e-3, {}
     rates = np.array([0.9, -0.6, 0.8, 0.7, -0.5, 0.9])[: kinematics.nv]
     for lead in (0.0, 1.0 / 50.0):
-        observer, s, v = pa.filters.PositionObserver(4.0, lead=lead), Signals(), rates
-        observer = pa.filters.PoseObserver(observer) if task else observer
+        observer = pa.filters.PositionObserver(4.0, lead=lead, orientation=bool(task))
+        s, v = Signals(), rates
         s.residual, state, errors = None, None, []
         for k in range(samples):
             q = pin.integrate(robot.model, robot.q0, rates / 3.0 * np.sin(3.0 * k * dt))

@@ -144,28 +144,6 @@ def test_an_arm_with_differenced_encoders_is_held():
     assert late.max() < 1.05 * norms[rollout.t < 2.0].max() and np.ptp(late) < 0.1 * late.mean()
 
 
-# --- noise that the first samples show ---
-
-
-def test_samples_at_rest_show_their_noise():
-    rng, plant = np.random.default_rng(0), pa.plants.PinocchioPlant(catalogue_robot("ur5"))
-    still = plant.measure()
-    samples = [
-        still._replace(
-            t=1e-3 * k,
-            v=2e-3 * rng.standard_normal(6),
-            x=still.x + 1e-3 * rng.standard_normal(3),
-        )
-        for k in range(1000)
-    ]
-    found = pa.Sensors.measured_at_rest(samples).noise
-    assert found["v"] == pytest.approx(2e-3, rel=0.1)
-    assert found["x"] == pytest.approx(1e-3, rel=0.1)
-    for refused in (samples[:3], [sample._replace(v=sample.v + 0.1) for sample in samples]):
-        with pytest.raises(pa.InputError, match="samples"):
-            pa.Sensors.measured_at_rest(refused)
-
-
 def test_sensors_that_are_worse_than_declared_are_found_before_a_run():
     controller = pa.make_controller(catalogue_robot("ur5"))
     coarse = pa.Sensors(encoder=2.0 * np.pi / 2**12, camera=pa.Camera(rate=30.0)).quality(6, 1e-3)

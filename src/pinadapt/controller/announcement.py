@@ -78,7 +78,7 @@ def announced_state(
         return state
     a_k = _with_tool(controller.kinematics, nominal.unloaded, state.a_k, tool_translation)
     trail = state.sensed.trail.copy()
-    trail[kernels.SEEN : kernels.SEEN + 1] = 0.0  # the next frame is that of another tool
+    trail[kernels.SEEN] = 0.0  # the next frame is that of another tool
     return state._replace(
         kinematic=controller.adaptation_k.init(a_k),
         sensed=state.sensed._replace(trail=trail),

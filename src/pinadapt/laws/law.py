@@ -15,7 +15,7 @@ from .._checks import definite_matrix, positive
 from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
 from ..exceptions import DivergedError, GainError, InputError
-from ..filters import Filters, NoFilters
+from ..filters import Filters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
@@ -250,7 +250,7 @@ class Law(ABC):
     @property
     def filters(self) -> Filters:
         """The law's memory besides its estimates."""
-        return NoFilters()
+        return Filters()
 
     @classmethod
     def tuned(

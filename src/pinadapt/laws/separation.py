@@ -16,7 +16,7 @@ from .._checks import definite_matrix, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..exceptions import GainError
-from ..filters import PoseObserver, PositionObserver
+from ..filters import PositionObserver
 from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.changes import Payload
@@ -185,11 +185,11 @@ class Separation(Law):
             raise GainError("a lag needs the mass matrix of a model.", where="dynamics")
 
     @cached_property
-    def filters(self) -> PositionObserver | PoseObserver:
+    def filters(self) -> PositionObserver:
         """The observer of the position, or of the pose, and of the disturbance."""
         error = None if math.isinf(self.lambda_s) else self._reference_error
-        position = PositionObserver(self.beta, error, self.lambda_s, self.lead, self.lambda_d)
-        return PoseObserver(position) if self.lever else position
+        gains = self.beta, error, self.lambda_s, self.lead, self.lambda_d
+        return PositionObserver(*gains, orientation=bool(self.lever))
 
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:

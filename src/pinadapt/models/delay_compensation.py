@@ -67,8 +67,7 @@ class SensedState(NamedTuple):
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
         first: sums of the first samples, see ``FirstSamples``; None once their checks are complete.
-        trail: of the samples, with which the next one is compared, see the kernel ``check_sample``;
-            empty: it is not.
+        trail: of the samples, with which the next one is compared, see the kernel ``check_joints``.
     """
 
     q: np.ndarray
