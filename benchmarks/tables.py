@@ -24,7 +24,7 @@ from typing import Any
 
 from pinadapt.exceptions import InputError, did_you_mean
 from pinadapt.scenario.tables import setting
-from pinadapt.sweep.cases import COPY, Plan
+from pinadapt.sweep.cases import Plan
 from pinadapt.sweep.execution import run_plan
 from pinadapt.sweep.table import AGAIN, FIRST, LAST, CaseTable, flat_row, read
 
@@ -174,8 +174,7 @@ def measure(name: str, again: Sequence[str] | None, processes: int | None) -> No
         guess = did_you_mean(name, SWEPT)
         raise InputError(f"there is no {path.name}.{guess}", where=name)
     plan, folder, table = Plan.read(path), RUNNING / name, HERE / f"{name}.csv"
-    begun = (folder / COPY).is_file() and not plan.differs(Plan.load(folder))
-    if again is not None or not begun:
+    if again is not None or not plan.is_in(folder):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         rows = [] if not table.is_file() else table_rows(name)

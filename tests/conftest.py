@@ -1,6 +1,5 @@
 """Fixtures of all tests."""
 
-import copy
 import gc
 import signal
 
@@ -12,6 +11,15 @@ gc.set_threshold(100_000, 50, 100)
 
 # A shell starts what it runs in the background with Ctrl-C ignored; tests send it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config):
+    """Compile all kernels, before every worker compiles them: that takes it some 12 s."""
+    if getattr(config.option, "numprocesses", None):
+        import pinadapt.tuning.make_controller  # noqa: F401, imports all that has kernels
+        from pinadapt._compiled import compile_all
+
+        compile_all()
 
 
 @pytest.fixture
@@ -51,19 +59,6 @@ def forked():
 
     with forking():
         yield
-
-
-@pytest.fixture(scope="session")
-def moving():
-    """Return loops of a UR5 in motion, by whether they measure torques, and where they will be."""
-    from benchmarks.lying_sensors import begun
-
-    loops = {measures: begun("ur5", "separation", measures, 2e-3) for measures in (False, True)}
-    honest = {
-        measures: [s.q for s, _ in copy.deepcopy(loop).samples(0.25)]
-        for measures, loop in loops.items()
-    }
-    return loops, honest
 
 
 def pytest_collection_finish(session):

@@ -11,7 +11,7 @@ import numpy as np
 import pinadapt as pa
 from pinadapt.description.chain import velocity_limits
 from pinadapt.tuning.defaults import bandwidth
-from pinadapt.zoo.experiment import PERIOD, TOOL_ERROR, zoo_case
+from pinadapt.zoo.experiment import PERIOD, zoo_case
 
 from .inverse_kinematics import InverseKinematics
 from .nominal_robot import NominalRobot
@@ -82,7 +82,7 @@ class Setting:
 @lru_cache
 def setting(robot: str, sensors: str) -> Setting:
     """Return the setting of a robot of the catalogue with sensors by name."""
-    case, found = zoo_case(robot), pa.reachable_circle(pa.load(robot), tool_error=TOOL_ERROR)
+    case, found = zoo_case(robot), pa.reachable_circle(pa.load(robot))
     whole = Setting(
         case.true, case.estimated, found.plane, found.phase, case.radius, SENSORS[sensors]
     )

@@ -41,7 +41,6 @@ of classes, such as the control laws, have a package each.
 
 DATA = {
     "DEFAULT": "The name of the default law.",
-    "Frames": "The frames of a camera: a function that returns the newest x and its time, or None.",
     "LAWS": "The laws by name.",
     "TASKS": "The tasks by name.",
     "TrajectoryLike": "A motion as ``simulate`` takes it: a ``Trajectory``, an object with a "

@@ -34,7 +34,7 @@ class RosArm(Arm):
         if list(kinds) != ["effort"] or not (moving and timeout > least and min(damping) > 0.0):
             words = "refuses efforts, or keeps the last one or holds undamped if this program dies."
             raise ArmError(words, where=address, hint="Its parameters are above this example.")
-        self.facts = ArmFacts.of(robot, name=address, period=1.0 / rate, silence=timeout)
+        self.facts = ArmFacts.of(robot, name=address, period=1.0 / rate)
         self.node.create_subscription(JointState, "/joint_states", self.heard.append, 1)
         self.points = self.node.create_publisher(JointTrajectory, f"{address}/joint_trajectory", 1)
 

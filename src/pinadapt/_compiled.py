@@ -26,6 +26,7 @@ from typing import Any, TypeVar, cast
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 kernels: dict[str, Any] = {}  # numba's dispatchers, by module and name, once compiled
+_entry_points: list[Callable[[], Callable[..., Any]]] = []  # of all kernels that are defined
 _NOTE = "pinadapt: compiling its kernels, once on this machine ..."
 
 
@@ -49,6 +50,8 @@ def compiled(
             """Return the machine code, compiled or loaded from disk."""
             return _entry_point(function, signature, fills, allocates)
 
+        _entry_points.append(entry_point)
+
         @wraps(function)
         def first_call(*arguments: Any) -> Any:
             """Have the machine code take this name, and call it."""
@@ -58,6 +61,12 @@ def compiled(
         return cast(Function, first_call)
 
     return register
+
+
+def compile_all() -> None:
+    """Compile all kernels of the modules that are imported, or load them from disk."""
+    for entry_point in _entry_points:
+        entry_point()
 
 
 def _entry_point(

@@ -53,10 +53,11 @@ def parse_bibtex(text: str) -> dict[str, str]:
     for part in re.split(r"^(?=[ \t]*@\w+\s*\{)", text, flags=re.MULTILINE):
         for key in re.findall(r"^\s*@\w+\s*\{\s*([^\s,{}]+)\s*,", part):
             entry = part[: part.rfind("}") + 1].strip()
-            if entry.count("{") != entry.count("}") or not entry:
-                raise InputError(f"the entry '{key}' has no closing brace.", where="BibTeX")
-            if key in entries:
-                raise InputError(f"two entries have the key '{key}'.", where="BibTeX")
+            if entry.count("{") != entry.count("}") or not entry or key in entries:
+                raise InputError(
+                    f"the entry '{key}' has no closing brace, or its key is used twice.",
+                    where="BibTeX",
+                )
             entries[key] = f"{entry}\n"
     return entries
 

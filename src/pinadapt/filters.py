@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -23,28 +22,28 @@ from .signals import Signals
 from .tasks.frame import rotation_between, turned
 
 
-class Filters(ABC):
-    """Filters of one law. Their state is an array or a named tuple of arrays.
+class Filters:
+    """Filters of one law: none, unless a subclass says so.
 
-    Sampled, ``step`` takes the state from one sample to the next; as part of one differential
-    equation, ``rate`` is its derivative.
+    Their state is an array or a named tuple of arrays. Sampled, ``step`` takes it from one sample
+    to the next; as part of one differential equation, ``rate`` is its derivative.
     """
 
-    @abstractmethod
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> Any:
         """Return the state at the first sample."""
+        return ()
 
-    @abstractmethod
     def observe(self, state: Any, sensed: SensedState, kinematics: TaskKinematics) -> Any:
         """Return the output of the filters at a sample, ``Signals.filtered``."""
+        return state
 
-    @abstractmethod
     def step(self, state: Any, s: Signals, dt: float) -> Any:
         """Return the state after dt [s] with the signals held."""
+        return state
 
-    @abstractmethod
     def rate(self, state: Any, s: Signals) -> Any:
         """Return the time derivative of the state."""
+        return state
 
     def acceleration(self, filtered: Any) -> np.ndarray | None:
         """Return the filtered joint acceleration (n) [rad/s^2 or m/s^2], or None."""
@@ -52,30 +51,6 @@ class Filters(ABC):
 
     def undisturbed(self, state: Any) -> Any:
         """Return the state with no disturbance of the torque, if it holds one."""
-        return state
-
-
-class NoState(NamedTuple):
-    """No memory."""
-
-
-class NoFilters(Filters):
-    """The filters of a law that needs none."""
-
-    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> NoState:
-        """Return nothing to remember."""
-        return NoState()
-
-    def observe(self, state: NoState, sensed: SensedState, kinematics: TaskKinematics) -> NoState:
-        """Return nothing."""
-        return state
-
-    def step(self, state: NoState, s: Signals, dt: float) -> NoState:
-        """Return nothing to remember."""
-        return state
-
-    def rate(self, state: NoState, s: Signals) -> NoState:
-        """Return nothing."""
         return state
 
 
@@ -202,11 +177,13 @@ class ObserverState(NamedTuple):
             step adds; and for how long it adds [s], half of that step, the lead not counted.
         s_f: (n) low-passed error of the joint velocity [rad/s or m/s]; empty where it is not used.
         disturbance: (n) low-passed prediction error of the torque [N m or N].
+        R: (4) observed orientation, a quaternion xyzw, less the same; empty: none is observed.
     """
 
     memory: np.ndarray
     s_f: np.ndarray
     disturbance: np.ndarray
+    R: np.ndarray
 
 
 class ObservedPosition(NamedTuple):
@@ -223,7 +200,7 @@ class ObservedPosition(NamedTuple):
     dx_o: np.ndarray
     s_f: np.ndarray
     disturbance: np.ndarray
-    eta: np.ndarray = np.zeros(0)
+    eta: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,6 +217,10 @@ class PositionObserver(Filters):
     behind it plus v_f / lambda, so x_o is ahead of its integral by ``lead`` times J_hat v_f: it
     lags by |dJ/dt qd| / (lambda beta) only.
 
+    Where the axes of x are unknown, an orientation R_o is observed in the same way, with the
+    angular velocity omega_hat - beta eta, omega_hat = J_hat qd of the rotation rows and eta =
+    log(R_o R^T). R may be that of a marker which is turned on the tool.
+
     Beside it runs the low pass lambda_d / (lambda_d + p) on the prediction error of the torque,
     W a_hat - y. With the true parameters it is the torque that others apply to the joints, of its
     sign: it tends to a constant one, which the law subtracts.
@@ -250,6 +231,7 @@ class PositionObserver(Filters):
         bandwidth: of this low pass [1/s].
         lead: 1 / lambda of the joint velocity's low pass [s], zero without one.
         lambda_d: of the low pass on the prediction error of the torque [1/s].
+        orientation: whether R_o is observed.
     """
 
     beta: float
@@ -257,17 +239,19 @@ class PositionObserver(Filters):
     bandwidth: float = math.inf
     lead: float = 0.0
     lambda_d: Any = 0.0
+    orientation: bool = False
 
     def init(self, sensed: SensedState, kinematics: TaskKinematics) -> ObserverState:
         """Return the observer at the first measured position."""
-        s_f = np.zeros(0 if self.error is None else kinematics.nv)
-        memory = np.zeros(kinematics.positions + 1)
-        if kinematics.positions and sensed.x is not None:
-            memory[:-1] = sensed.x[: kinematics.positions]
-            if self.lead:
-                kinematics.update(kinematics.initial, sensed.q, sensed.v)
-                memory[:-1] -= self.lead * kinematics.xd_hat[: kinematics.positions]
-        return ObserverState(memory, s_f, np.zeros(kinematics.nv))
+        m, n, x = kinematics.positions, kinematics.nv, sensed.x
+        memory, R = np.zeros(m + 1), np.array([0.0, 0.0, 0.0, 1.0])
+        if m and x is not None:
+            kinematics.update(kinematics.initial, sensed.q, sensed.v)
+            ahead = self.lead * kinematics.xd_hat
+            memory[:-1] = x[:m] - ahead[:m]
+            R = turned(x[3:], -ahead[3:]) if self.orientation else R
+        s_f = np.zeros(0 if self.error is None else n)
+        return ObserverState(memory, s_f, np.zeros(n), R if self.orientation else R[:0])
 
     def observe(
         self, state: ObserverState, sensed: SensedState, kinematics: TaskKinematics
@@ -277,7 +261,7 @@ class PositionObserver(Filters):
         Raises:
             InputError: the state of other filters.
         """
-        m, n = kinematics.positions, kinematics.nv
+        m, n, x = kinematics.positions, kinematics.nv, sensed.x
         if (
             state.__class__ is not ObserverState
             or state.memory.size != m + 1
@@ -285,115 +269,50 @@ class PositionObserver(Filters):
             or state.disturbance.size != n
         ):
             raise InputError("the filters are those of another controller.", where="state")
-        if not m or sensed.x is None:
-            return ObservedPosition(np.zeros(0), state.s_f, state.disturbance)
-        dx_o = empty(m)
-        kernels.observed(state.memory, self.lead, kinematics.xd_hat, sensed.x, dx_o)
-        return ObservedPosition(dx_o, state.s_f, state.disturbance)
+        memory, s_f, disturbance, R = state
+        if not m or x is None:
+            return ObservedPosition(np.zeros(0), s_f, disturbance, 0.0 * R[:3])
+        dx_o, eta = empty(m), R
+        kernels.observed(memory, self.lead, kinematics.xd_hat, x, dx_o)
+        if R.size:
+            R_o = turned(R, (memory[-1] + self.lead) * kinematics.xd_hat[3:])
+            eta = np.array([*rotation_between(R_o, x[3:])])
+        return ObservedPosition(dx_o, s_f, disturbance, eta)
 
     def step(self, state: ObserverState, s: Signals, dt: float) -> ObserverState:
         """Return the state after dt [s]."""
-        (memory, s_f, disturbance), after = state, empty(state.memory.size)
+        (memory, s_f, disturbance, R), after = state, empty(state.memory.size)
         kernels.carry(memory, s.xd_hat, s.filtered.dx_o, self.beta, dt, after)
         if self.error is not None:
             s_f = s_f - math.expm1(-self.bandwidth * dt) * (self.error(s) - s_f)
         if s.residual is not None:
             share = -np.expm1(-self.lambda_d * dt)
             disturbance = disturbance + share * (s.residual - disturbance)
-        return ObserverState(after, s_f, disturbance)
+        if R.size:
+            R = turned(R, (memory[-1] + 0.5 * dt) * s.xd_hat[3:])
+            R = turned(R, math.expm1(-self.beta * dt) * s.filtered.eta)
+        return ObserverState(after, s_f, disturbance, R)
 
     def undisturbed(self, state: ObserverState) -> ObserverState:
         """Return the state with a disturbance of zero."""
         return state._replace(disturbance=np.zeros(state.disturbance.size))
 
     def rate(self, state: ObserverState, s: Signals) -> ObserverState:
-        """Return dx_o/dt (m_p), ds_f/dt (n) and the rate of the disturbance (n)."""
-        dx_o, s_f = s.filtered.dx_o, state.s_f
+        """Return dx_o/dt (m_p), ds_f/dt (n), the rate of the disturbance (n) and dR_o/dt.
+
+        The last one is half of (omega_o, 0) times R_o.
+        """
+        dx_o, s_f, R = s.filtered.dx_o, state.s_f, state.R
         if self.error is not None:
             s_f = self.bandwidth * (self.error(s) - s_f)
         moved, grown = np.zeros(state.memory.size), np.zeros(state.disturbance.size)
         moved[: dx_o.size] = s.xd_hat[: dx_o.size] - self.beta * dx_o
         if s.residual is not None:
             grown = self.lambda_d * (s.residual - state.disturbance)
-        return ObserverState(moved, s_f, grown)
-
-
-class PoseObserverState(NamedTuple):
-    """State of the observer of a pose.
-
-    Attributes:
-        position: of the observer of the position.
-        R: (4) observed orientation R_o, a quaternion xyzw, less what the angular velocity at the
-            end of the last step adds, as for the position.
-    """
-
-    position: ObserverState
-    R: np.ndarray
-
-    @property
-    def disturbance(self) -> np.ndarray:
-        """The low-passed prediction error of the torque (n) [N m or N]."""
-        return self.position.disturbance
-
-
-@dataclass(frozen=True, eq=False)
-class PoseObserver(Filters):
-    """An orientation R_o, observed beside the position where the axes of x are unknown.
-
-    It has the angular velocity omega_hat - beta eta, with omega_hat = J_hat qd of the rotation rows
-    and eta = log(R_o R^T). R may be that of a marker which is turned on the tool. Sampled, R_o is
-    moved as the position is, see ``PositionObserver``.
-
-    Attributes:
-        positions: the observer of the position; beta is that of the orientation as well.
-    """
-
-    positions: PositionObserver
-
-    def init(self, sensed: SensedState, kinematics: TaskKinematics) -> PoseObserverState:
-        """Return the observer at the first measured pose."""
-        position = self.positions.init(sensed, kinematics)
-        if sensed.x is None:
-            return PoseObserverState(position, np.array([0.0, 0.0, 0.0, 1.0]))
-        ahead = np.zeros(3)
-        if self.positions.lead:  # the kinematics are those that ``init`` of the position left
-            ahead = self.positions.lead * kinematics.xd_hat[3:]
-        return PoseObserverState(position, turned(sensed.x[3:], -ahead))
-
-    def observe(
-        self, state: PoseObserverState, sensed: SensedState, kinematics: TaskKinematics
-    ) -> ObservedPosition:
-        """Return the errors of the observation.
-
-        Raises:
-            InputError: the state of other filters.
-        """
-        if state.__class__ is not PoseObserverState:
-            raise InputError("the filters are those of another controller.", where="state")
-        observed = self.positions.observe(state.position, sensed, kinematics)
-        if sensed.x is None:
-            return observed._replace(eta=np.zeros(3))
-        ahead = state.position.memory[-1] + self.positions.lead
-        R_o = turned(state.R, ahead * kinematics.xd_hat[3:])
-        eta = rotation_between(R_o, sensed.x[3:])
-        return observed._replace(eta=np.array([*eta]))
-
-    def step(self, state: PoseObserverState, s: Signals, dt: float) -> PoseObserverState:
-        """Return the state after dt [s]."""
-        memory, eta = state.position.memory, s.filtered.eta
-        R = turned(state.R, (memory[-1] + 0.5 * dt) * s.xd_hat[3:])
-        R = turned(R, math.expm1(-self.positions.beta * dt) * eta)
-        return PoseObserverState(self.positions.step(state.position, s, dt), R)
-
-    def undisturbed(self, state: PoseObserverState) -> PoseObserverState:
-        """Return the state with a disturbance of zero."""
-        return state._replace(position=self.positions.undisturbed(state.position))
-
-    def rate(self, state: PoseObserverState, s: Signals) -> PoseObserverState:
-        """Return the rates of the position's state and of R_o, half of (omega_o, 0) times R_o."""
-        omega, vector = s.xd_hat[3:] - self.positions.beta * s.filtered.eta, state.R[:3]
-        R = 0.5 * np.append(state.R[3] * omega + np.cross(omega, vector), -omega @ vector)
-        return PoseObserverState(self.positions.rate(state.position, s), R)
+        if R.size:
+            omega = s.xd_hat[3:] - self.beta * s.filtered.eta
+            R = 0.5 * np.append(R[3] * omega + np.cross(omega, R[:3]), -omega @ R[:3])
+        return ObserverState(moved, s_f, grown, R)
 
 
 class TorqueFilterState(NamedTuple):

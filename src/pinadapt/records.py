@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,8 +14,6 @@ from ._checks import flag, instance, mapping, numbers, positive, vector
 from .exceptions import InputError, did_you_mean
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
-_FEWEST = 10  # samples that show the noise
-_RESTING = 1.0  # mean against deviation of the velocity of an arm at rest
 
 
 class Measurement(NamedTuple):
@@ -67,9 +65,6 @@ class Desired(NamedTuple):
     xdd_d: np.ndarray
 
 
-_OLDEST = 100.0  # [s] delay of a frame
-
-
 @dataclass(frozen=True)
 class Camera:
     """A camera or tracker that sees the task frame.
@@ -97,9 +92,9 @@ class Camera:
         for name in ("delay", "dropout"):
             number = positive(getattr(self, name), f"camera.{name}", zero=True)
             object.__setattr__(self, name, number)
-        if self.delay > _OLDEST:
+        if self.delay > 100.0:
             raise InputError(
-                f"must be at most {_OLDEST:g} s, got {self.delay:g}.",
+                f"must be at most 100 s, got {self.delay:g}.",
                 where="camera.delay",
                 hint="It is in seconds: 30 ms are 0.03.",
             )
@@ -187,45 +182,6 @@ class Sensors:
         for name, value in given.items():
             object.__setattr__(self, name, value)
 
-    @classmethod
-    def measured_at_rest(
-        cls, samples: Sequence[Measurement], *, camera: Any = None, encoder: ArrayLike = 0.0
-    ) -> Sensors:
-        """Return sensors with the noise of v and x that samples of an arm at rest show.
-
-        That of v is the largest of the joints, that of x the largest of the first three
-        coordinates; a frame that a camera repeats counts once.
-
-        Args:
-            samples: at least ten.
-            camera: as of the class.
-            encoder: as of the class.
-
-        Raises:
-            InputError: fewer than ten samples, or an arm that moves.
-        """
-        if len(samples) < _FEWEST or not all(isinstance(part, Measurement) for part in samples):
-            raise InputError(
-                f"expected at least {_FEWEST} measurements of an arm at rest.", where="samples"
-            )
-        v = np.array([sample.v for sample in samples], dtype=float)
-        deviation = v.std(axis=0)
-        if (np.abs(v.mean(axis=0)) > _RESTING * deviation + 1e-9).any():
-            raise InputError(
-                f"the arm moves, at {np.abs(v.mean(axis=0)).max():.2g} rad/s or m/s.",
-                where="samples",
-                hint="Take the samples while it rests.",
-            )
-        frames = {
-            sample.t if sample.x_time is None else sample.x_time: sample.x for sample in samples
-        }
-        x = np.array([frame[:3] for frame in frames.values() if frame is not None], dtype=float)
-        noise = {
-            "v": float(deviation.max(initial=0.0)),
-            "x": float(x.std(axis=0).max()) if len(x) > 1 else 0.0,
-        }
-        return cls(camera, encoder, noise)
-
     @property
     def perfect(self) -> bool:
         """Whether q, v and x are measured at every sample, at once and without error."""
@@ -296,13 +252,3 @@ class SensorQuality:
     rate: float = 0.0
     age: float = 0.0
     tau: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that no sensor has.
-
-        Raises:
-            InputError: a negative number, or none.
-        """
-        for part in fields(self):
-            number = positive(getattr(self, part.name), f"sensors.{part.name}", zero=True)
-            object.__setattr__(self, part.name, number)

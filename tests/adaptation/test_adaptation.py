@@ -83,7 +83,7 @@ def test_divergence_changes_as_the_lyapunov_proof_requires(case, seed):
     g = rng.standard_normal(a.size)
     g /= np.linalg.norm(g)
     for adaptation in (
-        pa.adaptation.Natural(0.3, cone),
+        pa.adaptation.Natural(0.3, cone, shares=rng.uniform(0.3, 3.0, cone.blocks)),
         pa.adaptation.Gradient(rng.uniform(0.1, 2.0, a.size), a.size),
     ):
         rate = rate_of(adaptation, a, g)
@@ -113,7 +113,7 @@ def test_step_follows_rate_for_small_steps(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("step", [1e-3, 1e-1, 1.0, 1e2, 1e4])
+@pytest.mark.parametrize("step", [1e-3, 1.0, 1e4])
 def test_natural_adaptation_stays_in_the_cone(case, step):
     rng = np.random.default_rng(6)
     cone, a, _ = CASES[case](rng)
@@ -127,7 +127,7 @@ def test_natural_adaptation_stays_in_the_cone(case, step):
         assert ratios.max() <= np.exp(0.02) + 1e-5 and ratios.min() >= np.exp(-0.021)
 
 
-@pytest.mark.parametrize("norm", [1e-4, 1e-3, 2.9e-3, 1e-2, 1.9e-2])
+@pytest.mark.parametrize("norm", [1e-4, 1.9e-2])
 def test_series_for_small_steps_equals_the_geodesic(norm):
     """The short series for small steps agrees with S exp(-S^T X S) S^T, by eigenvalues."""
     rng = np.random.default_rng(8)
@@ -168,9 +168,9 @@ def test_unphysical_bodies_are_made_physical_with_a_warning():
     a[19] += 100.0  # Izz of the second body
     cone = pa.adaptation.BodyInequality(["shoulder", "elbow"], least_mass=1e-3, least_radius=1e-3)
     with pytest.warns(UserWarning, match=r"\['elbow'\]"):
-        valid = pa.adaptation.Natural(1.0, cone).validate(a)
+        valid = pa.adaptation.Natural(1.0, cone).init(a).value
     assert cone.contains(valid)
     assert np.array_equal(valid[:10], a[:10])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert pa.adaptation.Natural(1.0, cone).validate(valid) is valid
+        assert pa.adaptation.Natural(1.0, cone).init(valid).value is valid

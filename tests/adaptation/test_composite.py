@@ -7,7 +7,7 @@ import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot
-from tests.support.composite_arm import A, tracked, tracked_bodies
+from tests.support.composite_arm import tracked, tracked_bodies
 from tests.support.exciting import times_of_panda
 from tests.support.loops import circle_beside, energy_along, with_tool_and_load
 
@@ -16,8 +16,9 @@ pytestmark = pytest.mark.slow
 # Slow enough for the constant metrics to keep the estimates where the laws' hypotheses hold.
 RATES = {"natural-composite": 5.0, "composite": 1e-5, "least-squares": 1e-3}
 LOOPS = [
-    *((law, "panda", kind) for law in ("separation", "adaptive-jacobian") for kind in RATES),
-    *(("slotine-li", "kinova", kind) for kind in RATES),
+    *(("separation", "panda", kind) for kind in RATES),
+    ("adaptive-jacobian", "panda", "least-squares"),
+    ("slotine-li", "kinova", "composite"),
     ("slotine-li", "scara", "least-squares"),
     # the others do not keep M_hat positive definite, which (11) inverts
     ("adaptive-inverse-dynamics", "panda", "natural-composite"),
@@ -107,21 +108,6 @@ def test_case_of_slotine_and_li_1989(kind, errors, estimate):
     for start, printed, places in zip((0.0, 1.5, 3.0), errors, digits, strict=True):
         assert np.round(e[round(start / STEPS[kind]) :].max(axis=0), places).tolist() == printed
     assert np.abs(a[-1] - estimate).max() <= (6e-5 if kind == "direct" else 1e-4)
-
-
-def test_composite_adaptation_settles_in_half_the_time():
-    """The claim of the paper: about 1.5 s where the tracking error alone takes about 3."""
-    parameters, tracking = {}, {}
-    for kind in ("direct", "least-squares"):
-        e, a = published(kind)
-        wrong = np.linalg.norm(a - A, axis=1) / np.linalg.norm(A)
-        parameters[kind] = STEPS[kind] * np.flatnonzero(wrong > 0.05)[-1]
-        tracking[kind] = (
-            STEPS[kind] * np.flatnonzero(e.max(axis=1) > 0.25)[-1]
-        )  # of 5 degrees at first
-    assert parameters["least-squares"] <= 0.5 * parameters["direct"], parameters  # 1.51, 3.61
-    assert 1.4 < parameters["least-squares"] < 1.6 and 3.0 < parameters["direct"] < 4.0
-    assert 1.4 < tracking["least-squares"] < 1.8 and 2.5 < tracking["direct"] < 3.0  # 1.74, 2.78
 
 
 def test_composite_adaptation_of_a_panda_is_at_least_twice_as_fast():

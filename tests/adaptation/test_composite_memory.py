@@ -74,18 +74,6 @@ def test_lyapunov_equality_along_the_trajectory(law, name, adaptation, share):
     assert energy.largest_rise() <= 1e-12
 
 
-@pytest.mark.slow
-def test_lyapunov_equality_with_friction_and_rotors():
-    robot = catalogue_robot("ur5")
-    true = with_tool_and_load(robot).changed(viscous=0.5, coulomb=0.2, armature=0.05)
-    controller = pa.make_controller(
-        robot.changed(inertial_scale=0.8), adaptation="natural-memory", gamma_d=5.0, gamma_joint=1.0
-    )
-    energy = energy_along(true, controller, circle_beside(true, "yz"), seconds=0.01)
-    assert energy.mismatch(after=10) <= 1e-4
-    assert energy.largest_rise() <= 1e-12
-
-
 def remembering(p=6, n=2, **gains):
     """Return an adaptation of p parameters with its start, an estimate, and the truth (p)."""
     rng = np.random.default_rng(0)
@@ -294,25 +282,3 @@ def test_memory_adapts_a_panda_several_times_as_fast_with_friction():
     (plain,) = times_of_panda("natural", (0.2,), True, seconds=2.4)
     remembering, nearly = times_of_panda("natural-memory", (0.2, 0.05), True)
     assert remembering <= 0.35 * plain and nearly < 0.8
-
-
-@pytest.mark.slow
-def test_memory_follows_a_change_of_load():
-    """A memory that does not fade keeps the load that was dropped."""
-    robot, true, path = circling("panda")
-    dropped, left = robot.changed(tool_translation=[0.03, -0.02, 0.12]), {}
-    for kept in (False, True):
-        controller = pa.make_controller(
-            robot.changed(inertial_scale=0.7),
-            adaptation="natural-memory",
-            unknown=pa.Unknown(friction=False, armature=False),
-            dt=2e-3,
-        )
-        if kept:
-            with_share(controller, controller.adaptation_d.share, forgetting=0.0)
-        rollout = pa.simulate(
-            true, controller, path, duration=3.0, events=pa.Events(changes={1.0: dropped})
-        )
-        left[kept] = rollout.distance[-500:].max()
-    assert left[False] < 2e-5, left
-    assert left[True] > 5.0 * left[False], left

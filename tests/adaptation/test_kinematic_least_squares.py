@@ -42,14 +42,11 @@ CASES = {
     "planar": planar,
     "planar, (11)": lambda: planar(law="adaptive-inverse-dynamics"),
     "ur5, base": lambda: with_base("ur5"),
-    "ur5, weight": lambda: arm("ur5", R_k=2.0),
     "ur5, Jacobian": lambda: arm("ur5", law="adaptive-jacobian"),
-    "panda": lambda: arm("panda"),
     "panda, memory": lambda: arm("panda", adaptation="natural-memory"),
     "panda, (11)": lambda: arm("panda", law="adaptive-inverse-dynamics", R_k=20.0),
     "panda, (25)": lambda: arm("panda", law="adaptive-inverse-dynamics-velocity"),
     "slides": lambda: arm("scara", "xy"),
-    "continuous": lambda: arm("kinova"),
 }
 
 

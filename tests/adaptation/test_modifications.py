@@ -139,33 +139,6 @@ def test_lyapunov_equality_along_the_trajectory(law, name, adaptation, modificat
     assert np.abs(energy.rate).max() > 1e-4
 
 
-def test_effect_of_the_leak_is_bounded_by_the_initial_error():
-    """For a constant Gamma dV/dt changes by at most -lambda (D(a) - D(a_0))."""
-    rng, lambda_ = np.random.default_rng(3), 0.4
-    leak = pa.adaptation.Leak(pa.adaptation.Gradient([0.2, 0.5, 1.0], 3), lambda_)
-    quiet = pa.adaptation.Drive(np.zeros((1, 3)), None)
-    for _ in range(200):
-        start, a, truth = rng.standard_normal((3, 3))
-        D = leak.inner.storage
-        gained = leak.dissipation(pa.adaptation.Estimate(a, (start,)), quiet, truth)
-        assert (
-            gained
-            <= -lambda_
-            * (D(pa.adaptation.Estimate(a), truth) - D(pa.adaptation.Estimate(start), truth))
-            + 1e-12
-        )
-
-
-def test_error_leak_vanishes_with_the_error():
-    leak = pa.adaptation.ErrorLeak(pa.adaptation.Gradient(1.0, 3), 2.0, [0.1, 0.2])
-    estimate = leak.init(np.zeros(3)).with_value(np.ones(3))
-    Y = np.zeros((2, 3))
-    for e, share in (([0.0, 0.0], 0.0), ([0.1, 0.2], 1.0), ([0.3, 0.0], 3.0 / math.sqrt(2.0))):
-        after = leak.step(estimate, pa.adaptation.Drive(Y, np.array(e)), 0.1)
-        assert np.allclose(after.value, math.exp(-2.0 * share * 0.1))
-    assert np.allclose(leak.step(estimate, pa.adaptation.Drive(Y, None), 0.1).value, 1.0)
-
-
 def test_dead_zone_is_continuous_and_zero_inside():
     zone = pa.adaptation.DeadZone(pa.adaptation.Gradient(1.0, 1), 0.5)
     start = zone.init(np.zeros(1))

@@ -40,18 +40,6 @@ def test_each_body_adapts_with_its_own_gain():
     assert np.allclose(together.gain_times(start, np.eye(30)), together.gain(start))
 
 
-def test_divergence_with_shares_changes_as_the_proof_requires():
-    """dD/dt = -(a - a_true)^T g for any shares, which are part of D."""
-    cone, a, a_true = bodies()
-    adaptation = pa.adaptation.Natural(0.3, cone, shares=SHARES)
-    g = 1e-3 * np.random.default_rng(1).standard_normal(30)
-    drive, h = Drive(g[None], None, gradient=g), 1e-3
-    rate = adaptation.rate(Estimate(a), drive).value
-    ends = [a + side * h * rate for side in (1.0, -1.0)]
-    after, before = (adaptation.storage(Estimate(end), a_true) for end in ends)
-    assert np.isclose((after - before) / (2 * h), -(a - a_true) @ g, rtol=1e-5)
-
-
 def test_the_last_body_is_adapted_as_if_it_carried_a_load_or_were_thick():
     """A tenth of the robot's mass, but for TIAGo's wrist, 2.4 mm thick in its description."""
     found = []

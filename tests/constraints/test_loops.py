@@ -76,7 +76,9 @@ def test_lyapunov_equality_under_constraints(make):
 def test_joints_under_constraints_follow_with_wrong_inertias(make):
     robot = make()
     model, x = robot.changed(inertial_scale=0.7), robot.position(robot.q0)
-    size = np.array([0.2 if label.endswith(("motor", "7")) else 0.01 for label in robot.task.labels])
+    size = np.array(
+        [0.2 if label.endswith(("motor", "7")) else 0.01 for label in robot.task.labels]
+    )
     path = pa.trajectories.Sinusoid(x, size, 2.0 + 0.1 * np.arange(x.size))
     ends = []
     for adaptation in ("none", "natural"):

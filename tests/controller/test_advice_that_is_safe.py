@@ -7,14 +7,20 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from benchmarks.lying_sensors import _apart
+from benchmarks.lying_sensors import _apart, begun
 
 DT = 2e-3
 
 
+@pytest.fixture(scope="module")
+def moving():
+    """Return a loop of a UR5 in motion."""
+    return begun("ur5", "separation", dt=DT)
+
+
 def test_the_safe_torque_holds_an_arm_that_the_last_torque_moves_far(moving):
     """What used to be the advice after a refused sample."""
-    loop = copy.deepcopy(moving[0][False])
+    loop = copy.deepcopy(moving)
     _, torque = next(iter(loop.samples(DT)))
     held, start = copy.deepcopy(loop.plant), loop.plant.measure().q
     for _ in range(round(1.0 / DT)):
@@ -27,7 +33,7 @@ def test_the_safe_torque_holds_an_arm_that_the_last_torque_moves_far(moving):
 
 def test_the_safe_torque_needs_no_measurement_at_all(moving):
     """The returned state is a new one, with the same estimates and counters."""
-    loop = copy.deepcopy(moving[0][False])
+    loop = copy.deepcopy(moving)
     before = loop.state
     torque, state = loop.controller.safe(before)
     assert np.isfinite(torque).all() and state.t == before.t + DT

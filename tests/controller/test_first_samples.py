@@ -2,7 +2,6 @@
 
 import math
 from functools import cache
-from itertools import count
 
 import numpy as np
 import pinocchio as pin
@@ -78,12 +77,9 @@ def scaled(**factors):
     )
 
 
-def first_sample(robot, angles=None, **changed):
-    """Return the sample of a robot at rest at home or elsewhere, with some of it changed."""
-    q = robot.q0 if angles is None else robot.at(angles).q0
-    return (
-        pa.plants.PinocchioPlant(robot).measurement(q, np.zeros(robot.model.nv))._replace(**changed)
-    )
+def first_sample(robot):
+    """Return the sample of a robot at rest at home."""
+    return pa.plants.PinocchioPlant(robot).measurement(robot.q0, np.zeros(robot.model.nv))
 
 
 @cache
@@ -92,67 +88,25 @@ def guarded(robot, off=(), **options):
     return pa.make_controller(robot, limits=pa.Limits(guards=dict.fromkeys(off, False)), **options)
 
 
-def check_first(robot, words, guard, sample, **options):
-    """The first sample is refused, unless its guard is off."""
-    for others_off in ((), tuple(sorted(set(GUARDS) - {guard}))):
-        with pytest.raises(pa.ImplausibleError, match=words) as caught:
-            guarded(robot, others_off, **options).init(sample)
-    assert f"guards={{'{guard}': False}}" in str(caught.value)
-    guarded(robot, ("position", "limits"), **options).init(sample)
-    return caught.value
-
-
-GUARDS = ("position", "velocity", "time", "rest", "limits", "differences", "gravity")
-
-
-# --- q against the limits of the joints ---
-
-
-@pytest.mark.parametrize("name", ["panda", "tiago_arm"])
-def test_degrees_are_recognised(name):
-    robot = catalogue_robot(name)
-    slides = np.array(list(robot.slides.values()))
-    q = np.where(slides, robot.q0, np.degrees(robot.q0))
-    error = check_first(
-        robot,
-        r"out of range: joint '\w+', .* beyond .*in degrees",
-        "limits",
-        first_sample(robot, q=q),
-    )
-    assert error.field == "q"
-
-
-# --- x against the model ---
+# --- units of the first sample ---
 
 
 @pytest.mark.parametrize("task", ["xyz", "pose"])
-@pytest.mark.parametrize("factor", [1e3, 1e2])
-def test_an_x_in_another_unit_is_recognised(task, factor):
+def test_a_first_sample_in_other_units_is_refused(task):
     robot = pa.load("panda", task=task)
     sample = first_sample(robot)
     x = sample.x.copy()
-    x[:3] *= factor
-    check_first(robot, "'x' is implausible.*in millimetres", "position", sample._replace(x=x))
+    x[:3] *= 100.0
+    for wrong, guard in (
+        (sample._replace(x=x), "position"),
+        (sample._replace(q=np.degrees(sample.q)), "limits"),
+    ):
+        with pytest.raises(pa.ImplausibleError, match=guard):
+            guarded(robot).init(wrong)
+        guarded(robot, ("position", "limits")).init(wrong)
 
 
 # --- v against the differences of q ---
-
-SPOILT = {
-    "degrees": (scaled(v=180.0 / np.pi), "'v' is implausible.*in degrees", 1.5),
-    "sign": (scaled(v=-1.0), "'v' is", 5.0),
-    "stuck": (scaled(v=0.0), "v stuck", 1.0),
-    "gear": (scaled(v=100.0), "'v' is", 1.5),
-    "rpm": (scaled(v=30.0 / np.pi), "'v' is.*unit", 1.5),
-}
-
-
-@pytest.mark.parametrize("how", SPOILT)
-@pytest.mark.parametrize("name", ["panda", "kinova"])
-def test_a_velocity_that_is_not_the_rate_of_q_is_refused(name, how):
-    spoil, words, degrees = SPOILT[how]
-    loop = Loop(catalogue_robot(name))
-    error, moved = loop.refused(words, spoil=spoil)
-    assert error.field == "v" and moved < degrees
 
 
 def test_one_joint_of_the_wrong_sign_is_named():
@@ -161,81 +115,6 @@ def test_one_joint_of_the_wrong_sign_is_named():
     words = r"is not the rate of q: joint 'shoulder_lift_joint', .*the wrong sign"
     error, moved = Loop(robot).refused(words, spoil=scaled(v=signs))
     assert moved < 2.0 and "guards={'differences': False}" in str(error)
-
-
-def test_q_in_degrees_from_zero_on_is_refused_as_it_moves():
-    """At zero all units are alike."""
-    robot = pa.load("panda", task="joint")
-    controller = pa.make_controller(robot, limits=pa.Limits(guards={"limits": False}))
-    v = np.array([0.0, 0.1, 0.0, -0.1, 0.0, 0.1, 0.0])
-    still = np.zeros(7)
-    desired, state = pa.Desired(robot.home_angles, still, still), None
-    with pytest.raises(pa.ImplausibleError, match=r"'q' has jumped.*degrees"):
-        for k in count():
-            q = np.degrees(v) * k * DT
-            sample = pa.Measurement(k * DT, q, v)
-            state = controller.init(sample) if state is None else state
-            state = controller.step(state, sample, desired, DT)[1]
-            assert k < 500
-
-
-class Stale:
-    """Sensors that repeat a sample so many times."""
-
-    def __init__(self, times, names=("q", "v")):
-        self.times, self.names, self.k, self.kept = times, names, 0, {}
-
-    def __call__(self, sample):
-        if self.k % self.times == 0:
-            self.kept = {name: getattr(sample, name) for name in self.names}
-        self.k += 1
-        return sample._replace(**self.kept)
-
-
-class Low:
-    """A low pass on v that the driver of an arm has [s]."""
-
-    def __init__(self, lag):
-        self.rest, self.v = math.exp(-DT / lag), 0.0
-
-    def __call__(self, sample):
-        self.v = self.rest * self.v + (1.0 - self.rest) * sample.v
-        return sample._replace(v=self.v)
-
-
-def noisy(of_v, of_q):
-    """Return what adds white noise to v and q."""
-    rng = np.random.default_rng(0)
-
-    def spoil(sample):
-        v = sample.v + of_v * rng.standard_normal(sample.v.size)
-        return sample._replace(v=v, q=sample.q + of_q * rng.standard_normal(sample.q.size))
-
-    return spoil
-
-
-def counted(resolution):
-    """Return what rounds q to counts, of which v knows nothing."""
-    return lambda sample: sample._replace(q=resolution * np.rint(sample.q / resolution))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: Stale(4),
-        lambda: Stale(8, ("q",)),
-        lambda: Low(0.005),
-        lambda: noisy(0.05, 1e-4),
-        lambda: counted(2.0 * np.pi / 2**12),
-        lambda: lambda sample: sample._replace(v=sample.v + 0.02),
-    ],
-    ids=["repeated", "repeated q", "filtered", "noisy", "12 bits", "offset"],
-)
-def test_undeclared_coarse_sensors_raise_no_alarm(make):
-    robot = catalogue_robot("panda")
-    true = robot.changed(inertial_scale=1.2, payload=pa.Payload(0.1 * robot.mass), viscous=0.2)
-    assert len(list(Loop(robot, true=true).run(0.5, make()))) == 500
 
 
 @pytest.mark.parametrize(
@@ -255,7 +134,7 @@ def test_declared_sensors_raise_no_alarm(sensors):
 
 # --- gravity that the arm adds, or not ---
 
-ARMS = ["panda", "kinova", "scara"]
+ARMS = ["panda", "scara"]
 
 
 def adding(robot, true=None):
@@ -277,9 +156,8 @@ def test_an_arm_that_adds_gravity_undeclared_is_refused_before_it_has_moved(name
     assert len(list(other.run(0.1))) == 100
 
 
-@pytest.mark.parametrize("name", ["kinova", "tiago_arm"])
-def test_a_declared_compensation_that_is_missing_is_learned_like_a_load(name):
-    robot = catalogue_robot(name)
+def test_a_declared_compensation_that_is_missing_is_learned_like_a_load():
+    robot = catalogue_robot("tiago_arm")
     controller = pa.make_controller(robot, compensated="nominal")
     path = reachable_circle(robot).starting_at(robot.position(robot.q0)).from_rest()
     plant = pa.plants.PinocchioPlant(robot)
@@ -290,7 +168,7 @@ def test_a_declared_compensation_that_is_missing_is_learned_like_a_load(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compensated", [None, "nominal"])
-@pytest.mark.parametrize("name", [*ARMS, "planar_2r"])
+@pytest.mark.parametrize("name", ["kinova", "planar_2r"])
 def test_wrong_inertias_and_a_load_raise_no_alarm(name, compensated):
     robot = catalogue_robot(name)
     heavy = robot.changed(inertial_scale=1.5)

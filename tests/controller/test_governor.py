@@ -65,15 +65,6 @@ def test_a_step_is_exact_for_any_period(governor):
             )
 
 
-def test_it_slows_down_quickly_and_recovers_slowly(governor):
-    found = governor[0]
-    down = found.step(PathTime(), 0.0, "effort", 0.3)
-    up = found.step(PathTime(0.0, 0.0, 0.0, "effort"), 1.0, "", 0.3)
-    assert down.rate < 0.03 and up.rate < 0.5
-    later = found.step(up, 1.0, "", 10.0)
-    assert later.rate == 1.0 and later.cause == ""
-
-
 def test_velocity_and_acceleration_are_derivatives_along_the_slowed_path(governor):
     """x_d(s(t)) by differences over time, for positions and for a turning frame."""
     circle = pa.trajectories.Circle(np.zeros(3), 0.1, 2.0)

@@ -161,6 +161,3 @@ def test_in_a_closed_loop_estimates_stand_still_once_the_arm_does():
     assert np.array_equal(rollout.a_d[-250], rollout.a_d[-1])
     assert np.array_equal(rollout.a_k[-250], rollout.a_k[-1])
     assert rollout.distance[-1] < 2e-4
-
-
-# --- loops that are lost ---

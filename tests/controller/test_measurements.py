@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 import pinadapt as pa
-from benchmarks.lying_sensors import CONTINUOUS, FAULTS, MEASURES, WRAPS, _apart, begun
+from benchmarks.lying_sensors import CONTINUOUS, FAULTS, MEASURES, _apart, begun
 from pinadapt.controller.sensing import new_trail
 from pinadapt.models.delay_compensation import SensedState
 from tests.support.paths import ROOT
@@ -121,12 +121,11 @@ def counted(q, count, dt):
 @pytest.mark.parametrize("bits", ENCODERS)
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 4000.0])
 @pytest.mark.parametrize("cause", DECELERATIONS)
-@pytest.mark.parametrize("name", ["ur5", pytest.param("panda", marks=pytest.mark.slow)])
-def test_a_joint_that_stops_at_once_is_healthy(name, cause, rate, bits):
-    t, q, v = stopping(name, cause, rate)
+def test_a_joint_that_stops_at_once_is_healthy(cause, rate, bits):
+    t, q, v = stopping("ur5", cause, rate)
     if ENCODERS[bits]:
         q, v = counted(q, ENCODERS[bits], 1.0 / rate)
-    read(controller_of(name, rate, ENCODERS[bits]), t[1:], q[1:], v[1:])
+    read(controller_of("ur5", rate, ENCODERS[bits]), t[1:], q[1:], v[1:])
 
 
 @pytest.mark.parametrize("fault", ["rounded", "pause"])
@@ -141,34 +140,114 @@ def test_times_of_a_fast_loop_may_be_rounded_or_pause(fault):
     read(controller_of("ur5", 4000.0), t[1:1200], q[1:1200], v[1:1200])
 
 
+SLOW, PERIOD = 0.08, 3e-3  # [s] time constant of the filter of a driver, and its period
+COUNT = 2.0 * math.pi / 2**12  # [rad]
+HONEST = {
+    "v in steps of 0.05": lambda q, v: (q, np.round(v / 0.05) * 0.05),
+    "v in steps of 0.1": lambda q, v: (q, np.round(v / 0.1) * 0.1),
+    "v in steps of 0.05, cut off": lambda q, v: (q, np.floor(v / 0.05) * 0.05),
+    "v in steps of 0.01, filtered": lambda q, v: (q, filtered(np.round(v / 0.01) * 0.01, 0.02)),
+    "v that is zero below 0.02": lambda q, v: (q, np.where(np.abs(v) < 0.02, 0.0, v)),
+    "v fifty times a second": lambda q, v: (q, held(v, 6)),
+    "v late by a filter": lambda q, v: (q, filtered(v, SLOW)),
+    "v off by 0.02": lambda q, v: (q, v + 0.02),
+    "encoders of 12 bits": lambda q, v: (counted(q, COUNT, PERIOD)[0], v),
+    "encoders of 12 bits, v in steps": lambda q, v: (
+        counted(q, COUNT, PERIOD)[0],
+        np.round(v / 0.05) * 0.05,
+    ),
+    "repeated four times": lambda q, v: (held(q, 4), held(v, 4)),
+    "q repeated three times": lambda q, v: (held(q, 3), v),
+    "noise": lambda q, v: (
+        q + 1e-4 * np.random.default_rng(0).standard_normal(q.shape),
+        v + 0.05 * np.random.default_rng(1).standard_normal(q.shape),
+    ),
+    "stiction": lambda q, v: caught(q.copy(), v.copy()),
+    "stiction, v late by a filter": lambda q, v: (
+        stopped(q),
+        filtered(v * (q == stopped(q)), SLOW),
+    ),
+}
+
+
+def held(values, times):
+    """Return every so many values, each as often."""
+    return values[np.arange(len(values)) // times * times]
+
+
+def summed(v):
+    """Return the angles of velocities."""
+    return np.vstack([0.0 * v[:1], np.cumsum(0.5 * PERIOD * (v[1:] + v[:-1]), axis=0)])
+
+
+def caught(q, v):
+    """Return a motion in which friction stops a joint at once, where it would have turned back."""
+    k = next(k for k in range(len(v) // 2, len(v)) if abs(v[k, 1]) < 0.2 * abs(v[0:k, 1]).max())
+    k += int(np.argmin(np.abs(np.abs(v[k : k + 40, 1]) - 0.018)))
+    q[k:, 1], v[k:, 1] = q[k - 1, 1], 0.0
+    return q, v
+
+
+def filtered(v, late):
+    """Return velocities behind a low pass with a time constant [s]."""
+    low = v.copy()
+    for k in range(1, len(v)):
+        low[k] = low[k - 1] + PERIOD / late * (v[k] - low[k - 1])
+    return low
+
+
+def stopped(q):
+    """Return angles that stand from the middle on."""
+    return np.where(np.arange(len(q))[:, None] < len(q) // 2, q, q[len(q) // 2])
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate", "slow"),
+    [(kind, 0.1, -0.01) for kind in HONEST]
+    + [(kind, 0.8, 0.045) for kind in HONEST if "late" not in kind],
+)
+def test_imperfections_of_real_sensors_are_healthy(kind, rate, slow):
+    """Nothing of it is declared. Joints turn back at rates [rad/s], and one is slow throughout."""
+    n, t = 6, PERIOD * np.arange(500.0)
+    rates, frequency = rate * np.ones(n), np.linspace(3.0, 9.0, n)
+    rates[0], frequency[0] = slow, 0.3
+    v = rates * np.cos(np.outer(t, frequency)) * np.minimum(t / (0.0125 * rate), 1.0)[:, None]
+    read(controller_of("ur5", 1.0 / PERIOD), t, *HONEST[kind](summed(v), v))
+
+
+ONCE = [name for name in FAULTS if name.endswith("once")]
+BLIND = ("encoder stuck, v zero with it", "all repeated, time goes on", "q and v not a number")
+
+
 @cache
 def moving(name, measures):
-    loop = begun(name, "separation", measures)
-    return loop, [s.q for s, _ in copy.deepcopy(loop).samples(0.3)]
+    loop = begun(name, "separation", measures, 2e-3)
+    return loop, [s.q for s, _ in copy.deepcopy(loop).samples(0.15)]
 
 
-@pytest.mark.parametrize("name", ["ur5", pytest.param("kinova", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_bridged_or_refused(name, fault):
+def test_a_fault_is_bridged_or_refused(fault):
     """Within 150 ms, and before a joint is two degrees away from where it would be without it."""
-    if fault in (CONTINUOUS if name == "ur5" else WRAPS):
-        pytest.skip("this robot cannot have it")
-    loop, honest = moving(name, fault in MEASURES)
+    loop, honest = moving("kinova" if fault in CONTINUOUS else "ur5", fault in MEASURES)
     model, loop = loop.true.model, loop.lying(fault)
     refused, farthest, k = False, 0.0, 0
     try:
         for truth, _ in loop.samples(0.15):
             farthest = max(farthest, _apart(model, honest[k], truth.q))
             k += 1
-    except pa.PinadaptError:
+    except pa.MeasurementError:
         refused = True
-    harmless = fault in ("x not given", "time of every second sample")
-    assert refused or sum(loop.state.bridged) or harmless
-    assert farthest < 2.0
+    bridged, harmless = sum(loop.state.bridged), ("x not given", "time of every second sample")
+    assert refused or bridged or fault in harmless
+    assert farthest < (0.1 if fault in ONCE else 2.0)
+    assert fault not in ONCE or (bridged == 1 and not refused)
     if not refused:
         return
     start = last = loop.plant.measure()
     drift = 0.0
     for last in loop.rest(1.5):
         drift = max(drift, _apart(model, start.q, last.q))
-    assert drift < 20.0 and (loop.state.unseen.any() or np.abs(last.v).max() < 0.01)
+        if np.abs(last.v).max() < 0.01:
+            break
+    assert loop.state.unseen.any() == (fault in BLIND)
+    assert drift < 20.0 and (fault in BLIND or np.abs(last.v).max() < 0.01)

@@ -63,33 +63,24 @@ def wrong(robot):
     return robot.changed(inertial_scale=0.8)
 
 
-def test_a_law_as_an_object_is_the_one_by_name_with_the_same_gains():
+@pytest.mark.parametrize("kind", ["natural", "projected"])
+def test_law_and_adaptation_as_objects_are_those_by_name(kind):
     robot = catalogue_robot("panda")
     own = {"alpha": 5.0, "R_k": 30.0, "lambda_": 12.0}
     posture = pa.laws.Posture(wrong(robot), frequency=6.0)
     law = pa.laws.AdaptiveJacobian(robot.task, posture, K_v=90.0, K_P=800.0, **own)
     gains = {"Kv": 90.0, "Kp": 800.0, "posture": 6.0, **own}
-    by_name = pa.make_controller(wrong(robot), law=JACOBIAN, **gains)
-    by_object = pa.make_controller(wrong(robot), law=law)
-    samples = record(with_tool_and_load(robot), by_name, motion_at_home(robot))
-    (torques, state), (same, end) = (replay(each, samples) for each in (by_name, by_object))
-    assert same.tobytes() == torques.tobytes() and unchanged(end, snapshot(state))
-    assert by_object.law is law
-
-
-@pytest.mark.parametrize("kind", ["natural", "gradient", "projected"])
-def test_an_adaptation_as_an_object_is_the_one_by_name(kind):
-    robot = catalogue_robot("panda")
-    by_name = pa.make_controller(wrong(robot), adaptation=kind)
+    by_name = pa.make_controller(wrong(robot), law=JACOBIAN, adaptation=kind, **gains)
     by_object = pa.make_controller(
         wrong(robot),
+        law=law,
         adaptation=by_name.adaptation_d,
         kinematic_adaptation=by_name.adaptation_k,
-        R_k=by_name.law.R_k[0, 0],
     )
     samples = record(with_tool_and_load(robot), by_name, motion_at_home(robot))
     (torques, state), (same, end) = (replay(each, samples) for each in (by_name, by_object))
     assert same.tobytes() == torques.tobytes() and unchanged(end, snapshot(state))
+    assert by_object.law is law
 
 
 # --- wrappers around any adaptation ---
@@ -178,6 +169,3 @@ def test_signals_do_not_share_the_callers_buffers():
     for buffer in (*measurement[1:4], *desired):
         buffer += 1.0
     assert unchanged(all_of(signals), before)
-
-
-# --- what they must not return ---

@@ -37,11 +37,10 @@ def test_a_chain_is_read_with_its_masses_limits_home_and_gravity(tmp_path):
     check_holds_home(robot)
 
 
-@pytest.mark.parametrize("text", [MJCF, FREE], ids=["fixed", "free"])
 @pytest.mark.slow
-def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
+def test_init_writes_a_scenario_of_it_that_runs(tmp_path):
     file = tmp_path / "arm.toml"
-    assert main(["init", str(mjcf(tmp_path, text)), "--frame", "tip", "--out", str(file)]) == 0
+    assert main(["init", str(mjcf(tmp_path, FREE)), "--frame", "tip", "--out", str(file)]) == 0
     settings = ["simulation.duration=3.0", "controller.dt=4e-3", "trajectory.as_given=true"]
     rollout = Scenario.read(file, settings).run()
     assert rollout.distance[-100:].max() < 0.1 * rollout.distance[:100].max()
@@ -53,7 +52,6 @@ def test_init_writes_a_scenario_of_it_that_runs(tmp_path, text):
         ("<asset>", '<include file="x.xml"/><asset>', "Pinocchio does not read <include>"),
         ('<body name="tip"', "<body", "a <body> has no name"),
         ('mass="2" diag', 'mass="1,5" diag', 'mass="1,5" is not some finite numbers'),
-        ('size="0.03"/></body>', 'size="nan"/></body>', 'size="nan" is not some finite numbers'),
         (
             '<inertial pos="0.2 0 0" mass="2" diaginertia="0.01 0.02 0.02"/>',
             "",
@@ -69,7 +67,6 @@ def test_elements_that_pinocchio_would_ignore_are_refused(tmp_path, old, new, wo
     with pytest.raises(pa.RobotError) as error:
         pa.load(path, frame="tip")
     assert words in str(error.value) and str(path) in str(error.value)
-    assert "mj_saveLastXML" in str(error.value)
 
 
 def test_the_model_is_that_of_pinocchio(tmp_path):

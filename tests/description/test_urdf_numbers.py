@@ -11,22 +11,14 @@ from tests.support.descriptions import arm4
     ("old", "new", "words"),
     [
         ('<mass value="3.0"/>', '<mass value="3,0"/>', "link 'link1', <mass>: value=\"3,0\""),
-        ('<mass value="3.0"/>', '<mass value=""/>', "link 'link1', <mass>: value=\"\""),
         ('<mass value="3.0"/>', '<mass value="nan"/>', "is not 1 finite number"),
-        ('<mass value="3.0"/>', '<mass value="inf"/>', "is not 1 finite number"),
-        ('<mass value="3.0"/>', '<mass value="1e999"/>', "is not 1 finite number"),
-        ('<mass value="3.0"/>', '<mass value="3.0 kg"/>', 'value="3.0 kg" is not 1 finite number'),
         ('<mass value="3.0"/>', '<mass value="3_0"/>', 'value="3_0" is not 1 finite number'),
         ('<mass value="3.0"/>', "<mass/>", '<mass>: value="" is not 1 finite number'),
-        ('ixx="0.02"', 'ixx="0.02."', "link 'link1', <inertia>: ixx=\"0.02.\""),
         ('ixx="0.02" ', "", '<inertia>: ixx="" is not 1 finite number'),
         ('<origin xyz="0 0 0.3"/>', '<origin xyz="0 0"/>', "joint 'joint2', <origin>: xyz=\"0 0\""),
-        ('<origin xyz="0 0 0.3"/>', '<origin rpy="0 0 x"/>', "is not 3 finite numbers"),
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 nan"/>', "joint 'joint1', <axis>"),
         ('lower="-3"', 'lower="-3 rad"', "joint 'joint1', <limit>: lower=\"-3 rad\""),
-        ('lower="-3"', 'lower="nan"', "joint 'joint1', <limit>"),
         ("<limit ", '<dynamics fading="1 s"/><limit ', "joint 'joint1', <dynamics>: fading="),
-        ('lower="-3"', 'lower="-inf"', "is not 1 finite number. Write"),
     ],
 )
 def test_unreadable_numbers_are_refused(tmp_path, old, new, words, capsys):

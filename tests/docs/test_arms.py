@@ -44,39 +44,30 @@ SAFE = {
 class Manager:
     """A controller manager with a joint_trajectory_controller of efforts, as in ros2_controllers.
 
-    The effort of the last point is kept, plus gains times its distance, until ``cmd_timeout``,
-    which counts only above ``constraints.goal_time``; then, as before the first point, it holds the
-    place where the arm is, without an effort of a point.
+    The effort of the last point is kept, plus gains times its distance; before the first point it
+    holds the place where the arm is.
 
     Attributes:
         parameters: by node.
         efforts: commanded, one of each cycle.
-        mute: cycle from which on no joint state is published.
         running: nodes that are not destroyed yet.
     """
 
     def __init__(self):
         self.plant = PlantArm(pa.plants.PinocchioPlant(robot()), PERIOD)
         self.parameters = {"/controller_manager": {"update_rate": 500}, "/arm": dict(SAFE)}
-        self.efforts, self.mute, self.running, self.point, self.since = [], 10**9, [], None, 0
+        self.efforts, self.running, self.point = [], [], None
 
     def receive(self, message):
-        (point,), given = message.points, self.parameters["/arm"]
+        (self.point,) = message.points
         assert list(message.joint_names) == JOINTS
-        moving = given["allow_nonzero_velocity_at_trajectory_end"] or not any(point.velocities)
-        if moving and given["command_interfaces"] == ["effort"]:  # others are refused
-            self.point, self.since = point, 0
 
     def update(self):
         """Run one cycle and return the joint state that is published, in alphabetical order."""
-        m, given = self.plant.read(), self.parameters["/arm"]
-        self.since += 1
-        timeout = given["cmd_timeout"]
-        late = timeout > given["constraints.goal_time"] and self.since * PERIOD > timeout
-        if self.point is None or (late and self.point.effort is not self.zero):
+        m = self.plant.read()
+        if self.point is None:
             self.point = SimpleNamespace(positions=m.q, velocities=self.zero, effort=self.zero)
-        p, d = ([given[f"gains.{joint}.{part}"] for joint in JOINTS] for part in "pd")
-        point = self.point
+        point, p, d = self.point, GAINS["p"], GAINS["d"]
         effort = point.effort + p * (point.positions - m.q) + d * (point.velocities - m.v)
         before = self.efforts[-1] if self.efforts else self.zero
         self.efforts.append(effort)
@@ -128,8 +119,7 @@ def ros(monkeypatch):
         return manager.running[-1]
 
     def spin_once(node, timeout_sec):
-        if len(manager.efforts) < manager.mute:
-            node.callback(manager.update())
+        node.callback(manager.update())
 
     def message(name):
         return type(name, (SimpleNamespace,), {})
@@ -172,7 +162,7 @@ def hold(of, on, stage="hold", motion=None, seconds=0.2):
 
 def test_the_node_of_ros_drives_an_arm(ros):
     on = loaded("ros2", "RosArm")("/arm", robot())
-    assert (on.facts.period, on.facts.silence) == (PERIOD, 0.05)
+    assert on.facts.period == PERIOD
     ending = hold(joints(), on)
     assert not ending.failed and len(ros.efforts) > 100 and not ros.running
     assert np.abs(ros.plant.plant.measure().q - robot().q0).max() < 1e-3

@@ -20,7 +20,7 @@ def executed(lines):
 
 def test_the_code_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    scope = executed(LINES.replace("4 * circle.period", "0.5 * circle.period"))
+    scope = executed(LINES.replace("4 * circle.period", "0.2 * circle.period"))
     rollout = scope["rollout"]
     assert rollout.diverged is None
     assert rollout.summary()["max_error_last"] < 1e-4

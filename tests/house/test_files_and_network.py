@@ -6,12 +6,10 @@ Further tests of files: wrong numbers and words in scenarios,
 ``tests/view/test_live.py`` and ``tests/realtime/test_recorder.py``.
 """
 
-import io
 import random
 import re
 import shutil
 import warnings
-import zipfile
 
 import numpy as np
 import pytest
@@ -75,57 +73,36 @@ def whole(tmp_path_factory, robot, planar):
 
 
 def damaged(data, rng):
-    """Return bytes with one to three faults: flipped, cut, repeated, or other numbers and marks."""
+    """Return bytes with one or three faults: flipped, cut, repeated, or other numbers and marks."""
     data = bytearray(data)
-    for _ in range(rng.choice([1, 1, 3])):
-        at, kind = rng.randrange(len(data) or 1), rng.randrange(6)
+    for _ in range(rng.choice([1, 3])):
+        at, kind = rng.randrange(len(data)), rng.randrange(5)
         if kind == 0:
-            for _ in range(rng.choice([1, 10])):
-                data[rng.randrange(len(data))] = rng.randrange(256)
+            data[at] = rng.randrange(256)
         elif kind == 1:
-            del data[at:]
+            del data[at + 1 :]
         elif kind == 2:
-            del data[at : at + rng.choice([1, 16, 1000])]
-        elif kind == 3:
             data[at:at] = data[at : at + 200] * rng.choice([1, 50])
-        elif kind == 4:
-            data[at : at + 4] = rng.choice([0, 1, 2**31 - 1, 2**32 - 1]).to_bytes(4, "little")
+        elif kind == 3:
+            data[at:at] = rng.choice(MARKS)
         else:
             found = [m.span() for m in re.finditer(rb"\d+\.?\d*", bytes(data[:50_000]))]
-            where = slice(*rng.choice(found)) if found and rng.random() < 0.6 else slice(at, at)
-            data[where] = rng.choice(NUMBERS if where.start < where.stop else MARKS)
-        if not data:
-            break
+            data[slice(*rng.choice(found or [(at, at)]))] = rng.choice(NUMBERS)
     return bytes(data)
 
 
-def reheaded(data, rng):
-    """Return an archive of numpy with one header that claims something else."""
-    written, claims = io.BytesIO(), [b"(1000000000000,)", b"(0,)", b"()", b"(1000000, 1000000)"]
-    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(written, "w") as new:
-        chosen = rng.choice(old.namelist())
-        for name in old.namelist():
-            raw = old.read(name)
-            if name == chosen:
-                raw = re.sub(rb"\((\d+), ?(\d+)?\)", rng.choice(claims), raw, count=1)
-                raw = re.sub(rb"<f8", rng.choice([b"<f8", b"|O ", b"<i8", b"<U9"]), raw, count=1)
-            if name != chosen or rng.random() < 0.7:
-                new.writestr(name, raw)
-    return written.getvalue()
-
-
-KINDS = {  # how many damaged files of each are read
-    "a.csv": 25,
-    "a.npz": 25,
-    "run": 25,
-    "a.bag": 15,
-    "sqlite3": 15,
-    "mcap": 15,
-    "a.json": 25,
-    "table.csv": 25,
-    "a.urdf": 12,
-    "a.xml": 15,
-}
+KINDS = (
+    "a.csv",
+    "a.npz",
+    "run",
+    "a.bag",
+    "sqlite3",
+    "mcap",
+    "a.json",
+    "table.csv",
+    "a.urdf",
+    "a.xml",
+)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -136,15 +113,14 @@ def test_a_damaged_file_is_read_or_refused(kind, whole, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         readers[kind](source)
-        for _ in range(KINDS[kind]):
+        for _ in range(15):
             if source.is_dir():
                 shutil.copytree(source, copy, dirs_exist_ok=True)
                 file = rng.choice(sorted(source.iterdir()))
             else:
                 file = source
             data = file.read_bytes()
-            change = reheaded if file.suffix == ".npz" and rng.random() < 0.6 else damaged
-            (copy / file.name if source.is_dir() else copy).write_bytes(change(data, rng))
+            (copy / file.name if source.is_dir() else copy).write_bytes(damaged(data, rng))
             try:
                 readers[kind](copy)
             except pa.InputError as error:

@@ -49,7 +49,7 @@ def refused(folder, capsys, text, *settings):
         (f"simulation.seed={'9' * 5000}", "--set: the value is too long"),
         ("simulation.duration=true", "simulation.duration: .* number, got True"),
         ('simulation.duration="0.02"', "simulation.duration: .* number, got '0.02'"),
-        ("truth.payload.com=[true,0.0,0.0]", "truth.payload.com: expected .* numbers.*True"),
+        ("truth.payload.com=[true,0.0,0.0]", "truth.payload.com: expected numbers.*True"),
         ("title=" + "[" * 50_000, "--set: the value is too long or nested too deeply"),
     ],
 )
@@ -70,65 +70,30 @@ def controller(robot):
 
 CALLS = {
     "load": lambda r, c, bad: pa.load(bad),
-    "frame": lambda r, c, bad: pa.load("planar_2r", frame=bad),
     "locked": lambda r, c, bad: pa.load("planar_2r", locked=[bad]),
     "q0": lambda r, c, bad: r.at([bad, 0.1]),
-    "position": lambda r, c, bad: r.position([bad, 0.1]),
     "payload": lambda r, c, bad: r.changed(payload=bad),
     "mass": lambda r, c, bad: r.changed(payload=pa.Payload(bad)),
-    "scale": lambda r, c, bad: r.changed(inertial_scale=bad),
-    "link": lambda r, c, bad: r.changed(link_translation=bad),
     "viscous": lambda r, c, bad: r.changed(viscous=[bad, 0.1]),
-    "friction": lambda r, c, bad: pa.Friction([bad], [0.0]),
     "circle": lambda r, c, bad: pa.trajectories.Circle([0.5, 0.5], bad, 3.0),
-    "lissajous": lambda r, c, bad: pa.trajectories.Lissajous([0.0, 0.0], [bad, 1.0], [1, 2], 3.0),
-    "sinusoid": lambda r, c, bad: pa.trajectories.Sinusoid([0.0, 0.0], 1.0, [bad, 1.0]),
     "waypoints": lambda r, c, bad: pa.trajectories.Waypoints([[0.0, 0.0], [bad, 0.0]], 1.0),
-    "segment": lambda r, c, bad: pa.trajectories.Waypoints([[0.0], [1.0]], bad),
-    "hold": lambda r, c, bad: pa.trajectories.Hold([bad, 0.0]),
-    "swing": lambda r, c, bad: pa.trajectories.Swing([0, 0, 1], 0.1, bad),
-    "pose": lambda r, c, bad: pa.trajectories.PoseTrajectory(bad),
     "camera": lambda r, c, bad: pa.Camera(rate=bad),
-    "quality": lambda r, c, bad: pa.controller.SensorQuality(v=bad),
-    "gradient": lambda r, c, bad: pa.adaptation.Gradient([bad, 1.0], 2),
     "natural": lambda r, c, bad: pa.adaptation.Natural(
         bad, pa.adaptation.MatrixInequality(np.eye(2)[None])
     ),
-    "cone": lambda r, c, bad: pa.adaptation.Natural(1.0, bad),
-    "inequality": lambda r, c, bad: pa.adaptation.MatrixInequality([[[bad]]]),
-    "leak": lambda r, c, bad: pa.adaptation.Leak(bad, 1.0),
     "low pass": lambda r, c, bad: pa.filters.LowPass(bad),
-    "believed": lambda r, c, bad: pa.make_controller(bad, adaptation="natural"),
+    "estimated": lambda r, c, bad: pa.make_controller(bad, adaptation="natural"),
     "Kv": lambda r, c, bad: pa.make_controller(r, adaptation="natural", Kv=bad),
-    "gamma_d": lambda r, c, bad: pa.make_controller(r, adaptation="natural", gamma_d=bad),
-    "controller dt": lambda r, c, bad: pa.make_controller(r, adaptation="natural", dt=bad),
-    "encoder": lambda r, c, bad: pa.make_controller(
-        r, adaptation="natural", sensors=pa.Sensors(encoder=bad)
-    ),
-    "watch": lambda r, c, bad: pa.make_controller(
-        r, adaptation="natural", limits=pa.Limits(stop_on_divergence=bad)
-    ),
-    "posture": lambda r, c, bad: pa.make_controller(
-        r, adaptation="natural", posture={"frequency": bad}
-    ),
+    "dt": lambda r, c, bad: pa.make_controller(r, adaptation="natural", dt=bad),
     "basis": lambda r, c, bad: pa.make_controller(r, unknown=pa.Unknown(basis=[[bad]])),
     "simulated": lambda r, c, bad: pa.simulate(bad, c, hold(r), duration=0.01),
     "trajectory": lambda r, c, bad: pa.simulate(r, c, bad, duration=0.01),
     "duration": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=bad),
-    "dt": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, engine=pa.Engine(dt=bad)),
-    "substeps": lambda r, c, bad: pa.simulate(
-        r, c, hold(r), duration=0.01, engine=pa.Engine(substeps=bad)
-    ),
     "every": lambda r, c, bad: pa.simulate(r, c, hold(r), duration=0.01, record_every=bad),
-    "noise": lambda r, c, bad: pa.simulate(
-        r, c, hold(r), duration=0.01, sensors=pa.Sensors(noise={"q": bad})
-    ),
     "changes": lambda r, c, bad: pa.simulate(
         r, c, hold(r), duration=0.01, events=pa.Events(changes=bad)
     ),
-    "stream": lambda r, c, bad: next(pa.run(pa.plants.PinocchioPlant(r), c, hold(r), dt=bad)),
     "preflight": lambda r, c, bad: pa.preflight(c, bad),
-    "largest": lambda r, c, bad: pa.reachable_circle(r, largest=bad),
 }
 
 
@@ -145,28 +110,14 @@ def test_absurd_numbers_get_a_typed_error(name, robot, controller):
                 CALLS[name](robot, controller, bad)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"lambda_a": 0.1}, "nothing uses lambda_a: .* use Kv, alpha"),
-        ({"law": "adaptive-jacobian", "beta": 3.0}, "nothing uses beta"),
-        ({"adaptation": "none", "gamma_d": 1.0}, "nothing uses gamma_d"),
-        (
-            {"unknown": pa.Unknown(friction=False, armature=False), "gamma_joint": 1.0},
-            "nothing uses gamma_joint",
-        ),
-        ({"unknown": pa.Unknown(tool=False), "gamma_k": 1.0}, "nothing uses gamma_k"),
-    ],
-)
-def test_an_unused_gain_is_warned_of(options, words, robot):
-    with pytest.warns(pa.UnusedGainWarning, match=words):
-        pa.make_controller(robot, **options)
+def test_an_unused_gain_is_warned_of(robot):
+    with pytest.warns(pa.UnusedGainWarning, match="nothing uses lambda_a: .* use Kv, alpha"):
+        pa.make_controller(robot, lambda_a=0.1)
+    with pytest.warns(pa.UnusedGainWarning, match="nothing uses gamma_d"):
+        pa.make_controller(robot, adaptation="none", gamma_d=1.0)
 
 
-NAMES = ["x\r\ny = 1\n[evil]", '"""a]b\'\\c', "\x7f\u2028\u202eé☃"]
-
-
-@pytest.mark.parametrize("name", NAMES, ids=["lines", "quotes", "unicode"])
+@pytest.mark.parametrize("name", ["x\r\ny = 1\n[evil]", '"""a]b\'\\c\x7f\u2028\u202eé☃'])
 def test_init_writes_toml_for_any_name_and_it_runs(name, tmp_path, capsys):
     text = URDF
     for word in ("joint1", "tip", "planar_2r"):
@@ -176,9 +127,7 @@ def test_init_writes_toml_for_any_name_and_it_runs(name, tmp_path, capsys):
     file = tmp_path / "scenario.toml"
     assert main(["init", str(tmp_path / "'a\\ b].urdf"), "--out", str(file)]) == 0
     tables = read_toml(file)
-    assert sorted(tables) == sorted(
-        ["title", "robot", "truth", "unknown", "controller", "limits", "trajectory", "simulation"]
-    )
+    assert "y" not in tables and "evil" not in tables
     assert tables["robot"]["frame"] == name + "tip"
     assert Scenario.read(file, ["simulation.duration=0.003"]).run().diverged is None
 
@@ -191,7 +140,8 @@ DAE = (
     '<accessor source="#a" count="3" stride="3"><param name="X" type="float"/>'
     '<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common>'
     '</source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices>'
-    '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p>'
+    '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/>'
+    '<input semantic="TEXCOORD" source="#p" offset="1"/><p>0 0 1 1 2 2</p>'
     "</triangles></mesh></geometry></library_geometries><library_visual_scenes>"
     '<visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>'
     '</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
@@ -217,7 +167,7 @@ def textured(tmp_path):
     return write
 
 
-@pytest.mark.parametrize("image", ["../../secret.txt", "{}/secret.txt", "../link.png", "file://{}"])
+@pytest.mark.parametrize("image", ["../../secret.txt", "{}/secret.txt", "../link.png"])
 def test_a_page_embeds_and_names_no_image(image, textured, tmp_path):
     from pinadapt.view.drawing import Artist
 
@@ -225,6 +175,8 @@ def test_a_page_embeds_and_names_no_image(image, textured, tmp_path):
     (shape,) = [s for s in robot.visual.geometryObjects if s.meshPath.endswith(".dae")]
     mesh = Artist(robot.model, None, robot.visual).loadMeshFromFile(shape)
     assert not mesh.img_resources and image.format(tmp_path) not in mesh.dae_raw
+    # the viewer cannot merge parts of which some have coordinates on an image
+    assert 'semantic="VERTEX"' in mesh.dae_raw and "TEXCOORD" not in mesh.dae_raw
 
 
 WILD = st.one_of(
@@ -252,7 +204,7 @@ KEYS = [
 ]
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(st.sampled_from(KEYS), WILD)
 def test_any_value_is_refused_or_runs_to_finite_numbers(key, value):
     section, *path = key.split(".")

@@ -9,23 +9,15 @@ import pinadapt as pa
     ("make", "junk", "field"),
     [
         (pa.Payload, {"mass": -1.0}, "payload.mass"),
-        (pa.Payload, {"mass": 1.0, "com": [0.0]}, "payload.com"),
         (pa.Friction, {"viscous": -1.0}, "friction.viscous"),
-        (pa.Friction, {"threshold": 0.0}, "friction.threshold"),
         (pa.Limits, {"box": -1.0}, "limits.box"),
-        (pa.Limits, {"torque": -1.0}, "limits.torque"),
-        (pa.Limits, {"damping": 2.0}, "limits.damping"),
         (pa.Limits, {"guards": {"positon": False}}, "limits.guards"),
         (pa.Unknown, {"bodies": 3}, "unknown.bodies"),
-        (pa.Unknown, {"translations": 3}, "unknown.translations"),
         (pa.Engine, {"plant": "mujco"}, "engine.plant"),
-        (pa.Engine, {"substeps": 0}, "engine.substeps"),
         (pa.Camera, {"rate": -1.0}, "camera.rate"),
         (pa.Sensors, {"camera": {"rate": 30.0}}, "sensors.camera"),
-        (pa.Sensors, {"noise": {"q": -1.0}}, "sensors.noise.q"),
         (pa.Events, {"changes": {-1.0: None}}, "events.changes"),
         (pa.trajectories.Circle, {"radius": -1.0}, "trajectory.radius"),
-        (pa.trajectories.Sinusoid, {"period": 0.0}, "trajectory.period"),
         (pa.robot.Actuators, {"delay": -1.0}, "actuators.delay"),
         (pa.robot.Shaft, {"joints": (0, 0)}, "shafts.joints"),
     ],
@@ -40,10 +32,3 @@ def test_scalars_are_for_all_joints():
     robot = pa.load("planar_2r").changed(friction=pa.Friction(viscous=1.0, coulomb={"joint2": 0.5}))
     assert robot.friction.viscous.tolist() == [1.0, 1.0]
     assert robot.friction.coulomb.tolist() == [0.0, 0.5]
-
-
-def test_a_load_is_the_payload():
-    assert pa.Unknown.of("payload").bodies == "payload"
-    for word in ("load", "loads"):
-        with pytest.raises(pa.InputError, match="Did you mean 'payload'"):
-            pa.Unknown.of(word)

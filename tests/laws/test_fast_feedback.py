@@ -31,7 +31,7 @@ def made(robot, law="separation", actuators=None, **options):
     )
 
 
-@pytest.mark.parametrize("eps", [1.0, 0.3, 0.1])
+@pytest.mark.parametrize("eps", [1.0, 0.1])
 def test_the_boundary_layer_of_one_joint(eps):
     """A motor and a link on a spring decay as eta'' + K_f / B eta' + K (1 / B + 1 / M) eta = 0.
 
@@ -75,10 +75,10 @@ def test_the_gain_damps_the_springs_of_every_joint():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:the .* is too fast for joints")
+@pytest.mark.filterwarnings("ignore:dt = .* behind joints")
 @pytest.mark.parametrize(
     ("name", "adaptation"),
-    [("panda", "none"), ("panda", "natural-memory"), ("ur5", "natural")],
+    [("panda", "natural-memory"), ("ur5", "natural")],
 )
 def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptation):
     robot = geared(name)
@@ -98,32 +98,5 @@ def test_a_loop_on_soft_joints_is_quiet_with_it_and_lost_without(name, adaptatio
     assert fast.diverged is None and fast.ringing is None
     chatter = [np.sqrt(np.mean(np.diff(run.tau[-200:], axis=0) ** 2)) for run in runs]
     assert chatter[1] < 0.02 * chatter[0]
-    assert fast.distance[-200:].max() < (1e-2 if adaptation == "none" else 1e-3)
+    assert fast.distance[-200:].max() < 1e-3
     assert fast.law == "separation, fast feedback"
-
-
-def start(robot):
-    """Return the first measurement of a robot at rest."""
-    return pa.plants.PinocchioPlant(robot).measure()
-
-
-def test_it_has_the_energy_of_its_law():
-    robot = catalogue_robot("ur5")
-    fast = made(robot, FastFeedback("separation", 30.0))
-    inner, at = fast.law.law, start(robot)._replace(v=np.full(6, 0.1), w=np.zeros(6))
-    signals = fast.observe(fast.init(at), at, circle_at_home(robot).at(0.0))
-    truth = pa.laws.Truth(
-        fast.kinematics.value(robot),
-        fast.dynamics.value(robot),
-        np.eye(6),
-        np.zeros((6, 6)),
-        robot.friction,
-    )
-    assert fast.law.storage(signals, truth) == inner.storage(signals, truth)
-    assert fast.law.dissipation(signals, truth) == inner.dissipation(signals, truth)
-    assert fast.law.feedback(fast.motion)[0].S is not None
-    assert fast.law.uses_position_error is inner.uses_position_error is True
-    assert fast.law.bandwidth_powers is inner.bandwidth_powers
-    assert fast.law.with_prediction_weight(2.0).decorrelated(50.0).law.lambda_s == 50.0
-    with pytest.raises(AttributeError):
-        _ = fast.law.no_such_gain

@@ -8,7 +8,7 @@ import pinadapt as pa
 from tests.support.chains import catalogue_robot, random_state
 from tests.support.differences import derivative
 
-ROBOTS = ["panda", "kinova", "ur5"]  # kinova's continuous joints have no limits
+ROBOTS = ["panda", "kinova"]  # kinova's continuous joints have no limits
 
 
 def limited(robot):
@@ -39,7 +39,7 @@ def test_the_offset_pushes_away_from_limits(name):
                 assert np.allclose(posture.offset(robot.at(angles).q0), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["panda", "kinova"])
+@pytest.mark.parametrize("name", ROBOTS)
 def test_the_rate_of_the_null_motion_is_its_derivative(name):
     robot = catalogue_robot(name)
     controller, rng = pa.make_controller(robot), np.random.default_rng(1)

@@ -1,13 +1,9 @@
 """The closed loops of Wang and Xie's arm against hand-written closed-form equations."""
 
-import re
-
 import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.description.catalogue import robots_folder
-from pinadapt.scenario.scenario import Scenario
 from tests.support.chains import catalogue_robot
 from tests.support.paper import CIRCLE, WRONG, paper_controller
 from tests.support.paths import ROOT
@@ -18,13 +14,13 @@ HERE = ROOT / "tests"
 PUBLISHED = {"gamma_k": 0.05, "R_k": 50.0, "lambda_": 10.0, "lambda_a": 1 / 60}
 
 # file: law, acceleration, integration step [s], which may be long where the bounds below are still
-# kept with room to spare, end [s], further gains. The differences are largest in the first turn of
-# 2 s, after which the loops end; the filters need short steps, and half a turn is enough.
+# kept with room to spare, end [s], further gains. The differences are largest in the first half of
+# a turn, after which the loops end; the filters need short steps.
 LOOPS = {
-    "known": ("resolved-acceleration", "filtered", 0.01 / 2, 2.0, {}),
-    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 1.0, {}),
-    "cheah": ("adaptive-jacobian", "ideal", 0.01 / 4, 2.0, {}),
-    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 2.0, {"Q": 1.0}),
+    "known": ("resolved-acceleration", "filtered", 0.01 / 2, 1.0, {}),
+    "improved_filtered": ("adaptive-inverse-dynamics-improved", "filtered", 0.01 / 14, 0.5, {}),
+    "cheah": ("adaptive-jacobian", "ideal", 0.01 / 4, 1.0, {}),
+    "velocity_ideal": ("adaptive-inverse-dynamics-velocity", "ideal", 0.01 / 3, 1.0, {"Q": 1.0}),
     "idc_filtered_first_30ms": ("adaptive-inverse-dynamics", "filtered", 2e-4, 0.03, {}),
     "idc_ideal_first_30ms": ("adaptive-inverse-dynamics", "ideal", 2e-4, 0.03, {}),
 }
@@ -63,16 +59,6 @@ def test_loop_falls_on_its_reference(name):
     assert np.abs(rollout.tau - reference("tau1", "tau2")).max() <= 1e-3
 
 
-def test_the_scenarios_comment_gives_the_published_adaptation():
-    file = robots_folder() / "planar_2r" / "wang_xie_2009.toml"
-    settings = re.search(r"#\s+--set (.*gradient.*)", file.read_text()).group(1).split()
-    scenario = Scenario.read(file, settings)
-    adaptation_d, adaptation_k = scenario.controller.adaptation_d, scenario.controller.adaptation_k
-    assert np.array_equal(adaptation_d.Gamma, np.diag([4.5, 1.5, 1.5]))
-    assert np.array_equal(adaptation_k.inner.Gamma, 0.05 * np.eye(2))
-    assert type(scenario.controller.law) is pa.laws.AdaptiveInverseDynamics
-
-
 def test_truth_is_the_papers():
     rollout = pa.simulate(
         catalogue_robot("planar_2r"),
@@ -85,7 +71,7 @@ def test_truth_is_the_papers():
     assert np.allclose(rollout.a_d_true, [3.34, 1.2, 0.97])
 
 
-@pytest.mark.parametrize("dt", [1e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize("dt", [1e-3, 5e-3])
 def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
     """Law (11) with the published filter; the published adaptation makes M_hat singular."""
     natural = controller("adaptive-inverse-dynamics", "natural", gamma_d=1.0)
@@ -93,9 +79,8 @@ def test_natural_adaptation_is_stable_at_every_sampling_period(dt):
         catalogue_robot("planar_2r"),
         natural,
         CIRCLE,
-        duration=1.02 if dt == 1e-4 else 2.0,
+        duration=1.5,
         engine=pa.Engine(dt=dt),
-        record_every=max(1, round(1e-3 / dt)),
         start=WRONG,
     )
     assert rollout.diverged is None

@@ -105,7 +105,6 @@ def flawed(log, robot):
         "at least 1 s are needed": replace(log, t=1e-3 * log.t),
         "are the times in seconds? --rate": replace(log, t=1e3 * log.t),
         "the torque of shoulder_pan_joint is zero": replace(log, tau=0.0 * log.tau),
-        "--degrees": replace(log, q=np.degrees(log.q), v=None),
         "57.3 times the rate": replace(log, v=np.degrees(log.v)),
         "-1 times the rate": replace(log, v=-log.v),
         "only 0%": replace(log, tau=np.nan * log.tau),
@@ -149,26 +148,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, robot, log):
             pa.read_log(path, robot)
 
 
-def stamped(store, ros, k, time):
-    """Return a header with a time [s]."""
-    seconds = int(STAMP + time)
-    stamp = store.types["builtin_interfaces/msg/Time"](
-        sec=seconds, nanosec=round((STAMP + time - seconds) * 1e9) % 10**9
-    )
-    extra = {"seq": k} if ros == 1 else {}
-    return store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra)
-
-
-def write_bag(
-    path,
-    kind,
-    log,
-    names,
-    *,
-    effort=True,
-    pose="geometry_msgs/msg/PoseStamped",
-    more=None,
-):
+def write_bag(path, kind, log, names, *, more=None):
     """Write a bag of joint states, including those of a gripper, and of a tracker's poses.
 
     Args:
@@ -176,8 +156,6 @@ def write_bag(
         kind: its format.
         log: what is recorded.
         names: of the joints.
-        effort: whether the joint states have efforts.
-        pose: message type of the tracker.
         more: topics of one joint state each, by the names of its joints.
     """
     typesys = pytest.importorskip("rosbags.typesys")
@@ -192,42 +170,35 @@ def write_bag(
     else:
         plugin = rosbag2.StoragePlugin[kind.upper()]
         writer, pack = rosbag2.Writer(path, version=9, storage_plugin=plugin), store.serialize_cdr
-    with writer:
-        states = writer.add_connection(
-            "/joint_states", "sensor_msgs/msg/JointState", typestore=store
+    topics = {}
+
+    def write(topic, kind, t, **content):
+        if topic not in topics:
+            topics[topic] = writer.add_connection(topic, kind, typestore=store)
+        seconds, extra = int(STAMP + t), {"seq": 0} if ros == 1 else {}
+        stamp = types["builtin_interfaces/msg/Time"](
+            sec=seconds, nanosec=round((STAMP + t - seconds) * 1e9) % 10**9
         )
-        frames = writer.add_connection("/tracker", pose, typestore=store)
+        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="", **extra)
+        raw = pack(types[kind](header=header, **content), kind)
+        writer.write(topics[topic], int((STAMP + t) * 1e9), raw)
+
+    def state(topic, t, joints, q, v, tau):
+        parts = {"name": joints, "position": q, "velocity": v, "effort": tau}
+        write(topic, "sensor_msgs/msg/JointState", t, **parts)
+
+    with writer:
         for topic, joints in (more or {}).items():
-            other = writer.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
-            zeros = np.zeros(len(joints))
-            message = types["sensor_msgs/msg/JointState"](
-                header=stamped(store, ros, 0, 0.0),
-                name=joints,
-                position=zeros,
-                velocity=zeros,
-                effort=zeros,
+            state(topic, 0.0, joints, *np.zeros((3, len(joints))))
+        for t, *parts in zip(log.t, log.q, log.v, log.tau, strict=True):
+            state(
+                "/joint_states", t, ["gripper", *names], *(np.append(0.1, part) for part in parts)
             )
-            writer.write(other, STAMP * 10**9, pack(message, "sensor_msgs/msg/JointState"))
-        for k, t in enumerate(log.t):
-            message = types["sensor_msgs/msg/JointState"](
-                header=stamped(store, ros, k, t),
-                name=["gripper", *names],
-                position=np.array([0.1, *log.q[k]]),
-                velocity=np.array([0.0, *log.v[k]]),
-                effort=np.array([0.0, *log.tau[k]]) if effort else np.zeros(0),
-            )
-            raw = pack(message, "sensor_msgs/msg/JointState")
-            writer.write(states, int((STAMP + t) * 1e9), raw)
-        for k, (t, x) in enumerate(zip(log.x_time, log.x, strict=True)):
+        turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        for t, x in zip(log.x_time, log.x, strict=True):
             point = types["geometry_msgs/msg/Point"](*map(float, x))
-            turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-            header = stamped(store, ros, k, t)
-            if pose.endswith("PoseStamped"):
-                inner = types["geometry_msgs/msg/Pose"](position=point, orientation=turn)
-                message = types[pose](header=header, pose=inner)
-            else:
-                message = types[pose](header=header, point=point)
-            writer.write(frames, int((STAMP + t) * 1e9), pack(message, pose))
+            pose = types["geometry_msgs/msg/Pose"](position=point, orientation=turn)
+            write("/tracker", "geometry_msgs/msg/PoseStamped", t, pose=pose)
     return path
 
 

@@ -83,7 +83,7 @@ def dynamics_of(name):
     yield catalogue_robot(name), pa.models.BodyDynamics(catalogue_robot(name), "payload")
 
 
-@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "kinova", "talos_arm"])
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "kinova"])
 def test_momentum_form_of_every_kind_of_dynamics(name):
     rng = np.random.default_rng(2)
     for robot, dynamics in dynamics_of(name):
@@ -133,7 +133,7 @@ def mismatch(name, dt, **truth):
     return np.abs(W @ dynamics.value(robot) - y).max() / np.abs(y).max()
 
 
-@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5", "panda", "kinova"])
+@pytest.mark.parametrize("name", ["scara", "kinova"])
 def test_filtered_regressor_predicts_the_filtered_torque(name):
     """W a = y from the first sample on, with an error that falls with the square of the period."""
     truth = {"payload": pa.Payload(0.3, [0.0, 0.0, 0.02]), "viscous": 0.2}

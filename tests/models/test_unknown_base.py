@@ -38,7 +38,7 @@ def test_unknown_base_affects_positions_and_not_velocities(name):
     assert X_k @ error == pytest.approx(true.position(q) - robot.position(q), abs=1e-12)
 
 
-@pytest.mark.parametrize(("name", "camera"), [("ur5", None), ("panda", pa.Camera(30.0, 0.06))])
+@pytest.mark.parametrize(("name", "camera"), [("panda", pa.Camera(30.0, 0.06))])
 def test_base_and_tool_are_adapted_together(name, camera):
     """Their errors compensate while the tool hardly rotates; the path is followed nevertheless."""
     robot, true, circle = moved(name)

@@ -5,6 +5,7 @@ import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot
+from tests.support.elastic import energy_of
 from tests.support.loops import circle_beside, with_tool_and_load
 
 pytestmark = pytest.mark.slow
@@ -29,11 +30,11 @@ def test_energy_is_conserved(name):
         plant = elastic(robot, 2000.0, substeps=substeps)
         for _ in range(50):
             plant.step(np.linspace(5.0, 0.5, plant.nv), 1e-3)
-        start = plant.energy()
+        start = energy_of(plant)
         for _ in range(100):
             plant.step(np.zeros(plant.nv), 1e-3)
         assert np.linalg.norm(plant.measure().v) > 0.1
-        lost.append(abs(plant.energy() - start))
+        lost.append(abs(energy_of(plant) - start))
     assert lost[1] < 0.35 * lost[0] + 1e-9
     assert lost[1] < 1e-3
 
@@ -41,10 +42,10 @@ def test_energy_is_conserved(name):
 def test_springs_and_friction_only_dissipate():
     robot = robot_with_motors(viscous=0.5, coulomb=1.0)
     plant = elastic(robot, 2000.0, damping=2.0)
-    energies = [plant.energy()]
+    energies = [energy_of(plant)]
     for _ in range(400):
         plant.step(np.zeros(6), 1e-3)
-        energies.append(plant.energy())
+        energies.append(energy_of(plant))
     assert np.diff(energies).max() < 1e-5 * np.ptp(energies)
     assert energies[0] - energies[-1] > 1.0
 
@@ -103,7 +104,3 @@ def test_a_loop_holds_an_elastic_robot_that_changes():
     )
     assert rollout.diverged is None
     assert rollout.distance[rollout.t > 0.4].max() < 5e-3
-    again = pa.simulate(
-        true, controller, circle_beside(true, "yz"), duration=0.1, engine=springs, record_every=5
-    )
-    assert np.array_equal(again.q, rollout.q[: len(again.q)])

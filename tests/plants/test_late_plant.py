@@ -35,17 +35,6 @@ def test_torques_arrive_after_the_delay(delay, whole):
     )
 
 
-def test_a_delay_of_half_a_period_splits_it():
-    robot, dt = catalogue_robot("ur5"), 2e-3
-    torques = 5.0 * np.random.default_rng(0).standard_normal((10, 6))
-    late = late_plant(robot, 1e-3)
-    halves = np.repeat(torques, 2, axis=0)
-    arrived = np.vstack([halves[:1], halves])[:20]
-    assert np.allclose(
-        ending(late, torques, dt), ending(pa.plants.PinocchioPlant(robot), arrived, 1e-3)
-    )
-
-
 def test_every_joint_has_its_own_delay():
     """Joints with one delay move as their own torques arrive: checked against torques shifted."""
     robot, dt = catalogue_robot("ur5"), 1e-3
@@ -83,23 +72,3 @@ def test_a_bandwidth_is_a_first_order_low_pass(dt):
         assert tau[2] == 1.0
         t += h
     assert t == pytest.approx(5.0 * dt)
-
-
-def test_a_memory_with_a_lag_tolerates_motors_that_are_ten_milliseconds_late():
-    """The delay is not declared; without adaptation the error is over ten times as large."""
-    robot = catalogue_robot("ur5")
-    path, last = pa.reachable_circle(robot), {}
-    for adaptation in ("none", "natural-memory"):
-        controller = pa.make_controller(
-            robot.changed(inertial_scale=0.7), adaptation=adaptation, lag=0.01, dt=4e-3
-        )
-        rollout = pa.simulate(
-            robot,
-            controller,
-            path.starting_at(robot.position(robot.q0)),
-            duration=3.0,
-            engine=pa.robot.Actuators(delay=10e-3),
-        )
-        assert rollout.diverged is None
-        last[adaptation] = rollout.distance[rollout.t > 2.0].max()
-    assert last["natural-memory"] < 0.1 * last["none"], last

@@ -200,23 +200,6 @@ def plant_rest(robot, q, v):
     return torque_of_everything(robot, q, v, np.zeros(len(v)))
 
 
-def test_a_spring_offset_moves_a_mass_as_in_closed_form():
-    """A joint with armature I and offset o alone: v = (tau - o) t / I."""
-    robot = load("scara")
-    j = 3
-    model = robot.model.copy()
-    model.armature = np.full(model.nv, 5.0)
-    model.gravity.linear = np.zeros(3)
-    offset = np.zeros(model.nv)
-    offset[j] = 0.3
-    friction = pa.Friction(np.zeros(model.nv), np.zeros(model.nv), offset=offset)
-    floating = pa.Robot(robot.name, model, robot.frame, robot.task, robot.q0, friction)
-    plant, tau = pa.plants.PinocchioPlant(floating), offset.copy()
-    plant.step(tau, 0.5)
-    assert np.allclose(plant.measure().v, 0.0, atol=1e-12)  # held against the offset
-    assert plant.acceleration(np.zeros(model.nv))[j] < 0.0
-
-
 def test_motors_apply_what_their_limits_allow():
     plant = pa.plants.PinocchioPlant(load("ur5"), torque_limits=2.0)
     asked = np.array([0.5, 3.0, -3.0, np.inf, -np.inf, np.nan])

@@ -1,5 +1,6 @@
 """A Franka by its vendor's client, against ``franky-sim``: the protocol is real, the arm is not."""
 
+import json
 from functools import cache, partial
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ import pinadapt as pa
 from pinadapt.cli import main
 from pinadapt.realtime import ArmFacts, CycleLog, RealtimeLoop, Recorder, Safety
 from tests.support.arms import ORDINARY
-from tests.support.franka_server import TOOL, Franka
+from tests.support.franka_server import MASS, TOOL, Franka
 
 pytestmark = pytest.mark.slow
 pytest.importorskip("pylibfranka", reason="the extra franka is not installed")
@@ -53,52 +54,23 @@ def ended_sooner(monkeypatch):
     monkeypatch.setattr("pinadapt.realtime.franka.ArmFacts", facts)
 
 
-def drive(server, stage, seconds, *, of=None, recorder=None, each=None, arm=None, **safety):
-    """Return ending, messages, and positions (N, 7) and torques (N, 7) of a run.
+class Seeing(FrankaArm):
+    """An arm with a camera."""
 
-    It ends as by a second Ctrl-C, which damps at once: a path comes to rest in half a second.
-    """
-    said, q, sent = [], [], []
-    circle = pa.trajectories.Circle(robot().position(robot().q0), 0.04, 3.0)
-    server.camera()  # frames of an earlier connection, on another clock
-    given = {"robot": robot(), "camera": server.camera, **(arm or {})}
-    with FrankaArm(server.address, **given) as arm:
-        read, send = arm.read, arm.send
-
-        def reading():
-            m = read()
-            q.append(m.q)
-            if each is not None:
-                each(len(q), m)
-            if m.t - loop._begin >= seconds:
-                loop._signals = 2
-            return m
-
-        arm.read, arm.send = reading, lambda torque: (sent.append(torque), send(torque))
-        loop = RealtimeLoop(
-            arm,
-            controller() if of is None else of,
-            circle,
-            stage=stage,
-            recorder=recorder,
-            scheduling=ORDINARY,
-            safety=Safety(late=10**6, **{"contact": 1.0, **safety}),
-            say=said.append,
-        )
-        ending = loop.run()
-    return ending, said, np.array(q), np.array(sent)
-
-
-def test_log_only_sends_nothing(franka):
-    ending, _, q, sent = drive(franka, "log", 0.1)
-    assert not len(sent) and np.ptp(q, axis=0).max() < 1e-3
-    assert not ending.failed or ending.reason.startswith("late: ")
+    def read(self):
+        m, frame = super().read(), self.camera()
+        return m if frame is None else m._replace(x=frame[0], x_time=min(frame[1], m.t))
 
 
 def test_tool_and_load_are_learned_on_a_circle(franka, tmp_path):
     path, of = tmp_path / "franka.mcap", controller()
-    with Recorder(path, of) as recorder:
-        ending, *_ = drive(franka, "adapt", 1.0, of=of, recorder=recorder)
+    franka.camera()  # frames of an earlier connection, on another clock
+    circle = pa.trajectories.Circle(robot().position(robot().q0), 0.04, 3.0)
+    options = {"safety": Safety(late=10**6, contact=1.0), "scheduling": ORDINARY}
+    with Recorder(path, of) as recorder, Seeing(franka.address, robot()) as arm:
+        arm.camera = franka.camera
+        loop = RealtimeLoop(arm, of, circle, stage="adapt", recorder=recorder, **options)
+        ending = loop.run(1.0)
     assert not ending.failed, ending
     log, model = CycleLog.read(path), robot().changed(tool_translation=TOOL)
     assert log.replay(of).same
@@ -123,3 +95,14 @@ def test_one_command_identifies_the_load(franka, tmp_path, capsys):
     assert np.abs((cycles.q - cycles.x_d)[log_of.stepped]).max() < 5e-3
     assert main(["drive", "franka", "--hold", *log]) == 2
     assert "ADDRESS: is needed" in capsys.readouterr().err
+
+
+def test_a_load_that_is_told_is_compensated(franka, tmp_path):
+    """The hand is turned against the flange, in whose axes the load is given."""
+    x, y, z = TOOL + np.array([0.0, 0.0, 0.1034])
+    load = json.dumps({"mass": MASS, "com": [(x + y) / 2**0.5, (y - x) / 2**0.5, z]})
+    path = str(tmp_path / "run.mcap")
+    given = ["--gravity", "--duration", "0.2", "--load", load, "--log", path]
+    assert main(["drive", "franka", franka.address, *given, "--safety", "late=1000000"]) == 0
+    q = CycleLog.read(path).cycles.q
+    assert np.abs(q - q[0]).max() < 1e-3

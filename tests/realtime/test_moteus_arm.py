@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
+from pinadapt.exceptions import ArmError
 from pinadapt.realtime import RealtimeLoop, Safety
 from tests.support.arms import ORDINARY, PERIOD, robot
 
@@ -27,16 +28,15 @@ class Motors(threading.Thread):
     Attributes:
         plant: that they move.
         braked: which of them have been told to brake.
-        silent: which of them do not answer any more.
         fault: of the first one.
     """
 
-    def __init__(self, channel, delays=(0.0, 3e-4)):
+    def __init__(self, channel):
         super().__init__(daemon=True)
         self.bus = can.Bus(interface="virtual", channel=channel, fd=True)
         self.plant = pa.plants.PinocchioPlant(robot())
-        self.torque, self.delays = np.zeros(2), delays
-        self.braked, self.silent, self.fault, self.count = set(), set(), 0, 0
+        self.torque = np.zeros(2)
+        self.braked, self.fault, self.count = set(), 0, 0
         self.begun, self.running = False, True
         self.start()
 
@@ -50,6 +50,8 @@ class Motors(threading.Thread):
 
     def answer(self, message):
         ids = [motor.id for motor in MOTORS]
+        if message.arbitration_id & 0x7F not in ids:
+            return
         k = ids.index(message.arbitration_id & 0x7F)
         said = moteus.parse_registers(bytes(message.data))
         mode = said.command.get(moteus.Register.MODE)
@@ -62,13 +64,13 @@ class Motors(threading.Thread):
             motor = MOTORS[k]
             self.torque[k] = motor.sign * motor.ratio * motor.torque * torque
             self.begun = True
-        if not message.arbitration_id & 0x8000 or k in self.silent:
+        if not message.arbitration_id & 0x8000:
             return
         if k == 0:
             self.count += 1
             if self.begun:
                 self.plant.step(self.torque, PERIOD)
-        time.sleep(self.delays[k])
+        time.sleep(3e-4 * k)
         self.bus.send(self.reply(k, message, said.query))
 
     def reply(self, k, message, query):
@@ -108,16 +110,17 @@ def motors(request):
     nodes.join(5.0)
 
 
-def arm_of(nodes, motors=MOTORS, **options):
+def arm_of(request, nodes, motors=MOTORS, timeout=2.0):
     """Return the arm of some motors, whose clock counts their periods."""
+    options = {"interface": "virtual", "channel": request.node.name, "period": PERIOD}
     clock = lambda: nodes.count * PERIOD  # noqa: E731
-    return MoteusArm(
-        robot(), motors, interface="virtual", period=PERIOD, timeout=2.0, clock=clock, **options
-    )
+    return MoteusArm(robot(), motors, timeout=timeout, clock=clock, **options)
 
 
-def channel_of(request):
-    return request.node.name
+@pytest.fixture
+def on(request, motors):
+    """Return the arm of the motors."""
+    return arm_of(request, motors)
 
 
 def drive(arm, stage="hold", seconds=0.3, each=None):
@@ -147,8 +150,8 @@ def drive(arm, stage="hold", seconds=0.3, each=None):
         return loop.run(seconds), said
 
 
-def test_the_table_turns_counts_into_angles(request, motors):
-    with arm_of(motors, channel=channel_of(request)) as arm:
+def test_the_table_turns_counts_into_angles(on, motors):
+    with on as arm:
         m = arm.read()
         assert np.allclose(m.q, robot().q0, atol=1e-6) and np.allclose(m.tau, 0.0)
         assert not arm.facts.paced and arm.facts.joints == ("joint1", "joint2")
@@ -163,19 +166,26 @@ def test_the_table_turns_counts_into_angles(request, motors):
     assert motors.braked == {0, 1}
 
 
-def test_a_motion_is_followed_and_ends_in_brakes(request, motors):
-    arm = arm_of(motors, channel=channel_of(request))
-    ending, said = drive(arm, "adapt", 0.4)
+def test_a_motion_is_followed_and_ends_in_brakes(on, motors):
+    ending, said = drive(on, "adapt", 0.4)
     assert not ending.failed and said[-1].startswith("stopped"), said
     assert np.abs(motors.plant.measure().v).max() < 0.05
     assert np.abs(motors.plant.measure().q - robot().q0).max() > 5e-3
 
 
-def test_a_silent_or_faulty_motor_stops_the_others(request, motors):
+def test_a_faulty_motor_stops_the_others(on, motors):
     def fault(count):
         if count == 100:
             motors.fault = 33
 
-    arm = arm_of(motors, channel=channel_of(request))
-    ending, _ = drive(arm, seconds=9.0, each=fault)
+    ending, _ = drive(on, seconds=9.0, each=fault)
     assert ending.failed and "the motor of joint1 has fault 33" in ending.reason
+
+
+def test_a_motor_that_does_not_answer_is_named(request, motors):
+    wrong = [MOTORS[0], replace(MOTORS[1], id=9)]
+    with (
+        arm_of(request, motors, wrong, timeout=0.1) as arm,
+        pytest.raises(ArmError, match="the motor of joint2 has not answered"),
+    ):
+        arm.read()

@@ -13,14 +13,12 @@ CIRCLE = pa.trajectories.Circle([0.5, 0.1, 0.4], 0.1, 3.0, plane="yz")
 SWING = pa.trajectories.Swing([0.0, 1.0, 0.5], 0.3, 2.0, quaternion=[0.5, 0.5, 0.5, 0.5])
 CASES = {
     "xyz": (XYZ, CIRCLE, [0.3, 0.2, 0.1]),
-    "xy": (pa.tasks.TASKS["xy"], pa.trajectories.Circle([0.8, 0.0], 0.3, 2.0), [0.3, 0.2]),
     "pose": (
         POSE,
         pa.trajectories.PoseTrajectory(CIRCLE, SWING),
         [0.3, 0.2, 0.1, 0.0, 0.0, -1.0, 0.0],
     ),
     "joints": (TURNING, pa.trajectories.Sinusoid([7.0, 0.4], 0.2, 2.0), [-0.4, -0.3]),
-    "hold": (XYZ, pa.trajectories.Hold([0.5, 0.1, 0.4]), [0.3, 0.2, 0.1]),
 }
 cases = pytest.mark.parametrize(("task", "motion", "start"), CASES.values(), ids=CASES.keys())
 

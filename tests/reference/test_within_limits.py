@@ -86,4 +86,3 @@ def test_a_robot_that_follows_the_slowed_motion_keeps_its_limits():
     assert rollout.distance.max() < 2e-3
     assert (np.abs(rollout.v) <= 0.83 * velocity_limits(robot.model)).all()
     assert (np.abs(rollout.tau) <= 0.8 / 1.3 * 1.05 * effort_limits(robot.model)).all()
-    assert not rollout.saturated.any()

@@ -123,7 +123,7 @@ def test_a_last_body_without_mass_becomes_a_light_ball(tmp_path):
     body = text[text.index('<link name="link4">') : text.index('<link name="finger1">')]
     path = arm4(tmp_path, (body, '<link name="link4"/>'), ('mass value="0.1"', 'mass value="0"'))
     path.write_text(path.read_text().replace("0.0001", "0"))
-    with pytest.warns(UserWarning, match=r"a ball of aluminium: link4 0\.06 kg, .* kg m\^2"):
+    with pytest.warns(UserWarning, match="a ball of aluminium: link4"):
         robot = pa.load(path, frame="tip")
     *others, last = [body.mass for body in robot.model.inertias[1:]]
     assert last == pytest.approx(0.01 * sum(others))

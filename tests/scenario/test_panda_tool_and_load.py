@@ -1,8 +1,11 @@
 """Panda learns an unknown tool and load, every inertial parameter adapted, at 1 kHz."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from pinadapt.scenario.comparison import comparison_table
 from pinadapt.scenario.scenario import Scenario
 from tests.support.paths import ROOT
 
@@ -21,6 +24,12 @@ def test_panda_tracks_within_a_millimetre(adapted):
     assert len(adapted.dynamic_names) == 70 + 21
     assert adapted.summary()["max_error_last"] <= 1e-3
     assert adapted.min_eig_M_hat.min() > 0.0
+
+
+def test_the_error_without_adaptation_is_a_column_of_the_comparison(adapted):
+    assert "not adapted" not in comparison_table([adapted])
+    head, *_, row = comparison_table([replace(adapted, unadapted=0.0123)]).splitlines()
+    assert "not adapted [mm]" in head and "12.300" in row
 
 
 def test_panda_unadapted_is_ten_times_worse(adapted):

@@ -103,9 +103,6 @@ def test_step_is_pure(law, adaptation):
 
 
 FRAME_LAWS = {name: law for name, law in pa.laws.LAWS.items() if not law.joint_space}
-MEASURED = [(law, field) for law in pa.laws.LAWS for field in ("q", "v")]
-MEASURED += [(law, "x") for law in FRAME_LAWS]
-MEASURED += [(name, "xd") for name, law in FRAME_LAWS.items() if law.needs_task_velocity]
 
 
 @pytest.mark.parametrize("name", FRAME_LAWS)
@@ -143,6 +140,3 @@ def test_a_diverged_run_is_a_partial_rollout():
     assert np.isfinite(rollout.q).all() and np.isfinite(rollout.tau).all()
     assert f"diverged at {rollout.diverged:.3f} s" in str(rollout)
     assert rollout.summary()["diverged"] == rollout.diverged
-
-
-# --- refusals ---

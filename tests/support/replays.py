@@ -27,13 +27,3 @@ def replay(
         torque, state = controller.step(state, measurement, desired, 1e-3)
         torques.append(torque)
     return np.array(torques), state
-
-
-def fails(controller, samples, spoilt):
-    """Take a step that is refused."""
-    (measurement, desired), state = samples[0], controller.init(samples[0][0])
-    if spoilt == "measurement":
-        measurement = measurement._replace(q=np.full_like(measurement.q, np.nan))
-    if spoilt == "estimates":
-        state = state._replace(dynamic=pa.adaptation.Estimate(1e300 * state.a_d))
-    controller.step(state, measurement, desired, 0.0 if spoilt == "period" else 1e-3)

@@ -113,7 +113,7 @@ def test_an_asterisk_gives_each_joint_a_number_as_list_or_table(scenario):
         ("truth.payload.mas=[1.0]", "Did you mean 'mass'"),
         ("contrller.alpha=[1.0]", "Did you mean 'controller'"),
         ("controller.adaptation=['naturel']", "Did you mean 'natural'"),
-        ("engine.dt=[1e-3, -1.0]", "engine.dt: must be positive"),
+        ("engine.dt=[-1.0]", "engine.dt: must be positive"),
         ("controller.dt", "expected key=value"),
         ("controller.dt=[0.001", "controller.dt: cannot be read"),
     ],
@@ -139,6 +139,6 @@ def test_a_sweep_file_and_its_copy_define_the_same_sweep(scenario, tmp_path):
     (tmp_path / "out").mkdir()
     found.save(tmp_path / "out")
     again = Plan.load(tmp_path / "out")
-    assert not found.differs(again) and again.cases == found.cases
+    assert found.is_in(tmp_path / "out") and again.cases == found.cases
     other = Plan.read(file, ["trajectory.period=[3.0]"], seed=5)
-    assert set(other.differs(again)) == {"vary", "seed"}
+    assert not other.is_in(tmp_path / "out")

@@ -49,11 +49,11 @@ def scenario(tmp_path):
     return tmp_path / "scenario.toml"
 
 
-def test_the_same_bits_in_this_process_in_two_and_in_any_order(scenario):
-    options = {"samples": 3, "method": "sobol", "seed": 3}
+def test_the_same_bits_in_this_process_in_another_and_in_any_order(scenario):
+    options = {"samples": 2, "method": "sobol", "seed": 3}
     serial = pa.sweep(scenario, VARIED, executor=0, **options)
-    assert (serial["status"] == "done").all() and len(set(serial["max_error_last"])) == 6
-    assert pa.sweep(scenario, VARIED, executor=2, **options).same_as(serial)
+    assert (serial["status"] == "done").all() and len(set(serial["max_error_last"])) == 4
+    assert pa.sweep(scenario, VARIED, executor=1, **options).same_as(serial)
 
     with ThreadPoolExecutor(1) as thread:
         backwards = Backwards(thread)
@@ -101,7 +101,7 @@ def test_a_folder_is_completed_and_nothing_runs_twice(tmp_path):
     pa.sweep(slow, given, executor=0, folder=folder)
     rest = [row for row in read(folder).rows() if row["case"] not in (2, 4)]
     (folder / TABLE).unlink()
-    for row in rest:  # as if cases 2 and 4 had been lost with a process
+    for row in [*rest, rest[0]]:  # as if cases 2 and 4 had been lost with a process
         append(folder, row)
     (folder / JOURNAL).open("ab").write(b'{"case": 2, "seed"')  # not written whole
     assert pa.sweep(slow, given, executor=0, folder=folder).same_as(whole)

@@ -83,8 +83,7 @@ def test_rotation_vectors_are_accurate_up_to_half_a_turn():
 # --- kinematics ---
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
-@pytest.mark.parametrize("task", ["pose", "xz", "yz"])
+@pytest.mark.parametrize(("name", "task"), [("ur5", "pose"), ("kinova", "pose"), ("panda", "xz")])
 def test_identities_on_robots(name, task):
     robot = replace(catalogue_robot(name), task=TASKS[task])
     for unknown in unknown_choices(robot):
@@ -162,8 +161,7 @@ def loop(name, law):
     )
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("law", "name"), [*((law, "panda") for law in LAWS), (LAWS[0], "ur5")])
 def test_equality_along_the_trajectory(law, name):
     true, controller, path = loop(name, law)
     energy = energy_along(true, controller, path, seconds=0.0015, dt=1e-4)

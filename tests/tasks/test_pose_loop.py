@@ -56,39 +56,19 @@ def test_errors_of_position_and_orientation_vanish_with_true_parameters():
     assert rollout.distance[-1] < 1e-6 and rollout.angle[-1] < 1e-6
 
 
-# The improved law's M_0 must not be far below M: a wrist believed 30 % light that carries an
-# unknown load has a tenth of the
-# true inertia, and the feedback of the filtered acceleration is then too late. It converges from a
-# belief that is too heavy.
 @pytest.mark.parametrize(
-    ("law", "scale", "duration"),
-    [
-        ("adaptive-inverse-dynamics", 0.7, 6.0),
-        ("adaptive-inverse-dynamics-velocity", 0.7, 6.0),
-        ("adaptive-jacobian", 0.7, 4.0),
-        ("adaptive-inverse-dynamics-improved", 1.3, 3.0),
-    ],
+    ("law", "duration"), [("adaptive-inverse-dynamics", 6.0), ("adaptive-jacobian", 4.0)]
 )
-def test_panda_learns_tool_and_load_and_tracks_its_pose(law, scale, duration):
+def test_panda_learns_tool_and_load_and_tracks_its_pose(law, duration):
     robot = pose_robot()
     true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
-    controller = pa.make_controller(robot.changed(inertial_scale=scale), law=law, dt=2e-3)
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), law=law, dt=2e-3)
     rollout = pa.simulate(true, controller, circle(true), duration=duration, record_every=10)
     summary = rollout.summary()
     assert summary["diverged"] is None
     assert summary["max_error_last"] < 1e-3
     assert summary["max_angle_last"] < np.radians(0.2)
     assert rollout.min_eig_M_hat.min() > 0.0
-
-
-def test_without_adaptation_the_pose_error_is_large():
-    robot = pose_robot()
-    true = robot.changed(tool_translation=[0.03, -0.02, 0.12], payload=LOAD)
-    believed, law = robot.changed(inertial_scale=0.7), "adaptive-inverse-dynamics"
-    controller = pa.make_controller(believed, law=law, adaptation="none", dt=2e-3)
-    run = pa.simulate(true, controller, circle(true), duration=2.0, record_every=10)
-    summary = run.summary()
-    assert summary["max_error_last"] > 0.01 and summary["max_angle_last"] > np.radians(1.0)
 
 
 # --- the controller's manners ---
@@ -146,9 +126,6 @@ def test_a_tracker_needs_no_angular_velocity():
     assert np.array_equal(*torques)
 
 
-# --- refusals ---
-
-
 # --- scenarios and outputs ---
 
 
@@ -167,14 +144,16 @@ def test_tracker_noise_has_the_stated_deviation(channel):
 # --- tasks of two rows ---
 
 
-def leg(axis):
-    """Return a two-joint leg that moves in the plane across an axis, hanging in gravity."""
+def leg():
+    """Return a two-joint leg that moves in the x-z plane, hanging in gravity."""
     model, rng, parent = pin.Model(), np.random.default_rng(2), 0
     model.name = "leg"
-    joint = pin.JointModelRY if axis == "y" else pin.JointModelRX
     for i, drop in enumerate([0.0, -0.2]):
         parent = model.addJoint(
-            parent, joint(), pin.SE3(np.eye(3), np.array([0.0, 0.0, drop])), f"joint{i + 1}"
+            parent,
+            pin.JointModelRY(),
+            pin.SE3(np.eye(3), np.array([0.0, 0.0, drop])),
+            f"joint{i + 1}",
         )
         model.appendBodyToJoint(parent, random_inertia(rng), pin.SE3.Identity())
     model.addFrame(
@@ -185,9 +164,8 @@ def leg(axis):
     return model
 
 
-@pytest.mark.parametrize(("task", "axis"), [("xz", "y"), ("yz", "x")])
-def test_a_planar_leg_learns_its_foot(task, axis):
-    described = pa.load(leg(axis), frame="foot", task=task, q0=[0.6, -1.2])
+def test_a_planar_leg_learns_its_foot():
+    described = pa.load(leg(), frame="foot", task="xz", q0=[0.6, -1.2])
     true = described.changed(tool_translation=[0.01, 0.01, -0.05], inertial_scale=1.2)
     start = true.position(true.q0)
     assert start.shape == (2,)

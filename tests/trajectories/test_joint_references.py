@@ -23,17 +23,6 @@ def test_a_sinusoid_starts_at_home_and_at_rest():
     assert np.allclose(path.at(1.0).x_d, robot.home_angles + 0.4)
 
 
-def test_each_joint_has_its_own_sinusoid():
-    center, amplitude, period = [0.1, 0.2, 0.0, 0.4], [0.1, 0.2, 0.05, 0.3], [1.0, 2.0, 3.0, 4.0]
-    phase = [0.0, 0.5, 1.0, -1.0]
-    path, _ = motion(
-        kind="sinusoid", center=center, amplitude=amplitude, period=period, phase=phase
-    )
-    for t in (0.0, 0.37):
-        angle = 2.0 * np.pi * t / np.array(period) + phase
-        assert np.allclose(path.at(t).x_d, center + amplitude * np.sin(angle))
-
-
 def test_a_fourier_series_starts_at_home_unless_its_center_is_given():
     rows = {"cosine": [[0.1, -0.025]] * 4, "sine": [[0.2, -0.1]] * 4, "period": 5.0}
     path, robot = motion(kind="fourier", **rows)

@@ -18,9 +18,6 @@ MOTIONS = {
     "waypoints": pa.trajectories.Waypoints(
         [[0.0, 0.0, 0.0], [0.1, 0.0, 0.2], [0.1, -0.3, 0.1]], 0.8
     ),
-    "waypoints, seven joints": pa.trajectories.Waypoints(
-        np.outer([0.0, 1.0, -0.5], np.arange(7.0)), 0.8
-    ),
     "sinusoid from rest": pa.trajectories.Sinusoid([0.3, -0.2], [2.0, 1.0], [2.1, 1.3]),
     "sinusoid at speed": pa.trajectories.Sinusoid(0.1, [0.2, 0.5, -0.3], 3.0, phase=0.0),
     "fourier": pa.trajectories.FourierSeries(
@@ -60,11 +57,6 @@ def test_a_circle_starts_on_the_first_axis_of_its_plane_and_turns_to_the_second(
     assert np.allclose(later.at(0.0).x_d, circle.at(0.5).x_d)
 
 
-def test_a_lissajous_figure_has_one_sine_per_coordinate():
-    figure = pa.trajectories.Lissajous([1.0, 2.0], [0.1, 0.2], [1.0, 2.0], 4.0)
-    assert np.allclose(figure.at(0.5).x_d, [1.0 + 0.1 * math.sin(math.pi / 4), 2.0 + 0.2])
-
-
 def test_sinusoids_reproduce_references_from_the_literature():
     """Two-joint references in common use, at a time of no symmetry."""
     t, degrees = 0.23, np.radians([30.0, 45.0])
@@ -83,16 +75,6 @@ def test_a_fourier_series_is_the_sum_of_its_harmonics():
     expected += 0.3 * np.sin(w * t) - 0.4 * np.sin(2 * w * t)
     assert np.isclose(series.at(t).x_d[0], expected) and series.harmonics == 2
     assert np.allclose(series.at(t + 4.0).x_d, series.at(t).x_d)
-
-
-def test_waypoints_stop_at_every_point_and_hold_the_last():
-    points = np.array([[0.0, 0.0], [0.1, 0.3], [0.4, -0.2]])
-    motion = pa.trajectories.Waypoints(points, 0.8)
-    for t, point in [(0.0, points[0]), (0.8, points[1]), (1.6, points[2]), (9.0, points[2])]:
-        now = motion.at(t)
-        assert np.allclose(now.x_d, point, atol=1e-12)
-        assert np.allclose([now.xd_d, now.xdd_d], 0.0, atol=1e-9)
-    assert np.allclose(motion.at(0.4).x_d, points[1] / 2)  # a straight line, symmetric in time
 
 
 STATE, INPUT = np.array([1.0, -0.5, 2.0]), np.array([0.2, 0.3, -1.0])

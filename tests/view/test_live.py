@@ -2,6 +2,7 @@
 
 import socket
 import threading
+import time
 import urllib.error
 import urllib.request
 
@@ -12,7 +13,8 @@ import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.description.catalogue import robots_folder
 from pinadapt.view import LiveView
-from pinadapt.view.live import Broadcast, Server
+from pinadapt.view.drawing import Window
+from pinadapt.view.live import Server
 from tests.support.streams import parted
 
 pytestmark = pytest.mark.slow
@@ -41,10 +43,15 @@ def loop(duration, changes=None):
 def watched(duration, **options):
     """Run a loop with one reader; return what it received, the samples, and the view."""
     plant, controller, path, view = loop(duration, **options)
-    received = []
+    received = [b""]
 
     def read():
-        received.append(urllib.request.urlopen(view.url + "messages", timeout=20).read())
+        count = 0
+        while b'{"end"' not in received[0]:
+            answer = urllib.request.urlopen(f"{view.url}messages?{count}", timeout=20)
+            count = answer.headers["Count"]
+            received[0] += answer.read()
+            time.sleep(0.01)
 
     reader = threading.Thread(target=read)
     reader.start()
@@ -124,7 +131,7 @@ def test_run_live_prints_the_address_and_writes_the_usual_files(tmp_path, capsys
 )
 def test_requests_of_other_sites_are_refused(host):
     """DNS rebinding: a foreign name that points to this machine."""
-    server = Server("the page", Broadcast())
+    server = Server("the page", Window())
     port = int(server.url.rsplit(":", 1)[1].strip("/"))
     request = urllib.request.Request(server.url, headers={"Host": host.format(port=port)})
     with pytest.raises(urllib.error.HTTPError) as refused:

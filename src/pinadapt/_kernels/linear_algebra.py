@@ -127,28 +127,43 @@ def right_inverse_and_rate(
     missed (m) and y hold what psi misses, of the task's velocity and then of its acceleration.
     """
     m, n = J.shape
-    for i in range(m):
-        missed[i] = u[i]
-        for t in range(n):
-            missed[i] -= J[i, t] * psi[t]
+
+    def add_solution(target: np.ndarray, base: np.ndarray) -> None:
+        """Add J^T y, y = G (target - J base), to the base (n)."""
+        for i in range(m):
+            missed[i] = target[i]
+            for t in range(n):
+                missed[i] -= J[i, t] * base[t]
+        for i in range(m):
+            y[i] = 0.0
+            for j in range(m):
+                y[i] += gram_inverse[i, j] * missed[j]
+        for i in range(m):
+            for t in range(n):
+                base[t] += J[i, t] * y[i]
+
     for t in range(n):
         x[t], rate[t] = psi[t], psid[t]
-    for i in range(m):
-        y[i] = 0.0
-        for j in range(m):
-            y[i] += gram_inverse[i, j] * missed[j]
-        for t in range(n):
-            x[t] += J[i, t] * y[i]
-            rate[t] += Jdot[i, t] * y[i]
+    add_solution(u, x)
     for i in range(m):
         missed[i] = ud[i] - damping_rate * y[i]
         for t in range(n):
-            missed[i] -= Jdot[i, t] * x[t] + J[i, t] * rate[t]
-    for i in range(m):
-        z = 0.0
-        for j in range(m):
-            z += gram_inverse[i, j] * missed[j]
-        y[i] = z
-    for i in range(m):
-        for t in range(n):
-            rate[t] += J[i, t] * y[i]
+            missed[i] -= Jdot[i, t] * x[t]
+            rate[t] += Jdot[i, t] * y[i]
+    add_solution(missed, rate)
+
+
+@compiled("f8(f8[:], f8[:])", fills=0)
+def largest_share(x: np.ndarray, limits: np.ndarray) -> float:
+    """Return the norm of x / limits with the eighth power, slightly above its largest entry.
+
+    Zero where that is not finite.
+    """
+    largest, total = 0.0, 0.0
+    for i in range(len(x)):
+        largest = max(largest, abs(x[i] / limits[i]))
+    if not 0.0 < largest < math.inf:
+        return 0.0
+    for i in range(len(x)):
+        total += (x[i] / limits[i] / largest) ** 8
+    return largest * total**0.125

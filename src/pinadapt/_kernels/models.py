@@ -70,10 +70,11 @@ def observed_motion(
     ``columns`` (9, 1 + p) has s, w, and what is subtracted from d.
 
     ``motion`` (2, k, n + 1) becomes [dphi/dq, phi] and its rate, phi (k) the d one after the other,
-    for a pose three zeros whose rate is the angular velocity, and a one. y = N phi / z (m) with z =
+    a one, and for a pose three zeros whose rate is the angular velocity. y = N phi / z (m) with z =
     D phi. ``maps`` are N and D (m, k), ``constants`` with a_j added at the ``entries`` (j, 0 for N
-    or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the last column; J = G dphi/dq and
-    dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the derivative by a, Y that of the rate.
+    or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the column of the one; J = G
+    dphi/dq and dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the derivative by a, Y that
+    of the rate.
     """
 
     def cross(a: np.ndarray, b: np.ndarray, i: int) -> float:
@@ -81,7 +82,7 @@ def observed_motion(
         f, h = (i + 1) % 3, (i + 2) % 3
         return a[f] * b[h] - a[h] * b[f]
 
-    n, last = len(v), maps.shape[2] - 1
+    n, one, width = len(v), 3 * len(parent), maps.shape[2]
     Phi, Phid = motion[0], motion[1]
     turns, turn_rates, p, pd = S[3:], dS[3:], Phi[:3], Phid[:3]
     w, wd, turning, lever = scratch[0], scratch[1], scratch[2], scratch[3]
@@ -114,31 +115,31 @@ def observed_motion(
     for j in range(len(parent)):
         for i in range(3):
             Phi[3 * j + i, n] -= columns[i + 6, j]
-    for c in range(3 * len(parent), last):
-        i = c - 3 * len(parent)
+    for c in range(one + 1, width):
         Phid[c, n] = 0.0
         for t in range(n):
-            Phi[c, t], Phid[c, t] = turns[i, t], turn_rates[i, t]
-            Phid[c, n] += turns[i, t] * v[t]
+            Phi[c, t], Phid[c, t] = turns[c - one - 1, t], turn_rates[c - one - 1, t]
+            Phid[c, n] += Phi[c, t] * v[t]
 
     for i in range(len(y)):
-        for c in range(last + 1):
+        for c in range(width):
             maps[0, i, c], maps[1, i, c] = constants[0, i, c], constants[1, i, c]
     for k in range(len(entries)):
         maps[entries[k, 1], entries[k, 2], entries[k, 3]] += a[entries[k, 0]]
     for i in range(len(y)):
         N, D = maps[0, i], maps[1, i]
         top = depth = zd = yd[i] = Jdot_v[i] = 0.0
-        for c in range(last + 1):
+        for c in range(width):
             top += N[c] * Phi[c, n]
             depth += D[c] * Phi[c, n]
             zd += D[c] * Phid[c, n]
-        z = G[i, last] = max(depth, LEAST_DEPTH)
+        z = max(depth, LEAST_DEPTH)
         y[i] = top / z
         for t in range(n):
             J[i, t] = Jdot[i, t] = 0.0
-        for c in range(last):
-            g = G[i, c] = (N[c] - y[i] * D[c]) / z
+        for c in range(width):
+            g = (N[c] - y[i] * D[c]) / z
+            G[i, c] = g if c != one else z
             for t in range(n if g != 0.0 else 0):
                 J[i, t] += g * Phi[c, t]
                 Jdot[i, t] += g * Phid[c, t]
@@ -150,23 +151,22 @@ def observed_motion(
             X[i, j] = Y[i, j] = 0.0
     for k in range(len(entries)):
         j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
-        share = (1.0 if entries[k, 1] == 0 else -y[i]) / G[i, last]
+        share = (1.0 if entries[k, 1] == 0 else -y[i]) / G[i, one]
         X[i, j], Y[i, j] = share * Phi[c, n], share * Phid[c, n]
 
 
-@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:,:], f8[:,:])")
+@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:], f8[:,:])")
 def add_map_rates(
-    rate: np.ndarray, entries: np.ndarray, motion: np.ndarray, G: np.ndarray, Jdot: np.ndarray
+    rate: np.ndarray, entries: np.ndarray, motion: np.ndarray, z: np.ndarray, Jdot: np.ndarray
 ) -> None:
     """Add dN/dt dphi/dq / z to dJ/dt (m, n), for the rates (p) of N's parameters.
 
     The others are as in ``observed_motion``.
     """
-    last = G.shape[1] - 1
     for k in range(len(entries)):
         j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
-        for t in range(Jdot.shape[1] if entries[k, 1] == 0 and c < last else 0):
-            Jdot[i, t] += rate[j] * motion[0, c, t] / G[i, last]
+        for t in range(Jdot.shape[1] if entries[k, 1] == 0 else 0):
+            Jdot[i, t] += rate[j] * motion[0, c, t] / z[i]
 
 
 @compiled(
@@ -190,40 +190,31 @@ def add_joint_effects(
 ) -> None:
     """Write [Y_b, Y_j] (n, p) and tau_b + the joints' torque (n); Y_b and tau_b are the bodies'.
 
-    Of each of n joints, and of the shafts along directions (k, n), the torque is values . f, and
-    f = (a, v, s, g s, |s|, one) with s = tanh(v shape_0) (1 + shape_1 exp(-|v| shape_2)). An entry
-    of f is column ``columns`` (6, n + k) of Y_j, where that is not negative. ``one`` is that of a
-    constant torque, zero for the momentum.
+    Of each of m shafts along directions (m, n), the joints and then others, the torque is values .
+    f, and f = (a, v, s, g s, |s|, one) with s = tanh(v shape_0) (1 + shape_1 exp(-|v| shape_2)). An
+    entry of f is column ``columns`` (6, m) of Y_j, where that is not negative. ``one`` is that of a
+    constant torque, zero for the momentum; g (n) is that of the joints alone.
     """
     n, p = Y_b.shape
     for i in range(n):
         tau[i] = tau_b[i]
-        for j in range(p):
-            Y[i, j] = Y_b[i, j]
-        for j in range(p, Y.shape[1]):
-            Y[i, j] = 0.0
+        for j in range(Y.shape[1]):
+            Y[i, j] = Y_b[i, j] if j < p else 0.0
     for k in range(values.shape[1]):
-        u, w, load = 0.0, 0.0, 0.0
-        if k < n:
-            u, w, load = v[k], a[k], g[k]
-        else:
-            for i in range(n):
-                u += directions[k - n, i] * v[i]
-                w += directions[k - n, i] * a[i]
+        u, w, load = 0.0, 0.0, g[k] if k < n else 0.0
+        for i in range(n):
+            u += directions[k, i] * v[i]
+            w += directions[k, i] * a[i]
         s = math.tanh(u * shape[0, k])
         if shape[1, k] != 0.0:
             s *= 1.0 + shape[1, k] * math.exp(-abs(u) * shape[2, k])
-        for c, f in enumerate((w, u, s, load * s, abs(s), one)):
-            j = columns[c, k]
-            if k < n:
-                tau[k] += values[c, k] * f
-                if j >= 0:
-                    Y[k, p + j] = f
-            else:
-                for i in range(n):
-                    tau[i] += directions[k - n, i] * values[c, k] * f
-                    if j >= 0:
-                        Y[i, p + j] = directions[k - n, i] * f
+        for i in range(n):
+            if directions[k, i] == 0.0:
+                continue
+            for c, f in enumerate((w, u, s, load * s, abs(s), one)):
+                tau[i] += directions[k, i] * values[c, k] * f
+                if columns[c, k] >= 0:
+                    Y[i, p + columns[c, k]] = directions[k, i] * f
 
 
 @compiled(
@@ -251,22 +242,10 @@ def momentum_columns(
     axes. With the row s = (l, r) in the body's axes and its velocity (v, w), s^T h = m l^T v +
     mc^T (l x w + v x r) + r^T I w.
     """
-
-    def add(row: np.ndarray, sign: float, s: np.ndarray, m: np.ndarray) -> None:
-        """Add sign s^T h of a body moving at m = (v, w) to its ten entries of a row."""
-        for t in range(3):
-            f, h = (t + 1) % 3, (t + 2) % 3
-            row[0] += sign * s[t] * m[t]
-            lever = s[f] * m[h + 3] - s[h] * m[f + 3] + m[f] * s[h + 3] - m[h] * s[f + 3]
-            row[1 + t] += sign * lever
-            for e in range(t + 1):  # xx, xy, yy, xz, yz, zz
-                product = s[t + 3] * m[e + 3] + (s[e + 3] * m[t + 3] if e < t else 0.0)
-                row[4 + t * (t + 1) // 2 + e] += sign * product
-
     for i in range(Y_M.shape[0]):
         for j in range(Y_M.shape[1]):
             Y_M[i, j] = Y_0[i, j] = 0.0
-    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 6))
+    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 3))
     for b in range(len(R)):
         for t in range(3):
             for e in range(3):
@@ -284,7 +263,26 @@ def momentum_columns(
                 s[t + 3] += R[b, e, t] * J[e + 3, c]
                 d[t] += R[b, e, t] * rate
                 d[t + 3] += R[b, e, t] * Jdot[e + 3, c]
-        own = slice(PER_BODY * b, PER_BODY * b + PER_BODY)
-        add(Y_M[c, own], 1.0, s, V[b])
-        add(Y_0[c, own], 1.0, s, weights[b])
-        add(Y_0[c, own], -1.0, d, V[b])
+        g = weights[b]
+        v, w, i = V[b, :3], V[b, 3:], 10 * b
+        Y_M[c, i] = s[0] * v[0] + s[1] * v[1] + s[2] * v[2]
+        Y_0[c, i] = s[0] * g[0] + s[1] * g[1] + s[2] * g[2]
+        Y_0[c, i] -= d[0] * v[0] + d[1] * v[1] + d[2] * v[2]
+        for t in range(3):
+            f, h = (t + 1) % 3, (t + 2) % 3
+            Y_M[c, i + 1 + t] = s[f] * w[h] - s[h] * w[f] + v[f] * s[h + 3] - v[h] * s[f + 3]
+            Y_0[c, i + 1 + t] = (
+                g[f] * s[h + 3]
+                - g[h] * s[f + 3]
+                - (d[f] * w[h] - d[h] * w[f] + v[f] * d[h + 3] - v[h] * d[f + 3])
+            )
+        j = i + 4
+        for t in range(3):  # xx, xy, yy, xz, yz, zz
+            for e in range(t + 1):
+                if e == t:
+                    Y_M[c, j] = s[t + 3] * w[t]
+                    Y_0[c, j] = -d[t + 3] * w[t]
+                else:
+                    Y_M[c, j] = s[t + 3] * w[e] + s[e + 3] * w[t]
+                    Y_0[c, j] = -d[t + 3] * w[e] - d[e + 3] * w[t]
+                j += 1

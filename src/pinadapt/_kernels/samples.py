@@ -20,16 +20,18 @@ FARTHEST, FLOOR, UNKNOWN = range(3)
 # The trail: what is kept of the samples to compare the next one with. By channel how many were
 # bridged, and from BRIDGED on for how long [s, or samples with the same time]; numbers of all
 # joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
-BRIDGED, STEPPED, STEP, SEEN, SINCE, RECENT, ERROR, PLACE, TRAIL = 4, 8, 9, 10, 11, 12, 13, 16, 19
-RATE, RAW_Q, RAW_V, LEAST, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
-UNSEEN, DISPLACED, ROWS = 11, 12, 13
+BRIDGED, ERROR, PLACE, TRAIL = 4, 13, 16, 19
+STEPPED, STEP, SEEN, SINCE, RECENT = range(8, ERROR)
+RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
+UNSEEN, DISPLACED, SIZE, BOUND, STOOD_R, STOOD_C, ROWS = range(DISTRUST + 1, DISTRUST + 8)
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
 _SHARE = 0.25  # of the way, by which v may be off for good; half: 20 % is refused
-_REPEATED = 0.02  # [s] for which a v may be the same while q goes on, as one of 50 Hz; half: that
-# is refused, double: a stuck v is found as much later
-_COUNTS = 3.0  # least changes of q, by which a joint clearly moves from sample to sample
+_REPEATED = 0.02  # [s] for which q or v may be the same while the other goes on, as one of 50 Hz;
+# half: that is refused, double: a stuck one is found as much later
+_AT_ONCE = 2.0  # times the largest change of v in 0.2 s, by which a joint stops at once; half:
+# stops of coarse encoders are refused, double: one that freezes soon after a start is not found
 _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; half: ``safe`` brakes
 # late, double: counts of an encoder shake it
 
@@ -65,7 +67,8 @@ def check_joints(
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
       the nearest of these up to 100 ms: beyond tol + share max(|D|, |D - R|) + T (least change of
       any v, its resolution). There is no share of a v that is the same to the bit, and half of
-      tol if it is not zero; in the first 20 ms it is not judged.
+      tol if it is not zero; in the first 20 ms it is not judged. After 20 ms of a q that is the
+      same to the bit, the sums since then say the same, beyond tol.
     * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
       Only the momentum tells whether the joint did.
 
@@ -124,29 +127,34 @@ def check_joints(
         still_q = before[at + STILL_Q] + dt if same else 0.0
         still_v = before[at + STILL_V] + dt if follows and speed == before[at + RAW_V] else 0.0
 
-        tolerance, fastest, least = bounds[TOLERANCE, i], bounds[FASTEST, i], before[at + LEAST]
-        bound, C_late = tolerance + MEMORY * after[STEP], _LATE * C
+        tolerance, fastest, jitter = bounds[TOLERANCE, i], bounds[FASTEST, i], before[at + JITTER]
+        apart, C_late = tolerance + MEMORY * after[STEP], _LATE * C
         if still_v == 0.0:
-            bound += _SHARE * max(abs(D), abs(D - R))
+            apart += _SHARE * max(abs(D), abs(D - R))
         elif speed != 0.0:
-            bound, C_late = bound - 0.5 * tolerance, 0.0
+            apart, C_late = apart - 0.5 * tolerance, 0.0
+        R_late = R - min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
+        stood_R = leak * before[at + STOOD_R] + r if same else 0.0  # sums since q is the same
+        stood_C = leak * before[at + STOOD_C] + speed - rate if same else 0.0
+        C_late = _LATE * stood_C
+        stood = stood_R - min(max(stood_R, min(C_late, 0.0)), max(C_late, 0.0))
+        if still_q > _REPEATED and abs(stood) > tolerance:
+            R_late, apart = stood, tolerance
         jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
         leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
-        clear = abs(rate) > bounds[CLEAR, i] and abs(rate) * dt > _COUNTS * least > 0.0
-        no_q, no_v, kind = not math.isfinite(q[k] + way), not math.isfinite(speed), FOLLOWS
+        clear = abs(rate) > max(bounds[CLEAR, i], _AT_ONCE * jitter)
+        no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
+        kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
             kind = MISSING
         elif abs(speed) > fastest or leap:
-            kind = SPIKE
+            kind, size, bound = SPIKE, speed, min(fastest, abs(rate) + bounds[LEAP, i])
         elif abs(r) > jump or not circle:
-            kind = JUMP
-        elif (
-            not 0.0 < still_v < _REPEATED
-            and abs(R - min(max(R, min(C_late, 0.0)), max(C_late, 0.0))) > bound
-        ):
-            kind = APART
+            kind, size, bound = JUMP, r, jump
+        elif abs(R_late) > apart and not 0.0 < still_v < _REPEATED:
+            kind, size, bound = APART, R_late, apart
         elif same and speed == 0.0 and clear and not halted:
-            kind = STOPPED
+            kind, size, bound = STOPPED, rate, bounds[CLEAR, i]
         distrust = before[at + DISTRUST] if follows else 0.0
         if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
             distrust = 0.0
@@ -163,7 +171,6 @@ def check_joints(
             v_used[i] = rate * math.exp(-decay * dt)
         elif no_v and follows:
             v_used[i] = rate + (way - dt * rate) / max(dt, 1.0 / _DIFFERENCED)
-        step = abs(way)
         if no_q and follows:
             way = 0.5 * dt * (rate + v_used[i])
             q_used[k] = q_before[k] + way
@@ -177,9 +184,11 @@ def check_joints(
         turned += abs(way)
         wrong |= kind != FOLLOWS or distrust != 0.0
         after[at + RATE], after[at + RAW_Q], after[at + RAW_V] = v_used[i], q[k], speed
-        after[at + KIND] = kind
-        after[at + LEAST] = step if step > 0.0 and not 0.0 < least < step else least
+        after[at + KIND], after[at + SIZE], after[at + BOUND] = kind, size, bound
+        if kind != STOPPED:
+            after[at + JITTER] = max(leak * jitter, abs(speed - rate))
         after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C
+        after[at + STOOD_R], after[at + STOOD_C] = stood_R, stood_C
         after[at + STILL_Q], after[at + STILL_V], after[at + DISTRUST] = still_q, still_v, distrust
         after[at + UNSEEN] = before[at + UNSEEN] + dt if no_q and no_v else 0.0
         after[at + DISPLACED] = before[at + DISPLACED] + way if decay > 0.0 else 0.0

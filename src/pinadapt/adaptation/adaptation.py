@@ -164,17 +164,18 @@ class Adaptation(ABC):
     sources: tuple[str, ...] = ()
     torque_bandwidth: float | None = None
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the estimate to start from, ``validate(value)`` with an empty memory."""
-        return Estimate(np.asarray(self.validate(value), dtype=float))
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the estimate to start from, moved into the domain with a warning if necessary.
 
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p), moved into the domain with a warning if necessary.
+        Args:
+            value: (p) initial, or announced during a run.
+            information: (p, p) matrix of other data, whose best value it is: the inverse covariance
+                where that has full rank. Adaptations without a memory of data ignore it.
 
         Raises:
             ParameterError: the value cannot be used.
         """
-        return value
+        return Estimate(value)
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the domain, which no estimate ever leaves."""
@@ -192,28 +193,6 @@ class Adaptation(ABC):
         """
         return estimate.value
 
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate at an announced value (p).
-
-        Args:
-            estimate: before the announcement.
-            value: (p) the announced value.
-            start: (p) the new initial value, for adaptations that refer to it.
-        """
-        return estimate.with_value(value)
-
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with a memory of other data, whose best value is the estimate's.
-
-        Adaptations without a memory of data return the estimate itself.
-
-        Args:
-            estimate: at the start.
-            H: (p, p) information matrix of the other data, the inverse covariance where it has full
-                rank.
-        """
-        return estimate
-
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate for a record, with the memory for ``storage`` and ``project``."""
         return estimate
@@ -229,7 +208,8 @@ class Adaptation(ABC):
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held, here by an Euler step."""
         rate = self.rate(estimate, drive)
-        return Estimate(estimate.value + dt * rate.value, _moved(estimate.memory, rate.memory, dt))
+        memory = _moved(estimate.memory, rate.memory, dt) if rate.memory else ()
+        return Estimate(estimate.value + dt * rate.value, memory)
 
     @abstractmethod
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
@@ -305,14 +285,10 @@ class Wrapper(Adaptation):
         """Return the estimate with the inner adaptation's own memory."""
         return Estimate(estimate.value, estimate.memory[self._parts :])
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the inner adaptation's start, with the value validated by this one."""
-        inner = self.inner.init(self.validate(value))
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the inner adaptation's start, with this one's parts before its memory."""
+        inner = self.inner.init(value, information)
         return _after(self._own(inner.value), inner)
-
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p) validated by the inner adaptation."""
-        return self.inner.validate(value)
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the inner adaptation's domain."""
@@ -327,14 +303,6 @@ class Wrapper(Adaptation):
         """Return the value (p) that the inner adaptation uses at q (nq)."""
         return self.inner.project(self._inner(estimate), q)
 
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the inner adaptation's estimate at an announced value (p)."""
-        return _after(self._own(start), self.inner.reset_to(self._inner(estimate), value, start))
-
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with the inner adaptation's memory of other data."""
-        return _after(estimate.memory[: self._parts], self.inner.informed(self._inner(estimate), H))
-
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record keeps: this one's parts and those of the inner adaptation."""
         return _after(estimate.memory[: self._parts], self.inner.recorded(self._inner(estimate)))
@@ -343,23 +311,36 @@ class Wrapper(Adaptation):
         """Return the drive of the inner adaptation."""
         return drive
 
+    def _added(self, estimate: Estimate, drive: Drive) -> np.ndarray | None:
+        """Return what is added to the inner rate of the value (p), None for nothing."""
+        return None
+
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates."""
-        return self.inner.rate(estimate, self._driven(estimate, drive))
+        """Return the inner adaptation's rates, and what this one adds to the value's."""
+        rate = self.inner.rate(self._inner(estimate), self._driven(estimate, drive))
+        still = tuple(np.zeros(part.shape) for part in estimate.memory[: self._parts])
+        added = self._added(estimate, drive)
+        return _after(still, rate if added is None else rate.with_value(rate.value + added))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
-        return self.inner.step(estimate, self._driven(estimate, drive), dt)
+        inner = self.inner.step(self._inner(estimate), self._driven(estimate, drive), dt)
+        return _after(estimate.memory[: self._parts], inner)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
         return self.inner.storage(self._inner(estimate), truth)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt, and da^T (g - g'), g' of its drive."""
-        driven = self._driven(estimate, drive)
-        removed = (estimate.value - truth) @ (drive.gradient - driven.gradient)
-        return float(removed) + self.inner.dissipation(estimate, driven, truth)
+        """Return what the inner adaptation adds to dV/dt, and what this one changes.
+
+        That is da^T (g - g') for the drive g' of the inner one, and the power of what is added.
+        """
+        inner, driven = self._inner(estimate), self._driven(estimate, drive)
+        total = self.inner.dissipation(inner, driven, truth)
+        total += float((estimate.value - truth) @ (drive.gradient - driven.gradient))
+        added = self._added(estimate, drive)
+        return total if added is None else total + self.inner.power(inner, added, truth)
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""
@@ -402,13 +383,9 @@ class Stacked(Adaptation):
         """Whether a block's adaptation may move its value."""
         return any(part.projects for part, _ in self.parts)
 
-    def init(self, value: np.ndarray) -> Estimate:
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the estimate to start from; its memory holds one memory a block."""
         return _joined([part.init(value[block]) for part, block in self.parts])
-
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p), each block validated by its adaptation."""
-        return np.concatenate([part.validate(value[block]) for part, block in self.parts])
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether each block of a value (p) is in the domain of its adaptation."""
@@ -421,13 +398,6 @@ class Stacked(Adaptation):
         kept = all(block is own.value for block, (_, _, own) in zip(blocks, split, strict=True))
         return estimate.value if kept else np.concatenate(blocks)
 
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate with each block reset by its adaptation to an announced value."""
-        split = self._split(estimate)
-        return _joined(
-            [part.reset_to(own, value[block], start[block]) for part, block, own in split]
-        )
-
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
         split = self._split(estimate)
@@ -435,8 +405,12 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        split = self._split(estimate)
-        return _joined([part.step(own, drive.columns(block), dt) for part, block, own in split])
+        value, memories = np.empty(estimate.value.size), []
+        for part, block, own in self._split(estimate):
+            after = part.step(own, drive.columns(block), dt)
+            value[block] = after.value
+            memories.append(after.memory)
+        return Estimate(value, tuple(memories))
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""

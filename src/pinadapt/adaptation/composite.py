@@ -71,13 +71,15 @@ class Composite(Wrapper):
         super().__init__(inner)
         self.name = _NAMES.get(inner.name, (inner.name,))[0]
         self.torque_bandwidth = positive(bandwidth, "prediction_filter")
+        if (weight is None) == (rate is None):
+            raise GainError("expected either a weight or a rate.", where="prediction_rate")
         self.weight = PredictionWeight(weight, rate, floor)
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with its weight R; unchanged without a prediction error."""
         if drive.W is None:
             return drive
-        return drive.weighted(self.weight.at(drive.W, partial(self.inner.gain_times, estimate)))
+        return drive.weighted(self.weight.at(drive, partial(self.inner.gain_times, estimate)))
 
 
 class CompositeMemory(Wrapper):
@@ -197,13 +199,16 @@ class CompositeMemory(Wrapper):
         told = np.zeros(p) if self.prior is None else self.prior.dot(start)
         return np.zeros((p, p)), np.zeros(p), np.zeros(p), np.zeros(1), told
 
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with A = unit H and b = A a_hat.
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the inner adaptation's start, with A = unit H and b = A a_hat for other data.
 
         Where the other data's best value is off by e, dV/dt changes by (rho / kappa) da^T
         (I + A P)^-1 A e besides: the memory keeps the other data with the stated accuracy.
         """
-        A = self.unit * H
+        estimate = super().init(value)
+        if information is None:
+            return estimate
+        A = self.unit * information
         return Estimate(estimate.value, (A, A.dot(estimate.value), *estimate.memory[2:]))
 
     def recorded(self, estimate: Estimate) -> Estimate:

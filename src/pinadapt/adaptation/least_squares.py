@@ -25,38 +25,39 @@ class PredictionWeight:
     rate diag(floor)^-1.
 
     Attributes:
-        constant: (n, n) or (n) or a number; None: by the rate.
-        rate: [1/s], zero for a constant weight.
+        constant: (n, n) or (n) or a number, or None.
+        rate: [1/s], or zero. With neither the weight is that of the drive.
         floor: a positive number, or one per row, in units of W Gamma W^T.
     """
 
     def __init__(self, weight: ArrayLike | None, rate: float | None, floor: ArrayLike) -> None:
-        """Choose either a constant weight or a rate [1/s] with its floor.
+        """Choose a constant weight, or a rate [1/s] with its floor.
 
         Raises:
-            GainError: neither or both, or numbers that are not positive (definite).
+            GainError: numbers that are not positive (definite).
         """
-        if (weight is None) == (rate is None):
-            raise GainError("expected either a weight or a rate.", where="prediction_rate")
         self.constant, self.rate, self.floor = None, 0.0, np.ones(1)
-        if rate is None:
+        if weight is not None:
             self.constant = numbers(weight, "weight", error=GainError)
             definite_matrix(self.constant, len(np.atleast_1d(self.constant)), "weight")
-            return
-        self.rate = positive(rate, "prediction_rate")
-        self.floor = np.atleast_1d(numbers(floor, "floor", error=GainError))
-        if not (self.floor > 0.0).all():
-            raise GainError("must be positive; at rest only it bounds the weight.", where="floor")
+        if rate is not None:
+            self.rate = positive(rate, "prediction_rate")
+            self.floor = np.atleast_1d(numbers(floor, "floor", error=GainError))
+            if not (self.floor > 0.0).all():
+                raise GainError("must be positive; at rest it bounds the weight.", where="floor")
 
-    def at(self, W: np.ndarray, times_Gamma: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Return R (n, n) for W (n, p), with a function that multiplies W^T by Gamma."""
-        n, constant = len(W), self.constant
-        if constant is not None:
-            return constant if constant.ndim == 2 else np.diag(np.broadcast_to(constant, n))
-        S = W.dot(times_Gamma(W.T))
-        S.flat[:: n + 1] += self.floor
-        R = self.rate * np.linalg.inv(S)
-        return np.asarray(0.5 * (R + R.T))
+    def at(self, drive: Drive, times_Gamma: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return R (n, n) for a drive with W (n, p), by a function that multiplies by Gamma."""
+        W, constant = drive.W, self.constant
+        assert W is not None
+        if self.rate:
+            S = W.dot(times_Gamma(W.T))
+            S.flat[:: len(W) + 1] += self.floor
+            R = self.rate * np.linalg.inv(S)
+            return np.asarray(0.5 * (R + R.T))
+        if constant is None:
+            return np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
+        return constant if constant.ndim == 2 else np.diag(np.broadcast_to(constant, len(W)))
 
 
 class LeastSquares(Adaptation):
@@ -141,33 +142,20 @@ class LeastSquares(Adaptation):
         self.directional, self.unit = flag(directional, "directional"), positive(unit, "unit")
         if self.directional:
             self.sources = (*self.sources, "SalgadoGoodwinMiddleton1988")
-        weight = None if rate is not None else weight
-        self._weight, self._rate, self._floor = None, 0.0, np.ones(1)
+        self._weight = PredictionWeight(weight if rate is None else None, rate, floor)
         if bandwidth is not None:
             self.torque_bandwidth = positive(bandwidth, "prediction_filter")
-        if bandwidth is not None or weight is not None or rate is not None:
-            self._weight = PredictionWeight(weight, rate, floor)
-            self._rate, self._floor = self._weight.rate, self._weight.floor
+            if weight is None and rate is None:
+                raise GainError("a torque's error needs a weight or a rate.", where="weight")
 
-    def init(self, value: np.ndarray) -> Estimate:
-        """Return the estimate to start from, with P(0)."""
-        return Estimate(super().init(value).value, (self._prior,))
-
-    def informed(self, estimate: Estimate, H: np.ndarray) -> Estimate:
-        """Return the estimate with the gain (P(0)^-1 + unit H)^-1."""
-        return Estimate(estimate.value, (self._prior + self.unit * H,))
-
-    def reset_to(self, estimate: Estimate, value: np.ndarray, start: np.ndarray) -> Estimate:
-        """Return the estimate at an announced value (p), with P(0) again."""
-        return Estimate(value, (self._prior,))
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the estimate to start from, with P(0), or (P(0)^-1 + unit H)^-1."""
+        H = self._prior if information is None else self._prior + self.unit * information
+        return Estimate(value, (H,))
 
     def weight(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return R (l, l) for a drive with a prediction error."""
-        W = drive.W
-        assert W is not None
-        if self._weight is None:
-            return np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
-        return self._weight.at(W, partial(self.gain_times, estimate))
+        return self._weight.at(drive, partial(self.gain_times, estimate))
 
     def size(self, information: np.ndarray) -> float:
         """Return |P|, the largest eigenvalue of P relative to P(0), for P^-1 (p, p)."""
@@ -211,14 +199,14 @@ class LeastSquares(Adaptation):
 
         Of P^-1 the share ``kept`` is left, and the share ``restored`` of P(0)^-1 is added.
         """
+        if not self._weight.rate:
+            drive = drive.weighted(self.weight(estimate, drive))
         information, W, r = self._information(estimate), drive.W, drive.residual
         assert W is not None and r is not None
-        if self._weight is not None and not self._rate:
-            drive = drive.weighted(self.weight(estimate, drive))
         R = np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
         rate, after = empty(len(information)), empty(information.shape)
         kernels.fit(
-            information, W, r, R, drive.gradient, self._rate, self._floor,
+            information, W, r, R, drive.gradient, self._weight.rate, self._weight.floor,
             dt, kept, restored, self._prior, rate, after,
         )  # fmt: skip
         return rate, after

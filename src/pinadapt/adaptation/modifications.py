@@ -59,27 +59,15 @@ class Leak(Wrapper):
         """Return a_0."""
         return (start.copy(),)
 
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner adaptation's rates, the value's with the leak."""
-        rate, start = self.inner.rate(self._inner(estimate), drive), estimate.memory[0]
-        value = rate.value + self._leak(estimate, drive)
-        return Estimate(value, (np.zeros(start.size), *rate.memory))
+    def _added(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return -lambda (a - a_0) (p)."""
+        return np.asarray(self.leak_rate(drive) * (estimate.memory[0] - estimate.value))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s], mixed with a_0."""
-        start = estimate.memory[0]
-        after = self.inner.step(self._inner(estimate), drive, dt)
+        after, start = super().step(estimate, drive, dt), estimate.memory[0]
         share = -math.expm1(-self.leak_rate(drive) * dt)
-        return Estimate(after.value + share * (start - after.value), (start, *after.memory))
-
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation adds to dV/dt, and -lambda da^T Gamma^-1 (a - a_0)."""
-        inner, leak = self._inner(estimate), self._leak(estimate, drive)
-        return self.inner.dissipation(inner, drive, truth) + self.inner.power(inner, leak, truth)
-
-    def _leak(self, estimate: Estimate, drive: Drive) -> np.ndarray:
-        """Return -lambda (a - a_0) (p)."""
-        return np.asarray(self.leak_rate(drive) * (estimate.memory[0] - estimate.value))
+        return after.with_value(after.value + share * (start - after.value))
 
 
 class ErrorLeak(Leak):

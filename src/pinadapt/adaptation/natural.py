@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -52,31 +51,24 @@ class MatrixInequality:
 
         Args:
             F: (p, n, n) coefficient matrices of a block.
-            blocks: k.
+            blocks: k; of several blocks the matrices must span all symmetric ones.
 
         Raises:
-            ParameterError: wrong shape; matrices that are not symmetric or linearly dependent; or
-                several blocks whose matrices do not span all symmetric ones.
+            ParameterError: wrong shape, or matrices that are not symmetric or linearly dependent.
         """
-        self.F = numbers(F, "LMI", error=ParameterError)
-        if self.F.ndim != 3 or self.F.shape[1] != self.F.shape[2] or not self.F.size:
+        self.F = F = numbers(F, "LMI", error=ParameterError)
+        valid = F.ndim == 3 and F.size > 0 and F.shape[1] == F.shape[2]
+        valid = valid and np.allclose(F, F.transpose(0, 2, 1))
+        if not valid or np.linalg.matrix_rank(F.reshape(len(F), -1)) < len(F):
             raise ParameterError(
-                f"expected p square matrices, shape (p, n, n), got {self.F.shape}.", where="LMI"
+                "expected p symmetric and linearly independent matrices, shape (p, n, n), got "
+                f"shape {F.shape}.",
+                where="LMI",
             )
-        if not np.allclose(self.F, self.F.transpose(0, 2, 1)):
-            raise ParameterError("the coefficient matrices must be symmetric.", where="LMI")
         self.blocks = whole(blocks, "blocks", 0, most=MOST_PARAMETERS)
-        self._p, self._n, _ = self.F.shape
-        flat = self.F.reshape(self._p, -1)
-        if np.linalg.matrix_rank(flat) < self._p:
-            raise ParameterError(
-                "the coefficient matrices must be linearly independent.", where="LMI"
-            )
+        self._p, self._n, _ = F.shape
+        flat = F.reshape(self._p, -1)
         self.complete = self._p == self._n * (self._n + 1) // 2
-        if blocks > 1 and not self.complete:
-            raise ParameterError(
-                "several blocks need coefficients that span all symmetric matrices.", where="LMI"
-            )
         self._flat, self._dual = flat, np.linalg.solve(flat @ flat.T, flat)  # rows F_i and D_i
         dual = _entries(self._dual.reshape(self.F.shape))
         self._constants = (self._p, self._n, *_entries(self.F), *dual)
@@ -191,11 +183,7 @@ class BodyInequality(MatrixInequality):
         """
         self._names = tuple(name_list(names, "names"))
         super().__init__(COEFFICIENTS, blocks=len(self._names))
-        self._repair = partial(
-            nearest_physical,
-            least_mass=positive(least_mass, "least_mass", error=InputError),
-            least_radius=positive(least_radius, "least_radius", error=InputError),
-        )
+        self._least = {"least_mass": least_mass, "least_radius": least_radius}
 
     def validate(self, a: np.ndarray) -> np.ndarray:
         """Return a (10 k) with unphysical bodies made physical; a warning names them."""
@@ -208,7 +196,7 @@ class BodyInequality(MatrixInequality):
             stacklevel=2,
         )
         repaired = [
-            self._repair(pi) if name in names else pi
+            nearest_physical(pi, **self._least) if name in names else pi
             for name, pi in zip(self._names, a.reshape(-1, PER_BODY), strict=True)
         ]
         return np.concatenate(repaired)
@@ -268,9 +256,9 @@ class Natural(Adaptation):
             self._scale = np.repeat(self.shares, cone.size // cone.blocks)
             self._gammas = self.gamma * self.shares
 
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return an initial value (p) inside the cone; see ``MatrixInequality.validate``."""
-        return self.cone.validate(value)
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the estimate to start from, inside the cone; see ``MatrixInequality.validate``."""
+        return Estimate(self.cone.validate(value))
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is inside the cone."""
@@ -291,11 +279,11 @@ class Natural(Adaptation):
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the log-det divergence from the truth over gamma; None outside the cone."""
-        if not np.isfinite(estimate.value).all():
+        both = np.stack([self.cone.matrices(estimate.value), self.cone.matrices(truth)])
+        if not np.isfinite(both).all():
             return None
         try:
-            both = [self.cone.matrices(estimate.value), self.cone.matrices(truth)]
-            L, L_true = np.linalg.cholesky(np.stack(both))
+            L, L_true = np.linalg.cholesky(both)  # more accurate than P for thin bodies
         except np.linalg.LinAlgError:
             return None
         roots = np.diagonal(L, axis1=1, axis2=2) / np.diagonal(L_true, axis1=1, axis2=2)
@@ -340,8 +328,8 @@ class ExponentiatedGradient(Adaptation):
             raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
         self._rates = self.gamma * self.scale
 
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p) if all its entries are positive.
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the estimate to start from, if all its entries are positive.
 
         Raises:
             ParameterError: they are not.
@@ -351,7 +339,7 @@ class ExponentiatedGradient(Adaptation):
                 f"the initial joint coefficients must be positive, got {value.tolist()}.",
                 where="start.a_d",
             )
-        return value
+        return Estimate(value)
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether all entries of a value (p) are positive."""

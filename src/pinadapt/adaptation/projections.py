@@ -16,12 +16,13 @@ from numpy.typing import ArrayLike
 from .._checks import vector
 from .._kernels import estimates as kernels
 from ..exceptions import DivergedError, GainError, ParameterError
+from ..models.bodies import InertialModel
 from ..models.dynamics import Dynamics
-from ..models.inertial_model import InertialModel
 from ..robot.robot import Robot
 from .adaptation import Adaptation, Drive, Estimate, Wrapper
 from .gradient import Gradient
 
+_BOX = "limits.box"
 _LEAST_RATIO = 0.10  # of M_hat to M_0: where the projection acts,
 _RESTORED_RATIO = 0.12  # and the ratio that it restores
 _LOST = "the estimated mass matrix could not be kept positive definite."
@@ -56,7 +57,6 @@ class BoxProjection(Wrapper):
         high: ArrayLike,
         *,
         names: Sequence[str] = (),
-        where: str = "box",
     ) -> None:
         """Wrap an adaptation with a box.
 
@@ -65,52 +65,57 @@ class BoxProjection(Wrapper):
             low: (p) lower bounds.
             high: (p) upper bounds.
             names: of the parameters, for messages.
-            where: of the box in the user's input, for messages.
 
         Raises:
             ParameterError: bounds of the wrong size, not finite, or crossed.
         """
         super().__init__(inner)
-        size = vector(low, None, where, error=ParameterError).size
+        size = vector(low, None, _BOX, error=ParameterError).size
         self._names = tuple(names) or tuple(f"parameter {i + 1}" for i in range(size))
-        self._where = where
-        self.low = vector(low, len(self._names), where, names=self._names, error=ParameterError)
-        self.high = vector(high, len(self._names), where, names=self._names, error=ParameterError)
+        self.low, self.high = (
+            vector(bounds, len(self._names), _BOX, names=self._names, error=ParameterError)
+            for bounds in (low, high)
+        )
         if empty := [self._names[i] for i in np.flatnonzero(self.low >= self.high)]:
             raise ParameterError(
-                f"the lower bounds of {empty} are not below the upper bounds.", where=where
+                f"the lower bounds of {empty} are not below the upper bounds.", where=_BOX
             )
 
-    def validate(self, value: np.ndarray) -> np.ndarray:
-        """Return the initial value (p) if it lies in the box.
+    def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
+        """Return the inner adaptation's start, if that lies in the box.
 
         Raises:
             ParameterError: it does not.
         """
-        value = self.inner.validate(value)
+        estimate = super().init(value, information)
+        value = estimate.value
         if outside := np.flatnonzero((value < self.low) | (value > self.high)).tolist():
             i = outside[0]
             raise ParameterError(
                 f"the initial estimate {self._names[i]} = {value[i]:.4g} is outside its box "
                 f"[{self.low[i]:.4g}, {self.high[i]:.4g}].",
-                where=self._where,
+                where=_BOX,
                 hint="Start inside the box, or give a wider one.",
             )
-        return value
+        return estimate
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the box and in the inner adaptation's domain."""
         inside = (self.low <= value).all() and (value <= self.high).all()
         return bool(inside) and self.inner.contains(value)
 
-    def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
-        """Return the inner rates; on the boundary the value's does not point out of the box."""
-        rate = self.inner.rate(estimate, drive)
-        return rate.with_value(self._inward(rate.value, estimate))
+    def _added(self, estimate: Estimate, drive: Drive) -> np.ndarray | None:
+        """Return what keeps the rate of a value on the boundary from pointing out of the box."""
+        if kernels.inside(estimate.value, self.low, self.high):
+            return None
+        free = self.inner.rate(estimate, drive).value
+        return self._inward(free, estimate) - free
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the value (p) of ``rate``."""
-        return self._inward(self.inner.value_rate(estimate, drive), estimate)
+        rate = self.inner.value_rate(estimate, drive)
+        inside = kernels.inside(estimate.value, self.low, self.high)
+        return rate if inside else self._inward(rate, estimate)
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
@@ -121,18 +126,10 @@ class BoxProjection(Wrapper):
         nearest = self._nearest(after.value, self.low, self.high, updated)
         return after.with_value(self._within_domain(estimate.value, nearest))
 
-    def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
-        """Return what the inner adaptation and the projection add to dV/dt."""
-        own = self.inner.dissipation(estimate, drive, truth)
-        free = self.inner.rate(estimate, drive).value
-        return own + self.inner.power(estimate, self._inward(free, estimate) - free, truth)
-
     def _inward(self, rate: np.ndarray, at: Estimate) -> np.ndarray:
         """Return the rate (p) nearest to a given one that does not point out of the box."""
-        a = at.value
-        if kernels.inside(a, self.low, self.high):
-            return rate
-        low, high = np.where(a <= self.low, 0.0, -np.inf), np.where(a >= self.high, 0.0, np.inf)
+        low = np.where(at.value <= self.low, 0.0, -np.inf)
+        high = np.where(at.value >= self.high, 0.0, np.inf)
         return self._nearest(rate, low, high, at)
 
     def _nearest(

@@ -127,7 +127,7 @@ def robots(options: argparse.Namespace) -> int:
             str(each.joints),
             each.task,
             each.frame,
-            "pinadapt" if each.path else each.origin,
+            each.origin,
             each.about,
         )
         for each in catalogue().values()

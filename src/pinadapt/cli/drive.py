@@ -39,10 +39,7 @@ _STAGES = {
     "slow": (Stage.SLOW, "the motion five times slower, without adaptation"),
     "adapt": (Stage.ADAPT, "the motion with adaptation"),
 }
-_COLLISION = {
-    "collision": (7, "NM", "external torques at which the robot's own reflex stops it"),
-    "forces": (6, "N", "the same for force and torque at the flange"),
-}
+_COLLISION = ("collision", "forces")
 _FRANKA = {
     "title": "Franka, load unknown",
     "robot": {"source": "panda", "task": "joint"},
@@ -91,10 +88,20 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="load that is set on the robot, which then compensates it (Franka): mass, com "
         """and inertia in the axes of the flange, such as '{"mass": 0.7, "com": [0, 0, 0.1]}'""",
     )
-    for name, (number, unit, text) in _COLLISION.items():
-        parser.add_argument(
-            f"--{name}", type=float, nargs=number, metavar=unit, help=f"{text} (Franka)"
-        )
+    parser.add_argument(
+        "--collision",
+        type=float,
+        nargs=7,
+        metavar="NM",
+        help="external torques at which the robot's own reflex stops it (Franka)",
+    )
+    parser.add_argument(
+        "--forces",
+        type=float,
+        nargs=6,
+        metavar="N",
+        help="the same for force and torque at the flange (Franka)",
+    )
     parser.add_argument("--core", type=at_least(1), metavar="N", help="processor core to stay on")
     parser.add_argument(
         "--safety",
@@ -314,14 +321,11 @@ def replay(options: argparse.Namespace) -> int:
     found = log.replay(scenario.controller)
     if not found.torque.size:
         raise InputError("this log contains no torque of a controller.", where=str(options.log))
+    names = scenario.controller.kinematics.joint_names
+    largest = np.abs(found.torque - found.logged).max(axis=0)
     rows = [
-        (name, *(f"{value:.4g}" for value in values))
-        for name, *values in zip(
-            scenario.controller.kinematics.joint_names,
-            found.difference,
-            np.abs(found.torque - found.logged).max(axis=0),
-            strict=True,
-        )
+        (name, f"{rms:.4g}", f"{most:.4g}")
+        for name, rms, most in zip(names, found.difference, largest, strict=True)
     ]
     header = ("[N m, N]", "difference, rms", "largest")
     print(Sheet(f"{len(log)} cycles of {options.log}", [Table(rows, header)]))
@@ -351,6 +355,5 @@ def tell(options: argparse.Namespace) -> int:
     """
     value = None if options.value is None else _json(options.value, "value")
     for key, part in tell_loop(options.port, options.what, value).items():
-        if key != "about":
-            print(f"{key}: {part}")
+        print(f"{key}: {part}")
     return DONE

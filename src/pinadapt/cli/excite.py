@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from ..excitation.exciting_motion import ExcitingMotion
 from ..excitation.exciting_motion import excite as find
 from ..robot.loading import load
 from ..scenario.scenario import Scenario
-from ..scenario.tables import Tables, moved
+from ..scenario.tables import Tables, at_folder
 from ..tuning.unknowns import Unknown
 from .command_line import (
     add_arguments_of,
@@ -77,9 +76,9 @@ def excite(options: argparse.Namespace) -> int:
     tables, motion = _of_scenario(options) if _is_scenario(source) else _of_robot(options)
     print(motion)
     folder = Path(source).parent if _is_scenario(source) else Path()
-    tables = exciting_tables(tables, motion, folder, out.parent)
+    tables = exciting_tables(at_folder(tables, folder.absolute()), motion)
     scenario = Scenario.build(tables, out.parent)
-    write_text(out, exciting_text(tables))
+    write_text(out, f"# {_HEADER}\n{tomlkit.dumps(tables)}")
     warn_of_findings(scenario)
     print(f"\npinadapt run {out}")
     return 0
@@ -153,28 +152,13 @@ _OF_TRANSLATIONS = (
 _HEADER = "A motion that excites the unknown parameters, found by `pinadapt excite`."
 
 
-def exciting_tables(
-    tables: Tables, motion: ExcitingMotion, source_folder: Path, folder: Path
-) -> Tables:
+def exciting_tables(tables: Tables, motion: ExcitingMotion) -> Tables:
     """Return the tables of a scenario with joints that follow a motion.
 
     Task, motion and duration are replaced. Keys of unknown translations are removed, as these do
     not influence the joints. Everything else stays.
-
-    Args:
-        tables: the scenario.
-        motion: the motion to follow.
-        source_folder: folder to which paths in ``tables`` are relative.
-        folder: folder to which paths in the result are relative.
     """
-
-    def move(name: str) -> str:
-        """Return a path relative to the other folder; an absolute one stays."""
-        if Path(name).is_absolute():
-            return name
-        return os.path.relpath((source_folder / name).absolute(), folder.absolute())
-
-    whole = moved(tables, move)
+    whole = dict(tables)
     for section, keys in _OF_TRANSLATIONS:
         for key in keys:
             whole.get(section, {}).pop(key, None)
@@ -182,16 +166,3 @@ def exciting_tables(
     whole["trajectory"] = motion.reference()
     whole["simulation"] = {**whole.get("simulation", {}), "duration": motion.duration}
     return whole
-
-
-def exciting_text(tables: Tables) -> str:
-    """Return tables as TOML text."""
-    document = tomlkit.document()
-    document.add(tomlkit.comment(_HEADER))
-    for key, value in tables.items():
-        document[key] = value
-    for name in ("cosine", "sine"):
-        rows = tomlkit.array().multiline(True)  # a line for each joint
-        rows.extend(tables["trajectory"][name])
-        document["trajectory"][name] = rows
-    return tomlkit.dumps(document)

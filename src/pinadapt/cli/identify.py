@@ -338,8 +338,6 @@ def _write_import_options(
     check = check_torques(log, described)
     about = [
         f"How {source.name} is read by `pinadapt identify`, as a log of {robot.name}.",
-        f"Joints: {', '.join(robot.joint_names)}.",
-        f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms.",
         f"Checked: {check.verdict}",
     ]
     write_text(place, intake.text(about))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from .._output import check_writable
 from ..exceptions import InputError
@@ -77,8 +76,8 @@ def sweep(options: argparse.Namespace) -> int:
         return _alone(plan, options.case, folder)
     if given.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    resume = options.resume or options.retry
-    claimed(folder, plan, resume=resume, anew=options.force)
+    if not given.is_dir():
+        claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
     try:
         table = run_plan(plan, options.processes, folder, retry=options.retry)
     except KeyboardInterrupt:
@@ -98,25 +97,19 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
         InputError: a folder holds no sweep, or something is varied that the folder has fixed.
     """
     path: Path = options.scenario
-    own = {
-        name: getattr(options, name)
-        for name in ("samples", "method", "repeat", "seed", "timeout", "success")
-    }
+    names = ("samples", "method", "repeat", "seed", "timeout", "success")
+    own = {name: getattr(options, name) for name in names}
     if not path.is_dir():
         plan = Plan.read(path, options.vary, options.set, **own)
         return plan, options.out or Path("out") / f"{path.stem}-sweep"
-    fixed = [name for name in ("samples", "method", "repeat", "seed") if own[name] is not None]
-    fixed += [name for name in ("vary", "set") if getattr(options, name)]
+    fixed = [name for name in (*names, "vary", "set") if getattr(options, name) not in (None, [])]
     if fixed:
         raise InputError(
             f"{', '.join(fixed)}: the folder holds a sweep, which says this.",
             where=str(path),
             hint=f"Change a copy of {path / COPY} and run that in another folder.",
         )
-    changed: dict[str, Any] = {
-        name: own[name] for name in ("timeout", "success") if own[name] is not None
-    }
-    return Plan.of(Plan.load(path).tables() | changed), path
+    return Plan.load(path), path
 
 
 def _alone(plan: Plan, number: int, folder: Path) -> int:
@@ -141,12 +134,12 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
 
 def _show(table: CaseTable, plan: Plan, column: str, folder: Path) -> int:
     """Print the report of a table and write its page."""
-    from ..sweep.sweep_report import PAGE, Report  # here, because matplotlib is slow to import
+    from ..sweep.sweep_report import PAGE, SweepReport  # here, because matplotlib is slow to import
 
     if not len(table):
         print(f"no case has run; go on: pinadapt sweep {folder} --resume")
         return DONE
-    report = Report(table, plan, column, folder)
+    report = SweepReport(table, plan, column, folder)
     report.save(folder)
     print(report.sheet())
     print(f"\nwritten to {folder}, see {folder / PAGE}")

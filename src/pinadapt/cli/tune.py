@@ -72,8 +72,10 @@ def tune(options: argparse.Namespace) -> int:
         executor=options.processes,
         **{name: value for name, value in given.items() if value is not None},
     )
-    write_text(folder / FILE, json.dumps(found.summary(), indent=2) + "\n")
-    if found.better:
-        print("--set " + " ".join(f"{key}={value}" for key, value in found.gains.items()))
+    write_text(folder / FILE, json.dumps(found.numbers, indent=2) + "\n")
+    if found.numbers["better"]:
+        print(
+            "--set " + " ".join(f"{key}={value}" for key, value in found.numbers["gains"].items())
+        )
     print(f"{found}\n\nwritten to {folder}")
     return DONE

@@ -58,33 +58,28 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def zoo(options: argparse.Namespace) -> int:
     """Run the zoo, print one table and write ``zoo.json``; a failure is a row of the table."""
-    names = (
-        [catalogue_entry(name).name for name in options.robots]
-        if options.robots
-        else zoo_names(options.task)
-    )
+    names = zoo_names(options.task)
+    if options.robots:
+        names = [catalogue_entry(name).name for name in options.robots]
     folder: Path = options.out
     check_writable(folder, [TABLE])
     coming = run_zoo(
         names, options.law, seed=options.seed, processes=options.processes, task=options.task
     )
-    found: dict[str, Mapping[str, Any]] = {}
     rows: list[Mapping[str, Any]] = []
     status = DONE
     try:
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
-            found[row["robot"]] = row
-            rows = [found[name] for name in names if name in found]
-            write_text(folder / TABLE, json.dumps(rows, indent=2) + "\n")
+            rows.append(row)
     except KeyboardInterrupt:
         status = INTERRUPTED
-    finally:
-        print(zoo_table(rows))
+    rows.sort(key=lambda row: names.index(row["robot"]))
+    write_text(folder / TABLE, json.dumps(rows, indent=2) + "\n")
     converged = sum(row["verdict"] == CONVERGED for row in rows)
-    written = f"; written to {folder / TABLE}" if rows else ""
+    print(zoo_table(rows))
+    print(f"\n{converged} of {len(rows)} converged; written to {folder / TABLE}")
     if len(rows) < len(names):
-        written += f"; interrupted, {len(names) - len(rows)} have not run"
-    print(f"\n{converged} of {len(rows)} converged{written}")
+        print(f"interrupted, {len(names) - len(rows)} have not run")
     return status
 
 

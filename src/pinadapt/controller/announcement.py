@@ -77,11 +77,10 @@ def announced_state(
     if tool_translation is None:
         return state
     a_k = _with_tool(controller.kinematics, nominal.unloaded, state.a_k, tool_translation)
-    a_k = controller.adaptation_k.validate(a_k)
     trail = state.sensed.trail.copy()
-    trail[kernels.SEEN : kernels.SEEN + 1] = 0.0  # the next frame is that of another tool
+    trail[kernels.SEEN] = 0.0  # the next frame is that of another tool
     return state._replace(
-        kinematic=controller.adaptation_k.reset_to(state.kinematic, a_k, a_k),
+        kinematic=controller.adaptation_k.init(a_k),
         sensed=state.sensed._replace(trail=trail),
     )
 
@@ -96,13 +95,13 @@ def _loaded(
     """
     described = nominal.robot(state.load), nominal.robot(load)
     estimated = [_at_lengths(robot, controller.kinematics, state.a_k) for robot in described]
-    validate = controller.adaptation_d.validate
+    init = controller.adaptation_d.init
     for before, after in (estimated, described):
         a_d, a_0 = (controller.dynamics.with_load(a, before, after) for a in (state.a_d, state.a_0))
         if a_d is not None and a_0 is not None:
-            value, start = validate(a_d), validate(a_0)
-            dynamic = controller.adaptation_d.reset_to(state.dynamic, value, start)
-            return state._replace(dynamic=dynamic, a_0=start, load=load)
+            start = init(a_0)  # with a memory that knows nothing of the new load
+            dynamic = start.with_value(init(a_d).value)
+            return state._replace(dynamic=dynamic, a_0=start.value, load=load)
     raise ParameterError(
         f"the {controller.dynamics.size} dynamic parameters cannot express a load on the last "
         "body, or this one.",

@@ -1,4 +1,4 @@
-"""The choice of constraint forces and motor torques, of which a torque that a law asks for is made."""
+"""Motor torques and constraint forces of which a torque that a law asks for is made."""
 
 from __future__ import annotations
 

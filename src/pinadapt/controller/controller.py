@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, positive, shown
 from .._kernels import samples as kernels
-from .._output import Sheet, Table
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError, InputError
 from ..filters import FilteredRegressor, FilteredTorque
@@ -36,7 +35,7 @@ from .announcement import NominalRobot, announced_state
 from .constraint_forces import ConstraintForces
 from .first_samples import remember
 from .governor import PathTime
-from .inputs import InputCheck, initial_estimate, rows_of
+from .inputs import InputCheck, initial_estimate, squared
 from .learned import AlongExcited, learned_robot
 from .limits import ControllerLimits
 from .sensing import LATEST, Guards, Senses, row
@@ -110,7 +109,6 @@ class Controller:
         if not kinematics.robot.motors.all():
             self._forces = ConstraintForces(kinematics.robot, self.limits.torque)
         self._estimated = self._scratch()
-        self._own = any(map(_of_a_user, (law, adaptation_k, adaptation_d)))
         self._alone = Lock()  # for a thread that uses the scratch
         self._data = kinematics.robot.model.createData()
 
@@ -132,11 +130,17 @@ class Controller:
         return EstimatedModel(*parts, nothing, nothing, stop_on_divergence=stop)
 
     def __repr__(self) -> str:
-        """Return a table: robot, task, gains, what is adapted, limits."""
-        return str(controller_sheet(self))
-
-    def _repr_html_(self) -> str:
-        return controller_sheet(self).html()
+        """Return law, task, what is adapted and how, and what it was made for."""
+        kinematics, adaptation_k, adaptation_d = (
+            self.kinematics,
+            self.adaptation_k,
+            self.adaptation_d,
+        )
+        words = f"controller: {self.law.name} of {kinematics.task.name} of {kinematics.frame}, "
+        words += f"{kinematics.size} kinematic parameters ({adaptation_k.name}), "
+        words += f"{self.dynamics.size} dynamic ones ({adaptation_d.name})"
+        actuators = self.limits.actuators
+        return words if actuators.ideal else f"{words}, made for {actuators.words}"
 
     def limited(self, torque: ArrayLike | bool | None) -> Controller:
         """Return this controller with other torque limits; it shares the scratch.
@@ -181,18 +185,14 @@ class Controller:
         Raises:
             MeasurementError: measurements of the wrong size, not finite, or missing.
             ImplausibleError: the robot cannot be there, see ``Guards``.
-            InputError: no measurement; or a law or an adaptation of one's own returns something
-                else than arrays of finite floats of the right shapes, which is tried out here.
+            InputError: no measurement.
             ParameterError: estimates of the wrong size, non-finite, or outside of their domain.
             InputError: another thread is using this controller.
         """
         flag(adapting, "adapting")
         with self.reserved():
             measurement = self._inputs.first(measurement)
-            state = self._first_state(measurement, a_k, a_d, information, information_k, adapting)
-            if self._own:
-                self._try(state, measurement)
-            return state
+            return self._first_state(measurement, a_k, a_d, information, information_k, adapting)
 
     def _reserve(self) -> None:
         """Take the scratch, or refuse it to another thread."""
@@ -216,20 +216,6 @@ class Controller:
         finally:
             self._alone.release()
 
-    def _try(self, state: ControllerState, measurement: Measurement) -> None:
-        """Refuse a law or an adaptation of one's own by what it returns at the first sample."""
-        task = self.kinematics.task
-        x, still = task.measured(measurement.x, measurement.q), np.zeros(task.size)
-        s = self._observe(state, measurement, Desired(x, still, still))[0]
-        dt = self.period if math.isfinite(self.period) else PERIOD
-        model = self._model(state, s, dt)
-        command = self.law.command(s, model)
-        self._inputs.returned(command, state.dynamic, state.kinematic)
-        drives = self.sent(s, command)[1]
-        dynamic = model.adaptation_d.step(model.dynamic, drives.dynamic, dt)
-        kinematic = model.adaptation_k.step(model.kinematic, drives.kinematic, dt)
-        self._inputs.returned(command, dynamic, kinematic)
-
     def _first_state(
         self,
         measurement: Measurement,
@@ -244,17 +230,13 @@ class Controller:
         if a_k is None:
             a_k = kinematics.initial_at(measurement.q, measurement.x)
         a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
-        dynamic = self.adaptation_d.init(
-            initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-        )
-        if information is not None:
-            rows = rows_of(information, dynamics.size)
-            dynamic = self.adaptation_d.informed(dynamic, rows.T @ rows)
+        a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
+        dynamic = self.adaptation_d.init(a_d, squared(information, dynamics.size))
         kinematic = self.adaptation_k.init(a_k)
         sensed = self.senses.init(measurement, kinematics, kinematic.value)
         if information_k is not None:
-            rows = rows_of(information_k, kinematics.size, "information_k")
-            kinematic = self.adaptation_k.informed(kinematic, rows.T @ rows)
+            H = squared(information_k, kinematics.size, "information_k")
+            kinematic = self.adaptation_k.init(a_k, H)
             sensed = believed(sensed, kinematics, kinematic.value)
         torque_filter = self._torque_filter
         return ControllerState(
@@ -289,8 +271,7 @@ class Controller:
             )
         if state.path is not None:
             return state.path.desired(motion, t)
-        at = getattr(motion, "at", motion.at) if t.__class__ is float else motion.at
-        return at(t)
+        return motion.at(t)
 
     def announce(
         self,
@@ -770,43 +751,3 @@ def believed(sensed: SensedState, kinematics: TaskKinematics, a_k: np.ndarray) -
     x = sensed.x.copy()
     x[: kinematics.positions] = kinematics.p_hat
     return sensed._replace(x=x, frame=None, history=())
-
-
-def _of_a_user(part: Any) -> bool:
-    """Tell whether a law or an adaptation, or one inside of it, is not of this package."""
-    inner = [getattr(part, "inner", None), getattr(part, "law", None)]
-    inner += [each for each, _ in getattr(part, "parts", ())]
-    own = not type(part).__module__.startswith("pinadapt.")
-    return own or any(_of_a_user(each) for each in inner if each is not None)
-
-
-def controller_sheet(controller: Controller) -> Sheet:
-    """Return law, gains, what is adapted, sampling period and torque limits, with units."""
-    kinematics, law, limits = controller.kinematics, controller.law, controller.limits
-    nominal, torque = controller.nominal, limits.torque
-    name = "" if nominal is None else f"{nominal.unloaded.name}, "
-    rows = [
-        ("robot", f"{name}{kinematics.nv} joints"),
-        ("task", f"{kinematics.task.name} of {kinematics.frame}"),
-    ]
-    velocity, position = getattr(law, "units", ("", ""))
-    for gain, unit in (("K_v", velocity), ("K_P", position), ("alpha", "1/s")):
-        if hasattr(law, gain):
-            value = np.atleast_1d(np.asarray(getattr(law, gain), dtype=float))
-            numbers = [f"{x:.3g}" for x in (np.diag(value) if value.ndim == 2 else value)]
-            same = len(set(numbers)) == 1
-            rows.append((gain, f"{numbers[0] if same else ', '.join(numbers)} {unit}"))
-    for what, names, adaptation in (
-        ("kinematic", kinematics.names, controller.adaptation_k),
-        ("dynamic", controller.dynamics.names, controller.adaptation_d),
-    ):
-        few = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
-        words = f"{len(names)} parameters ({few}), {adaptation.name}" if names else "known"
-        rows.append((what, words))
-    bounds = [] if torque is None else [f"{x:.4g}" if np.isfinite(x) else "-" for x in torque]
-    rows.append(("torque limits", f"{', '.join(bounds)} N m or N" if bounds else "none"))
-    if not limits.actuators.ideal:
-        rows.append(("made for", limits.actuators.words))
-    if np.isfinite(controller.period):
-        rows.append(("period", f"{1e3 * controller.period:g} ms"))
-    return Sheet(f"controller, {getattr(law, 'name', type(law).__name__)}", [Table(rows)])

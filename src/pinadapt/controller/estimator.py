@@ -18,7 +18,7 @@ from ..models.delay_compensation import SensedState
 from ..records import Measurement
 from ..robot.robot import Robot
 from .controller import Controller
-from .inputs import InputCheck, initial_estimate, rows_of
+from .inputs import InputCheck, initial_estimate, squared
 from .learned import learned_robot
 from .sensing import LATEST
 from .state import ControllerState
@@ -106,34 +106,23 @@ class Estimator:
             InputError: another thread is using this estimator.
         """
         with self.controller.reserved():
-            return self._first_state(self._checked(measurement), a_k, a_d, information)
-
-    def _first_state(
-        self,
-        sample: Measurement,
-        a_k: np.ndarray | None,
-        a_d: np.ndarray | None,
-        information: np.ndarray | None,
-    ) -> ControllerState:
-        """Return the state to start from, as ``init``, for a measurement that was checked."""
-        parts = self.controller
-        kinematics, dynamics = parts.kinematics, parts.dynamics
-        a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
-        a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-        dynamic, kinematic = parts.adaptation_d.init(a_d), parts.adaptation_k.init(a_k)
-        if information is not None:
-            rows = rows_of(information, dynamics.size)
-            dynamic = parts.adaptation_d.informed(dynamic, rows.T @ rows)
-        return ControllerState(
-            t=sample.t,
-            dynamic=dynamic,
-            kinematic=kinematic,
-            a_0=dynamic.value.copy(),
-            filters=(),
-            load=None if parts.nominal is None else parts.nominal.load,
-            sensed=self._senses.init(sample, kinematics, kinematic.value),
-            torque_filter=self._anew(sample.q, sample.v),
-        )
+            sample = self._checked(measurement)
+            parts = self.controller
+            kinematics, dynamics = parts.kinematics, parts.dynamics
+            a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
+            a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
+            dynamic = parts.adaptation_d.init(a_d, squared(information, dynamics.size))
+            kinematic = parts.adaptation_k.init(a_k)
+            return ControllerState(
+                t=sample.t,
+                dynamic=dynamic,
+                kinematic=kinematic,
+                a_0=dynamic.value.copy(),
+                filters=(),
+                load=None if parts.nominal is None else parts.nominal.load,
+                sensed=self._senses.init(sample, kinematics, kinematic.value),
+                torque_filter=self._anew(sample.q, sample.v),
+            )
 
     def step(self, state: ControllerState, measurement: Measurement) -> ControllerState:
         """Return the state after a sample, at which the estimates have moved since the last one.
@@ -155,34 +144,33 @@ class Estimator:
         """
         self._inputs.state(state)
         with self.controller.reserved():
-            return self._next_state(state, self._checked(measurement))
-
-    def _next_state(self, state: ControllerState, sample: Measurement) -> ControllerState:
-        """Return the state after a sample, as ``step``, for a measurement that was checked."""
-        parts = self.controller
-        elapsed = sample.t - state.t
-        if elapsed <= 0.0:
-            raise ImplausibleError("t", sample.t, f"is not after the last sample's, {state.t:g} s")
-        a_k = state.a_k
-        paused = elapsed > LATEST * parts.period
-        sensed, still, sample = self._senses.read(
-            state.sensed, state.t, sample, self._kinematics, a_k, None if paused else elapsed
-        )
-        dynamic, kinematic = state.dynamic, state.kinematic
-        filtered = self._filtered(state, sensed, sample.tau, elapsed)
-        if state.adapting and not still and not paused:
-            if isinstance(filtered, FilteredTorque):
-                dynamic = self._dynamic_step(dynamic, filtered, sensed.q, elapsed)
-            kinematic = self._kinematic_step(kinematic, sensed, elapsed)
-            torque = np.zeros(0) if sample.tau is None else sample.tau
-            parts.watch(torque, dynamic.value, kinematic.value)
-        return state._replace(
-            t=sample.t,
-            dynamic=dynamic,
-            kinematic=kinematic,
-            sensed=sensed,
-            torque_filter=filtered,
-        )
+            sample = self._checked(measurement)
+            parts = self.controller
+            elapsed = sample.t - state.t
+            if elapsed <= 0.0:
+                raise ImplausibleError(
+                    "t", sample.t, f"is not after the last sample's, {state.t:g} s"
+                )
+            a_k = state.a_k
+            paused = elapsed > LATEST * parts.period
+            sensed, still, sample = self._senses.read(
+                state.sensed, state.t, sample, self._kinematics, a_k, None if paused else elapsed
+            )
+            dynamic, kinematic = state.dynamic, state.kinematic
+            filtered = self._filtered(state, sensed, sample.tau, elapsed)
+            if state.adapting and not still and not paused:
+                if isinstance(filtered, FilteredTorque):
+                    dynamic = self._dynamic_step(dynamic, filtered, sensed.q, elapsed)
+                kinematic = self._kinematic_step(kinematic, sensed, elapsed)
+                torque = np.zeros(0) if sample.tau is None else sample.tau
+                parts.watch(torque, dynamic.value, kinematic.value)
+            return state._replace(
+                t=sample.t,
+                dynamic=dynamic,
+                kinematic=kinematic,
+                sensed=sensed,
+                torque_filter=filtered,
+            )
 
     def learned(self, state: ControllerState) -> Robot:
         """Return the robot with the estimates of a state; see ``Controller.learned``.

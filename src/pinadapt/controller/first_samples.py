@@ -19,12 +19,12 @@ from ..robot.robot import Robot
 
 CERTAIN = 5.0  # standard deviations of what no noise explains: half: false alarms within seconds
 # at 1 kHz, double: noise hides twice the fault
-_SHORTEST, _LONGEST = 0.012, 0.05  # [s] windows; half: twelve samples are too few at 1 kHz, double:
-# the arm falls four times as far
+_WINDOW = 0.012  # [s]; half: six samples at 1 kHz show little in noise, double: the arm falls four
+# times as far
 _FALLS = 0.8  # of the gravity in question; wrong inertias of a half more or a third less show 0.5
 _STILL = 0.5  # [rad/s^2 or m/s^2]: of smaller accelerations by gravity nothing shows
-_WINDOWS, _PATIENCE = 3.0, 20.0  # without a fault, after which the test is over; and [s] that count
-# as one where an arm rests
+_WINDOWS, _PATIENCE = 3.0, 20.0  # without a fault, after which the test is over, and [s] that count
+# as one where an arm rests; half: less of the motion is looked at, double: steps cost longer more
 _TIME, _SUSPECT, _HEALTHY, _HEADER = range(4)
 
 
@@ -33,7 +33,7 @@ class FirstSamples:
     """The gravity torque in question, and windows in which the first samples show it.
 
     With g_a(q) that torque and M, C and g of the model without anything learned, a window of 12 ms
-    (twelve periods, or up to 50 ms if noise asks for it) gives the share
+    (twelve periods, or up to four times as long if noise asks for it) gives the share
 
         p = <r, g_a> / <g_a, g_a>,    r = M dv/dt + C v + g - tau,    <a, b> = a^T M^-1 b,
 
@@ -129,7 +129,7 @@ def make_first_samples(
     """Return what the first samples are compared with, at a sampling period dt [s].
 
     None where gravity is none, or is declared to be compensated. A window has twelve periods or
-    more, and is as long as noise of a tenth of gravity asks for.
+    more, and is up to four times as long if its noise is more than a tenth of gravity.
     """
     model = robot.model
     if compensation is not None or not np.any(model.gravity.linear):
@@ -141,9 +141,10 @@ def make_first_samples(
     # variance of the slope of v over T: that of q / T^4, and that of v / T^3
     of_q = 72.0 * (counts**2 / 12.0 + sensors.deviation("q") ** 2)
     of_v = 12.0 * dt * sensors.deviation("v") ** 2 * np.ones(model.nv)
-    T = max(_SHORTEST, 12.0 * dt)
-    for power, variance in ((4, of_q), (3, of_v)):
-        share = 10.0 * CERTAIN * float(np.linalg.norm(own * np.sqrt(variance))) / (size or math.inf)
-        T = max(T, min(share ** (2.0 / power), _LONGEST))
-    T = dt * math.ceil(T / dt - 1e-9)
-    return FirstSamples(robot.undrawn(), gravity, T, np.sqrt(of_q / T**4 + of_v / T**3))
+    shortest = math.ceil(max(_WINDOW / dt, 12.0) - 1e-9)
+    for periods in range(shortest, 4 * shortest + 1):
+        T = periods * dt
+        noise = np.sqrt(of_q / T**4 + of_v / T**3)
+        if CERTAIN * float(np.linalg.norm(own * noise)) <= 0.1 * size:
+            break
+    return FirstSamples(robot.undrawn(), gravity, T, noise)

@@ -27,7 +27,6 @@ from ..trajectories.trajectory import Trajectory
 
 ERROR, FRAMES = "error", "frames"
 EFFORT, STOP, SPEED, SINGULAR = "effort", "joint stop", "joint speed", "singularity"
-_RARE = 1e-6  # share of frames with more lost ones before them than a declared camera explains
 _SPARE = 0.05  # [s] by which a frame may be older than the camera explains
 
 
@@ -129,20 +128,12 @@ class Governor:
         for part in fields(self):
             number = positive(getattr(self, part.name), f"governor.{part.name}", error=GainError)
             object.__setattr__(self, part.name, number)
-        for name in ("slow", "creep", "effort"):
-            if getattr(self, name) >= 1.0:
-                raise GainError(
-                    f"must be a share below 1, got {getattr(self, name):g}.",
-                    where=f"governor.{name}",
-                )
-        if self.singular >= self.near:
+        order = max(self.slow, self.creep, self.effort) < 1.0 < self.hold
+        if not (order and self.singular < self.near):
             raise GainError(
-                f"must be less than near = {self.near:g}, got {self.singular:g}.",
-                where="governor.singular",
-            )
-        if self.hold <= 1.0:
-            raise GainError(
-                f"must be more than one stop error, got {self.hold:g}.", where="governor.hold"
+                "slow, creep and effort must be shares below 1, hold more than 1, and singular "
+                f"less than near, got {self}.",
+                where="governor",
             )
 
     def of(
@@ -196,7 +187,7 @@ def explained_age(sensors: Sensors) -> float:
     camera = sensors.camera
     if camera is None:
         return 0.0
-    lost = math.ceil(math.log(_RARE) / math.log(camera.dropout)) if camera.dropout else 0
+    lost = math.ceil(math.log(1e-6) / math.log(camera.dropout)) if camera.dropout else 0
     return camera.delay + (0.0 if camera.rate is None else (1 + lost) / camera.rate)
 
 

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, numbers, shown
-from ..adaptation.adaptation import Drive, Drives, Estimate
+from .._checks import numbers
 from ..exceptions import InputError, MeasurementError, ParameterError
-from ..laws.law import Command
 from ..models.task_kinematics import TaskKinematics
 from ..records import Desired, Measurement
 from .state import ControllerState
@@ -81,19 +79,14 @@ class InputCheck:
         Raises:
             InputError: it is that of another controller.
         """
-        estimates: tuple[Any, ...] = ()
-        if given.__class__ is ControllerState:
-            estimates = tuple(
-                getattr(part, "value", part) for part in (given.kinematic, given.dynamic, given.a_0)
-            )
-        shapes = tuple(getattr(part, "shape", None) for part in estimates)
-        if shapes != (self._a_k, self._a_d, self._a_d):
-            raise InputError("the state is that of another controller.", where="state")
-        if any(part.dtype != _FLOAT for part in estimates):
+        fits = given.__class__ is ControllerState
+        if fits:
+            parts = (given.kinematic, self._a_k), (given.dynamic, self._a_d), (given.a_0, self._a_d)
+            fits = all(_is(getattr(part, "value", part), shape) for part, shape in parts)
+        if not fits:
             raise InputError(
-                "expected estimates of floats.",
+                "the state is that of another controller, or its estimates are no float arrays.",
                 where="state",
-                hint="An adaptation of your own must return arrays of floats.",
             )
 
     def measurement(self, given: Measurement) -> Measurement:
@@ -105,16 +98,17 @@ class InputCheck:
         """
         if not isinstance(given, Measurement):
             raise InputError(f"expected a Measurement, got {given!r}.", where="measurement")
-        t, q, v, x, x_time, xd, a, tau, w = given
-        q, v = _array(q, self._q, "q"), _array(v, self._v, "v")
         if not self._measures_x:  # a joint task
-            x = x_time = xd = None
-        x = None if x is None else _array(x, self._x, "x")
-        x_time = None if x_time is None else _number(x_time, "x_time")
-        xd = None if xd is None else _array(xd, self._m, "xd")
-        a = None if a is None else _array(a, self._v, "a")
-        w = None if w is None else _array(w, self._v, "w")
-        return Measurement(_number(t, "t"), q, v, x, x_time, xd, a, tau, w)
+            given = given._replace(x=None, x_time=None, xd=None)
+        parts: dict[str, Any] = {"t": _number(given.t, "t"), "tau": given.tau}
+        parts |= {"q": _array(given.q, self._q, "q"), "v": _array(given.v, self._v, "v")}
+        if given.x_time is not None:
+            parts["x_time"] = _number(given.x_time, "x_time")
+        for name, shape in (("x", self._x), ("xd", self._m), ("a", self._v), ("w", self._v)):
+            value = getattr(given, name)
+            if value is not None:
+                parts[name] = _array(value, shape, name)
+        return Measurement(**parts)
 
     def time(self, given: Any) -> float:
         """Return a time [s], NaN if it is none."""
@@ -161,36 +155,6 @@ class InputCheck:
             _array(xd_d, self._m, "xd_d", InputError),
             _array(xdd_d, self._m, "xdd_d", InputError),
         )
-
-    def returned(self, command: Any, dynamic: Any, kinematic: Any) -> None:
-        """Refuse what a law or an adaptation of a user's own must not return.
-
-        Args:
-            command: of the law.
-            dynamic: the estimate after a step of its adaptation.
-            kinematic: the other estimate.
-
-        Raises:
-            InputError: an object of another class, or an array of another shape, not of floats or
-                not finite.
-        """
-        instance(command, Command, "the law's command")
-        instance(command.drives, Drives, "the law's drives")
-        parts = [("the law's torque", command.torque, self._v)]
-        for name, estimate, shape in (
-            ("dynamic", dynamic, self._a_d),
-            ("kinematic", kinematic, self._a_k),
-        ):
-            drive = instance(getattr(command.drives, name), Drive, f"the law's drives.{name}")
-            parts.append((f"the law's drives.{name}.gradient", drive.gradient, shape))
-            instance(estimate, Estimate, f"the {name} adaptation's estimate")
-            parts.append((f"the {name} adaptation's estimate.value", estimate.value, shape))
-        for place, given, shape in parts:
-            fits = isinstance(given, np.ndarray) and given.dtype == _FLOAT and given.shape == shape
-            if not (fits and np.isfinite(given).all()):
-                raise InputError(
-                    f"expected finite floats of shape {shape}, got {shown(given)}.", where=place
-                )
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.
@@ -246,16 +210,21 @@ def _number(value: Any, name: str) -> float:
     return number
 
 
-def rows_of(given: np.ndarray, size: int, where: str = "information") -> np.ndarray:
-    """Return the rows (r, p) of an information of ``size`` p parameters, or refuse them."""
+def squared(given: np.ndarray | None, size: int, where: str = "information") -> np.ndarray | None:
+    """Return R^T R (p, p) of the rows R (r, p) of an information of ``size`` p, None for none.
+
+    Raises:
+        ParameterError: rows of another size, or not of finite numbers.
+    """
+    if given is None:
+        return None
     rows = numbers(given, where, error=ParameterError)
     if rows.ndim != 2 or rows.shape[1] != size:
-        kind = "kinematic" if where.endswith("_k") else "dynamic"
         raise ParameterError(
-            f"expected rows of {size} numbers, one a {kind} parameter, got shape {rows.shape}.",
+            f"expected rows of {size} numbers, one a parameter, got shape {rows.shape}.",
             where=where,
         )
-    return rows
+    return rows.T @ rows
 
 
 def initial_estimate(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,8 @@ from ..adaptation.adaptation import Estimate
 from ..exceptions import ParameterError, did_you_mean
 from ..models.excited import Excited, around, names_together
 from ..models.joint_effects import KINDS
-from ..models.physical_fit import PhysicalSet, nearest_with
-from ..models.regressor import LABELS, PER_BODY
+from ..models.physical_fit import nearest_with
+from ..models.regressor import LABELS
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
 from .announcement import ControllerParts
@@ -28,10 +28,8 @@ from .state import ControllerState
 _FORMAT = "pinadapt learned parameters"
 
 
-_TOLERANCE = 1e-3  # largest change of the torques, as a share of them,
-_OF_ERROR, _LEAST = 0.1, 1e-9  # and of the error of those that the estimate predicts
-_FALLS = 20  # of gamma, in steps of ten
-_SLOW = 1e-3  # least and largest rate of a body's adaptation relative to the median one
+_TOLERANCE = 1e-3  # largest change of the torques, as a share of them, and at most a tenth of the
+# error of those that the estimate predicts; half: more is kept of what the motion hardly shows
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,31 +49,23 @@ class AlongExcited:
     ) -> tuple[np.ndarray, str]:
         """Return the parameters (p) nearest to the start that predict the same torques.
 
-        Nearest in the metric of natural adaptation, each body with its rate, where the parameters
-        are those of bodies, so that these are physical; else in the metric of the adaptation. Where
-        no physical ones predict the torques, as of estimates that are not, the nearest others. The
-        torques of the motion change by a tenth of their present error, and by at most a thousandth
-        of themselves.
+        Nearest in the metric of natural adaptation where the parameters are those of bodies, so
+        that these are physical; else in the metric of the adaptation. The torques of the motion
+        change by a tenth of their present error, and by at most a thousandth of themselves.
 
         Returns:
             The parameters, and words that say which are as at the start. Where there are no such
             parameters, those of the state.
         """
         rows, a, start = self.excited.rows, state.a_d, state.a_0
-        tolerance = float(np.clip(_OF_ERROR * self.error, _LEAST, _TOLERANCE))
+        tolerance = min(max(0.1 * self.error, 1e-9), _TOLERANCE)
         dynamics, adaptation = controller.dynamics, controller.adaptation_d
-        Gamma, L = adaptation.gain(Estimate(start)), self.excited.root
-        found, note = None, ""
         if dynamics.per_body:
-            physical = around(dynamics, start)
-            physical = replace(physical, body_weights=_body_weights(Gamma, physical))
-            found = nearest_with(rows, a, physical, tolerance)
-            if found is None:
-                note = "No physical parameters reproduce these torques, so some are not physical. "
-                warnings.warn(note, stacklevel=4)
-                found = _nearest_in(L @ L.T, rows, a, start, tolerance)
+            found = nearest_with(rows, a, around(dynamics, start), tolerance)
         else:
-            found = _nearest_in(Gamma, rows, a, start, tolerance)
+            values, vectors = np.linalg.eigh(adaptation.gain(Estimate(start)))
+            G = vectors * np.sqrt(np.maximum(values, 0.0))
+            found = start + G @ np.linalg.pinv(rows @ G, rcond=tolerance) @ rows @ (a - start)
         if found is None or not adaptation.contains(found):
             words = (
                 "All estimates are kept as learned: no parameters near the initial ones reproduce "
@@ -87,46 +77,10 @@ class AlongExcited:
         moved = percent(float(np.linalg.norm(rows @ (found - a))))
         kept = f"Not excited by the motion: {names_together(still)}. " if still else ""
         words = (
-            f"{note}{kept}Combinations that the motion does not identify are as near to the "
-            f"initial values as possible; the torques differ from those of the last estimate by "
-            f"{moved}."
+            f"{kept}Combinations that the motion does not identify are as near to the initial "
+            f"values as possible; the torques differ from those of the last estimate by {moved}."
         )
         return found, words
-
-
-def _body_weights(Gamma: np.ndarray, physical: PhysicalSet) -> np.ndarray:
-    """Return the median rate of the bodies' adaptation relative to that of each (k)."""
-    T, rates = physical.local(physical.center)[0], []
-    for b in range(physical.bodies):
-        block = slice(PER_BODY * b, PER_BODY * (b + 1))
-        inverse = np.linalg.inv(T[block, block])
-        rates.append(np.trace(inverse @ Gamma[block, block] @ inverse.T))
-    positive = [rate for rate in rates if rate > 0.0]
-    if not positive:
-        return np.ones(1)
-    relative = np.array(rates) / np.median(positive)
-    return np.asarray(1.0 / np.clip(relative, _SLOW, 1.0 / _SLOW))
-
-
-def _nearest_in(
-    Gamma: np.ndarray, rows: np.ndarray, a: np.ndarray, start: np.ndarray, tolerance: float
-) -> np.ndarray | None:
-    """Return x (p) = start + Gamma rows^T y that keeps rows x to a tolerance, for some y.
-
-    It minimises |rows (x - a)|^2 + gamma |x - start|^2 in the metric Gamma^-1, with the first gamma
-    that keeps the tolerance.
-    """
-    values, vectors = np.linalg.eigh(0.5 * (Gamma + Gamma.T))
-    G = vectors * np.sqrt(np.maximum(values, 0.0))
-    U, s, Vt = np.linalg.svd(rows @ G)
-    c, gamma = U.T @ (rows @ (a - start)), float(s.max(initial=0.0) ** 2)
-    if not gamma > 0.0:  # no torque shows any parameter
-        return np.asarray(start)
-    for _ in range(_FALLS):
-        if np.linalg.norm(gamma / np.maximum(s**2 + gamma, np.finfo(float).tiny) * c) <= tolerance:
-            return np.asarray(start + G @ (Vt.T @ (s / (s**2 + gamma) * c)))
-        gamma /= 10.0
-    return None
 
 
 def learned_robot(
@@ -263,20 +217,8 @@ class LearnedParameters:
 
     def save(self, path: Path | str) -> None:
         """Write a JSON file, whole or not at all; its folder is made if it is missing."""
-        content = {
-            "format": _FORMAT,
-            "version": self.version,
-            "robot": self.robot,
-            **({"remark": self.remark} if self.remark else {}),
-            **({"friction": dict(self.shape)} if self.shape else {}),
-            "kinematic": self._rows(self.kinematic),
-            "dynamic": self._rows(self.dynamic),
-        }
-        text = json.dumps(content, indent=1, allow_nan=False)
-        if self.information:
-            rows = ",\n  ".join(json.dumps(row) for row in self.information)  # one a line
-            text = text.removesuffix("\n}") + f',\n "information": [\n  {rows}\n ]\n}}'
-        write_text(Path(path), text + "\n")
+        content = {"format": _FORMAT, **asdict(self)}
+        write_text(Path(path), json.dumps(content, indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: Path | str) -> LearnedParameters:
@@ -288,31 +230,18 @@ class LearnedParameters:
         where = str(path)
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
-            if content["format"] != _FORMAT:
-                raise ValueError(f"its format is {content['format']!r}, not {_FORMAT!r}")
-            tables = [
-                {str(row["name"]): (row["value"], str(row["unit"])) for row in content[kind]}
-                for kind in ("kinematic", "dynamic")
-            ]
-            robot, version = str(content["robot"]), str(content["version"])
-            remark, shape = str(content.get("remark", "")), dict(content.get("friction", {}))
-        except (OSError, KeyError, TypeError, ValueError, RecursionError) as error:
+            if content.pop("format") != _FORMAT:
+                raise ValueError("another format")
+            found = cls(**content)
+            values = [*found.kinematic.values(), *found.dynamic.values()]
+            numbers(values, where, error=ParameterError)
+            rows = numbers(found.information, where, error=ParameterError)
+            if rows.size and rows.shape[1:] != (len(found.dynamic),):
+                raise ValueError(f"information has not {len(found.dynamic)} numbers in each row")
+        except (OSError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
             words = f"is no file of {_FORMAT}: {type(error).__name__} {error}."
             raise ParameterError(words, where=where) from error
-        kinematic, dynamic = (_values(table, where) for table in tables)
-        units = {name: unit for table in tables for name, (_, unit) in table.items()}
-        rows = numbers(content.get("information", []), where, error=ParameterError)
-        if rows.size and rows.shape[1:] != (len(dynamic),):
-            words = f"information has rows of {rows.shape[1:]} numbers, not of {len(dynamic)}."
-            raise ParameterError(words, where=where)
-        information = tuple(tuple(row) for row in rows.tolist())
-        return cls(robot, kinematic, dynamic, units, version, remark, information, shape)
-
-    def _rows(self, values: Mapping[str, float]) -> list[dict[str, Any]]:
-        return [
-            {"name": name, "value": value, "unit": self.units[name]}
-            for name, value in values.items()
-        ]
+        return replace(found, information=tuple(tuple(row) for row in rows.tolist()))
 
 
 def _rounded(rows: np.ndarray) -> tuple[tuple[float, ...], ...]:
@@ -351,12 +280,6 @@ def _shape_of(friction: Friction) -> dict[str, Any]:
             [list(part.joints), part.sign, part.threshold] for part in friction.shafts
         ]
     return shape
-
-
-def _values(table: Mapping[str, tuple[Any, Any]], where: str) -> dict[str, float]:
-    """Return the numbers of a table, or refuse what is none."""
-    values = numbers([value for value, _ in table.values()], where, error=ParameterError)
-    return dict(zip(table, values.tolist(), strict=True))
 
 
 def _in_order(values: Mapping[str, float], names: tuple[str, ...], where: str) -> np.ndarray:

@@ -185,11 +185,7 @@ def make_box(
     if given is None or given is True:
         return kinematics.bounds
     given = numbers(given, "limits.box", error=ParameterError)
-    rows = [given] if given.ndim < 2 else list(given)
-    if len(rows) > 2:
-        raise ParameterError(
-            f"expected lower and upper bounds, got {len(rows)} rows.", where="limits.box"
-        )
+    rows = given if given.ndim == 2 and len(given) == 2 else [given]
     bounds = [
         vector(row, centre.size, "limits.box", names=names, error=ParameterError) for row in rows
     ]

@@ -52,12 +52,7 @@ _FLAWS = {
     kernels.JUMP: ("q", "has jumped", "a wrap at +-pi, a lost count, degrees?", "differences"),
     kernels.SPIKE: ("v", "is implausible", "in degrees?", "differences"),
     kernels.APART: ("v", "is not the rate of q", "the wrong sign, unit or joint?", "differences"),
-    kernels.STOPPED: (
-        "q",
-        "is stuck",
-        "the encoder stopped? no other joint shows it",
-        "differences",
-    ),
+    kernels.STOPPED: ("q", "is stuck", "has the encoder stopped?", "differences"),
     kernels.OUT: ("q", "is out of range", "in degrees, millimetres or another order?", "limits"),
     kernels.FAR: ("x", "is implausible", "in millimetres? another frame or origin?", "position"),
     kernels.TURNED: ("x", "is turned", "in the order wxyz? other axes?", "position"),
@@ -103,7 +98,8 @@ class Guards:
         bounds = np.full((kernels.SLOW + 1, model.nv), np.inf)
         bounds[kernels.SLOW] = 0.0
         places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
-        return cls(bounds, places, bounds[:2] * [[-1.0], [1.0]], np.full(3, np.inf), bounds[0])
+        every = np.full((2, model.nv), np.inf)
+        return cls(bounds, places, every * [[-1.0], [1.0]], np.full(3, np.inf), every[0])
 
     def elapsed(
         self, before: float, now: float, dt: float, period: float, trail: np.ndarray
@@ -168,13 +164,16 @@ class Senses:
         _, q, v, x, *_ = measurement
         guards, model, m = self.guards, kinematics.robot.model, kinematics.positions
         before = SensedState(q.copy(), v.copy(), trail=new_trail(v))
-        if self._judged(before, q, v, math.inf)[0] == 2:
-            self._bridged(before, measurement, math.inf, model)
+        judged = self._judged(before, q, v, math.inf, model)
+        if judged[0] == 2:
+            self._bridged(judged, measurement, math.inf, model)
         for i, joint in enumerate(model.joints[1:]):
-            angle, (low, high) = float(q[joint.idx_q]), guards.range[:, i]
+            angle, (low, high) = q[joint.idx_q], guards.range[:, i]
             if joint.nq == 1 and not low <= angle <= high:
-                where = f"joint '{model.names[i + 1]}'"
-                raise _error(kernels.OUT, measurement, where, angle, low if angle < low else high)
+                bound = low if angle < low else high
+                raise _error(
+                    kernels.OUT, measurement, f"joint '{model.names[i + 1]}'", angle, bound
+                )
         kinematics.update(a_k, q, v)
         if m and x is not None:
             off, far = np.linalg.norm(kinematics.p_hat - x[:m]), guards.frame[kernels.FARTHEST]
@@ -201,28 +200,23 @@ class Senses:
     ) -> tuple[SensedState, bool, Measurement]:
         """Return what is known at a sample, whether its joints rest, and the sample.
 
-        The kinematics are updated to the sample, which is returned without the frame and the torque
-        that were bridged. What is known shares no memory with it.
-
-        Args:
-            before: what was known at the sample before.
-            t_before: the time of that one [s].
-            measurement: the sample.
-            kinematics: the estimated ones.
-            a_k: (p_k) their estimate [m].
-            since: time since the sample before [s]; None if the sample does not follow it and is
-                only looked at.
-            position_error: whether the prediction error of the position is used.
+        The estimated kinematics are updated to the sample, which is returned without the frame and
+        the torque that were bridged. What is known shares no memory with it. ``before`` and
+        ``t_before`` [s] are of the sample before; ``since`` is the time since then [s], None if the
+        sample does not follow it; the estimate a_k is (p_k) [m]; ``position_error`` says whether
+        the prediction error of the position is used.
 
         Raises:
             ImplausibleError: what the guards refuse, the last frame of the camera is too old, or
                 what the first samples show is impossible.
             MeasurementError: a frame was taken later than the sample, or q or v is not finite.
         """
-        guards, first, dt = self.guards, before.first, math.inf if since is None else since
-        answer, q, v, trail = self._judged(before, measurement.q, measurement.v, dt)
+        guards, first, model = self.guards, before.first, kinematics.robot.model
+        dt = math.inf if since is None else since
+        judged = self._judged(before, measurement.q, measurement.v, dt, model)
+        answer, q, v, trail = judged
         if answer == 2:
-            q, v, trail = self._bridged(before, measurement, dt, kinematics.robot.model)
+            self._bridged(judged, measurement, dt, model)
         if measurement.tau is not None and since is not None:
             measurement = self._checked_torque(measurement, dt, kinematics, trail)
         if first is not None and since is not None and guards.first is not None:
@@ -256,7 +250,13 @@ class Senses:
         return sensed._replace(first=first, trail=trail), resting, measurement
 
     def _judged(
-        self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
+        self,
+        before: SensedState,
+        q: np.ndarray,
+        v: np.ndarray,
+        dt: float,
+        model: pin.Model,
+        decay: float = 0.0,
     ) -> Judged:
         """Return the answer of ``check_joints``, q (nq), v (n) as they are used, and the trail."""
         guards, trail = self.guards, empty(before.trail.size)
@@ -265,43 +265,35 @@ class Senses:
             q, before.q, v, dt, decay, guards.late, guards.bounds, guards.places, before.trail,
             trail, q_used, v_used,
         )  # fmt: skip
-        return answer, q_used, v_used, trail
+        judged = answer, q_used, v_used, trail
+        if answer != 2 or not (doubted := self._doubted(before, v, trail, model)).any():
+            return judged
+        kept = before.trail.copy()
+        row(kept, kernels.DISTRUST)[doubted] = kernels.NO_Q + kernels.NO_V
+        return self._judged(before._replace(trail=kept), q, v, dt, model, decay)
 
-    def _with_momentum(
-        self,
-        before: SensedState,
-        q: np.ndarray,
-        v: np.ndarray,
-        dt: float,
-        decay: float,
-        model: pin.Model,
-    ) -> Judged:
-        """Return what ``_judged`` does, after the momentum has told of joints that stopped.
+    def _doubted(
+        self, before: SensedState, v: np.ndarray, trail: np.ndarray, model: pin.Model
+    ) -> np.ndarray:
+        """Return which joints (n) have stopped, and the others do not show it.
 
         Kinematics cannot tell a joint that stands from an encoder that does; the momentum can. A
         joint that stops at once pushes the others, M_rr dv_r = M_ri v_i. If that would be seen and
         less than half of it was, nothing of the joint is used until it moves.
         """
-        judged, rate = self._judged(before, q, v, dt, decay), row(before.trail, kernels.RATE)
-        stopped = row(judged[3], kernels.KIND) == kernels.STOPPED
-        stopped &= row(before.trail, kernels.DISTRUST) == 0.0
-        if not stopped.any():
-            return judged
-        M, trail = pin.crba(model, model.createData(), before.q), before.trail.copy()
-        for i in np.flatnonzero(stopped).tolist():
-            others = np.arange(v.size) != i
-            push = M[others, i] * rate[i]
-            expected = np.linalg.solve(M[np.ix_(others, others)], push)
+        doubted = row(trail, kernels.KIND) == kernels.STOPPED
+        doubted &= row(before.trail, kernels.DISTRUST) == 0.0
+        for i in np.flatnonzero(doubted).tolist():
+            M, rate = pin.crba(model, model.createData(), before.q), row(before.trail, kernels.RATE)
+            push, change = np.linalg.inv(M)[i], v - rate
+            push *= -rate[i] / push[i]
+            push[i] = change[i] = 0.0
             least = self.guards.bounds[kernels.CLEAR, i] + CERTAIN * self.quality.v
-            unseen = (v - rate)[others] @ push < 0.5 * (expected @ push)
-            if unseen and np.linalg.norm(expected) > least:
-                row(trail, kernels.DISTRUST)[i] = kernels.NO_Q + kernels.NO_V
-        return self._judged(before._replace(trail=trail), q, v, dt, decay)
+            doubted[i] = np.linalg.norm(push) > least and push @ M @ (change - 0.5 * push) < 0.0
+        return doubted
 
-    def _bridged(
-        self, before: SensedState, sample: Measurement, dt: float, model: pin.Model
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return q (nq) and v (n), what does not follow being predicted, and the trail.
+    def _bridged(self, judged: Judged, sample: Measurement, dt: float, model: pin.Model) -> None:
+        """Count a sample of which something was replaced.
 
         Raises:
             ImplausibleError: something has not followed for too long.
@@ -310,29 +302,17 @@ class Senses:
         for name, value in (("q", sample.q), ("v", sample.v)):
             if not np.isfinite(value).all():
                 raise MeasurementError(name, value)
-        _, q, v, trail = self._with_momentum(before, sample.q, sample.v, dt, 0.0, model)
+        trail = judged[3]
         kinds, distrust = row(trail, kernels.KIND), row(trail, kernels.DISTRUST)
         wrong = (kinds != kernels.FOLLOWS) & (kinds != kernels.STOPPED) | (distrust != 0.0)
+        apart = (kinds == kernels.APART).any()  # a sum has lasted when it is beyond its bound
         if not wrong.any():
             trail[kernels.BRIDGED + kernels.JOINTS] = 0.0
-            return q, v, trail
-        apart = (kinds == kernels.APART).any()  # a sum has lasted when it is beyond its bound
-        if not (_lasts(trail, kernels.JOINTS, dt) or apart):
-            return q, v, trail
-        i = int(np.argmax(wrong))
-        kind, bound = int(kinds[i]), self.guards.bounds[kernels.TOLERANCE, i]
-        residual, guess = row(trail, kernels.RESIDUAL)[i], ""
-        if kind == kernels.SPIKE:
-            residual, bound = sample.v[i], self.guards.bounds[kernels.LEAP, i]
-        elif kind == kernels.JUMP:
-            residual = pin.difference(model, before.q, sample.q)[i] - dt * sample.v[i]
-            pair = model.joints[i + 1].nq == 2
-            guess = "cosine and sine not of length 1?" if pair else ""
-        elif kind == kernels.APART:
-            still = (("q", kernels.STILL_Q), ("v", kernels.STILL_V))
-            stuck = " and ".join(name for name, each in still if row(trail, each)[i] > LASTS)
-            guess = f"{stuck} stuck?" if stuck else ""
-        raise _error(kind, sample, f"joint '{model.names[i + 1]}'", residual, bound, guess)
+        elif _lasts(trail, kernels.JOINTS, dt) or apart:
+            i = int(np.argmax(wrong))
+            residual, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
+            kind = int(kinds[i]) or kernels.STOPPED  # of which v alone is not zero any more
+            raise _error(kind, sample, f"joint '{model.names[i + 1]}'", residual, bound)
 
     def _checked_torque(
         self, sample: Measurement, dt: float, kinematics: TaskKinematics, trail: np.ndarray
@@ -368,7 +348,7 @@ class Senses:
         """
         q = _numbers(None if sample is None else sample.q, model.nq)
         v = _numbers(None if sample is None else sample.v, model.nv)
-        _, q, v, trail = self._with_momentum(before, q, v, dt, decay, model)
+        _, q, v, trail = self._judged(before, q, v, dt, model, decay)
         return before._replace(q=q, v=v, trail=trail)
 
 
@@ -411,15 +391,15 @@ def _without_frame(
 
 
 def _error(
-    flaw: int, sample: Measurement, where: str, residual: Any, bound: Any, guess: str = ""
+    flaw: int, sample: Measurement, where: str, residual: Any, bound: Any
 ) -> ImplausibleError:
     """Return the error of a residual beyond its bound."""
-    channel, words, usual, guard = _FLAWS[flaw]
+    channel, words, guess, guard = _FLAWS[flaw]
     words = f"{words}: {where}, {residual:.3g} beyond {bound:.3g}"
     hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
     if channel == "x":
         hint = f"If the base's axes or origin are unknown: unknown=pa.Unknown(base=True). {hint}"
-    return ImplausibleError(channel, getattr(sample, channel), words, guess or usual, hint)
+    return ImplausibleError(channel, getattr(sample, channel), words, guess, hint)
 
 
 def _numbers(given: Any, size: int) -> np.ndarray:
@@ -443,18 +423,10 @@ def make_guards(
     compensation: Compensation | None,
     dt: float,
 ) -> Guards:
-    """Return the guards of a controller for a robot.
+    """Return the guards of a controller with a period dt [s], for a robot and one without its load.
 
-    Args:
-        robot: the nominal robot.
-        kinematics: its kinematics.
-        guards: False for none, or some of ``GUARDS`` with False.
-        quality: of the sensors, whose noise an arm that rests still shows.
-        unloaded: the robot without the load announced at first.
-        box: (2, p) in which the kinematic estimates stay [m], or None where there are none.
-        sensors: of the robot.
-        compensation: torque that the arm is declared to add to the command, or None.
-        dt: sampling period [s].
+    ``guards`` is False for none, or some of ``GUARDS`` with False; the box (2, p) is that of the
+    kinematic estimates [m]; the compensation is what the arm is declared to add to the command.
     """
     on = dict.fromkeys(GUARDS, guards is not False)
     on |= guards if isinstance(guards, Mapping) else {}

@@ -2,9 +2,9 @@
 
 While the rotation between the axes of x and the robot's base is unknown, a feedback of x may drive
 the arm away from the path; a feedback of the joints cannot. So the same law holds the joints, with
-the joints as its task and a V of its own, and learns the load. The frame moves on two circles
-within a small ball about its place. The measured frames give the kinematic estimate by least
-squares, whose prediction error is linear at any estimate. The path begins when the predicted
+the joints as its task and a V of its own, and learns the load. The frame moves to the corners of a
+tetrahedron within a small ball about its place. The measured frames give the kinematic estimate by
+least squares, whose prediction error is linear at any estimate. The path begins when the predicted
 velocity of the frame is accurate enough in every direction.
 """
 
@@ -26,6 +26,7 @@ from ..models.task_kinematics import JointKinematics
 from ..models.tracker_kinematics import TrackerKinematics
 from ..records import Desired, Measurement
 from ..signals import Signals
+from ..trajectories.trajectory import Waypoints
 from .controller import Controller, believed
 from .first_samples import remember
 from .governor import PathTime
@@ -35,12 +36,9 @@ from .state import ControllerState
 AXES = "unknown axes"  # the cause for which the path waits
 _BALL = 2.2e-3  # of the reach: farthest that the frame moves
 _KNOWN = 0.03  # standard deviation of a predicted velocity, relative to that of the frame
-_SETTLING, _TURN, _RAMP, _REST = 0.5, 1.0, 0.3, 0.3  # [s]
-_FRAMES = 2.0  # that a rest is long enough for
+_SETTLING, _SEGMENT, _REST = 0.5, 0.64, 0.3  # [s]
 _LEAST_NOISE = 1e-5  # of the reach
 _RISE = 5.0  # [s] in which the path takes up its full rate if the velocity is just known
-_ROUNDS = 3  # of the noise that the residual shows
-_SINGULAR = 0.1  # of the largest singular value of the Jacobian: below, a direction is left out
 
 
 class Start(NamedTuple):
@@ -48,7 +46,8 @@ class Start(NamedTuple):
 
     Attributes:
         q: (nq) where the joints are held.
-        ways: (n, 3) joint motion that moves the frame along each axis of the base by one metre.
+        ways: (n, 3) joint motion that moves the frame along each axis of the base by one metre, but
+            for directions that it hardly moves in, by singular values below a tenth of the largest.
         size: of the motion [m]; zero while the estimates rest.
         filters: state of the filters of the law of the joints.
         taken: time of the last frame [s].
@@ -155,7 +154,7 @@ class SlowStart(Controller):
         )
         start = Start(
             q=q,
-            ways=np.linalg.pinv(J[:3], rcond=_SINGULAR),
+            ways=np.linalg.pinv(J[:3], rcond=0.1),
             size=0.0,
             filters=joints.law.filters.init(state.sensed, joints.kinematics),
             taken=-math.inf,
@@ -183,20 +182,24 @@ class SlowStart(Controller):
         start, joints, path = state.start, self._joints, state.path
         if start is None or joints is None or path is None:
             return super().step(state, measurement, desired, dt)
-        cycle, place = self._cycle, self._cycle.since(path.lag)
+        cycle, place = (
+            self._motion,
+            path.lag - _SETTLING,
+        )  # time in the cycle; negative: before the first
+        place = place if place < 0.0 else math.fmod(place, cycle.settles + self._rest)
         with self.reserved():
             sensed, _, held, _, elapsed = self._sensed(state, measurement, desired, dt)
             t, begun = held.t, None
             taken = t if sensed.frame is None else sensed.frame.t
             if taken > start.taken and sensed.epsilon.size:
-                rests = place - cycle.moving - (t - taken)
+                rests = place - cycle.settles - (t - taken)
                 first = 0.0 <= rests < taken - start.taken  # frame of this rest
                 start = start.with_frame(sensed.X_k, sensed.epsilon, taken)
                 if first and state.adapting:
                     begun = self._begun(state, start, measurement)
         if begun is not None:
             return super().step(begun, measurement, desired, dt)
-        if not 0.0 <= place < cycle.moving:
+        if not 0.0 <= place < cycle.settles:
             start = start._replace(size=_BALL * self.kinematics.robot.reach * state.adapting)
         e, ed, edd = (start.ways.dot(start.size * each) for each in cycle.at(place))
         inner = state._replace(
@@ -223,13 +226,18 @@ class SlowStart(Controller):
         )
 
     @cached_property
-    def _cycle(self) -> _Cycle:
-        """The motion of the frame."""
+    def _motion(self) -> Waypoints:
+        """A cycle of the frame on the unit sphere, in which each axis is excited as the others."""
+        none, corners = np.zeros(3), [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]
+        return Waypoints(np.vstack([none, corners, none]) / math.sqrt(3.0), _SEGMENT)
+
+    @cached_property
+    def _rest(self) -> float:
+        """How long the frame rests after each cycle, for two frames of the camera [s]."""
         camera = self.sensors.camera
         if camera is None:
-            return _Cycle(_REST)
-        frames = 0.0 if camera.rate is None else _FRAMES / camera.rate
-        return _Cycle(camera.delay + max(_REST, frames))
+            return _REST
+        return camera.delay + max(_REST, 0.0 if camera.rate is None else 2.0 / camera.rate)
 
     def _known(self, start: Start, a_k: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Return the kinematic estimate (p) from the frames, its information (p, p) and error.
@@ -244,7 +252,7 @@ class SlowStart(Controller):
         kinematics, H, score = self.kinematics, start.information, start.score
         prior, least = np.diag(1.0 / kinematics.sizes**2), _LEAST_NOISE * kinematics.robot.reach
         variance = least**2
-        for _ in range(_ROUNDS):
+        for _ in range(3):  # the variance is that of the residual
             information = H / variance + prior
             found = a_k - np.linalg.solve(information, score) / variance
             variance = start.variance(found - a_k, least)
@@ -298,7 +306,7 @@ class SlowStart(Controller):
         sensed = believed(before, self.kinematics, a_k)
         assert state.path is not None
         return state._replace(
-            kinematic=self.adaptation_k.informed(self.adaptation_k.init(a_k), information),
+            kinematic=self.adaptation_k.init(a_k, information),
             filters=self._filters.init(sensed, self.kinematics),
             sensed=sensed,
             path=PathTime(state.path.lag, 0.0, _KNOWN / (_RISE * uncertain), AXES),
@@ -322,45 +330,3 @@ class SlowStart(Controller):
             return after
         lag = path.lag + elapsed * (1.0 - min(1.0, 0.5 * (path.rate + rate)))
         return PathTime(lag) if rate >= 1.0 else path._replace(lag=lag, rate=rate)
-
-
-class _Cycle:
-    """Two circles of a point about a place, on the unit sphere, one above and one below it.
-
-    With w from 0 to 1 and back, e = w (sqrt(2/3) cos, sqrt(2/3) sin, +-sqrt(1/3)): each axis is
-    excited about as much as the others.
-
-    Attributes:
-        moving: duration of both circles [s].
-        whole: with the rest that follows [s].
-    """
-
-    def __init__(self, rest: float) -> None:
-        """Take the rest [s]."""
-        self._half = _TURN + 2.0 * _RAMP
-        self.moving = 2.0 * self._half
-        self.whole = self.moving + rest
-
-    def since(self, time: float) -> float:
-        """Return the time in the cycle at a time since the start [s]; negative: before it."""
-        time -= _SETTLING
-        return time if time < 0.0 else math.fmod(time, self.whole)
-
-    def at(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return e (3), de/dt and d^2e/dt^2 at a time in the cycle [s]."""
-        none = np.zeros(3)
-        if not 0.0 < place < self.moving:
-            return none, none, none
-        above, t = place < self._half, math.fmod(place, self._half)
-        u, sign = min(t, self._half - t) / _RAMP, 1.0 if t < 0.5 * self._half else -1.0
-        w, wd, wdd = 1.0, 0.0, 0.0
-        if u < 1.0:
-            w = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
-            wd = sign * 30.0 * u * u * (1.0 - u) ** 2 / _RAMP
-            wdd = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / _RAMP**2
-        turn, wide = 2.0 * math.pi / self._half, math.sqrt(2.0 / 3.0)
-        cosine, sine = wide * math.cos(turn * t), wide * math.sin(turn * t)
-        c = np.array([cosine, sine, math.sqrt(1.0 / 3.0) * (1.0 if above else -1.0)])
-        cd = turn * np.array([-sine, cosine, 0.0])
-        cdd = -(turn**2) * np.array([cosine, sine, 0.0])
-        return w * c, wd * c + w * cd, wdd * c + 2.0 * wd * cd + w * cdd

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,13 +34,6 @@ class Bridged(NamedTuple):
     frames: int = 0
     torques: int = 0
     times: int = 0
-
-    @classmethod
-    def of(cls, trail: np.ndarray) -> Bridged:
-        """Return the numbers in the trail of a state."""
-        if not trail.size:
-            return cls()
-        return cls(*trail[: kernels.BRIDGED].astype(int).tolist())
 
 
 class ControllerState(NamedTuple):
@@ -90,7 +83,7 @@ class ControllerState(NamedTuple):
     @property
     def bridged(self) -> Bridged:
         """How many samples were replaced by a prediction since the start."""
-        return Bridged.of(self.sensed.trail)
+        return Bridged(*self.sensed.trail[: kernels.BRIDGED].astype(int).tolist())
 
     @property
     def unseen(self) -> np.ndarray:
@@ -98,10 +91,7 @@ class ControllerState(NamedTuple):
 
         No torque rests such a joint: it is a matter for the arm's brakes.
         """
-        trail = self.sensed.trail
-        if not trail.size:
-            return np.zeros(self.sensed.v.size, bool)
-        return row(trail, kernels.UNSEEN) > LASTS
+        return row(self.sensed.trail, kernels.UNSEEN) > LASTS
 
     def adapt(self, adapting: bool = True) -> ControllerState:
         """Return this state with estimates that move from now on, or rest.
@@ -125,54 +115,47 @@ class ControllerState(NamedTuple):
 
     def flat(self) -> np.ndarray:
         """Return the continuous states as one array: estimates, filters, memories, path time."""
-        return np.concatenate(list(_leaves((*self[1:5], self.torque_filter, self.path))))
+        found: list[np.ndarray] = []
+
+        def keep(array: np.ndarray) -> np.ndarray:
+            found.append(array.ravel())
+            return array
+
+        self._mapped(keep)
+        return np.concatenate(found)
 
     def with_flat(self, values: np.ndarray) -> ControllerState:
         """Return the state whose ``flat`` is ``values``."""
-        moving, used = _filled((*self[1:5], self.torque_filter, self.path), values, 0)
-        if used != values.size:
-            raise InputError(f"expected {used} floats, got {values.size}.", where="values")
-        dynamic, kinematic, a_0, filters, torque_filter, path = moving
-        return self._replace(
-            dynamic=dynamic,
-            kinematic=kinematic,
-            a_0=a_0,
-            filters=filters,
-            torque_filter=torque_filter,
-            path=path,
-        )
+        used = 0
+
+        def take(array: np.ndarray) -> np.ndarray:
+            nonlocal used
+            used += array.size
+            return values[used - array.size : used].reshape(array.shape)
+
+        size = self.flat().size
+        if size != values.size:
+            raise InputError(f"expected {size} floats, got {values.size}.", where="values")
+        return self._mapped(take)
+
+    def _mapped(self, change: Callable[[np.ndarray], np.ndarray]) -> ControllerState:
+        """Return the state with its continuous states changed."""
+        names = ("dynamic", "kinematic", "a_0", "filters", "torque_filter", "path")
+        return self._replace(**{name: _mapped(getattr(self, name), change) for name in names})
 
 
-def _leaves(part: Any) -> Iterator[np.ndarray]:
-    """Yield the arrays in estimates and nested tuples, flat and in order, without constants."""
+def _mapped(part: Any, change: Callable[[np.ndarray], np.ndarray]) -> Any:
+    """Return estimates and nested tuples with their arrays changed, constants as they are."""
     if isinstance(part, np.ndarray):
-        yield part.ravel()
-    elif isinstance(part, Estimate):
-        yield from _leaves((part.value, part.memory))
-    elif isinstance(part, PathTime):
-        yield np.array(part[:3])
-    elif isinstance(part, tuple):
-        for inner in part:
-            yield from _leaves(inner)
-
-
-def _filled(part: Any, values: np.ndarray, start: int) -> tuple[Any, int]:
-    """Return a part with the arrays of ``_leaves`` taken from values, and where they end there."""
-    if isinstance(part, np.ndarray):
-        stop = start + part.size
-        return values[start:stop].reshape(part.shape), stop
+        return change(part)
     if isinstance(part, Estimate):
-        both, stop = _filled((part.value, part.memory), values, start)
-        return Estimate(*both), stop
+        return Estimate(change(part.value), _mapped(part.memory, change))
     if isinstance(part, PathTime):
-        return PathTime._make([*values[start : start + 3].tolist(), part.cause]), start + 3
+        return PathTime._make([*change(np.array(part[:3])).tolist(), part.cause])
     if not isinstance(part, tuple):
-        return part, start
-    pieces = []
-    for piece in part:
-        found, start = _filled(piece, values, start)
-        pieces.append(found)
-    return type(part)(*pieces) if hasattr(part, "_fields") else tuple(pieces), start
+        return part
+    pieces = [_mapped(piece, change) for piece in part]
+    return type(part)(*pieces) if hasattr(part, "_fields") else tuple(pieces)
 
 
 class Sample(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -25,34 +25,47 @@ class CatalogueEntry:
 
     Attributes:
         name: name in the catalogue.
-        frame: default task frame.
+        link: the link that carries the default task frame.
         joints: number of joints of the chain.
         task: default task.
-        origin: "pinadapt", or the name of the loader in example-robot-data.
-        path: URDF file in ``robots/``; None for robots of example-robot-data.
+        urdf: file in ``robots/``; None for robots of example-robot-data.
+        loader: of example-robot-data, where it is not called as the robot.
         first: first joint of the limb; the joints before it are locked. None: the first of all.
         tip: (3) [m] origin of the frame in the axes of ``link``, where the description has no frame
             at the end of that link; else None.
-        link: the link that carries the frame; equal to ``frame`` if there is no ``tip``.
         q0: home pose, one value per joint [rad or m], or None if it is searched.
         about: a remark.
     """
 
     name: str
-    frame: str
-    joints: int
-    task: str
-    origin: str
-    path: Path | None
-    first: str | None
-    tip: tuple[float, ...] | None
     link: str
-    q0: tuple[float, ...] | None
-    about: str
+    joints: int
+    task: str = "xyz"
+    urdf: str | None = None
+    loader: str | None = None
+    first: str | None = None
+    tip: Sequence[float] | None = None
+    q0: Sequence[float] | None = None
+    about: str = ""
+
+    @property
+    def frame(self) -> str:
+        """The default task frame."""
+        return self.link if self.tip is None else f"{self.link}_tip"
+
+    @property
+    def origin(self) -> str:
+        """The name of the loader in example-robot-data, or "pinadapt"."""
+        return (self.loader or self.name) if self.urdf is None else _OWN
+
+    @property
+    def path(self) -> Path:
+        """The URDF file."""
+        return example_path(self.origin) if self.urdf is None else robots_folder() / self.urdf
 
     def load(self) -> tuple[Urdf, pin.Model, np.ndarray]:
         """Return the URDF, the whole model and a reference configuration (nq)."""
-        urdf, model, q_reference = _whole(self.urdf, self.origin)
+        urdf, model, q_reference = _whole(self.path, self.origin)
         model = model.copy()
         if self.tip is not None:
             index = frame_id(model, self.link)
@@ -65,12 +78,7 @@ class CatalogueEntry:
 
     def geometry(self, kind: pin.GeometryType) -> pin.GeometryModel:
         """Return the visual or collision geometry of the whole robot."""
-        return whole_geometry(self.urdf, self.origin, kind)
-
-    @property
-    def urdf(self) -> Path:
-        """The URDF file."""
-        return example_path(self.origin) if self.path is None else self.path
+        return whole_geometry(self.path, self.origin, kind)
 
     def limb(self, model: pin.Model) -> tuple[list[int], list[int]]:
         """Return the joints of the whole model before the limb, and those of the limb."""
@@ -87,23 +95,8 @@ class CatalogueEntry:
 @cache
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """Return the catalogue: name -> entry."""
-    folder = robots_folder()
-    entries = {}
-    for name, row in read_toml(folder / "catalogue.toml").items():
-        entries[name] = CatalogueEntry(
-            name=name,
-            frame=f"{row['frame']}_tip" if "tip" in row else row["frame"],
-            joints=row["joints"],
-            task=row.get("task", "xyz"),
-            origin=_OWN if "urdf" in row else row.get("loader", name),
-            path=folder / row["urdf"] if "urdf" in row else None,
-            first=row.get("first"),
-            tip=tuple(row["tip"]) if "tip" in row else None,
-            link=row["frame"],
-            q0=tuple(row["q0"]) if "q0" in row else None,
-            about=row.get("about", ""),
-        )
-    return entries
+    rows = read_toml(robots_folder() / "catalogue.toml")
+    return {name: CatalogueEntry(name, row.pop("frame"), **row) for name, row in rows.items()}
 
 
 def catalogue_entry(name: str) -> CatalogueEntry:

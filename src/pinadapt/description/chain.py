@@ -17,8 +17,6 @@ Mimics: TypeAlias = Mapping[str, tuple[str, float, float]]
 """A joint -> the one that it follows, ratio and offset, q_j = ratio q_i + offset."""
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _LINK_MARK = "(link) "  # of links that share their name with a joint
-_REGULAR = 1e-10  # smallest eigenvalue of a scaled mass matrix
-_PHYSICAL = 1e-9  # the same of a scaled pseudo-inertia
 
 
 # Frames, links and joints
@@ -72,7 +70,7 @@ def are_physical(tens: np.ndarray) -> np.ndarray:
     found = (tens[:, 0] > 0.0) & (squares > 0.0).all(axis=1)
     scale = np.sqrt(squares[found])
     relative = P.reshape(-1, 4, 4)[found] / (scale[:, :, None] * scale[:, None, :])
-    found[found] = np.linalg.eigvalsh(relative)[:, 0] > _PHYSICAL
+    found[found] = np.linalg.eigvalsh(relative)[:, 0] > 1e-9
     return found
 
 
@@ -152,15 +150,6 @@ def _stated_limits(model: pin.Model) -> Iterator[tuple[int, float, float]]:
             yield joint.id, float(low), float(high)
 
 
-def joints_of_one_position(model: pin.Model) -> dict[int, float]:
-    """Return joint -> position [rad or m] of those whose limits are equal, and not zero."""
-    return {
-        joint: low
-        for joint, low, high in _stated_limits(model)
-        if low == high and 0.0 < abs(low) < LARGEST
-    }
-
-
 def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     """Return finite bounds (nv) [rad or m]: the limits, else half a turn or 1 m to each side."""
     lower, upper = position_limits(model)
@@ -183,10 +172,10 @@ def velocity_limits(model: pin.Model) -> np.ndarray:
 def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
     """Warn if joint positions (nv) [rad or m] of a home pose are outside the joint limits."""
     lower, upper = position_limits(model)
+    off = np.abs(angles - np.clip(angles, lower, upper)) > 1e-8
     outside = [
-        f"joint '{name}' at {angle:.6g}, limits {low:.6g} to {high:.6g}"
-        for name, angle, low, high in zip(model.names[1:], angles, lower, upper, strict=True)
-        if not np.isclose(angle, np.clip(angle, low, high), rtol=0.0)
+        f"joint '{model.names[j + 1]}' at {angles[j]:.6g}, limits {lower[j]:.6g} to {upper[j]:.6g}"
+        for j in np.flatnonzero(off).tolist()
     ]
     if outside:
         warnings.warn(
@@ -251,8 +240,8 @@ def check_numbers(model: pin.Model) -> None:
         numbers = [*placement.homogeneous.flat, *body.toDynamicParameters(), *model.gravity.linear]
         if not (np.abs(numbers) <= LARGEST).all() or body.mass < 0.0:  # the first also for NaN
             raise RobotError(
-                f"the placement of joint '{name}', the inertia of the body it moves or gravity has "
-                f"a number that is not finite or exceeds {LARGEST:g}, or a negative mass.",
+                f"the placement of joint '{name}', its body or gravity has a number that is not "
+                f"finite or exceeds {LARGEST:g}, or a negative mass.",
                 where=model.name,
             )
 
@@ -320,7 +309,7 @@ def check_mass_matrix(model: pin.Model, configurations: Sequence[np.ndarray]) ->
         M = pin.crba(model, data, q)
         scale = np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
         eigenvalues, vectors = np.linalg.eigh(M / np.outer(scale, scale))
-        if eigenvalues[0] >= _REGULAR:
+        if eigenvalues[0] >= 1e-10:
             continue
         weakest = int(np.argmax(np.abs(vectors[:, 0] / scale))) + 1
         links = [links_of(model, joint)[0] for joint in massless_joints(model) or [weakest]]

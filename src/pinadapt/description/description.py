@@ -77,34 +77,31 @@ def describe(
         RobotError: the source is not found, cannot be read or has impossible numbers, or xacro
             arguments are given for another kind of source.
     """
-    found = _find(source, mapping(xacro, "xacro", RobotError))
-    check_numbers(found.model)
-    if mass is None:
-        return found
-    return replace(found, model=with_inertias(found.model, found.geometry, mass, found.name))
-
-
-def _find(source: Source, xacro: XacroArguments) -> Description:
+    arguments = mapping(xacro, "xacro", RobotError)
     if isinstance(source, RobotWrapper | pin.Model):
-        return _from_object(source)
-    if not isinstance(source, str | Path):
+        found = _from_object(source)
+    elif not isinstance(source, str | Path):
         raise RobotError(
             "expected a name, the path of a file, a pin.Model or a RobotWrapper, got "
             f"{shown(source)}.",
             where="source",
             hint="`pinadapt robots` lists the names.",
         )
-    if is_path(source):
-        return _from_file(Path(source).expanduser(), xacro)
-    name = str(source)
-    if name not in catalogue() and is_description_name(name):
-        path, arguments, packages = named_description(name)
-        return replace(_from_file(path, {**arguments, **xacro}, packages), name=name)
-    if name not in catalogue() and name in whole_names():
-        return _whole_robot(name)
-    if xacro:
-        raise RobotError(f"'{name}' is not a xacro file; it takes no arguments.", where="xacro")
-    return _from_catalogue(name)
+    elif is_path(source):
+        found = _from_file(Path(source).expanduser(), arguments)
+    elif source not in catalogue() and is_description_name(str(source)):
+        path, own, packages = named_description(str(source))
+        found = replace(_from_file(path, {**own, **arguments}, packages), name=str(source))
+    elif xacro:
+        raise RobotError(f"'{source}' is not a xacro file; it takes no arguments.", where="xacro")
+    elif source not in catalogue() and source in whole_names():
+        found = _whole_robot(str(source))
+    else:
+        found = _from_catalogue(str(source))
+    check_numbers(found.model)
+    if mass is None:
+        return found
+    return replace(found, model=with_inertias(found.model, found.geometry, mass, found.name))
 
 
 def _from_object(source: pin.Model | RobotWrapper) -> Description:
@@ -199,31 +196,22 @@ def named_description(name: str) -> tuple[Path, Mapping[str, str], Mapping[str, 
         RobotError: the package is not installed, has no such description, or cannot download it.
     """
     try:
-        package = import_module("robot_descriptions")
-    except ImportError as error:
+        known = import_module("robot_descriptions").DESCRIPTIONS
+        module = import_module(f"robot_descriptions.{name}") if name in known else None
+    except Exception as error:  # of the import, git, the network, the disk
         raise RobotError(
-            f"the package robot_descriptions, needed for '{name}', is not installed.",
+            f"the package robot_descriptions does not give '{name}' ({error}).",
             where="source",
-            hint='Install it: pip install "pinadapt[descriptions]".',
-        ) from error
-    if name not in package.DESCRIPTIONS:
-        raise RobotError(
-            f"the package robot_descriptions has no '{name}'."
-            f"{did_you_mean(name, package.DESCRIPTIONS)}",
-            where="source",
-        )
-    try:
-        module = import_module(f"robot_descriptions.{name}")
-    except Exception as error:  # of git, the network, the disk
-        raise RobotError(
-            f"robot_descriptions could not fetch '{name}' ({error}).",
-            where="source",
-            hint="At its first use a description is cloned from GitHub with git: try again online, "
-            "or set ROBOT_DESCRIPTIONS_CACHE to a folder that already contains it.",
+            hint='Install it: pip install "pinadapt[descriptions]". At its first use a description '
+            "is cloned from GitHub with git: try again online, or set ROBOT_DESCRIPTIONS_CACHE to "
+            "a folder that already contains it.",
         ) from error
     kinds = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
     path = next((getattr(module, kind) for kind in kinds if hasattr(module, kind)), None)
     if path is None:
-        raise RobotError(f"'{name}' has no URDF, xacro or MJCF file.", where="source")
+        raise RobotError(
+            f"the package robot_descriptions has no '{name}'.{did_you_mean(name, known)}",
+            where="source",
+        )
     arguments = {} if hasattr(module, "URDF_PATH") else getattr(module, "XACRO_ARGS", {})
     return Path(path), arguments, getattr(module, "XACRO_PACKAGE_PATHS", {})

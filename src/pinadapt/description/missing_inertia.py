@@ -20,10 +20,9 @@ from .._checks import positive
 from ..exceptions import RobotError
 from .chain import links_of, massless_joints
 
-_DENSITY = 2700.0  # [kg/m^3] of aluminium
-_FLANGE = 0.01  # mass of a last body without any, as a share of that of the others
-_POINT = 1e-12  # [m^2] of inertia over mass: that of a point
-_SLENDER = 0.05  # radius of rods and balls, relative to the longest rod
+# radius of rods and balls, relative to the longest rod; half, twice: their mass is a quarter, four
+# times as large beside bodies with shapes
+_SLENDER = 0.05
 
 
 def with_inertias(
@@ -56,13 +55,13 @@ def with_inertias(
             hint="Give the mass of the whole robot, its base included, if bodies lack theirs. "
             "Robot.changed(inertial_scale=...) scales the described masses.",
         )
-    base, solids = model.inertias[0].mass <= 0.0, dict[int, pin.Inertia]()
+    wanted = [*lacking, *[0] * (model.inertias[0].mass <= 0.0)]
+    solids: dict[int, pin.Inertia] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):  # the later count
         placed, shapes = dict[int, pin.Inertia](), geometry(kind)
         for part in shapes.geometryObjects if shapes else ():
             joint = part.parentJoint
-            wanted = joint in lacking or (base and joint == 0)
-            if wanted and (solid := _solid(part.geometry)) is not None:
+            if joint in wanted and (solid := _solid(part.geometry)) is not None:
                 placed[joint] = placed.get(joint, pin.Inertia.Zero()) + part.placement.act(solid)
         solids |= placed
     ends = {joint: _furthest(model, joint) for joint in range(1, model.njoints)}
@@ -97,22 +96,20 @@ def with_solid_points(model: pin.Model, name: str) -> pin.Model | None:
         name: of the robot, for the warning.
     """
     model, words = model.copy(), []
-    flange = _FLANGE * sum(body.mass for body in model.inertias[1:])
+    flange = 0.01 * sum(body.mass for body in model.inertias[1:])
     for joint in range(1, model.njoints):
         body = model.inertias[joint]
         mass = body.mass or (flange if joint == model.njoints - 1 else 0.0)
-        if mass > 0.0 and np.abs(body.inertia).max() <= _POINT * mass:
-            ball = pin.Inertia.FromSphere(mass, np.cbrt(3.0 * mass / (4.0 * np.pi * _DENSITY)))
+        if mass > 0.0 and np.abs(body.inertia).max() <= 1e-12 * mass:  # [m^2], that of a point
+            ball = pin.Inertia.FromSphere(mass, np.cbrt(3.0 * mass / (4.0 * np.pi * 2700.0)))
             ball.lever = body.lever
             model.inertias[joint] = ball
-            words.append(
-                f"{links_of(model, joint)[0]} {mass:.2g} kg, {ball.inertia[0, 0]:.2g} kg m^2"
-            )
+            words.append(f"{links_of(model, joint)[0]} {mass:.2g} kg")
     if not words:
         return None
     warnings.warn(
         f"{name}: these links are described without inertia and get that of a ball of aluminium: "
-        f"{'; '.join(words)}.",
+        f"{', '.join(words)}.",
         stacklevel=3,
     )
     return model

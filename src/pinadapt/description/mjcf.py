@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ..exceptions import RobotError
 from .chain import Mimics, effort_limits, is_physical, is_slide, links_of, position_limits
-from .urdf import flaws_of_numbers, xml_text
+from .urdf import check_numbers, xml_text
 from .urdf_writer import axis_of, digits, first_comment, free_name
 
 _COMPILED = (
@@ -24,12 +24,10 @@ _COMPILED = (
 _SKIPPED = ("include", "attach", "replicate", "composite", "flexcomp", "frame", "plugin")
 # Pinocchio does not compute the inertia of these shapes.
 _NO_INERTIA = ("mesh", "ellipsoid", "hfield", "sdf")
-_NUMBERS = dict.fromkeys(
-    (
-        *("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "fromto"),
-        *("size", "mass", "density", "diaginertia", "fullinertia", "armature", "gravity", "qpos"),
-        *("damping", "frictionloss", "scale", "actuatorfrcrange"),
-    )
+_NUMBERS = (
+    *("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "fromto"),
+    *("size", "mass", "density", "diaginertia", "fullinertia", "armature", "gravity", "qpos"),
+    *("damping", "frictionloss", "scale", "actuatorfrcrange"),
 )
 
 
@@ -55,6 +53,8 @@ class Mjcf:
             RobotError: an element that Pinocchio would ignore, text in place of a number, or a
                 negative mass.
         """
+        for element in root.iter():
+            check_numbers(element, _NUMBERS, None, path)
         for flaw in _flaws(root):
             raise RobotError(f"{flaw}.", where=str(path), hint=_COMPILED)
         if loops := [*root.iter("connect"), *root.iter("weld")]:
@@ -76,7 +76,14 @@ class Mjcf:
         Raises:
             RobotError: Pinocchio cannot read it.
         """
-        model = self._built(pin.buildModelFromMJCF, str(self.path))
+        try:
+            model = pin.buildModelFromMJCF(str(self.path))
+        except Exception as error:
+            raise RobotError(
+                f"Pinocchio cannot read this MJCF file: {' '.join(str(error).split())}",
+                where=str(self.path),
+                hint=_COMPILED,
+            ) from error
         model.gravity.linear = self.gravity
         return model
 
@@ -86,22 +93,11 @@ class Mjcf:
         A warning says which.
         """
         try:
-            return self._built(pin.buildGeomFromMJCF, model, str(self.path), kind)
-        except RobotError as error:
-            warnings.warn(f"no shapes are drawn: {error}", stacklevel=3)
-            return None
-
-    def _built(self, build: Callable[..., Any], *arguments: Any) -> Any:
-        """Return what Pinocchio builds from the file."""
-        try:
-            return build(*arguments)
+            return pin.buildGeomFromMJCF(model, str(self.path), kind)
         except Exception as error:
-            reason = " ".join(str(error).split()).rstrip(".")
-            raise RobotError(
-                f"Pinocchio cannot read this MJCF file: {reason}.",
-                where=str(self.path),
-                hint=_COMPILED,
-            ) from error
+            reason = " ".join(str(error).split())
+            warnings.warn(f"{self.path}: no shapes are drawn: {reason}", stacklevel=3)
+            return None
 
 
 def keyframe(model: pin.Model) -> np.ndarray:
@@ -116,43 +112,38 @@ def _flaws(root: ElementTree.Element) -> Iterator[str]:
     for element in root.iter():
         if element.tag in _SKIPPED:
             yield f"Pinocchio does not read <{element.tag}>"
-        yield from flaws_of_numbers(element, _NUMBERS)
         if float(element.get("mass", "0")) < 0.0:
             yield f"<{element.tag}> has a negative mass, {element.get('mass')} kg"
     for body in root.iter("body"):
         if not body.get("name"):
             yield "a <body> has no name; Pinocchio ignores such bodies and all that they carry"
-        if body.find("inertial") is None and any(map(_has_no_inertia, body.findall("geom"))):
+        shapes = [g for g in body.findall("geom") if "0" not in (g.get("mass"), g.get("density"))]
+        unknown = any(g.get("mesh") is not None or g.get("type") in _NO_INERTIA for g in shapes)
+        if body.find("inertial") is None and unknown:
             yield (
                 f"body '{body.get('name')}' has no <inertial>, and Pinocchio does not compute the "
                 "inertia of its shapes"
             )
 
 
-def _has_no_inertia(geom: ElementTree.Element) -> bool:
-    massless = "0" in (geom.get("mass"), geom.get("density"))
-    return not massless and (geom.get("mesh") is not None or geom.get("type") in _NO_INERTIA)
-
-
 def mjcf_text(robot: Any) -> str:
     """Return the text of an MJCF file of the chain of a ``Robot`` alone, without shapes.
 
     Joints have limits, ``damping``, ``frictionloss`` and ``armature``; each has a motor, limited to
-    its effort. A constant torque is an actuator without gain, after the motors, and a shaft of two
-    joints is a fixed tendon. The task frame is a site.
+    its effort. The task frame is a site.
 
     Raises:
         RobotError: a body without a physical inertia.
     """
     model, friction, names = robot.model, robot.friction, robot.joint_names
     root = ElementTree.Element("mujoco", model=robot.name)
-    lost = ", ".join(name for name in friction.special if name != "offset")
-    lost = f" MJCF does not have: {lost}." if lost else ""
+    lost = ", ".join([*friction.special, *(shaft.name(names) for shaft in friction.shafts)])
+    lost = f" Not in this file: {lost}." if lost else ""
     root.append(first_comment(robot, f"The chain alone, without shapes.{lost}"))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
     body, taken = ElementTree.SubElement(root, "worldbody"), {robot.frame, "world"}
-    tendons, motors = ElementTree.Element("tendon"), ElementTree.Element("actuator")
+    motors = ElementTree.Element("actuator")
     limits, efforts = np.transpose(position_limits(model)), effort_limits(model)
     effects = {
         "damping": friction.viscous,
@@ -180,23 +171,7 @@ def mjcf_text(robot: Any) -> str:
     ElementTree.SubElement(
         body, "site", {"name": robot.frame, **_at(model.frames[robot.frame_id].placement)}
     )
-    for shaft in friction.shafts:
-        tendon = ElementTree.SubElement(
-            tendons,
-            "fixed",
-            name=shaft.name(names),
-            damping=digits(shaft.viscous),
-            frictionloss=digits(shaft.coulomb),
-            armature=digits(shaft.armature),
-        )
-        for joint, factor in zip(shaft.joints, (1.0, shaft.sign), strict=True):
-            ElementTree.SubElement(tendon, "joint", joint=names[joint], coef=digits(factor))
-    for name, torque in zip(names, friction.offset, strict=True):
-        if torque:
-            constant = {"name": f"{name}_offset", "joint": name, "biastype": "affine"}
-            constant |= {"gainprm": "0", "biasprm": digits([-torque, 0.0, 0.0])}
-            ElementTree.SubElement(motors, "general", constant)
-    root.extend([part for part in (tendons, motors) if len(part)])
+    root.append(motors)
     ElementTree.indent(root)
     return xml_text(root) + "\n"
 
@@ -220,10 +195,6 @@ def _write_inertia(body: ElementTree.Element, inertia: pin.Inertia) -> None:
             where="mjcf",
         )
     full = [*np.diag(inertia.inertia), *inertia.inertia[np.triu_indices(3, 1)]]
-    ElementTree.SubElement(
-        body,
-        "inertial",
-        pos=digits(inertia.lever),
-        mass=digits(inertia.mass),
-        fullinertia=digits(full),
-    )
+    written = {"pos": inertia.lever, "mass": inertia.mass, "fullinertia": full}
+    texts = {name: digits(numbers) for name, numbers in written.items()}
+    ElementTree.SubElement(body, "inertial", texts)

@@ -5,34 +5,28 @@ from __future__ import annotations
 import math
 import warnings
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from xml.parsers.expat import ExpatError, ParserCreate
 
-import coal
-import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
 from .chain import Mimics
 from .xacro import WHERE_PACKAGES_ARE, Packages, XacroArguments, expand
 
-_HINT = "Write finite numbers with a decimal point, and separate several by spaces."
 ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _REQUIRED = {"mass": ("value",), "inertia": ENTRIES}
 _TAGS = (
     *("origin", "axis", "mass", "inertia", "limit", "dynamics", "mimic"),
     *("box", "sphere", "cylinder", "capsule", "mesh"),
 )
-# attribute -> count of its numbers
-_NUMBERS = dict.fromkeys(("xyz", "rpy", "size", "scale"), 3) | dict.fromkeys(
-    (
-        *(*ENTRIES, "value", "lower", "upper", "effort", "velocity", "multiplier", "offset"),
-        *("radius", "length"),
-    ),
-    1,
+_VECTORS = ("xyz", "rpy", "size", "scale")  # of three numbers
+_NUMBERS = (
+    *(*ENTRIES, "value", "lower", "upper", "effort", "velocity", "multiplier", "offset"),
+    *("radius", "length"),
 )
 
 
@@ -88,14 +82,15 @@ class Urdf:
             raise RobotError(
                 f"the root element is <{root.tag}>; that of a URDF is <robot>.", where=str(path)
             )
-        for part in root:
-            for element in part.iter() if part.tag in ("link", "joint") else ():
-                for name in _REQUIRED.get(element.tag, ()):
-                    element.attrib.setdefault(name, "")
-                own = dict.fromkeys(element.attrib, 1) if element.tag == "dynamics" else _NUMBERS
-                for flaw in flaws_of_numbers(element, own) if element.tag in _TAGS else ():
-                    owner = f"{part.tag} '{part.get('name', '')}'"
-                    raise RobotError(f"{owner}, {flaw}.", where=str(path), hint=_HINT)
+        for part in [*root.findall("link"), *root.findall("joint")]:
+            for element in part.iter():
+                if element.tag in _TAGS:
+                    owner = f"{part.tag} '{part.get('name', '')}', "
+                    for name in _REQUIRED.get(element.tag, ()):
+                        element.attrib.setdefault(name, "")
+                    own = element.attrib if element.tag == "dynamics" else _NUMBERS
+                    check_numbers(element, own, 1, path, owner)
+                    check_numbers(element, _VECTORS, 3, path, owner)
         _fill_gaps(root, str(path))
         return cls(path, xml_text(root), packages)
 
@@ -116,30 +111,33 @@ class Urdf:
             ) from error
 
     def geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
-        """Return the visual or collision geometry, without shapes whose mesh cannot be read.
+        """Return the visual or collision geometry, without shapes whose mesh is not found.
 
-        A warning lists these meshes.
+        A warning lists these meshes. If one cannot be read, there are no shapes at all.
         """
-        root, loader, missing = self.root, coal.CachedMeshLoader(), dict[str, str]()
-        visual = kind == pin.GeometryType.VISUAL
-        for link in root.iter("link"):
-            for shape in link.findall("collision" if visual else "visual"):
-                link.remove(shape)
-            for shape in link.findall("visual" if visual else "collision"):
-                for mesh in shape.findall("geometry/mesh"):
-                    name = mesh.get("filename", "")
-                    flaw = missing.get(name) or _flaw(mesh, self.packages, loader)
-                    if flaw:
-                        missing[name] = flaw
-                        link.remove(shape)
-        if missing:
-            listed = "; ".join(f"{name}: {flaw}" for name, flaw in missing.items())
+        root, tag = self.root, "visual" if kind == pin.GeometryType.VISUAL else "collision"
+        missing = self.packages.find_files(root)
+        lost = [
+            (link, shape)
+            for link in root.iter("link")
+            for shape in [*link.findall("visual"), *link.findall("collision")]
+            if shape.tag != tag or any(m.get("filename") in missing for m in shape.iter("mesh"))
+        ]
+        for link, shape in lost:
+            link.remove(shape)
+        names = {mesh.get("filename", "") for _, shape in lost for mesh in shape.iter("mesh")}
+        if names & missing:
             warnings.warn(
-                f"{self.path}: shapes not drawn, as their meshes cannot be read: {listed}. "
-                f"{WHERE_PACKAGES_ARE}",
+                f"{self.path}: shapes not drawn, as their meshes are not found: "
+                f"{', '.join(sorted(names & missing))}. {WHERE_PACKAGES_ARE}",
                 stacklevel=2,
             )
-        return pin.buildGeomFromUrdfString(model, xml_text(root), kind, mesh_loader=loader)
+        try:
+            return pin.buildGeomFromUrdfString(model, xml_text(root), kind)
+        except Exception as error:  # the parser of many formats raises errors of any kind
+            reason = str(error).strip().splitlines()[-1]
+            warnings.warn(f"{self.path}: no shapes are drawn: {reason}.", stacklevel=2)
+            return pin.GeometryModel()
 
     @property
     def root(self) -> ElementTree.Element:
@@ -185,34 +183,42 @@ class Origin:
     model: pin.Model
 
 
-def flaws_of_numbers(
-    element: ElementTree.Element, counts: Mapping[str, int] | Mapping[str, None]
-) -> Iterator[str]:
-    """Yield which attributes of an element are not the finite numbers that they should be.
+def check_numbers(
+    element: ElementTree.Element,
+    names: Iterable[str],
+    count: int | None,
+    path: Path,
+    owner: str = "",
+) -> None:
+    """Refuse attributes that are not numbers, which the parsers of Pinocchio would ignore.
 
     Args:
         element: of an XML document.
-        counts: attribute -> count of its numbers; None: any.
+        names: of its attributes that are numbers, if they are stated.
+        count: of the numbers in each; None: any.
+        path: of the file.
+        owner: which element it belongs to, for the message.
+
+    Raises:
+        RobotError: an attribute that is not this many finite numbers.
     """
-    for name, count in counts.items():
+    for name in names:
         text = element.get(name)
-        if text is not None and not _are_numbers(text, count):
-            yield (
-                f'<{element.tag}>: {name}="{text}" is not {count or "some"} finite '
-                f"number{'' if count == 1 else 's'}"
+        if text is None:
+            continue
+        words = text.split()
+        try:
+            finite = all(math.isfinite(float(word)) for word in words)
+        except ValueError:
+            finite = False
+        plain = text.isascii() and "_" not in text  # as a C parser reads them
+        if not (finite and plain and len(words) == (count or len(words) or 1)):
+            raise RobotError(
+                f'{owner}<{element.tag}>: {name}="{text}" is not {count or "some"} finite '
+                f"number{'' if count == 1 else 's'}.",
+                where=str(path),
+                hint="Write finite numbers with a decimal point, and separate several by spaces.",
             )
-
-
-def _are_numbers(text: str, count: int | None) -> bool:
-    """Return whether a C parser reads ``count`` finite numbers from a text, any if None."""
-    words = text.split()
-    try:
-        finite = all(math.isfinite(float(word)) for word in words)
-    except ValueError:
-        return False
-    return (
-        finite and "_" not in text and text.isascii() and len(words) == (count or len(words) or 1)
-    )
 
 
 def _fill_gaps(root: ElementTree.Element, where: str) -> None:
@@ -225,36 +231,25 @@ def _fill_gaps(root: ElementTree.Element, where: str) -> None:
     for joint in root.findall("joint"):
         if joint.get("type") in ("revolute", "prismatic") or joint.find("limit") is not None:
             stated = child(joint, "limit").attrib
-            missing = [name for name in ("effort", "velocity") if name not in stated]
-            stated.update(dict.fromkeys(missing, "0"))
-            if missing:
-                unlimited.append(f"{joint.get('name', '')} ({', '.join(missing)})")
+            if not {"effort", "velocity"} <= stated.keys():
+                unlimited.append(joint.get("name", ""))
+            stated |= {"effort": "0", "velocity": "0"} | stated
     known = {link.get("name") for link in root.findall("link")}
-    for parent in root.findall("joint/parent[@link]"):
-        name = parent.get("link", "")
+    parents = (parent.get("link", "") for parent in root.findall("joint/parent[@link]"))
+    for name in dict.fromkeys(parents):
         if name not in known:
-            known.add(name)
             undefined.append(name)
             ElementTree.SubElement(root, "link", name=name)
-    for words, names in (
-        ("no limit is stated, taken as unlimited", unlimited),
-        ("missing parent link added without a body", undefined),
-    ):
-        if names:
-            warnings.warn(f"{where}: {words}: {', '.join(names)}.", stacklevel=3)
-
-
-def _flaw(mesh: ElementTree.Element, packages: Packages, loader: coal.MeshLoader) -> str | None:
-    """Make the path of a mesh absolute, or return why the mesh cannot be read."""
-    file = packages.file(mesh.get("filename", ""))
-    if file is None:
-        return "no such file"
-    mesh.set("filename", str(file))
-    try:
-        loader.load(str(file), np.array(mesh.get("scale", "1 1 1").split(), dtype=float))
-    except Exception as error:  # the parser of many formats raises errors of any kind
-        return str(error).strip().splitlines()[-1]
-    return None
+    if unlimited:
+        warnings.warn(
+            f"{where}: no limit is stated, taken as unlimited: {', '.join(unlimited)}.",
+            stacklevel=3,
+        )
+    if undefined:
+        warnings.warn(
+            f"{where}: missing parent link added without a body: {', '.join(undefined)}.",
+            stacklevel=3,
+        )
 
 
 # XML

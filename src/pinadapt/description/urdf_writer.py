@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +25,8 @@ from .floating_base import BASE_JOINTS
 from .urdf import ENTRIES, Origin, Urdf, child, xml_text
 from .xacro import Packages
 
-_SAME = 1e-9  # [m], of an entry of a rotation, or relative of inertias: a difference by rounding
-_UNLIMITED = 1e9  # [rad or m], written for a joint without position limits
+# [m], of an entry of a rotation, or relative of inertias: a difference by rounding
+_SAME = 1e-9
 
 
 def first_comment(robot: Any, words: str) -> Any:
@@ -66,15 +65,14 @@ class _Edited:
     """The URDF of an origin while it is changed into that of a robot with the same joints."""
 
     def __init__(self, robot: Any, origin: Origin) -> None:
-        urdf = origin.urdf
-        self.root, self.packages = urdf.root, urdf.packages
+        self.root, self.packages = origin.urdf.root, origin.urdf.packages
         self.robot, self.described = robot, origin.model
         self.joints = {joint.get("name", ""): joint for joint in self.root.findall("joint")}
-        links = {link.get("name", ""): link for link in self.root.findall("link")}
-        self.links = {
-            name: Link(links[name], int(frame.parentJoint), frame.placement.copy())
+        self.links = {link.get("name", ""): link for link in self.root.findall("link")}
+        self.placements = {  # of links, in the axes of the moving joint before them
+            str(frame.name): frame.placement.copy()
             for frame in self.described.frames
-            if frame.type == pin.FrameType.BODY and (name := str(frame.name)) in links
+            if frame.type == pin.FrameType.BODY
         }
 
     def written(self) -> ElementTree.Element:
@@ -97,10 +95,10 @@ class _Edited:
                     stated = child(self.joints[name], "dynamics").attrib
                     if float(stated.get(attribute, "nan")) != value:
                         stated[attribute] = digits(value)
-        for link in self.links.values():
-            if not (link.joint or link.possible):
-                link.clear()
-        _find_files(self.root, self.packages)
+        self.packages.find_files(self.root)
+        if self.root.find("mujoco") is None and next(self.root.iter("mesh"), None) is not None:
+            extension = ElementTree.SubElement(self.root, "mujoco")  # which accepts absolute paths
+            ElementTree.SubElement(extension, "compiler", strippath="false")
         return self.root
 
     def _heaviest(self, index: int) -> str:
@@ -117,7 +115,7 @@ class _Edited:
         for joint in self.joints.values():
             if _end(joint, "child") == name not in parents and joint.get("type") == "fixed":
                 self._place(joint, frame.placement)
-                self.links[name].placement = frame.placement.copy()
+                self.placements[name] = frame.placement.copy()
                 return
         new = f"{name}_learned" if name in self.links else name
         carrier = _end(self.joints[str(self.robot.model.names[frame.parentJoint])], "child")
@@ -125,108 +123,75 @@ class _Edited:
         self._place(_joint(self.root, f"{new}_fixed", "fixed", carrier, new), frame.placement)
 
     def _place(self, joint: ElementTree.Element, placement: pin.SE3) -> None:
-        """Set the placement of a joint, given in the axes of the moving joint before it."""
-        _write_origin(joint, self.links[_end(joint, "parent")].placement.actInv(placement))
+        """Set the placement of a joint, given in the axes of the moving joint before it.
+
+        Angles that are the same up to rounding keep their digits.
+        """
+        placement = self.placements[_end(joint, "parent")].actInv(placement)
+        before, origin = _read_origin(joint).rotation, child(joint, "origin")
+        origin.set("xyz", digits(placement.translation))
+        if np.abs(before - placement.rotation).max() > _SAME:
+            origin.set("rpy", digits(pin.rpy.matrixToRpy(placement.rotation)))
 
     def _write_inertia(self, index: int, name: str) -> None:
-        """Write the inertia of a body to its first link, less that of the links fixed to it.
+        """Write what changed of a body to its first link.
 
-        Where that, or the inertia of one of these, is not physical, which MuJoCo refuses, they lose
-        theirs: the first link has the whole.
+        Where that has no physical inertia then, it has that of the body, the others lose theirs.
 
         Raises:
-            RobotError: the total is not physical.
+            RobotError: the inertia of the body is not physical.
         """
-        ten = np.array(self.robot.model.inertias[index].toDynamicParameters())
-        main = self.links[name]
-        others = [link for link in self.links.values() if link.joint == index and link is not main]
-        rest = sum((link.read() for link in others), np.zeros(10))
-        same = np.allclose(main.read() + rest, ten, rtol=_SAME, atol=_SAME * np.abs(ten).max())
-        if not is_physical(ten):
-            if same:
-                return
+        now = np.array(self.robot.model.inertias[index].toDynamicParameters())
+        before = np.array(self.described.inertias[index].toDynamicParameters())
+        if np.allclose(now, before, rtol=_SAME, atol=_SAME * np.abs(now).max()):
+            return
+        if not is_physical(now):
             raise RobotError(
                 f"the inertia of the body of link '{name}' is not physical: no distribution of "
                 "mass has it.",
                 where="urdf",
                 hint='The adaptation "natural" keeps all bodies physical.',
             )
-        possible = all(link.possible for link in others)
-        if same and possible:
-            return
-        if not (possible and is_physical(ten - rest)):
-            rest = np.zeros(10)
-            for link in others:
-                link.clear()
-        main.write(ten - rest)
+        own = self.placements[name].act(_read_inertia(self.links[name])).toDynamicParameters()
+        changed = own + now - before
+        if not is_physical(changed):
+            changed = now
+            for frame in self.described.frames:
+                if frame.type == pin.FrameType.BODY and frame.parentJoint == index:
+                    link = self.links[frame.name]
+                    for inertial in link.findall("inertial"):
+                        link.remove(inertial)
+        body = self.placements[name].actInv(pin.Inertia.FromDynamicParameters(changed))
+        inertial = child(self.links[name], "inertial")
+        child(inertial, "origin").attrib.update(xyz=digits(body.lever), rpy="0 0 0")
+        child(inertial, "mass").set("value", digits(body.mass))
+        for entry, number in zip(ENTRIES, body.inertia[np.triu_indices(3)], strict=True):
+            child(inertial, "inertia").set(entry, digits(number))
+
+
+def _read_inertia(link: ElementTree.Element) -> pin.Inertia:
+    """Return the inertia that a link states, in its axes; zero if there is none."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return pin.Inertia.Zero()
+    entries = [float(child(inertial, "inertia").get(name, "0")) for name in ENTRIES]
+    upper = np.zeros((3, 3))
+    upper[np.triu_indices(3)] = entries
+    mass = float(child(inertial, "mass").get("value", "0"))
+    body = pin.Inertia(mass, np.zeros(3), upper + np.triu(upper, 1).T)
+    return _read_origin(inertial).act(body)
+
+
+def _read_origin(element: ElementTree.Element) -> pin.SE3:
+    """Return the placement that the <origin> of an element states."""
+    given = child(element, "origin").attrib
+    xyz, rpy = (np.array(given.get(k, "0 0 0").split(), dtype=float) for k in ("xyz", "rpy"))
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
 def _same(one: pin.SE3, other: pin.SE3) -> bool:
     """Return whether two placements differ by rounding only."""
     return bool(np.abs(one.homogeneous - other.homogeneous).max() <= _SAME)
-
-
-def _find_files(root: ElementTree.Element, packages: Packages) -> None:
-    """Make the paths of meshes and textures absolute, so that the URDF can be stored anywhere.
-
-    An element for MuJoCo makes it accept absolute paths.
-    """
-    named = [e for tag in ("mesh", "texture") for e in root.iter(tag) if e.get("filename")]
-    for element in named:
-        file = packages.file(element.get("filename", ""))
-        if file is not None:
-            element.set("filename", str(file))
-    if named and root.find("mujoco") is None:
-        extension = ElementTree.SubElement(root, "mujoco")
-        ElementTree.SubElement(extension, "compiler", strippath="false")
-
-
-@dataclass(eq=False)
-class Link:
-    """One of the links that form a rigid body.
-
-    Attributes:
-        element: its element in the URDF.
-        joint: index of the joint that moves the body.
-        placement: its placement in the axes of that joint.
-    """
-
-    element: ElementTree.Element
-    joint: int
-    placement: pin.SE3
-
-    def read(self) -> np.ndarray:
-        """Return its ten inertial parameters (10) at the joint; zeros if it has no inertia."""
-        inertial = self.element.find("inertial")
-        if inertial is None:
-            return np.zeros(10)
-        body, matrix, upper = pin.Inertia.Zero(), np.zeros((3, 3)), np.triu_indices(3)
-        for mass in inertial.findall("mass"):
-            body.mass = float(mass.get("value", "0"))
-        for inertia in inertial.findall("inertia"):
-            matrix[upper] = [float(inertia.get(name, "0")) for name in ENTRIES]
-        body.inertia = matrix + np.triu(matrix, 1).T
-        return np.array((self.placement * _read_origin(inertial)).act(body).toDynamicParameters())
-
-    def write(self, ten: np.ndarray) -> None:
-        """Set its ten inertial parameters (10), given at the joint."""
-        body = self.placement.actInv(pin.Inertia.FromDynamicParameters(ten))
-        inertial = child(self.element, "inertial")
-        child(inertial, "origin").attrib.update(xyz=digits(body.lever), rpy="0 0 0")
-        child(inertial, "mass").set("value", digits(body.mass))
-        for name, entry in zip(ENTRIES, body.inertia[np.triu_indices(3)], strict=True):
-            child(inertial, "inertia").set(name, digits(entry))
-
-    @property
-    def possible(self) -> bool:
-        """Whether it has no mass, or a body has its inertia."""
-        ten = self.read()
-        return not ten[0] > 0.0 or is_physical(ten)
-
-    def clear(self) -> None:
-        """Take its inertia away."""
-        for inertial in self.element.findall("inertial"):
-            self.element.remove(inertial)
 
 
 def _skeleton(robot: Any) -> Origin:
@@ -239,20 +204,20 @@ def _skeleton(robot: Any) -> Origin:
     taken = {robot.frame}
     parent = free_name("base", taken)
     ElementTree.SubElement(root, "link", name=parent)
-    lower, upper = np.clip(position_limits(model), -_UNLIMITED, _UNLIMITED)
-    effort, velocity = (
-        np.where(np.isfinite(most), most, 0.0)
-        for most in (effort_limits(model), velocity_limits(model))
-    )
-    limits = {"effort": effort, "velocity": velocity, "lower": lower, "upper": upper}
+    lower, upper = np.clip(position_limits(model), -1e9, 1e9)
+    effort, velocity = effort_limits(model), velocity_limits(model)
     for index, name in enumerate(robot.joint_names, 1):
-        link = free_name(links_of(model, index)[0], taken)
+        link, joint_type = free_name(links_of(model, index)[0], taken), "revolute"
         ElementTree.SubElement(root, "link", name=link)
-        kind = "continuous" if model.joints[index].nq == 2 else "revolute"
-        kind = "prismatic" if is_slide(model.joints[index]) else kind
-        joint = _joint(root, name, kind, parent, link)
+        if is_slide(model.joints[index]):
+            joint_type = "prismatic"
+        elif model.joints[index].nq == 2:
+            joint_type = "continuous"
+        joint = _joint(root, name, joint_type, parent, link)
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
-        texts = {word: digits(values[index - 1]) for word, values in limits.items()}
+        limits = {"lower": lower, "upper": upper, "effort": effort, "velocity": velocity}
+        at = {word: values[index - 1] for word, values in limits.items()}
+        texts = {word: digits(value if np.isfinite(value) else 0.0) for word, value in at.items()}
         ElementTree.SubElement(joint, "limit", texts)
         parent = link
     ElementTree.SubElement(root, "link", name=robot.frame)
@@ -285,23 +250,6 @@ def free_name(name: str, taken: set[str]) -> str:
         name += "_body"
     taken.add(name)
     return name
-
-
-def _read_origin(element: ElementTree.Element) -> pin.SE3:
-    """Return the placement that the <origin> of an element states."""
-    origin = element.find("origin")
-    given = {} if origin is None else origin.attrib
-    xyz, rpy = (np.array(given.get(k, "0 0 0").split(), dtype=float) for k in ("xyz", "rpy"))
-    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
-
-
-def _write_origin(element: ElementTree.Element, placement: pin.SE3) -> None:
-    """State a placement; angles that are the same up to rounding keep their digits."""
-    same = np.abs(_read_origin(element).rotation - placement.rotation).max() <= _SAME
-    origin = child(element, "origin")
-    origin.set("xyz", digits(placement.translation))
-    if not same:
-        origin.set("rpy", digits(pin.rpy.matrixToRpy(placement.rotation)))
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:

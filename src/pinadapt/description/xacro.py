@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
 from urllib.parse import unquote
@@ -22,14 +20,11 @@ WHERE_PACKAGES_ARE = (
     "ROS_PACKAGE_PATH."
 )
 
-_ARGUMENT = re.compile(r"""\$\(arg\s+([^)\s]+)\s*\)|<xacro:arg\s[^>]*?\bname\s*=\s*["']([^"']+)""")
+_ARGUMENT = re.compile(r"""(?:\$\(arg\s+|<xacro:arg\s[^>]*?\bname\s*=\s*["'])([^)\s"']+)""")
 _HINT = (
     "An undefined argument is given as load(..., xacro={name: value}), in a scenario as "
     "robot.xacro = { name = value }, to `init` as --xacro name=value."
 )
-# Folders above a description in which packages are searched. Half: a package beside the workspace's
-# folder is not found; twice: folders far away are read.
-_DEPTH = 4
 
 
 def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
@@ -65,20 +60,16 @@ def expand(path: Path, arguments: XacroArguments, packages: Packages) -> str:
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = of_ros
-    _check_known(words, path, [path, *map(Path, xacro.all_includes)])
-    return text
-
-
-def _check_known(given: Mapping[str, str], path: Path, files: list[Path]) -> None:
-    """Refuse arguments that no file declares or uses."""
-    text = "".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
-    known = {first or second for first, second in _ARGUMENT.findall(text)}
-    for name in given.keys() - known:
+    files = [path, *map(Path, xacro.all_includes)]
+    declared = "".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
+    known = set(_ARGUMENT.findall(declared))
+    for name in words.keys() - known:
         raise RobotError(
             f"the file has no xacro argument '{name}'.{did_you_mean(name, known)}",
             where=str(path),
             hint=f"Its arguments: {', '.join(sorted(known)) or 'none'}.",
         )
+    return text
 
 
 # Packages
@@ -90,7 +81,7 @@ class Packages:
 
     They are searched in this order: packages given by name; the folders above the description and
     the folders in these; ROS_PACKAGE_PATH and the share folders of AMENT_PREFIX_PATH. A package is
-    found by the name of its folder, else by the name in its package.xml.
+    found by the name of its folder.
 
     Attributes:
         folder: of the description.
@@ -108,7 +99,7 @@ class Packages:
             for folder in (place, place / name):
                 if folder.name == name and folder.is_dir():
                     return folder
-        return self._by_manifest.get(name)
+        return None
 
     def file(self, name: str) -> Path | None:
         """Return the file of a ``package://``, ``model://`` or ``file://`` URI or path, or None.
@@ -125,22 +116,21 @@ class Packages:
         files = (place / name for place in places if place is not None)
         return next((file for file in files if file.is_file()), None)
 
-    @cached_property
+    def find_files(self, root: ElementTree.Element) -> set[str]:
+        """Make the paths of meshes and textures absolute; return the names that are not found."""
+        missing = set()
+        for element in root.iter():
+            name = element.get("filename") if element.tag in ("mesh", "texture") else None
+            if name is not None and (file := self.file(name)) is not None:
+                element.set("filename", str(file))
+            elif name is not None:
+                missing.add(name)
+        return missing
+
+    @property
     def _above(self) -> list[Path]:
         folder = self.folder.resolve()
         return [folder, *folder.parents]
-
-    @cached_property
-    def _by_manifest(self) -> dict[str, Path]:
-        """Name in a package.xml -> folder, near the description and in the folders of ROS."""
-        found: dict[str, Path] = {}
-        places = [(place, "package.xml") for place in self._above]
-        places += [(place, "*/package.xml") for place in self._above[:_DEPTH] + _ros_folders()]
-        for file in (file for place, pattern in places for file in sorted(place.glob(pattern))):
-            with contextlib.suppress(OSError, ElementTree.ParseError):
-                name = ElementTree.fromstring(file.read_bytes()).findtext("name", "")
-                found.setdefault(name, file.parent)
-        return found
 
 
 def _ros_folders() -> list[Path]:

@@ -693,7 +693,9 @@ def _identified(
     parts *= geometry.prior[taken, None] / geometry.prior[others]
     combinations = [
         names[i]
-        + "".join(f" {part:+.3g} {name}" for part, name in zip(row[own], names[others[own]]))
+        + "".join(
+            f" {part:+.3g} {name}" for part, name in zip(row[own], names[others[own]], strict=True)
+        )
         for i, row, own in zip(taken, parts, shown, strict=True)
     ]
     unidentified = {}

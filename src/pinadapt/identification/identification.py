@@ -84,8 +84,8 @@ def identify(
             ``friction`` or ``effects``.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
         held_out: share of the log that is held out, at most a half.
-        intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by default,
-            each by the file beside it.
+        intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by
+            default, each by the file beside it.
         progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
 
     Raises:

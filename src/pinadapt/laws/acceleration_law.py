@@ -6,7 +6,7 @@ Those for a known robot follow: resolved acceleration, and computed torque in jo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -14,52 +14,32 @@ import numpy as np
 from numpy import empty
 
 from .._kernels import laws as kernels
-from ..adaptation.adaptation import Drive, Drives
+from ..adaptation.adaptation import Drives
 from ..filters import LowPass, MotionFilters
 from ..models.typical_motion import TypicalMotion
 from ..signals import Signals
-from ..tasks.task import Task
-from .law import (
-    Command,
-    EstimatedModel,
-    Feedback,
-    KinematicLoop,
-    Law,
-    Truth,
-    check_in_place,
-    check_margin,
-)
-from .posture import Posture
+from .law import Command, EstimatedModel, Feedback, Truth, check_in_place, check_margin
+from .task_feedback import TaskFeedback
 
 _NO_POSTURE = np.zeros((4, 0))
 
 
 @dataclass(frozen=True, eq=False)
-class AccelerationLaw(Law):
+class AccelerationLaw(TaskFeedback):
     """A law whose feedback is an acceleration; gains are numbers, lists or matrices.
 
     Default gains for the bandwidth w: K_P = w^2, K_v = 2 w, alpha = w / 4, lambda = w / 2 and
     lambda_a = 1 / (3 w); on Wang and Xie's arm, which reaches 2.2 m, their published numbers.
 
     Attributes:
-        task: the controlled coordinates, m of them, m_p positions.
-        posture: what redundant joints do.
+        task, posture, R_k, lambda_: as ``TaskFeedback``.
         K_v: (m, m) velocity gain [1/s].
         K_P: (m, m) position gain [1/s^2].
         alpha: weight of the position error in e = dxd_hat + alpha dx [1/s].
-        R_k: (m_p, m_p) weight of the kinematic prediction error.
-        lambda_: velocity filter [1/s].
         lambda_a: acceleration filter [s].
     """
 
-    task: Task
-    posture: Posture
     _: KW_ONLY
-    K_v: Any
-    K_P: Any
-    alpha: float
-    R_k: Any = 1.0
-    lambda_: float = 10.0
     lambda_a: float = 1.0 / 60.0
 
     adaptation_mode = 3.0
@@ -76,11 +56,6 @@ class AccelerationLaw(Law):
 
     def _check(self) -> None:
         check_margin(self.K_v, self.alpha)
-
-    @cached_property
-    def K_PV(self) -> np.ndarray:
-        """K_P + alpha K_v (m, m)."""
-        return np.asarray(self.K_P + self.alpha * self.K_v)
 
     @cached_property
     def filters(self) -> MotionFilters:
@@ -101,10 +76,6 @@ class AccelerationLaw(Law):
             "lambda_a": 1.0 / (3.0 * w),
         }
 
-    def with_prediction_weight(self, weight: float) -> AccelerationLaw:
-        """Return the law with another R_k, a number times the identity."""
-        return replace(self, R_k=weight)
-
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return Phi = J M_hat^-1 Y (m, p_d) at each state."""
         return motion.acceleration_effects
@@ -113,12 +84,6 @@ class AccelerationLaw(Law):
         """Return the feedback of the task error, the same at all states."""
         one = np.eye(len(self.K_v))
         return [Feedback(self.K_P, self.K_v, 0.0 * one, self.K_v - self.alpha * one)]
-
-    def kinematic_loop(self) -> KinematicLoop:
-        """Return the coupling by K_P + alpha K_v on the positions."""
-        m = self.task.positions
-        stiffness = float(np.linalg.eigvalsh(self.K_PV[:m, :m])[-1]) if m else 0.0
-        return KinematicLoop(stiffness, self.alpha, self.R_k)
 
 
 class EstimatedVelocityLaw(AccelerationLaw):
@@ -135,20 +100,6 @@ class EstimatedVelocityLaw(AccelerationLaw):
     def error(self, s: Signals) -> np.ndarray:
         """Return e (m)."""
         return s.dxd_hat + self.alpha * s.dx
-
-    def _errors(self, s: Signals) -> tuple[np.ndarray, Drive]:
-        """Return e (m) and the drive of (19).
-
-        g_k = -Y_k^T ((K_P + alpha K_v) dx + alpha dxd_hat) + W_k^T R_k (W_k a_k - y).
-        """
-        W_k, y, m = s.filtered.W_k, s.filtered.y, s.dx.size
-        e, error = empty(m), empty(m)
-        residual, g_k = empty(y.size), empty(s.a_k.size)
-        kernels.kinematic_drive(
-            self.K_PV, s.dx, self.alpha, s.xd_hat, s.xd_d, s.Y_k, W_k, self.R_k, s.a_k, y,
-            e, error, residual, g_k,
-        )  # fmt: skip
-        return e, Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
 
     def _commanded_acceleration(self, s: Signals, a_k_rate: np.ndarray) -> np.ndarray:
         """Return v = J^+ (xdd_d - K_v dxd_hat - K_P dx - dJ_hat/dt qd) + (I - J^+ J) psi (n).

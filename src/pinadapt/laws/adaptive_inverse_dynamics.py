@@ -42,7 +42,7 @@ class AdaptiveInverseDynamics(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (11), with the drives of both estimates, (18) and (19)."""
-        e, kinematic = self._errors(s)
+        e, kinematic = self._errors(s, self.alpha)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self._commanded_acceleration(s, a_k_rate)
         # tau = M_hat v + C_hat qd + g_hat (11)
@@ -127,7 +127,9 @@ class AdaptiveInverseDynamicsVelocity(AccelerationLaw):
         u = s.xdd_d - self.K_v.dot(dxd) - self.K_P.dot(dx) - s.Jdot_v
         if s.delta is not None:
             u -= self._turning.dot(s.delta)
-        psi = None if s.inverse.unique else self.posture.acceleration(s.q, s.v)
+        psi = self.posture.null_motion(s)[0]
+        if psi is not None:  # -w offset: from here on -2 w qd - w^2 offset
+            psi = self.posture.frequency * (psi - 2.0 * s.v)
         # tau = M_hat J_hat^+ u + C_hat qd + g_hat (25)
         dynamics = model.dynamics
         torque = dynamics.torque(s.q, s.v, s.inverse.solve(u, psi))
@@ -200,7 +202,7 @@ class AdaptiveInverseDynamicsImproved(EstimatedVelocityLaw):
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return tau, (32) with (34), and the drives of both estimates, (36) and (37)."""
-        e, kinematic = self._errors(s)
+        e, kinematic = self._errors(s, self.alpha)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         v = self._commanded_acceleration(s, a_k_rate)
         dynamics = model.dynamics

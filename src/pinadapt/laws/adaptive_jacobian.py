@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -21,23 +21,14 @@ from ..models.typical_motion import (
 )
 from ..signals import Signals
 from ..tasks.frame import PoseTask
-from ..tasks.task import Task
-from .law import (
-    Command,
-    EstimatedModel,
-    Feedback,
-    KinematicLoop,
-    Law,
-    Truth,
-    check_in_place,
-)
-from .posture import Posture
+from .law import Command, EstimatedModel, Feedback, Truth, check_in_place
+from .task_feedback import TaskFeedback
 
 _NOTHING = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
-class AdaptiveJacobian(Law):
+class AdaptiveJacobian(TaskFeedback):
     """Passivity-based adaptive Jacobian tracking.
 
     C. Cheah, C. Liu, J.-J. Slotine, IEEE TAC 51 (2006) 1024-1029.
@@ -66,23 +57,12 @@ class AdaptiveJacobian(Law):
     period, if that is less; of joints their own inertia at home.
 
     Attributes:
-        task: the controlled coordinates, m of them, m_p positions.
+        task, R_k, lambda_: as ``TaskFeedback``.
         posture: what redundant joints do; its damping is D.
         K_v: (m, m) velocity gain [N s/m; N m s/rad on rotations and joints].
         K_P: (m, m) position gain [N/m; N m/rad on rotations and joints].
         alpha: [1/s].
-        R_k: (m_p, m_p) weight of the kinematic prediction error.
-        lambda_: velocity filter [1/s].
     """
-
-    task: Task
-    posture: Posture
-    _: KW_ONLY
-    K_v: Any
-    K_P: Any
-    alpha: float
-    R_k: Any = 1.0
-    lambda_: float = 10.0
 
     name = "adaptive-jacobian"
     sources = ("CheahLiuSlotine2006",)
@@ -99,11 +79,6 @@ class AdaptiveJacobian(Law):
             GainError: gains that break a hypothesis of the proof.
         """
         check_in_place(self, "K_v", "K_P", "alpha", "R_k", "lambda_")
-
-    @cached_property
-    def K_PV(self) -> np.ndarray:
-        """K_P + alpha K_v (m, m)."""
-        return np.asarray(self.K_P + self.alpha * self.K_v)
 
     @cached_property
     def filters(self) -> MotionFilters:
@@ -123,10 +98,6 @@ class AdaptiveJacobian(Law):
             "lambda_": w / 2.0,
         }
 
-    def with_prediction_weight(self, weight: float) -> AdaptiveJacobian:
-        """Return the law with another R_k, a number times the identity."""
-        return replace(self, R_k=weight)
-
     def _reference(self, s: Signals, Jdot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return qd_r = J_hat^+ u + N psi, u = xd_d - alpha dx, and its time derivative (n)."""
         u, ud = empty(s.dx.size), empty(s.dx.size)
@@ -136,13 +107,14 @@ class AdaptiveJacobian(Law):
         psi, psid = self.posture.null_motion(s)
         return s.inverse.solve_with_rate(u, psi, ud, psid, Jdot)
 
-    def _reference_velocity(self, s: Signals) -> np.ndarray:
-        """Return qd_r (n)."""
-        return s.inverse.solve(s.xd_d - self.alpha * s.dx, self.posture.null_motion(s)[0])
+    def _error(self, s: Signals) -> np.ndarray:
+        """Return s = qd - qd_r (n)."""
+        psi = self.posture.null_motion(s)[0]
+        return np.asarray(s.v - s.inverse.solve(s.xd_d - self.alpha * s.dx, psi))
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the torque and the drives of both estimates."""
-        kinematic = self._kinematic_drive(s)
+        _, kinematic = self._errors(s, 0.0)
         a_k_rate = model.adaptation_k.value_rate(model.kinematic, kinematic)
         Jdot = model.kinematics.jacobian_rate(a_k_rate)
         qd_r, qdd_r = self._reference(s, Jdot)
@@ -153,20 +125,9 @@ class AdaptiveJacobian(Law):
         s.inverse.subtract_null_damping(self.posture.damping, error, torque)
         return Command(torque, Drives(Drive(Y_r, error), kinematic))
 
-    def _kinematic_drive(self, s: Signals) -> Drive:
-        """Return the drive of g_k = -Y_k^T (K_P + alpha K_v) dx + W_k^T R_k (W_k a_k - y)."""
-        W_k, y = s.filtered.W_k, s.filtered.y
-        m = s.dx.size
-        e, error, residual, g_k = empty(m), empty(m), empty(y.size), empty(s.a_k.size)
-        kernels.kinematic_drive(
-            self.K_PV, s.dx, 0.0, s.xd_hat, s.xd_d, s.Y_k, W_k, self.R_k, s.a_k, y,
-            e, error, residual, g_k,
-        )  # fmt: skip
-        return Drive(s.Y_k, error, W_k, residual, self.R_k, g_k)
-
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2 + dx^T (K_P + alpha K_v) dx / 2, M the true mass matrix."""
-        error = s.v - self._reference_velocity(s)
+        error = self._error(s)
         return float(0.5 * error @ (truth.M @ error) + 0.5 * s.dx @ (self.K_PV @ s.dx))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
@@ -178,20 +139,17 @@ class AdaptiveJacobian(Law):
 
     def _joint_dissipation(self, s: Signals, truth: Truth) -> float:
         """Return (N s)^T D (N s) + s^T (f(qd) - f(qd_r)) [W]."""
-        qd_r = self._reference_velocity(s)
-        braking = (s.v - qd_r) @ (truth.friction.torque(s.v) - truth.friction.torque(qd_r))
+        error, f = self._error(s), truth.friction.torque
+        null = s.inverse.null(error)
+        braking = error @ (f(s.v) - f(s.v - error))
         if s.inverse.unique:
             return float(braking)
-        null = s.inverse.null(s.v - qd_r)
         return float(null @ (self.posture.damping * null) + braking)
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
         """Return the feedback at each state, joints in coordinates of unit mass."""
-        D, one, found = (
-            self.posture.damping if self.posture else 0.0,
-            np.eye(motion.robot.model.nv),
-            [],
-        )
+        n, found = motion.robot.model.nv, []
+        D = np.eye(n) * (self.posture.damping if self.posture else 0.0)
         for J, inverse, M, W in zip(
             motion.jacobians,
             motion.right_inverses,
@@ -200,19 +158,13 @@ class AdaptiveJacobian(Law):
             strict=True,
         ):
             tracked, J_W = inverse @ J, J @ W.T
-            null = one - tracked
-            N = W @ null @ (D * one) @ null @ W.T
+            null = np.eye(n) - tracked
+            N = W @ null @ D @ null @ W.T
             P = W @ M @ tracked @ W.T  # projects onto what the task feels
             damping = J_W.T @ self.K_v @ J_W
             stiffness = J_W.T @ self.K_P @ J_W
             found.append(Feedback(stiffness, damping + self.alpha * P, N, damping + N))
         return found
-
-    def kinematic_loop(self) -> KinematicLoop:
-        """Return the coupling by K_P + alpha K_v on the positions."""
-        m = self.task.positions
-        stiffness = float(np.linalg.eigvalsh(self.K_PV[:m, :m])[-1]) if m else 0.0
-        return KinematicLoop(stiffness, self.alpha, self.R_k)
 
 
 def felt_by_task(motion: TypicalMotion, dt: float) -> float | np.ndarray:

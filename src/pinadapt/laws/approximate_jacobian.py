@@ -19,7 +19,7 @@ from ..exceptions import DivergedError, GainError
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
-from ..robot.changes import Payload
+from ..robot.robot import Robot
 from ..signals import Signals
 from ..tasks.task import Task
 from .adaptive_jacobian import felt_by_task
@@ -33,6 +33,7 @@ from .law import (
     merged,
     task_gain,
 )
+from .separation import assumed_load
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,10 +327,6 @@ class ApproximateJacobianGravity(ApproximateJacobian):
 
 
 _LEAST = 0.1  # share of the bound left to the feedback, half of it to the spring
-_HEAVIER = 1.3  # bodies, for what gravity may ask
-_LOAD, _ARM = 0.1, 0.05  # of the mass, of the reach off the frame
-_SMALL = 0.01  # of the bound
-_CONFIGURATIONS = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,9 +357,9 @@ class BoundedTorque(ApproximateJacobian):
     Default gains: the bound is the limit of the motors; without one, the largest torque of gravity
     and of the gains of ``ApproximateJacobian``. The share of gravity is the largest gravity torque
     in the workspace with bodies 30 % heavier and a load of a tenth of the mass, a twentieth of the
-    reach off the frame, plus what the feedback leaves, at most 90 % of the bound. Half of the rest
-    is for the spring: K_P and width are reduced where necessary, K_P by the square of the factor of
-    width, unless one of them or K_v is given. K_v damps critically.
+    reach off the flange, plus what the feedback leaves, between 10 and 90 % of the bound. Half of
+    the rest is for the spring: K_P and width are reduced where necessary, K_P by the square of the
+    factor of width, unless one of them or K_v is given. K_v damps critically.
 
     Attributes:
         kinematics, K_v, K_P, width, weight: as ``ApproximateJacobian``.
@@ -418,7 +415,7 @@ class BoundedTorque(ApproximateJacobian):
         gains = merged(cls.default_gains(motion, dt, w), given)
         width = Saturation(kinematics.task, gains["width"]).width
         spring = _spring(kinematics, task_gain(gains["K_P"], kinematics.task, "Kp"), width)
-        asked = _worst_gravity(motion)
+        asked = _worst_gravity(motion.robot)
         bound, gravity = gains["bound"], gains["gravity"]
         if bound is None:
             free = (asked + 2.0 * spring) / (1.0 - _LEAST)
@@ -426,7 +423,7 @@ class BoundedTorque(ApproximateJacobian):
         bound = _torques(bound, kinematics, "bound")
         if gravity is None:
             gravity = np.maximum(asked, bound - 2.0 * spring)
-            gravity = np.clip(gravity, _SMALL * bound, (1.0 - _LEAST) * bound)
+            gravity = np.clip(gravity, _LEAST * bound, (1.0 - _LEAST) * bound)
         gains |= {"bound": bound, "gravity": gravity}
         if all(given.get(name) is None for name in ("Kv", "Kp", "width")):
             room = 0.5 * (bound - gravity)
@@ -453,11 +450,7 @@ class BoundedTorque(ApproximateJacobian):
         return Command(np.clip(command.torque, -self.bound, self.bound), command.drives)
 
     def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
-        """Return the adaptation with a projection that keeps gravity within its share.
-
-        Raises:
-            InputError: least squares, whose estimate cannot be projected.
-        """
+        """Return the adaptation with a projection that keeps gravity within its share."""
         if not dynamics.size:
             return adaptation
         return GravityProjection(adaptation, dynamics, self.gravity)
@@ -478,16 +471,15 @@ def _torques(given: Any, kinematics: TaskKinematics, name: str) -> np.ndarray:
     return np.broadcast_to(torques, kinematics.nv).copy()
 
 
-def _levers(kinematics: TaskKinematics) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of the Jacobian's columns, of the position (n) and of what follows it (n).
+def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Return what |J_hat^T K_P s| stays below (n) [N m or N].
 
     Raises:
-        GainError: there is none.
+        GainError: nothing bounds the Jacobian.
     """
-    n = kinematics.nv
-    if not kinematics.positions:
-        return np.zeros(n), np.ones(n)
-    robot = kinematics.robot
+    force, p, robot = np.diag(K_P) * width, kinematics.positions, kinematics.robot
+    if not p:
+        return force
     linear, angular = jacobian_bounds(robot.model, robot.frame_id)
     if not np.isfinite(linear).all():
         names = [kinematics.joint_names[i] for i in np.flatnonzero(~np.isfinite(linear))]
@@ -496,26 +488,17 @@ def _levers(kinematics: TaskKinematics) -> tuple[np.ndarray, np.ndarray]:
             where="bound",
             hint='State them in the description, or take the law "approximate-jacobian".',
         )
-    return linear, angular
+    return np.asarray(linear * np.linalg.norm(force[:p]) + angular * force[p:].max(initial=0.0))
 
 
-def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Return what |J_hat^T K_P s| stays below (n) [N m or N]."""
-    force, p = np.diag(K_P) * width, kinematics.positions
-    linear, angular = _levers(kinematics)
-    turning = force[p:].max(initial=0.0) if p else force
-    return np.asarray(linear * np.linalg.norm(force[:p]) + angular * turning)
-
-
-def _worst_gravity(motion: TypicalMotion) -> np.ndarray:
+def _worst_gravity(robot: Robot) -> np.ndarray:
     """Return what gravity may ask of each joint (n) [N m or N] at seeded configurations."""
-    load = _LOAD * pin.computeTotalMass(motion.robot.model)
-    robot = motion.robot.changed(inertial_scale=_HEAVIER, payload=Payload(load))
-    model, rng = robot.model, np.random.default_rng(0)
-    data, (low, high) = model.createData(), position_bounds(model)
-    torque, neutral = pin.computeGeneralizedGravity, pin.neutral(model)
-    moves = rng.uniform(low, high, (_CONFIGURATIONS, model.nv))
-    asked = [torque(model, data, pin.integrate(model, neutral, move)).copy() for move in moves]
-    worst = np.abs([torque(model, data, robot.q0).copy(), *asked]).max(axis=0)
-    weight, turns = load * np.linalg.norm(model.gravity.linear), _levers(motion.kinematics)[1]
-    return np.asarray(worst + weight * _ARM * robot.reach * turns)
+    load = assumed_load(robot)
+    loaded = robot.changed(inertial_scale=1.3, payload=load)
+    model, data, neutral = loaded.model, loaded.model.createData(), pin.neutral(loaded.model)
+    low, high = position_bounds(model)
+    moves = np.random.default_rng(0).uniform(low, high, (500, model.nv))
+    places = [robot.q0, *(pin.integrate(model, neutral, move) for move in moves)]
+    asked = [np.array(pin.computeGeneralizedGravity(model, data, q)) for q in places]
+    aside = 0.05 * robot.reach * load.mass * np.linalg.norm(model.gravity.linear)
+    return np.asarray(np.abs(asked).max(axis=0) + aside)

@@ -8,11 +8,9 @@ from typing import Any, ClassVar, get_origin, get_type_hints
 
 import numpy as np
 
-from .._checks import numbers
-from ..adaptation.adaptation import Adaptation
+from .._checks import instance, numbers
 from ..exceptions import GainError, InputError, MeasurementError, RobotError
 from ..filters import Filters
-from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
@@ -62,7 +60,7 @@ class FastFeedback(Law):
         InputError: neither a name nor a law, or a law that is such feedback already.
     """
 
-    law: Law | str
+    law: Any
     gain: Any = None
 
     name = "fast feedback"
@@ -70,15 +68,11 @@ class FastFeedback(Law):
 
     def __post_init__(self) -> None:
         """Check the gain; state of itself what the law states."""
-        if isinstance(self.law, FastFeedback) or not isinstance(self.law, Law | str):
-            raise InputError(f"expected a name or a law, got {self.law!r}.", where="law")
+        instance(self.law, Law | str, "law")
         if self.gain is not None:
             gain = numbers(self.gain, "gain", error=GainError)
             if gain.ndim > 1 or not (gain > 0.0).all():
-                raise GainError(
-                    f"expected positive numbers, one or one per joint, got {gain.tolist()}.",
-                    where="gain",
-                )
+                raise GainError("expected positive numbers, one or one per joint.", where="gain")
             object.__setattr__(self, "gain", gain)
         if isinstance(self.law, Law):
             for name in _STATED:
@@ -92,17 +86,13 @@ class FastFeedback(Law):
         Raises:
             AttributeError: it has none of this name.
         """
-        if name.startswith("__") or isinstance(self.__dict__.get("law"), str | None):
+        if name.startswith("__") or "law" not in self.__dict__:
             raise AttributeError(name)
-        return getattr(self.__dict__["law"], name)
-
-    def around(self, law: Law, gain: np.ndarray) -> FastFeedback:
-        """Return this feedback with a gain (n) around a law that was made."""
-        return replace(self, law=law, gain=gain)
+        return getattr(self.law, name)
 
     def of_joints(self, task: JointTask) -> FastFeedback | None:
         """Return this feedback around that of the law with the joints as its task."""
-        law = self._law.of_joints(task)
+        law = self.law.of_joints(task)
         return None if law is None else replace(self, law=law)
 
     def gain_for(self, robot: Robot, actuators: Actuators, dt: float) -> np.ndarray:
@@ -121,10 +111,8 @@ class FastFeedback(Law):
                 hint='Declare Actuators(..., encoders="link"), or take the law alone.',
             )
         if self.gain is not None:
-            if self.gain.ndim and self.gain.size != n:
-                raise GainError(
-                    f"expected a number or {n} numbers, got {self.gain.size}.", where="gain"
-                )
+            if self.gain.size not in (1, n):
+                raise GainError(f"expected {n} numbers, got {self.gain.size}.", where="gain")
             return np.broadcast_to(self.gain, n).astype(float)
         if not actuators.elastic:
             raise InputError(
@@ -143,77 +131,48 @@ class FastFeedback(Law):
         fast = np.sqrt(K * (1.0 / B + 1.0 / (joint_inertia(robot) - B)))
         return np.minimum(2.0 * _DAMPING * fast * B, _STEP * B / dt)
 
-    @property
-    def _law(self) -> Law:
-        """The law.
-
-        Raises:
-            InputError: it is a name.
-        """
-        if isinstance(self.law, str):
-            raise InputError(
-                f"'{self.law}' is not made yet.", where="law", hint="make_controller makes it."
-            )
-        return self.law
-
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the law's command, K_f (qd - w) added to its torque.
 
         Raises:
             MeasurementError: the motors' velocity is missing.
         """
-        found = self._law.command(s, model)
         if s.w is None:
             raise MeasurementError("w", None, "is missing, and fast feedback needs it")
-        return Command(found.torque + self.gain * (s.v - s.w), found.drives, found.feedthrough)
+        found = self.law.command(s, model)
+        return replace(found, torque=found.torque + self.gain * (s.v - s.w))
 
     @property
     def filters(self) -> Filters:
         """The law's memory besides its estimates."""
-        return self._law.filters
+        return self.law.filters
 
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return V of the law, without the parts of the parameters."""
-        return self._law.storage(s, truth)
+        return self.law.storage(s, truth)
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt of the law, where link and motor move alike."""
-        return self._law.dissipation(s, truth)
-
-    def with_prediction_weight(self, weight: float) -> FastFeedback:
-        """Return this feedback around the law with another weight."""
-        return replace(self, law=self._law.with_prediction_weight(weight))
-
-    def decorrelated(self, bandwidth: float, lead: float = 0.0) -> FastFeedback:
-        """Return this feedback around the decorrelated law."""
-        return replace(self, law=self._law.decorrelated(bandwidth, lead))
-
-    def within(self, speeds: np.ndarray) -> FastFeedback:
-        """Return this feedback around the law with a reference that keeps speeds (n)."""
-        return replace(self, law=self._law.within(speeds))
-
-    def guarded(self, adaptation: Adaptation, dynamics: Dynamics) -> Adaptation:
-        """Return the adaptation, wrapped in what the law's proof needs."""
-        return self._law.guarded(adaptation, dynamics)
+        return self.law.dissipation(s, truth)
 
     def parameter_effects(self, motion: TypicalMotion) -> list[np.ndarray]:
         """Return those of the law."""
-        return self._law.parameter_effects(motion)
+        return self.law.parameter_effects(motion)
 
     def feedback(self, motion: TypicalMotion) -> Sequence[Feedback]:
         """Return that of the law, of the links."""
-        return self._law.feedback(motion)
+        return self.law.feedback(motion)
 
     def kinematic_loop(self) -> KinematicLoop | None:
         """Return that of the law."""
-        return self._law.kinematic_loop()
+        return self.law.kinematic_loop()
 
 
-_STATED = (
+_STATED = [
     "bandwidth_share",
     *(
         name
         for name, hint in get_type_hints(Law).items()
         if get_origin(hint) is ClassVar and name not in ("name", "sources")
     ),
-)
+]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from .._checks import definite_matrix, positive
 from .._kernels import linear_algebra as kernels
 from ..adaptation.adaptation import Adaptation, Drive, Drives, Estimate
 from ..exceptions import DivergedError, GainError, InputError
-from ..filters import Filters, NoFilters
+from ..filters import Filters
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
@@ -175,8 +175,8 @@ class Law(ABC):
         uses_acceleration: whether ``command`` reads ``Signals.a`` for torque or drives. If not, a
             continuous loop with the ideal acceleration evaluates the law once instead of twice.
         inverts_estimate: whether it needs M_hat^-1 at the moving estimate.
-        keeps_speeds: whether its reference may be shortened to speeds that joints have, see
-            ``within``. Else a governor stops the path before singularities of J_hat.
+        keeps_speeds: whether its reference may be shortened to speeds that joints have, its
+            attribute ``speeds``. Else a governor stops the path before singularities of J_hat.
         joint_space: whether it is for joint tasks only.
         set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
         learns_kinematics: whether it moves the kinematic estimate.
@@ -250,7 +250,7 @@ class Law(ABC):
     @property
     def filters(self) -> Filters:
         """The law's memory besides its estimates."""
-        return NoFilters()
+        return Filters()
 
     @classmethod
     def tuned(
@@ -287,27 +287,16 @@ class Law(ABC):
             f"the law '{cls.name}' has no default gains.", where="law", hint="Pass it as an object."
         )
 
-    def with_prediction_weight(self, weight: float) -> Law:
-        """Return the law with this weight R_k of the kinematic prediction error."""
-        return self
+    def adjusted(self: Own, **values: Any) -> Own:
+        """Return the law with other values of those of its attributes that it has.
 
-    def decorrelated(self, bandwidth: float, lead: float = 0.0) -> Law:
-        """Return the law with a regressor free of the noise of v above a bandwidth [1/s].
-
-        The law itself where it has no such form.
-
-        Args:
-            bandwidth: infinite for none.
-            lead: the time by which the low pass on v delays it [s].
+        Filters and rates of a controller set R_k, the weight of the kinematic prediction error;
+        lambda_s and lead, above which a regressor is free of the noise of v, and the time by which
+        the low pass on v delays it; and the speeds that a reference keeps.
         """
-        return self
-
-    def within(self, speeds: np.ndarray) -> Law:
-        """Return the law with a reference that keeps speeds of the joints (n) [rad/s or m/s].
-
-        The law itself where its proof needs the reference as it is.
-        """
-        return self
+        named: list[str] = [each.name for each in fields(self)] if is_dataclass(self) else []
+        own = {name: value for name, value in values.items() if name in named}
+        return replace(self, **own) if own else self  # type: ignore[type-var]
 
     def of_joints(self, task: JointTask) -> Law | None:
         """Return the same feedback with the joints as its task; None if there is no such form."""

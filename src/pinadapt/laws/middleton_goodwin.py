@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..adaptation.adaptation import Drives
-from ..filters import Filters, NoFilters
+from ..filters import Filters
 from ..signals import Signals
 from .acceleration_law import AccelerationLaw
 from .law import Command, EstimatedModel, Truth
@@ -74,7 +74,7 @@ class MiddletonGoodwin(AccelerationLaw):
     @property
     def filters(self) -> Filters:  # type: ignore[override]
         """None of its own: those of the prediction are the controller's."""
-        return NoFilters()
+        return Filters()
 
     def command(self, s: Signals, model: EstimatedModel) -> Command:
         """Return the modified computed torque; the controller adds the prediction error."""

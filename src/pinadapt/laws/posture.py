@@ -10,17 +10,11 @@ import pinocchio as pin
 from numpy import empty
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, positive, vector
+from .._checks import instance, numbers, positive, vector, word
 from .._kernels import laws as kernels
 from ..description.chain import position_limits
-from ..exceptions import GainError, did_you_mean
 from ..robot.robot import Robot
 from ..signals import Signals
-
-SHARE = 0.5  # default frequency in bandwidths
-_KEYS = ("rest", "frequency")
-_MARGIN, _WAY = 0.1, 0.5  # of the range, of the way from rest to the nearer limit
-_LEAST_MARGIN = 1e-3  # [rad or m]
 
 
 class Posture:
@@ -53,12 +47,11 @@ class Posture:
         self.damping = self.frequency * np.diag(M).copy()
         self.plain = self._q_rest.size == self.damping.size
         angles, (low, high) = resting.home_angles, position_limits(self._model)
-        below, above = low - angles, high - angles
-        margin = np.minimum(_MARGIN * (high - low), _WAY * np.minimum(-below, above))
-        without = ~(margin > _LEAST_MARGIN) | ~np.isfinite(margin)
-        margin[without] = 1.0
-        low, high = below + margin, above - margin
-        low[without], high[without] = -np.inf, np.inf
+        margin = np.minimum(0.1 * (high - low), 0.5 * np.minimum(angles - low, high - angles))
+        limited = np.isfinite(margin) & (margin > 1e-3)  # [rad or m] else rest is at a limit
+        margin = np.where(limited, margin, 1.0)
+        low = np.where(limited, low - angles + margin, -np.inf)
+        high = np.where(limited, high - angles - margin, np.inf)
         rest = self._q_rest if self.plain else np.zeros(self.damping.size)
         self.rows = np.stack([rest, low, high, margin])
 
@@ -75,18 +68,16 @@ class Posture:
         Raises:
             GainError, RobotError: unknown keys, or as the class.
         """
-        words = given if isinstance(given, Mapping) else {}
-        for key in words:
-            if key not in _KEYS:
-                raise GainError(
-                    f"a posture has {list(_KEYS)}, no '{key}'.{did_you_mean(str(key), _KEYS)}",
-                    where="posture",
-                )
-        rest, frequency = words.get("rest"), words.get("frequency")
-        if given is not None and not words:
-            given = numbers(given, "posture")
-            rest, frequency = (None, float(given)) if given.ndim == 0 else (given, None)
-        return cls(robot, rest, SHARE * bandwidth if frequency is None else frequency)
+        words: dict[str, Any] = {"rest": None, "frequency": None}
+        if isinstance(given, Mapping):
+            for key in given:
+                word(key, words, "posture")
+            words |= given
+        elif given is not None:
+            value = numbers(given, "posture")
+            words["rest" if value.ndim else "frequency"] = value if value.ndim else float(value)
+        frequency = words["frequency"]
+        return cls(robot, words["rest"], 0.5 * bandwidth if frequency is None else frequency)
 
     def offset(self, q: np.ndarray) -> np.ndarray:
         """Return how far q (nq) is from rest (n) [rad or m], more where a limit is near."""
@@ -94,10 +85,6 @@ class Posture:
         d = self.coordinates(q) - rest
         e = np.maximum(d - high, 0.0) + np.minimum(d - low, 0.0)
         return np.asarray(d + 2.0 * e * np.abs(e) / margin)
-
-    def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return psi (n) = -2 w v - w^2 offset(q) [rad/s^2 or m/s^2]."""
-        return -2.0 * self.frequency * v - self.frequency**2 * self.offset(q)
 
     def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""

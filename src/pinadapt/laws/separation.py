@@ -16,7 +16,7 @@ from .._checks import definite_matrix, positive
 from .._kernels import laws as kernels
 from ..adaptation.adaptation import Drive, Drives
 from ..exceptions import GainError
-from ..filters import PoseObserver, PositionObserver
+from ..filters import PositionObserver
 from ..models.dynamics import Dynamics
 from ..models.typical_motion import TypicalMotion, joint_inertia
 from ..robot.changes import Payload
@@ -39,7 +39,6 @@ _DAMPING = 3.0  # K_v in bandwidths times inertia
 # [s] 4 ms: motors that are 10 ms late make unloaded wrists ring; 16 ms: an unknown load displaces a
 # UR10 by 33 mm at the start in place of 22
 _LAG = 8e-3
-_LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach off the flange
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
 
 
@@ -174,23 +173,23 @@ class Separation(Law):
             GainError: gains that are not positive (definite) or of the wrong size.
         """
         check_in_place(self, "alpha", "beta", "R_k")
-        object.__setattr__(self, "lever", positive(self.lever, "lever", zero=True))
-        object.__setattr__(self, "c", positive(self.c, "c", zero=True))
+        for name in ("lever", "c", "lag"):
+            object.__setattr__(self, name, positive(getattr(self, name), name, zero=True))
         if not (isinstance(self.lambda_s, float) and self.lambda_s == math.inf):
             positive(self.lambda_s, "lambda_s")
         K_D = definite_matrix(self.K_v, self.posture.damping.size, "Kv")
         object.__setattr__(self, "K_v", K_D)
         lambda_d = np.broadcast_to(np.asarray(self.lambda_d, dtype=float), len(K_D))
         object.__setattr__(self, "lambda_d", lambda_d)
-        if positive(self.lag, "lag", zero=True) and self.dynamics is None:
+        if self.lag and self.dynamics is None:
             raise GainError("a lag needs the mass matrix of a model.", where="dynamics")
 
     @cached_property
-    def filters(self) -> PositionObserver | PoseObserver:
+    def filters(self) -> PositionObserver:
         """The observer of the position, or of the pose, and of the disturbance."""
         error = None if math.isinf(self.lambda_s) else self._reference_error
-        position = PositionObserver(self.beta, error, self.lambda_s, self.lead, self.lambda_d)
-        return PoseObserver(position) if self.lever else position
+        gains = self.beta, error, self.lambda_s, self.lead, self.lambda_d
+        return PositionObserver(*gains, orientation=bool(self.lever))
 
     @classmethod
     def default_gains(cls, motion: TypicalMotion, dt: float, w: float) -> dict[str, Any]:
@@ -232,21 +231,9 @@ class Separation(Law):
         """Return (K_v^-1 + lag M^-1)^-1 (n, n)."""
         return np.linalg.inv(np.linalg.inv(self.K_v) + self.lag * np.linalg.inv(M))
 
-    def within(self, speeds: np.ndarray) -> Separation:
-        """Return the law with these speeds (n) [rad/s or m/s], unless it has some."""
-        return replace(self, speeds=speeds) if self.speeds is None else self
-
     def of_joints(self, task: JointTask) -> Separation:
         """Return the same feedback with the joints as its task."""
         return replace(self, task=task, R_k=1.0, lever=0.0)
-
-    def decorrelated(self, bandwidth: float, lead: float = 0.0) -> Separation:
-        """Return the law with another lambda_s [1/s], for a velocity that is late by a lead [s]."""
-        return replace(self, lambda_s=bandwidth, lead=lead)
-
-    def with_prediction_weight(self, weight: float) -> Separation:
-        """Return the law with another R, a number times the identity."""
-        return replace(self, R_k=weight)
 
     def _reference(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
         """Return u = xd_d - alpha (x_o - x_d) (m) and du/dt: dx_o/dt is known, xd is not needed.
@@ -289,7 +276,7 @@ class Separation(Law):
             v, qdd_r = v - noise, qdd_r + self.alpha * (noise - s.inverse.null(noise))
         # tau = Y(q, qd, qd_r, qdd_r) a_d - K_D s - F_w (W a_d - y)
         Y, feedforward = model.dynamics.slotine_li(s.q, v, qd_r, qdd_r)
-        qd = s.v + self.lead * qdd_r  # the measured one is late by the lead
+        qd = s.v + self.lead * qdd_r if self.lead else s.v  # the measured one is late by the lead
         if self.lag:
             M_hat = model.dynamics.mass_matrix(s.q)
             kernels.subtract_limited_damping(
@@ -378,9 +365,13 @@ def _turning(s: Signals, beta: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return dx, xd, delta
 
 
+def assumed_load(robot: Robot) -> Payload:
+    """Return a ball of a tenth of a robot's mass, whose radius is a twentieth of its reach."""
+    mass = 0.1 * robot.mass
+    turning = mass * (0.05 * robot.reach) ** 2
+    return Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
+
+
 def _loaded_inertia(robot: Robot) -> np.ndarray:
     """Return the inertia (n) that each joint moves with the load assumed for K_D [kg m^2 or kg]."""
-    mass = _LOAD * robot.mass
-    turning = mass * (_ARM * robot.reach) ** 2
-    ball = Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
-    return joint_inertia(robot.changed(payload=ball))
+    return joint_inertia(robot.changed(payload=assumed_load(robot)))

@@ -72,16 +72,12 @@ class SlotineLi(AdaptiveJacobian):
             raise GainError("the law 'slotine-li' has none: K_P is alpha Kv.", where="Kp")
         return super().tuned(motion, dt, share, **given)
 
-    def with_prediction_weight(self, weight: float) -> SlotineLi:
-        """Return the law itself: it predicts nothing."""
-        return self
-
     def storage(self, s: Signals, truth: Truth) -> float:
         """Return s^T M s / 2, M the true mass matrix."""
-        error = s.v - self._reference_velocity(s)
+        error = self._error(s)
         return float(0.5 * error @ (truth.M @ error))
 
     def dissipation(self, s: Signals, truth: Truth) -> float:
         """Return dV/dt."""
-        error = s.v - self._reference_velocity(s)
+        error = self._error(s)
         return float(-error @ (self.K_v @ error) - self._joint_dissipation(s, truth))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +16,17 @@ from .log import Log
 _STATES = ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
 
 
-def _pose(position: Any, rotation: Any = None) -> list[float]:
-    turn = () if rotation is None else (rotation.x, rotation.y, rotation.z, rotation.w)
-    return [position.x, position.y, position.z, *turn]
+def _coordinates(position: str, rotation: str = "") -> Callable[[Any], tuple[float, ...]]:
+    """Return a function of a message: coordinates of a position, and a quaternion xyzw."""
+    turn = [f"{rotation}.{axis}" for axis in "xyzw"] if rotation else []
+    return attrgetter(*(f"{position}.{axis}" for axis in "xyz"), *turn)
 
 
-# Message type -> coordinates (3) or (7), position and quaternion xyzw.
-_POSES: dict[str, Callable[[Any], list[float]]] = {
-    "geometry_msgs/msg/PointStamped": lambda m: _pose(m.point),
-    "geometry_msgs/msg/PoseStamped": lambda m: _pose(m.pose.position, m.pose.orientation),
-    "geometry_msgs/msg/TransformStamped": lambda m: _pose(
-        m.transform.translation, m.transform.rotation
+_POSES = {
+    "geometry_msgs/msg/PointStamped": _coordinates("point"),
+    "geometry_msgs/msg/PoseStamped": _coordinates("pose.position", "pose.orientation"),
+    "geometry_msgs/msg/TransformStamped": _coordinates(
+        "transform.translation", "transform.rotation"
     ),
 }
 
@@ -41,10 +41,25 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     Raises:
         LogError: it cannot be read, has no such topic, or lacks a joint.
     """
-    with _opened(path) as bag:
-        topic = _topic(bag, options.topic, path)
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise LogError(
+            f"a bag needs the package rosbags: {error}.",
+            where=str(path),
+            hint='Install it: pip install "pinadapt[bags]".',
+        ) from error
+    frames = None
+    # for messages whose types it does not hold
+    store = Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else Stores.ROS2_HUMBLE
+    with AnyReader([path], default_typestore=get_typestore(store)) as bag:
+        topic = _topic(bag, options.topic, _STATES, path)
         t, (q, v, tau) = _series(bag, topic, list(joints), path)
-        frames = _frames(bag, options.pose_topic, path)
+        if options.pose_topic is not None:
+            topic = _topic(bag, options.pose_topic, _POSES, path)
+            of = _POSES[str(bag.topics[topic].msgtype)]
+            frames = np.array([[time, *of(message)] for time, message in _messages(bag, topic)])
     return Log(
         t - t[0],
         q,
@@ -57,45 +72,23 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     )
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Open a bag with the message types that it holds, or else those of ROS 2 Humble."""
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise LogError(
-            f"a bag needs the package rosbags: {error}.",
-            where=str(path),
-            hint='Install it: pip install "pinadapt[bags]".',
-        ) from error
-    store = Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else Stores.ROS2_HUMBLE
-    with AnyReader([path], default_typestore=get_typestore(store)) as bag:
-        yield bag
-
-
-def _topic(bag: Any, stated: str | None, path: Path) -> str:
-    """Return the stated topic of joint states, or the only one.
+def _topic(bag: Any, stated: str | None, kinds: Collection[str], path: Path) -> str:
+    """Return the stated topic, or the only one, of some types of messages.
 
     Raises:
-        LogError: it does not exist, or none or several have joint states.
+        LogError: it does not exist, or none or several have such messages.
     """
-    states = [name for name, info in bag.topics.items() if info.msgtype in _STATES]
-    chosen = states if stated is None else [stated]
-    if len(chosen) != 1 or chosen[0] not in states:
-        wanted = f"'{stated}' is none of them. " if stated else ""
+    topics = {name: info.msgtype for name, info in bag.topics.items()}
+    suitable = [name for name, kind in topics.items() if kind in kinds]
+    chosen = suitable if stated is None else [stated]
+    if len(chosen) != 1 or chosen[0] not in suitable:
+        listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items()))
         raise LogError(
-            f"{len(states)} topics have joint states. {wanted}{_contents(bag)}",
+            f"{len(suitable)} topics have {' or '.join(kinds)}; its topics: {listed}.",
             where=str(path),
-            hint="Say which: --topic NAME.",
+            hint="--topic NAME says which has the joints, --pose-topic NAME which has x.",
         )
     return chosen[0]
-
-
-def _contents(bag: Any) -> str:
-    """Return the topics of a bag in words."""
-    topics = sorted((name, info.msgtype) for name, info in bag.topics.items())
-    return f"Its topics: {', '.join(f'{name} ({kind})' for name, kind in topics)}."
 
 
 def _messages(bag: Any, topic: str) -> Iterator[tuple[float, Any]]:
@@ -146,17 +139,3 @@ def _series(bag: Any, topic: str, wanted: list[str], path: Path) -> tuple[np.nda
         )
     times = sorted(rows)
     return np.array(times), np.array([rows[time] for time in times]).swapaxes(0, 1)
-
-
-def _frames(bag: Any, topic: str | None, path: Path) -> np.ndarray | None:
-    """Return times [s] and coordinates (M, 1 + 3 or 7) of a topic of positions or poses."""
-    if topic is None:
-        return None
-    kind = bag.topics[topic].msgtype if topic in bag.topics else "not a topic of it"
-    if kind not in _POSES:
-        raise LogError(
-            f"'{topic}' is {kind}, and has no positions. {_contents(bag)}",
-            where=str(path),
-            hint=f"Positions are {', '.join(_POSES)}: --pose-topic NAME.",
-        )
-    return np.array([[time, *_POSES[kind](message)] for time, message in _messages(bag, topic)])

@@ -119,11 +119,11 @@ class _Columns:
 
     def _written_out(self, names: Sequence[str]) -> list[str]:
         """Return names of columns with the * and with ranges such as ``2-8`` written out."""
-        joints = self._joints
         if len(names) == 1 and "*" in names[0]:
-            labels = [joints, *([str(k + j) for j in range(len(joints))] for k in (0, 1))]
-            filled = [[names[0].replace("*", label) for label in part] for part in labels]
-            return next((part for part in filled if set(part) <= set(self._table)), filled[0])
+            form = re.compile("(.+)".join(map(re.escape, names[0].split("*", 1))))
+            labels = {match[1]: name for name in self._table if (match := form.fullmatch(name))}
+            order = joint_order(list(labels), self._joints, self._source)
+            return [list(labels.values())[k] for k in order]
         found: list[str] = []
         for name in names:
             ends = re.fullmatch(r"(\d+)-(\d+)", name)

@@ -164,14 +164,19 @@ class ImportOptions:
         """
         log = self._in_order_of(robot, log)
         names, n = robot.joint_names, robot.model.nv
-        gears = None if self.gear is None else _gears(self.gear, names)
-        tau, sign = log.tau, self._signs("q", names)
-        if self.torque_gain is not None:
-            tau = tau @ _matrix(self.torque_gain, names, "torque_gain").T
-        if gears is not None:
-            tau = tau @ gears
-        log = replace(log, tau=self._signs("tau", names) * tau)
-        if gears is None and self.offset is None and not self.degrees and (sign > 0.0).all():
+        G, K = _matrix(self.gear, names, "gear"), _matrix(self.torque_gain, names, "torque_gain")
+        if np.linalg.matrix_rank(G) < n:
+            raise LogError(
+                "these gears cannot be inverted: some joint would not move.",
+                where="intake.gear",
+                hint="Row i has the turns of motor i for one turn of each joint.",
+            )
+        turning = ~np.array(list(robot.slides.values()))
+        scale = np.where(turning & self.degrees, math.pi / 180.0, 1.0)
+        A = self._signs("q", names)[:, None] * np.linalg.inv(G) * scale
+        offset = _per_joint(self.offset, names, "offset", 0.0)
+        log = replace(log, tau=_mapped(self._signs("tau", names)[:, None] * (G.T @ K), log.tau))
+        if np.array_equal(A, np.eye(n)) and not offset.any():
             return log
         if log.q.shape[1] != n:
             raise LogError(
@@ -180,15 +185,8 @@ class ImportOptions:
                 where=f"{log.source}: q",
                 hint="Record one angle for each joint.",
             )
-        slides = np.array(list(robot.slides.values()))
-        scale = np.where(slides | (not self.degrees), 1.0, math.pi / 180.0)
-        parts = {name: part * scale for name, part in log.signals().items() if name != "tau"}
-        if gears is not None:
-            parts = {name: part @ np.linalg.inv(gears).T for name, part in parts.items()}
-        parts = {name: sign * part for name, part in parts.items()}
-        if self.offset is not None:
-            parts["q"] = parts["q"] + _per_joint(self.offset, names, "offset", 0.0)
-        return replace(log, **parts)
+        v = None if log.v is None else _mapped(A, log.v)
+        return replace(log, q=_mapped(A, log.q) + offset, v=v)
 
     def _signs(self, signal: str, names: Sequence[str]) -> np.ndarray:
         """Return the sign (n) of each joint for a signal."""
@@ -246,36 +244,25 @@ def place_beside(log: Path | str) -> Path:
 
 
 def _per_joint(given: Any, names: Sequence[str], key: str, default: float) -> np.ndarray:
-    """Return one number for each joint (n)."""
+    """Return one number for each joint (n); None: the default."""
     where = f"intake.{key}"
     if isinstance(given, Mapping):
         for name in given:
             word(name, names, where)
         given = [given.get(name, default) for name in names]
-    return vector(given, len(names), where, names=list(names))
+    return vector(default if given is None else given, len(names), where, names=list(names))
 
 
 def _matrix(given: Any, names: Sequence[str], key: str) -> np.ndarray:
-    """Return gains or gears as a matrix (n, n)."""
-    n = len(names)
-    if not isinstance(given, Mapping):
-        array = numbers(given, f"intake.{key}")
-        if array.shape == (n, n) and array.ndim == 2:
-            return array
+    """Return gains or gears as a matrix (n, n); None: one."""
+    if given is not None and not isinstance(given, Mapping):
+        given = numbers(given, f"intake.{key}")
+        if given.shape == (len(names), len(names)):
+            return np.asarray(given)
     return np.diag(_per_joint(given, names, key, 1.0))
 
 
-def _gears(given: Any, names: Sequence[str]) -> np.ndarray:
-    """Return the matrix G (n, n) of the motor angles G q.
-
-    Raises:
-        LogError: it is singular.
-    """
-    G = _matrix(given, names, "gear")
-    if np.linalg.matrix_rank(G) < len(names):
-        raise LogError(
-            "these gears cannot be inverted: some joint would not move.",
-            where="intake.gear",
-            hint="Row i has the turns of motor i for one turn of each joint.",
-        )
-    return G
+def _mapped(A: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Return A y for each row y; where A is diagonal, NaN stays with its joint."""
+    diagonal = np.diag(A)
+    return part * diagonal if np.array_equal(A, np.diag(diagonal)) else part @ A.T

@@ -12,7 +12,7 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
 from .._checks import LARGEST, instance
-from ..description.chain import configuration_from_angles, position_limits
+from ..description.chain import configuration_from_angles
 from ..exceptions import LogError, did_you_mean
 from ..robot.robot import Robot
 
@@ -30,8 +30,6 @@ _EPOCH = 1e6  # [s] beyond which times count from an epoch such as 1970; twelve 
 _SHORTEST = 1.0  # [s]; half as much leaves nothing to hold out
 _LONGEST_PERIOD = 0.2  # [s]; windows of four samples have no inertia left at twice as much
 _REPEATED = 0.05  # share of samples that may repeat the one before; a tenth shows in estimates
-_MEASURED = 0.5  # share of the samples that must be finite, and within the joint limits
-_BEYOND = 0.5  # [rad or m] beyond a limit; half refuses other zeros, twice takes some degrees
 _MOVING = 0.02  # [rad/s or m/s] rms of a velocity that can be compared; half is noise of encoders
 _AVERAGED = 25  # samples over which velocities are averaged; half leaves noise of slow motions
 
@@ -249,7 +247,7 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
     for name in ("q", "tau") if torques else ("q",):
         part = getattr(log, name)
         share = float(np.isfinite(part).mean(axis=0).min())
-        if share < _MEASURED:
+        if share < 0.5:
             refuse(
                 name,
                 f"only {share:.0%} of the samples of a joint are numbers.",
@@ -257,8 +255,6 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
                 f"{name}=2-8, or --topic of a bag says where they are; --lock NAME leaves out a "
                 "joint.",
             )
-    if (outside := _outside_limits(log, robot)) is not None:
-        refuse("q", *outside)
     if not torques:
         return
     if log.duration < _SHORTEST or log.period > _LONGEST_PERIOD:
@@ -282,24 +278,6 @@ def check(log: Log, robot: Robot, *, torques: bool = True) -> None:
             f"the torque of {name} is zero in all samples: not recorded.",
             f"Record the efforts of the motors; --lock {name} leaves out what did not move.",
         )
-
-
-def _outside_limits(log: Log, robot: Robot) -> tuple[str, str] | None:
-    """Return what is wrong with positions far outside of the limits, and what to try."""
-    if log.q.shape[1] != robot.model.nv:
-        return None
-    low, high = position_limits(robot.model)
-    outside = np.mean((log.q < low - _BEYOND) | (log.q > high + _BEYOND), axis=0)
-    j = int(outside.argmax())
-    if outside[j] <= _MEASURED:
-        return None
-    least, most = np.nanmin(log.q[:, j]), np.nanmax(log.q[:, j])
-    return (
-        f"{robot.joint_names[j]} is at {least:.4g} to {most:.4g}, and its limits are {low[j]:.4g} "
-        f"and {high[j]:.4g} rad or m.",
-        "Is it the log of another robot? --degrees, --gear and --offset convert positions, "
-        "--joints states the order of the columns.",
-    )
 
 
 def _other_velocity(log: Log, robot: Robot) -> tuple[str, str] | None:

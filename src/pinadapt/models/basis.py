@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers
+from .._checks import instance, numbers, vector
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import InertialDynamics
@@ -38,9 +38,6 @@ class BasisDynamics(InertialDynamics):
 
     pi need not be physical, and masses may be zero or negative. Lumped parameters with unknown
     lengths are allowed if B is such that Y B does not depend on the lengths.
-
-    Attributes:
-        B: (10 n, p) the basis.
     """
 
     def __init__(self, robot: Robot, B: ArrayLike, names: tuple[str, ...] | None = None) -> None:
@@ -50,27 +47,25 @@ class BasisDynamics(InertialDynamics):
             ParameterError: wrong shape, entries that are not finite, columns that cannot be
                 identified separately, or a basis that does not contain the nominal robot.
         """
-        super().__init__(robot)
-        rows = PER_BODY * robot.model.nv
-        self.B = numbers(B, "unknown.basis", error=ParameterError)
-        if self.B.ndim != 2 or self.B.shape[0] != rows or not self.B.shape[1]:
+        B, rows = numbers(B, "unknown.basis", error=ParameterError), PER_BODY * robot.model.nv
+        if B.ndim != 2 or len(B) != rows or not B.size:
             raise ParameterError(
-                f"expected a matrix with {rows} rows ({PER_BODY} a body), got shape "
-                f"{self.B.shape}.",
+                f"expected a matrix with {rows} rows ({PER_BODY} a body), got shape {B.shape}.",
                 where="unknown.basis",
             )
-        self.size, self.bodies = self.B.shape[1], range(robot.model.nv)
+        super().__init__(robot, B)
+        self.bodies = range(robot.model.nv)
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
         states = random_states(robot.model, _SAMPLES)
         Y = np.vstack([self._regressor(*state) for state in states])
-        largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(self.B, axis=0)
-        if len(independent_columns(Y @ self.B, largest)[0]) < self.size:
+        largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
+        if len(independent_columns(Y @ B, largest)[0]) < self.size:
             raise ParameterError(
                 "not all columns of the basis can be identified: Y B has dependent columns.",
                 where="unknown.basis",
                 hint="Remove parameters without effect on the torque, and lump dependent ones.",
             )
-        self._fit = TorqueFit(states, Y @ self.B, self._armature)
+        self._fit = TorqueFit(states, Y @ B, self._armature)
         initial = self._fit.parameters(robot)
         if initial is None:
             raise ParameterError(
@@ -81,14 +76,6 @@ class BasisDynamics(InertialDynamics):
             )
         self.initial = initial
         self.load(initial)
-
-    def expand(self, a_d: np.ndarray) -> np.ndarray:
-        """Return pi = B a_d (10 n)."""
-        return self.B.dot(a_d)
-
-    def reduce(self, Y: np.ndarray) -> np.ndarray:
-        """Return Y B (n, p)."""
-        return Y.dot(self.B)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the a (p) that reproduces a robot's torque with this chain's placements.
@@ -125,18 +112,14 @@ def read_matrix(path: Path) -> np.ndarray:
     Raises:
         ParameterError: no such file, or entries that are not numbers.
     """
-    if not path.is_file():
-        raise ParameterError("no such file.", where=str(path))
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about an empty file, refused below
+            warnings.simplefilter("error", UserWarning)  # of an empty file
             matrix = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
-    except ValueError as error:
+    except (OSError, ValueError, UserWarning) as error:
         raise ParameterError(
-            f"expected numbers separated by commas: {error}", where=str(path)
+            f"expected a file of numbers separated by commas: {error}", where=str(path)
         ) from error
-    if not matrix.size:
-        raise ParameterError("the file contains no numbers.", where=str(path))
     return numbers(matrix, str(path), error=ParameterError)
 
 
@@ -172,12 +155,7 @@ class BaseParameters:
         Raises:
             ParameterError: a is not p finite numbers.
         """
-        a = numbers(a, "a", error=ParameterError)
-        if a.shape != (len(self.parameters),):
-            raise ParameterError(
-                f"expected {len(self.parameters)} numbers, got shape {a.shape}.", where="a"
-            )
-        return self.regrouping @ a
+        return self.regrouping @ vector(a, len(self.parameters), "a", error=ParameterError)
 
     def expression(self, index: int) -> str:
         """Return a combination as a sum of parameters, the leading one first."""
@@ -239,14 +217,15 @@ def independent_columns(
     """
     sizes = np.linalg.norm(W, axis=0)
     floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
-    Q, chosen = np.zeros((len(W), 0)), []
+    Q = np.zeros((len(W), min(W.shape)))
+    chosen: list[int] = []
     for j in np.flatnonzero(sizes > floor):
-        left = W[:, j] / sizes[j]
+        left, before = W[:, j] / sizes[j], Q[:, : len(chosen)]
         for _ in range(2):  # the second pass removes rounding
-            left = left - Q @ (Q.T @ left)
+            left = left - before @ (before.T @ left)
         length = np.linalg.norm(left)
         if length > _NEGLIGIBLE:
-            Q = np.column_stack([Q, left / length])
+            Q[:, len(chosen)] = left / length
             chosen.append(int(j))
     units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
     R = np.linalg.lstsq(units[:, chosen], units, rcond=None)[0]

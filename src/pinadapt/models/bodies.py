@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,7 @@ from ..exceptions import ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .inertial_model import InertialModel
+from .inertial_model import InertialModel as InertialModel
 from .regressor import (
     LABELS,
     PER_BODY,
@@ -33,46 +31,59 @@ _VISIBLE = 1e-4  # a body's least radius over the distance of its centre of mass
 
 
 class InertialDynamics(Dynamics):
-    """Dynamics in parameters a_d in which pi (10 n) is affine, pi the ten parameters of each body.
+    """Dynamics in parameters a_d with pi = B a_d + a known part, pi (10 n) ten a body.
 
     Torque and mass matrix come from Pinocchio's RNEA and CRBA on a private model, the regressor
-    from its joint torque regressor. Subclasses define how pi follows from a_d (``expand``) and how
-    the regressor of a_d follows from that of pi (``reduce``).
+    from its joint torque regressor.
+
+    Attributes:
+        B: (10 n, p); None: the identity.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        """Copy the model of a nominal robot."""
+    def __init__(
+        self, robot: Robot, B: np.ndarray | None = None, known: np.ndarray | None = None
+    ) -> None:
+        """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
         instance(robot, Robot, "robot", RobotError)
         self._model = InertialModel(robot.model)
         self._regressor = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
         self._rotors = bool(self._armature.any())
         self._pi = inertial_parameters(robot.model)
+        self.B, self._known = B, known
+        self.size = self._pi.size if B is None else B.shape[1]
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore from a copy, whose model has to load the estimate again."""
         self.__dict__.update(state)
         self._model.load(self._pi)
 
-    def reproduces(self, robot: Robot, a_d: np.ndarray) -> bool:
-        """Return whether the torque of parameters a_d (p) is a robot's, at a random state."""
-        model, ((q, v, a),) = robot.model, random_states(robot.model, 1)
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot's bodies; None if other torques differ too.
+
+        For columns of B of which each is one of the ten parameters of a body.
+        """
+        model = robot.in_base_axes.model
+        pi, ((q, v, a),) = inertial_parameters(model), random_states(model, 1)
+        a_d = pi if self.B is None else self.B.T.dot(pi)
         tau = pin.rnea(model, model.createData(), q, v, a)
-        ours = self._regressor(q, v, a).dot(self.expand(a_d)) + self._armature * a
+        ours = self._regressor(q, v, a).dot(self._expand(a_d)) + self._armature * a
         off = np.abs(tau - ours).max()
-        return not robot.friction.present and bool(off <= 1e-9 * (1.0 + np.abs(tau).max()))
+        same = not robot.friction.present and off <= 1e-9 * (1.0 + np.abs(tau).max())
+        return a_d if same else None
 
-    @abstractmethod
-    def expand(self, a_d: np.ndarray) -> np.ndarray:
+    def _expand(self, a_d: np.ndarray) -> np.ndarray:
         """Return pi (10 n) of the parameters a_d (p)."""
+        pi = a_d if self.B is None else self.B.dot(a_d)
+        return pi if self._known is None else self._known + pi
 
-    @abstractmethod
-    def reduce(self, Y: np.ndarray) -> np.ndarray:
+    def _reduce(self, Y: np.ndarray) -> np.ndarray:
         """Return the regressor (n, p) of a_d from that of pi, Y (n, 10 n)."""
+        return Y if self.B is None else Y.dot(self.B)
 
     def load(self, a_d: np.ndarray) -> None:
         """Write the estimate a_d (p) into the private model."""
-        self._pi = pi = self.expand(a_d)
+        self._pi = pi = self._expand(a_d)
         self._model.load(pi)
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -85,7 +96,7 @@ class InertialDynamics(Dynamics):
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y (n, p)."""
-        return self.reduce(self._regressor(q, v, a))
+        return self._reduce(self._regressor(q, v, a))
 
     def slotine_li(
         self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
@@ -95,7 +106,7 @@ class InertialDynamics(Dynamics):
         tau = Y.dot(self._pi)
         if self._rotors:
             tau += self._armature * a_r
-        return self.reduce(Y), tau
+        return self._reduce(Y), tau
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> Momentum:
         """Return the torque as the rate of a momentum and a rest, with known bodies and rotors.
@@ -107,41 +118,7 @@ class InertialDynamics(Dynamics):
         known, tau_0 = self._known, np.zeros(v.size)
         if known is not None:
             p_0, tau_0 = p_0 + Y_M.dot(known), Y_0.dot(known)
-        return Momentum(self.reduce(Y_M), self.reduce(Y_0), p_0, tau_0)
-
-    @cached_property
-    def _known(self) -> np.ndarray | None:
-        """The part of pi (10 n) that does not depend on a_d; None if there is none."""
-        known = self.expand(np.zeros(self.size))
-        return known if known.any() else None
-
-
-class ChosenParameters(InertialDynamics):
-    """Dynamics in some of the parameters pi (10 n); the others are known."""
-
-    def __init__(self, robot: Robot, columns: np.ndarray, *, known: bool = True) -> None:
-        """Choose the parameters by their indices in pi (p); the others are nominal, or zero."""
-        super().__init__(robot)
-        self._columns, self.size = columns, len(columns)
-        self._all = self.size == self._pi.size
-        self._others = self._pi if known else np.zeros(self._pi.size)
-        self.initial = self._pi[columns].copy()
-
-    def expand(self, a_d: np.ndarray) -> np.ndarray:
-        """Return pi (10 n) with the parameters a_d (p) in it."""
-        if self._all:
-            return a_d
-        pi = self._others.copy()
-        pi[self._columns] = a_d
-        return pi
-
-    def reduce(self, Y: np.ndarray) -> np.ndarray:
-        """Return the columns (n, p) of the chosen parameters."""
-        return Y if self._all else Y[:, self._columns]
-
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot's bodies."""
-        return inertial_parameters(robot.model)[self._columns]
+        return Momentum(self._reduce(Y_M), self._reduce(Y_0), p_0, tau_0)
 
 
 ALL, PAYLOAD, NONE = "all", "payload", "none"
@@ -169,7 +146,7 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     )
 
 
-class BodyDynamics(ChosenParameters):
+class BodyDynamics(InertialDynamics):
     """Dynamics in the ten inertial parameters [m, mc, I about the joint] of chosen bodies.
 
     Attributes:
@@ -186,8 +163,11 @@ class BodyDynamics(ChosenParameters):
         """
         instance(robot, Robot, "robot", RobotError)
         self.bodies, names = chosen_bodies(robot, unknown), robot.joint_names
-        first = PER_BODY * np.array(self.bodies, dtype=int)
-        super().__init__(robot, (first[:, None] + np.arange(PER_BODY)).ravel())
+        pi = inertial_parameters(robot.model)
+        own = np.repeat(np.isin(np.arange(robot.model.nv), self.bodies), PER_BODY)
+        known = None if own.all() else np.where(own, 0.0, pi)
+        super().__init__(robot, None if own.all() else np.eye(pi.size)[:, own], known)
+        self.initial = pi[own]
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
         self._last = robot.model.nv - 1
 
@@ -195,12 +175,6 @@ class BodyDynamics(ChosenParameters):
     def units(self) -> tuple[str, ...]:
         """One unit a parameter."""
         return UNITS * len(self.bodies)
-
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the ten parameters of each adapted body; None if other torques differ too."""
-        robot = robot.in_base_axes
-        pi = inertial_parameters(robot.model)[self._columns]
-        return pi if self.reproduces(robot, pi) else None
 
     def values(self, robot: Robot, tens: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
         """Return the ten parameters of each adapted body (N, p): those given."""
@@ -241,7 +215,7 @@ class BodyDynamics(ChosenParameters):
 # 2018).
 
 
-_ROWS, _COLUMNS = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]  # of Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+_ROWS, _COLUMNS = np.tril_indices(3)  # of Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 UNCERTAINTY = 0.3  # as far as a described body may be off, in the metric of natural adaptation
 
 
@@ -265,7 +239,9 @@ def ten_parameters(P: np.ndarray) -> np.ndarray:
     return np.concatenate([P[..., 3, 3:], P[..., 3, :3], inertia[..., _ROWS, _COLUMNS]], axis=-1)
 
 
-def nearest_physical(pi: np.ndarray, *, least_mass: float, least_radius: float) -> np.ndarray:
+def nearest_physical(
+    pi: np.ndarray, *, least_mass: float = 1e-6, least_radius: float = 1e-3
+) -> np.ndarray:
     """Return ten physical parameters (10) close to pi (10), or pi if it has the margins below.
 
     The mass becomes at least ``least_mass`` [kg], the eigenvalues of the second moment about the

@@ -18,6 +18,7 @@ has learned since corrects x at once.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -66,8 +67,7 @@ class SensedState(NamedTuple):
         frame: the last frame of the camera; None if x was measured at this sample.
         history: (t, q) of the samples since the last frame was taken, oldest first.
         first: sums of the first samples, see ``FirstSamples``; None once their checks are complete.
-        trail: of the samples, with which the next one is compared, see the kernel ``check_sample``;
-            empty: it is not.
+        trail: of the samples, with which the next one is compared, see the kernel ``check_joints``.
     """
 
     q: np.ndarray
@@ -173,10 +173,7 @@ def _since(
     history: tuple[tuple[float, np.ndarray], ...], t: float
 ) -> tuple[tuple[float, np.ndarray], ...]:
     """Return the history from the last sample before or at time t [s]."""
-    first = 0
-    while first + 1 < len(history) and history[first + 1][0] <= t:
-        first += 1
-    return history[first:]
+    return history[max(bisect_right([sample[0] for sample in history], t) - 1, 0) :]
 
 
 def _at(

@@ -221,7 +221,7 @@ class StackedDynamics(Dynamics):
         """Return M (n, n), rotors included."""
         M, rotors, n = self._inertial.mass_matrix(q), self._values[0], self._n
         M.flat[:: n + 1] += rotors[:n]
-        for d, armature in zip(self.joints.tables[-1], rotors[n:], strict=True):
+        for d, armature in zip(self.joints.tables[-1][n:], rotors[n:], strict=True):
             M += armature * np.outer(d, d)
         return M
 

@@ -22,10 +22,7 @@ from .physical_fit import PhysicalSet, signed_scales
 from .regressor import LABELS, PER_BODY
 
 TOLD_APART = 0.01  # share of the torques from which a combination is identifiable in practice
-_QUIET = 0.01  # of the most loaded joint's torque: the least one that a joint's are compared with
-_NONE = 1e-12  # [N m or N] up to which there is no torque
 _LEAST = 1e-3  # of the largest typical parameter: the least scale of one
-_LEAST_MASS, _LEAST_RADIUS = 1e-6, 1e-3  # [kg], [m] of bodies that a description leaves without
 
 
 class TorqueSums:
@@ -72,7 +69,7 @@ class TorqueSums:
     def _levels(self) -> np.ndarray:
         """Root mean square (n) of each joint's torque, at least 1 % of the largest."""
         levels = np.sqrt(self._squares / max(self._count, 1))
-        return np.maximum(levels, max(_QUIET * levels.max(initial=0.0), _NONE))
+        return np.maximum(levels, max(TOLD_APART * levels.max(initial=0.0), 1e-12))
 
     def _mean_squares(self, a: np.ndarray) -> np.ndarray:
         """Return the mean squared error (n) of the torques at a (p)."""
@@ -169,9 +166,7 @@ def around(dynamics: Dynamics, a: np.ndarray) -> PhysicalSet:
     """
     size = dynamics.inertial.size
     tens = [
-        nearest_physical(pi, least_mass=_LEAST_MASS, least_radius=_LEAST_RADIUS)
-        if unphysical_bodies(pi, [""])
-        else pi
+        nearest_physical(pi) if unphysical_bodies(pi, [""]) else pi
         for pi in a[:size].reshape(-1, PER_BODY)
     ]
     scales = signed_scales(dynamics)

@@ -36,13 +36,10 @@ USUAL = KINDS[:3]  # "all" that is usually unknown
 _SIGNED = KINDS.index("asymmetry")  # this and the following kinds may be negative
 _OF_SHAFTS = len(USUAL)  # kinds that a shaft of two joints has
 ALL, NONE = "all", "none"
-_SAMPLES = 100  # random states
 _SPEED = 0.5  # typical joint speed and acceleration [rad/s, rad/s^2, or in m]
 _OF_EFFORT = 0.02  # Coulomb friction of a motor, as a share of its effort limit,
 _BRAKING = 50.0  # and the largest deceleration that it causes [rad/s^2 or m/s^2]
 _SLIDING = 3.0  # thresholds of speed at which the smoothed sign is 0.995
-_START = 0.1  # initial value of an unknown coefficient, as a share of the typical one
-_LOAD = 0.1  # typical friction by load, as a share of it
 
 
 def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
@@ -59,22 +56,17 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
     if len(chosen) == 1:
         chosen = list({ALL: USUAL, NONE: ()}.get(chosen[0], chosen))
     for word in chosen:
-        if _kind(word) not in KINDS:
+        if word.rpartition(".")[2] not in KINDS:
             raise ParameterError(
                 f"'{word}' must be one of {list(KINDS)}, 'all' or 'none'."
                 f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
                 where="unknown.effects",
             )
-    return tuple(sorted(dict.fromkeys(chosen), key=lambda word: KINDS.index(_kind(word))))
-
-
-def _kind(word: str) -> str:
-    """Return the kind in "elbow.offset" or "offset"."""
-    return word.rpartition(".")[2]
+    return tuple(word for kind in KINDS for word in chosen if word.rpartition(".")[2] == kind)
 
 
 class JointEffects:
-    """The torque of all shafts, D^T f(D v, D a), with D the identity above ``directions``.
+    """The torque of all shafts, D^T f(D v, D a), D the identity above further directions.
 
         f = armature a + viscous v + (coulomb + gear_friction |g|) sigma(v)
             + asymmetry |sigma(v)| + offset.
@@ -95,8 +87,7 @@ class JointEffects:
         known: (6, m) coefficients of all kinds and shafts, zero where they are unknown.
         places: (p), (p) kind and shaft of each parameter.
         tables: column (6, m) of each coefficient among the parameters, -1 where it is known; shape
-            of the friction (3, m); D (m - n, n); as the kernel ``add_joint_effects`` takes them.
-        loaded: whether the friction depends on the load of the gears.
+            of the friction (3, m); D (m, n); as the kernel ``add_joint_effects`` takes them.
         zero, nothing: (n) zeros, and a matrix (n, 0).
     """
 
@@ -110,35 +101,34 @@ class JointEffects:
         friction, self._n = robot.friction, robot.model.nv
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
-        self._kinds = np.array([kind for kind, _ in pairs], dtype=np.int64)
-        self._shafts = np.array([shaft for _, shaft in pairs], dtype=np.int64)
+        at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
         self._shape, self._directions = _shape(friction), friction.directions
         self._values = coefficients(robot)
         typical = typical_coefficients(robot)
-        at = self._kinds, self._shafts
-        start = np.where(self._values > 0.0, self._values, _START * _all_shafts(robot, typical))
+        start = np.where(self._values > 0.0, self._values, 0.1 * _all_shafts(robot, typical))
         start[_SIGNED:] = self._values[_SIGNED:]
         self._values[at] = start[at]
         self.known = self._values.copy()
         self.known[at] = 0.0
         columns = np.full(self._values.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
-        self.places, self.tables = at, (columns, self._shape, self._directions)
+        shafts = np.concatenate([np.eye(self._n), self._directions])
+        self.places, self.tables = at, (columns, self._shape, shafts)
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
-        self.signed = int(np.count_nonzero(self._kinds >= _SIGNED))
+        self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
         slides = list(robot.slides.values())
         slides += [slides[part.joints[0]] for part in friction.shafts]
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
         self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
-        self.loaded = friction.loaded or KINDS.index("gear_friction") in self._kinds
-        self._bodies = InertialModel(robot.model) if self.loaded else None
+        loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
+        self._bodies = InertialModel(robot.model) if loaded else None
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
-        return self.added(self._values, q, v, a, 1.0, self.nothing, np.zeros(self._n))[0]
+        return self.added(self.known, q, v, a, 1.0, self.nothing, self.zero)[0]
 
     def added(
         self,
@@ -189,45 +179,39 @@ class JointEffects:
 
         That is, whether it moves faster than three thresholds, or its Coulomb friction is known.
         """
-        if KINDS.index("coulomb") not in self._kinds:
+        if KINDS.index("coulomb") not in self.places[0]:
             return np.ones(self._n, dtype=bool)
         return np.abs(v) * self._shape[0, : self._n] > _SLIDING
 
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""
         values, n = coefficients(nominal), self._n
-        values[self._kinds, self._shafts] = a_j
-        armature, viscous, coulomb, geared, asymmetry, offset = values
+        values[self.places] = a_j
+        armature, viscous, coulomb, geared, asymmetry, offset = values[:, :n]
         shafts = tuple(
-            replace(
-                part,
-                armature=float(armature[k]),
-                viscous=float(viscous[k]),
-                coulomb=float(coulomb[k]),
-            )
-            for k, part in enumerate(nominal.friction.shafts, n)
+            replace(part, armature=own[0], viscous=own[1], coulomb=own[2])
+            for part, own in zip(nominal.friction.shafts, values[:, n:].T.tolist(), strict=True)
         )
         friction = replace(
             nominal.friction,
-            viscous=viscous[:n],
-            coulomb=coulomb[:n],
-            gear_friction=geared[:n],
-            asymmetry=asymmetry[:n],
-            offset=offset[:n],
+            viscous=viscous,
+            coulomb=coulomb,
+            gear_friction=geared,
+            asymmetry=asymmetry,
+            offset=offset,
             shafts=shafts,
         )
-        return nominal.changed(armature=armature[:n], friction=friction)
+        return nominal.changed(armature=armature, friction=friction)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of a robot; None if those of a known kind differ."""
-        if len(robot.friction.shafts) != len(self._directions):
+        if not np.array_equal(robot.friction.directions, self._directions):
             return None
-        true, known = coefficients(robot), np.ones(self._values.shape, dtype=bool)
-        known[self._kinds, self._shafts] = False
-        same = np.allclose(true[known], self._values[known])
-        same = same and np.allclose(_shape(robot.friction), self._shape, atol=0.0)
-        same = same and np.array_equal(robot.friction.directions, self._directions)
-        return true[self._kinds, self._shafts] if same else None
+        true = coefficients(robot)
+        a_j = true[self.places]
+        true[self.places] = self._values[self.places]
+        same = np.allclose(_shape(robot.friction), self._shape, atol=0.0)
+        return a_j if same and np.allclose(true, self._values) else None
 
 
 def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
@@ -236,7 +220,7 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
     Raises:
         ParameterError: a joint or shaft that does not exist, or has no such coefficient.
     """
-    found: list[tuple[int, int]] = []
+    found: set[tuple[int, int]] = set()
     for word in words:
         owner, _, kind = word.rpartition(".")
         number = KINDS.index(kind)
@@ -247,8 +231,8 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
                 f"{did_you_mean(owner, names[:shafts])}",
                 where="unknown.effects",
             )
-        chosen = [names.index(owner)] if owner else list(range(shafts))
-        found += [(number, shaft) for shaft in chosen if (number, shaft) not in found]
+        chosen = [names.index(owner)] if owner else range(shafts)
+        found |= {(number, shaft) for shaft in chosen}
     return sorted(found)
 
 
@@ -260,9 +244,12 @@ def _shape(friction: Friction) -> np.ndarray:
 
 
 def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
-    """Return typical coefficients (6, m), from those of the usual kinds of the joints (3, n)."""
+    """Return typical coefficients (6, m), from those of the usual kinds of the joints (3, n).
+
+    Gears add a tenth of the torque that they carry.
+    """
     n = robot.model.nv
-    others = [np.full(n, _LOAD), typical[2], typical[2]]
+    others = [np.full(n, 0.1), typical[2], typical[2]]
     joints = np.array([*typical, *others])
     of_shafts = [joints[:, part.joints].mean(axis=1) for part in robot.friction.shafts]
     return np.column_stack([joints, *of_shafts])
@@ -292,7 +279,7 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
     """
     model, data, rng = robot.model, robot.model.createData(), np.random.default_rng(0)
     torques = []
-    for _ in range(_SAMPLES):
+    for _ in range(100):
         q = pin.integrate(model, robot.q0, rng.uniform(-0.3, 0.3, model.nv))
         v, a = _SPEED * rng.standard_normal((2, model.nv))
         torques.append(pin.rnea(model, data, q, v, a))

@@ -19,7 +19,7 @@ a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -158,7 +158,7 @@ class _ObservedChain:
         columns: (9, 1 + p) for the kernel; the last three rows are the phi at home.
         motion: (2, k, n + 1) dphi/dq and phi, and their rates.
         maps: (2, rows, k) N and D.
-        G: (rows, k) (N - y D) / z, and z in the last column.
+        G, z: (rows, k) (N - y D) / z but for the column of the one, which is z (rows).
         Jdot: (rows, n) dJ/dt at a constant estimate.
     """
 
@@ -191,8 +191,8 @@ class _ObservedChain:
         )
         self._of_sensor = constants, entries, empty((4, 3))
         self.motion, self.maps = np.zeros((2, width, n + 1)), empty(constants.shape)
-        self.motion[0, -1, n] = 1.0
-        self.G, self.Jdot = empty((rows, width)), empty((rows, n))
+        self.G, self.Jdot, one = empty((rows, width)), empty((rows, n)), 3 * self.columns.shape[1]
+        self.motion[0, one, n], self.z = 1.0, self.G[:, one]
         self._filled = self.motion, self.maps, self.G, self.Jdot
 
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -240,13 +240,12 @@ class LinearKinematics(TaskKinematics):
             constants: (2, m_p, 4 + 3 k) of N and D.
             entries: (parameter, 0 for N or 1 for D, row, column) of each that a parameter adds to.
         """
-        m, last = constants.shape[1], constants.shape[2] - 1
+        m, one = constants.shape[1], constants.shape[2] - 1
         if self._of_pose:  # the rotation in N once more, for the angular velocity
-            constants = np.insert(constants, [last] * 3, 0.0, axis=2)
-            constants = np.concatenate([constants, np.zeros(constants.shape)], axis=1)
-            constants[0, m:, last:-1], constants[1, m:, -1] = constants[0, :m, :3], 1.0
-            own = [(j, of, i, c if c < last else last + 3) for j, of, i, c in entries]
-            entries = own + [(j, of, m + i, last + c) for j, of, i, c in entries if c < 3]
+            constants = np.pad(constants, ((0, 0), (0, m), (0, 3)))
+            constants[0, m:, one + 1 :], constants[1, m:, one] = constants[0, :m, :3], 1.0
+            turning = [(j, of, m + i, one + 1 + c) for j, of, i, c in entries if c < 3]
+            entries = [*entries, *turning]
         self._entries = np.array(entries, dtype=np.int64).reshape(-1, 4)
         self._depths = bool(self._entries[:, 1].any())
         self._now, self._past = (
@@ -265,7 +264,7 @@ class LinearKinematics(TaskKinematics):
         """Return (dN phi - y dD phi) / z (rows, p) by the parameters, z that of the chain."""
         j, of, i, c = self._entries.T
         X = np.zeros((len(chain.G), self.size))
-        X[i, j] = np.where(of == 0, 1.0, -y[i]) * phi[c] / chain.G[i, -1]
+        X[i, j] = np.where(of == 0, 1.0, -y[i]) * phi[c] / chain.z[i]
         return X
 
     @property
@@ -311,7 +310,7 @@ class LinearKinematics(TaskKinematics):
         Without the second part (17) of Wang and Xie does not hold.
         """
         chain, found = self._now, self._now.Jdot.copy()
-        kernels.add_map_rates(a_k_rate, self._entries, chain.motion, chain.G, found)
+        kernels.add_map_rates(a_k_rate, self._entries, chain.motion, chain.z, found)
         if self._depths:
             (Phi, Phid), D = chain.motion, chain.maps[1]
             j, _, i, c = self._entries[self._entries[:, 1] == 1].T
@@ -320,7 +319,7 @@ class LinearKinematics(TaskKinematics):
             yd = self.xd_hat + self.X_k.dot(a_k_rate)
             zd = D.dot(Phid[:, -1]) + D_rate.dot(Phi[:, -1])
             less = yd[:, None] * D + self.p_hat[:, None] * D_rate + zd[:, None] * chain.G
-            found -= (less[:, :-1] / chain.G[:, -1:]).dot(Phi[:-1, :-1])
+            found -= (less[:, :-1] / chain.z[:, None]).dot(Phi[:-1, :-1])
         return found
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
@@ -339,27 +338,26 @@ class LinearKinematics(TaskKinematics):
 
     def displace(self, model: pin.Model, off: np.ndarray) -> None:
         """Write the described placements, displaced by off (p), into a model of the chain."""
-        columns = self.columns
-        for joint in set(columns.joints.tolist()):
-            own, nominal = columns.joints == joint, self._place(self.robot.model, joint)
-            moved, place = columns.motions[:, own] @ off[own], self._place(model, joint)
+        for own, nominal, place in self._placements(model):
+            moved = self.columns.motions[:, own] @ off[own]
             place.translation = nominal.translation + moved[:3]
             place.rotation = pin.exp3(moved[3:]) @ nominal.rotation
 
     def displacement(self, model: pin.Model) -> np.ndarray:
         """Return how far (p) the placements of a model of the chain are along the columns."""
-        columns, found = self.columns, empty(len(self.columns.names))
-        for joint in set(columns.joints.tolist()):
-            own, place = columns.joints == joint, self._place(model, joint)
-            nominal = self._place(self.robot.model, joint)
+        found = empty(len(self.columns.names))
+        for own, nominal, place in self._placements(model):
             turn = pin.log3(place.rotation @ nominal.rotation.T)
             moved = np.concatenate([place.translation - nominal.translation, turn])
-            found[own] = columns.motions[:, own].T @ moved
+            found[own] = self.columns.motions[:, own].T @ moved
         return found
 
-    def _place(self, model: pin.Model, joint: int) -> pin.SE3:
-        """Return a placement of a model as a view: of a joint, or of the tool after the last."""
-        return placement_of(model, self.robot.frame_id, None if joint == model.njoints else joint)
+    def _placements(self, model: pin.Model) -> Iterator[tuple[np.ndarray, pin.SE3, pin.SE3]]:
+        """Yield the columns (p) of each placement, the described one, and that of a model."""
+        for joint in np.unique(self.columns.joints).tolist():
+            frame, of = self.robot.frame_id, None if joint == model.njoints else joint
+            places = (placement_of(each, frame, of) for each in (self.robot.model, model))
+            yield self.columns.joints == joint, *places
 
 
 class FrameKinematics(LinearKinematics):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -18,15 +19,11 @@ import pinocchio as pin
 from .._checks import instance
 from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
-from .basis import TorqueFit
-from .bodies import ChosenParameters
+from .basis import TorqueFit, independent_columns
+from .bodies import InertialDynamics
 from .dynamics import Dynamics
 from .regressor import LABELS, PER_BODY, Momentum, Regressor, random_states
 from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
-
-_DEPENDENT = 1e-8  # relative residual of dependent columns: below 1e-12; of others: above 1e-4
-_ZERO = 1e-12  # relative size of columns that are zero up to rounding
-_REPEATS = 2  # random nodes in a row that must add no column before the search ends
 
 
 def lumped_base(
@@ -35,8 +32,8 @@ def lumped_base(
     """Return the base of a chain's dynamics for unknown translations.
 
     Of each random node it has the columns outside the span of the nodes before. The search ends
-    when further nodes add no column: a random node lies in the span with probability one only if
-    all nodes do.
+    when two further nodes add no column: a random node lies in the span with probability one only
+    if all nodes do.
 
     Returns:
         One virtual chain a node, without rotors; the columns of each node's regressor (n, 10 n)
@@ -44,39 +41,23 @@ def lumped_base(
     """
     model, rng = robot.model, np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
-    models, kept, Y_kept, Q = [], [], [], np.zeros((len(states) * model.nv, 0))
+    models, columns, base = [], [], np.zeros((len(states) * model.nv, 0))
     without_news = 0
-    while without_news < _REPEATS:
+    while without_news < 2:
         node = model.copy()
         node.armature = np.zeros(model.nv)
         placed = PlacedTranslations(node, 0, translations)
         placed.write(rng.uniform(-1.0, 1.0, placed.size))
         regressor = Regressor(node)
-        Y = np.vstack([regressor(*state) for state in states])
-        columns, directions = _independent(Y, Q)
-        if not len(columns):
-            without_news += 1
-            continue
-        without_news, Q = 0, np.hstack([Q, directions])
-        models.append(node)
-        kept.append(columns)
-        Y_kept.append(Y[:, columns])
-    return models, kept, TorqueFit(states, np.hstack(Y_kept), np.array(model.armature))
-
-
-def _independent(Y: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the columns of Y independent of Q and of each other, and their directions."""
-    from scipy.linalg import qr  # here, because scipy is slow to import
-
-    norms = np.linalg.norm(Y, axis=0)
-    nonzero = np.flatnonzero(norms > _ZERO * norms.max())
-    rest = Y[:, nonzero] / norms[nonzero]
-    for _ in range(2):  # the second pass removes rounding
-        rest = rest - Q @ (Q.T @ rest)
-    directions, R, order = qr(rest, mode="economic", pivoting=True)
-    rank = int(np.count_nonzero(np.abs(np.diag(R)) > _DEPENDENT))
-    chosen = np.argsort(nonzero[order[:rank]])
-    return nonzero[order[:rank]][chosen], directions[:, :rank]
+        both = np.hstack([base, np.vstack([regressor(*state) for state in states])])
+        chosen, _ = independent_columns(both)
+        own = chosen[base.shape[1] :] - base.shape[1]
+        without_news = 0 if own.size else without_news + 1
+        if own.size:
+            models.append(node)
+            columns.append(own)
+            base = both[:, chosen]
+    return models, columns, TorqueFit(states, base, np.array(model.armature))
 
 
 class LumpedDynamics(Dynamics):
@@ -107,14 +88,16 @@ class LumpedDynamics(Dynamics):
                 hint="Use BodyDynamics.",
             )
         models, columns, self._fit = lumped_base(robot, self.translations)
-        models[0].armature = robot.model.armature
+        models[0].armature = self._armature = np.array(robot.model.armature)
         initial = self._fit.parameters(robot)
         assert initial is not None  # the nominal translations are along their directions
+        identity = np.eye(PER_BODY * robot.model.nv)
         self._chains = [
-            ChosenParameters(replace(robot, model=model), own, known=False)
+            InertialDynamics(replace(robot, model=model), identity[:, own])
             for model, own in zip(models, columns, strict=True)
         ]
-        self._ends = np.cumsum([len(own) for own in columns])[:-1]
+        ends = np.cumsum([0, *(len(own) for own in columns)]).tolist()
+        self._windows = [slice(first, last) for first, last in pairwise(ends)]
         self.names = tuple(
             f"{robot.joint_names[column // PER_BODY]}.{LABELS[column % PER_BODY]}#{node}"
             for node, own in enumerate(columns, 1)
@@ -125,12 +108,13 @@ class LumpedDynamics(Dynamics):
 
     def load(self, a_d: np.ndarray) -> None:
         """Make a_d (p) the estimate, each virtual chain with its part."""
-        for chain, a in zip(self._chains, np.split(a_d, self._ends), strict=True):
-            chain.load(a)
+        self._a_d = a_d
+        for chain, window in zip(self._chains, self._windows, strict=True):
+            chain.load(a_d[window])
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + C v + g (n) [N m or N]."""
-        return np.asarray(sum(chain.torque(q, v, a) for chain in self._chains))
+        """Return M a + C v + g (n) [N m or N], by the regressor, the fastest way."""
+        return self.regressor(q, v, a).dot(self._a_d) + self._armature * a
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""

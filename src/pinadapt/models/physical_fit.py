@@ -31,16 +31,12 @@ from .regressor import PER_BODY
 
 GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL = 3.0  # of gamma, from one value to the next
-_POWERS = 21  # of ten by which gamma falls where few rows bind it
 _FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
 _STEPS = 2000  # of Newton's method, at most
 _FEW = 10  # from the minimum for similar rows, or else gamma falls in steps
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 _ON_THE_WAY = 1e-2  # the same, at larger gamma: there Newton's method converges quadratically
-_BACK, _LEAST = 0.5, 1e-12
-_INSIDE = 0.9  # of the way to the border of the cone
 _COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # P, row by row, of each of the ten parameters
-_MASS, _RADIUS = 1e-3, 1e-2  # least ones: share of the mean mass, of the reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +122,8 @@ class PhysicalSet:
 def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
     """Return the physical parameters of a model, centred at the description.
 
-    A body without mass, or with a radius of gyration below a hundredth of the reach, is enlarged to
-    these values: a centre must be inside the cone, not on its border.
+    A body below a thousandth of the mean mass, or with a radius of gyration below a hundredth of
+    the reach, is enlarged to these values: a centre must be inside the cone, not on its border.
 
     Raises:
         ParameterError: the parameters are not those of bodies and joints.
@@ -138,7 +134,7 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
             where="identify",
             hint="An estimator takes any dynamics: see pinadapt.Estimator.",
         )
-    least_mass, least_radius = _MASS * robot.mass / robot.model.nv, _RADIUS * robot.reach
+    least_mass, least_radius = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
     inertial, rest = np.split(dynamics.initial, [dynamics.inertial.size])
     tens = [
         nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
@@ -199,7 +195,7 @@ def nearest_with(
     """
     x, target = physical.center, rows @ a
     scale = float(np.linalg.norm(rows @ physical.local(x)[0], 2) ** 2)
-    for weight in scale * 10.0 ** -np.arange(_POWERS):
+    for weight in scale * 0.1 ** np.arange(21):
         left = float(np.linalg.norm(rows @ x - target))
         if left <= tolerance:
             return x
@@ -227,7 +223,11 @@ def _newton(
     most: int = _STEPS,
 ) -> tuple[np.ndarray, bool]:
     """Return the minimum of |R a - z|^2 / 2 + gamma D(a), and whether ``most`` steps reached it."""
-    root, value = np.sqrt(gamma), _value(R, z, physical, a, gamma)
+
+    def objective(x: np.ndarray) -> float:
+        return float(0.5 * np.sum((R @ x - z) ** 2) + gamma * physical.divergence(x))
+
+    root, value = np.sqrt(gamma), objective(a)
     rows = np.vstack([R, root * np.eye(a.size)])
     for _ in range(most):
         T, h = physical.local(a)
@@ -236,37 +236,13 @@ def _newton(
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= decrement * gamma:
             return a, True
-        share = _share_inside(step, physical, a)
-        while share > _LEAST:
-            after = _value(R, z, physical, a + share * step, gamma)
+        share = 1.0
+        while share > 1e-12:
+            after = objective(a + share * step)
             if after <= value - 0.1 * share * fall:
                 break
-            share *= _BACK
+            share *= 0.5
         else:
             return a, True  # rounding prevents further progress
         a, value = a + share * step, after
     return a, False
-
-
-def _share_inside(step: np.ndarray, physical: PhysicalSet, a: np.ndarray) -> float:
-    """Return the share of a step, at most one, that stays inside the set with a margin."""
-    largest = 0.0
-    if physical.bodies:
-        P, change = physical.matrices(a), physical.matrices(step)
-        L = np.linalg.inv(np.linalg.cholesky(P))
-        relative = L @ change @ L.transpose(0, 2, 1)
-        largest = float(-np.linalg.eigvalsh(relative).min())
-    shares = physical.coefficients(step) / physical.coefficients(a)
-    largest = max(largest, float(-shares.min(initial=0.0)))
-    return min(1.0, _INSIDE / largest) if largest > 0.0 else 1.0
-
-
-def _value(
-    R: np.ndarray, z: np.ndarray, physical: PhysicalSet, a: np.ndarray, gamma: float
-) -> float:
-    divergence = physical.divergence(a)
-    return (
-        np.inf
-        if np.isinf(divergence)
-        else float(0.5 * np.sum((R @ a - z) ** 2)) + gamma * divergence
-    )

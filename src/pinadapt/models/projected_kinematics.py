@@ -128,7 +128,7 @@ class ProjectedKinematics(LinearKinematics):
             return self.initial.copy()
         m = self.positions
         self.update(self.initial, q, self._still)
-        return self.initial + self.standing_at((x[:m] - self.p_hat) * self._now.G[:m, -1])
+        return self.initial + self.standing_at((x[:m] - self.p_hat) * self._now.z[:m])
 
 
 def orthonormal(B: np.ndarray) -> np.ndarray:

@@ -104,7 +104,7 @@ class RightInverse:
         kept, kept_rate = r, rate
         if psi is not None and psid is not None:
             null = self.null(psi)
-            if bound_smoothly(speeds, *_NULL, null, np.zeros(psi.size))[0] is not null:
+            if kernels.largest_share(null, speeds) > _NULL[0]:
                 still = np.zeros(len(self.J))
                 null, null_rate = self.solve_with_rate(still, psi, still, psid, Jdot)
                 kept, kept_rate = r - null, rate - null_rate
@@ -178,14 +178,10 @@ def bound_smoothly(
     slightly above the largest entry. Beyond, x is multiplied by g(r) / r, with g = knee + w
     tanh((r - knee) / w), w = most - knee: twice continuously differentiable.
     """
-    shares = x / limits
-    largest = np.abs(shares).max(initial=0.0)
-    if not 0.0 < largest < np.inf:
-        return x, rate
-    r = float(largest * ((shares / largest) ** 8).sum() ** 0.125)
+    r = kernels.largest_share(x, limits)
     if r <= knee:
         return x, rate
-    slope = float(((shares / r) ** 7).dot(rate / limits))  # dr/dt
+    slope = float(((x / limits / r) ** 7).dot(rate / limits))  # dr/dt
     t, width = math.tanh((r - knee) / (most - knee)), most - knee
     f = (knee + width * t) / r
     return f * x, f * rate + (1.0 - t * t - f) * slope / r * x

@@ -18,13 +18,9 @@ from .projected_kinematics import OFF, ProjectedKinematics, orthonormal
 from .translations import Translation
 
 TRACKER = "tracker"
-_WIDE = 0.5  # of the reach
 _TURNED = 1.5  # bound of an entry of the rotation
-_ROUNDS = 20  # of the turns that find rotation and translations
 _FARTHEST = 1e3  # [m] of the frame at home from the tracker
-_CONVERGED = 1e-10  # [rad] or [m]
 _INEXACT = 0.01  # of the sizes, by which a described arm differs from a real one
-_PRIOR = 0.1  # of the reach: standard deviation of a described translation
 
 
 class Tracker(NamedTuple):
@@ -60,7 +56,7 @@ class TrackerKinematics(ProjectedKinematics):
         k, self._rows = self.nominal.size, self.task.place
         self.initial = self.parameters(Tracker(pin.SE3.Identity(), self.nominal))
         off = np.repeat([1.0, OFF * robot.reach], [3, 3 * k + 1])
-        wide = np.repeat([_TURNED, _TURNED * _WIDE * robot.reach, _FARTHEST], [3, 3 * k, 1])
+        wide = np.repeat([_TURNED, _TURNED * 0.5 * robot.reach, _FARTHEST], [3, 3 * k, 1])
         self.sizes = np.tile(off, self.positions)
         self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
         self.bounds = np.tile(wide, self.positions) * np.array([[-1.0], [1.0]])
@@ -127,8 +123,8 @@ class TrackerKinematics(ProjectedKinematics):
             start: tracker to begin with.
         """
         k, tracker = len(self.nominal), start
-        known = np.repeat([0.0, 1.0 / (_PRIOR * self.robot.reach) ** 2], [6, k])
-        for _ in range(_ROUNDS):
+        known = np.repeat([0.0, 1.0 / (OFF * self.robot.reach) ** 2], [6, k])
+        for _ in range(20):
             G, off = self.slopes(tracker), np.append(np.zeros(6), tracker.a - self.nominal)
             told = G.T @ H @ G + np.diag(known)
             slope = G.T @ (score - H @ self.parameters(tracker)) - known * off
@@ -136,7 +132,7 @@ class TrackerKinematics(ProjectedKinematics):
             R, t = tracker.placement.rotation, tracker.placement.translation
             placement = pin.SE3(pin.exp3(step[:3]) @ R, t + step[3:6])
             tracker = Tracker(placement, tracker.a + step[6:])
-            if np.abs(step).max() < _CONVERGED:
+            if np.abs(step).max() < 1e-10:
                 break
         return tracker, told
 

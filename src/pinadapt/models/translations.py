@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance, name_list
+from .._checks import instance
 from ..exceptions import ParameterError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
@@ -94,9 +94,7 @@ def unknown_translations(
         RobotError: unknown joint.
     """
     words: list[str | Translation] = []
-    if isinstance(unknown, str | bytes | Mapping) or not isinstance(unknown, Iterable):
-        unknown = name_list(unknown, "unknown.translations", ParameterError)
-    for word in unknown:
+    for word in [unknown] if isinstance(unknown, str) else unknown:
         words += _all_lengths(robot) if word == LENGTHS else [word]
     parts = [
         _translation(robot, word)

@@ -14,10 +14,7 @@ from .task_kinematics import TaskKinematics
 
 _SAMPLES = 30
 _SPREAD = 0.3  # of the configurations around home [rad or m]
-_SPEED = 1.0 / 6.0  # task speed, of the reach [1/s]
-_ERROR = 0.01  # task error, of the reach
 _SINGULAR = 1e-2  # singular values left out of inverses, relative to the largest
-_TURN = 1.0  # length in place of the reach for rotations and joints [rad]
 
 
 class States(NamedTuple):
@@ -66,8 +63,8 @@ class TypicalMotion:
         """The states (N)."""
         model, rng, kinematics = self.robot.model, np.random.default_rng(0), self.kinematics
         p, m = kinematics.task.positions, kinematics.task.size
-        size = np.repeat([self.robot.reach, _TURN], [p, m - p])
-        scale = np.array([[_SPEED], [_ERROR * self.bandwidth**2]]) * size
+        size = np.repeat([self.robot.reach, 1.0], [p, m - p])
+        scale = np.array([[1.0 / 6.0], [0.01 * self.bandwidth**2]]) * size
         found, rest = [], np.zeros(model.nv)
         for _ in range(_SAMPLES):
             q = pin.integrate(model, self.robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
@@ -78,69 +75,64 @@ class TypicalMotion:
         v, a = ((inverse @ rates[:, k, :, None])[..., 0] for k in range(2))
         return States(q, v, a)
 
-    @cached_property
-    def jacobians(self) -> list[np.ndarray]:
-        """J (m, n) at each state."""
-        return [J for J, _ in self._kinematic]
+    @property
+    def jacobians(self) -> np.ndarray:
+        """J (N, m, n) at each state."""
+        return self._kinematic[0]
 
-    @cached_property
+    @property
     def kinematic_regressors(self) -> list[np.ndarray]:
         """Y_p (m_p, p_k), the position rows of Y_k, at each state."""
-        return [Y_p for _, Y_p in self._kinematic]
+        return list(self._kinematic[1])
 
-    @cached_property
+    @property
     def position_regressors(self) -> list[np.ndarray]:
         """X_k = dx/da_k (m_p, p_k) at each state."""
-        return [self.kinematics.at(q)[1] for q in self.states.q]
+        return list(self._kinematic[2])
 
     @cached_property
-    def regressors(self) -> list[np.ndarray]:
-        """Y (n, p_d) at each state."""
-        return [self.dynamics.regressor(*state) for state in zip(*self.states, strict=True)]
+    def regressors(self) -> np.ndarray:
+        """Y (N, n, p_d) at each state."""
+        states = zip(*self.states, strict=True)
+        return np.array([self.dynamics.regressor(*state) for state in states])
 
     @cached_property
-    def mass_matrices(self) -> list[np.ndarray]:
-        """M_hat (n, n) at each state."""
+    def mass_matrices(self) -> np.ndarray:
+        """M_hat (N, n, n) at each state."""
         self.dynamics.load(self.dynamics.initial)
-        return [np.array(self.dynamics.mass_matrix(q)) for q in self.states.q]
+        return np.array([self.dynamics.mass_matrix(q) for q in self.states.q])
 
     @cached_property
     def unit_masses(self) -> np.ndarray:
-        """W (N, n, n) with W M_hat W^T = 1 at each state: coordinates of unit mass."""
-        return unit_mass(np.array(self.mass_matrices))
+        """W (N, n, n) with W M_hat W^T = 1, M_hat^-1/2 up to a rotation, at each state."""
+        eigenvalues, vectors = np.linalg.eigh(self.mass_matrices)
+        scaled = vectors / np.sqrt(np.abs(eigenvalues))[:, None, :]
+        return np.asarray(scaled.swapaxes(1, 2))
 
     @cached_property
     def right_inverses(self) -> np.ndarray:
         """J^+ (N, n, m) at each state, without directions that J hardly moves."""
-        return np.linalg.pinv(np.array(self.jacobians), rcond=_SINGULAR)
+        return np.linalg.pinv(self.jacobians, rcond=_SINGULAR)
 
-    @cached_property
+    @property
     def acceleration_effects(self) -> list[np.ndarray]:
-        """Phi = J M_hat^-1 Y (m, p_d): task acceleration by parameter errors, at each state."""
-        triples = zip(self.jacobians, self.mass_matrices, self.regressors, strict=True)
-        return [J @ np.linalg.solve(M, Y) for J, M, Y in triples]
+        """J M_hat^-1 Y (m, p_d): task acceleration by parameter errors, at each state."""
+        return list(self.jacobians @ np.linalg.solve(self.mass_matrices, self.regressors))
 
-    @cached_property
+    @property
     def momentum_effects(self) -> list[np.ndarray]:
-        """Phi = M_hat^-1/2 Y (n, p_d): joint acceleration by them, in coordinates of unit mass."""
-        pairs = zip(self.unit_masses, self.regressors, strict=True)
-        return [W @ Y for W, Y in pairs]
+        """M_hat^-1/2 Y (n, p_d): joint acceleration by them, in coordinates of unit mass."""
+        return list(self.unit_masses @ self.regressors)
 
     @cached_property
-    def _kinematic(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """J (m, n) and Y_p (m_p, p_k) at each state."""
+    def _kinematic(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """J, Y_p and X_k at each state."""
         found = []
         for q, v, _ in zip(*self.states, strict=True):
             self.kinematics.update(self.kinematics.initial, q, v)
-            found.append((self.kinematics.J, self.kinematics.Y_p))
-        return found
-
-
-def unit_mass(M: np.ndarray) -> np.ndarray:
-    """Return W (..., n, n), W M W^T = 1 for M (..., n, n): M^-1/2 up to a rotation."""
-    eigenvalues, vectors = np.linalg.eigh(M)
-    scaled = vectors / np.sqrt(np.abs(eigenvalues))[..., None, :]
-    return np.asarray(scaled.swapaxes(-1, -2))
+            found.append((self.kinematics.J, self.kinematics.Y_p, self.kinematics.X_k))
+        J, Y_p, X_k = (np.array(column) for column in zip(*found, strict=True))
+        return J, Y_p, X_k
 
 
 def felt_mass(robot: Robot) -> float:

@@ -104,14 +104,6 @@ class ElasticPlant(SimulatedPlant):
             self._v, self._w = 2.0 * v_way - v, 2.0 * w_way - w
         self._t += dt
 
-    def energy(self) -> float:
-        """Return the kinetic and potential energy of links, motors and springs [J]."""
-        model, data = self._model, self._data
-        links = pin.computeKineticEnergy(model, data, self._links, self._v)
-        height = pin.computePotentialEnergy(model, data, self._links)
-        stored = 0.5 * float(self._d @ (self._K * self._d) + self._w @ (self._B * self._w))
-        return float(links + height) + stored
-
     def _means(
         self, q: np.ndarray, v: np.ndarray, w: np.ndarray, tau: np.ndarray, h: float
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -122,7 +114,7 @@ class ElasticPlant(SimulatedPlant):
         M = pin.crba(self._model, self._data, q)
         bias = pin.nonLinearEffects(self._model, self._data, q, v)
         inertia = 2.0 / h * self._B
-        F, theta = fitted_friction(self.robot.friction, w, self._B, h)
+        F, theta, _, _ = fitted_friction(self.robot.friction, self._B, w, w, tau, h)
         S = 0.5 * h * self._K + self._D
         E = inertia + S + 2.0 * theta * F
         pull = self._K * self._d

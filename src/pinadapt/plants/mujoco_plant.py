@@ -132,10 +132,6 @@ _NO_SLIP = 10.0  # stiffness of friction over that of contact; half: feet creep 
 STIFF = [0.004, 1.0]
 HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
 
-# The compiler of MuJoCo simplifies what is at the origin, in the axes or at the centre of mass of
-# its body, which must not happen here. These positions [m] and quaternions wxyz are others.
-_MASS = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
-_SITE = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
 _FRAME = "pinadapt task frame"
 
 
@@ -192,12 +188,16 @@ def chain_of(robot: Robot) -> MujocoChain:
     the numbers.
     """
     mj, chain = mujoco_module(), robot.model
+    # The compiler of MuJoCo simplifies what is at the origin, in the axes or at the centre of mass
+    # of its body, which must not happen here: these positions [m] and quaternions wxyz are others.
+    mass = {"ipos": [0.1, 0.2, 0.3], "iquat": [0.5, 0.5, 0.5, 0.5]}
+    site = {"pos": [0.3, 0.1, 0.2], "quat": [0.5, -0.5, 0.5, 0.5]}
     spec = mj.MjSpec()
     spec.modelname, spec.compiler.degree = robot.name, False
     bodies, (low, high) = [spec.worldbody], position_limits(chain)
     for i, name in enumerate(robot.joint_names, start=1):
         body = bodies[chain.parents[i]].add_body(
-            name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **_MASS
+            name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **mass
         )
         joint = body.add_joint(
             name=name,
@@ -210,7 +210,7 @@ def chain_of(robot: Robot) -> MujocoChain:
             joint.range, joint.solref_limit, joint.solimp_limit = limits, STIFF, HARD
         bodies.append(body)
     carrier = bodies[chain.frames[robot.frame_id].parentJoint]
-    carrier.add_site(name=robot.frame, **_SITE)
+    carrier.add_site(name=robot.frame, **site)
     if robot.contacts:
         _add_contacts(spec, robot, bodies)
     return MujocoChain(spec.compile(), tuple(range(chain.nv)), 0, 0)
@@ -274,12 +274,11 @@ def _soften(model: mujoco.MjModel, robot: Robot) -> None:
     constant and d the share of the ideal force. It should be f v / threshold, hence
     T (1 - d) = 2 threshold / (A f).
     """
-    friction = robot.friction
-    for i in np.flatnonzero(friction.coulomb):
-        product = 2.0 * friction.threshold[i] / (model.dof_invweight0[i] * friction.coulomb[i])
-        constant = max(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
-        model.dof_solref[i] = [constant, 1.0]
-        model.dof_solimp[i, :2] = 1.0 - product / constant
+    friction, dry = robot.friction, robot.friction.coulomb > 0.0
+    product = 2.0 * friction.threshold[dry] / (model.dof_invweight0 * friction.coulomb)[dry]
+    constant = np.maximum(2.0 * LONGEST_STEP, product / 0.9)  # MuJoCo needs two steps and d >= 0.1
+    model.dof_solref[dry, 0], model.dof_solref[dry, 1] = constant, 1.0
+    model.dof_solimp[dry, :2] = (1.0 - product / constant)[:, None]
 
 
 def _kind(joint: pin.JointModel) -> Any:
@@ -320,7 +319,7 @@ class MujocoFile:
 
         Raises:
             InputError: no such file, not a model, or joints or frames that are missing or do not
-                match: other types, another order, other axes at the home pose.
+                match: other types, or other axes or places at the home pose.
         """
         mj, path = mujoco_module(), str(self.path)
         try:

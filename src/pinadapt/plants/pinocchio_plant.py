@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ class FittedMidpoint:
     def __init__(self, robot: Robot) -> None:
         """Copy the model; friction overwrites the rotor inertias of the copy in every step."""
         self._robot, self._model, self._theta = robot, robot.model.copy(), 0.5
-        self._data = self._model.createData()
+        self._data, self._rotors = self._model.createData(), np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
 
     def __call__(
@@ -61,9 +62,8 @@ class FittedMidpoint:
         if not robot.friction.present:
             return pin.aba(model, data, q, v, tau)
         part = robot.friction_at(q) if robot.friction.loaded else robot.friction
-        D, self._theta = fitted_friction(part, v, self._inertia, h)
-        model.armature = robot.model.armature + self._theta * h * D
-        drive = tau - part.offset - D * start
+        _, self._theta, added, drive = fitted_friction(part, self._inertia, v, start, tau, h)
+        model.armature = self._rotors + added
         if not part.shafts:
             return pin.aba(model, data, q, v, drive)
         M = pin.crba(model, data, q)
@@ -103,7 +103,7 @@ class PinocchioPlant(SimulatedPlant):
         """Copy the model of a robot."""
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
-        self._motion = robot.task.motion_of(self._model, self._data, robot.frame_id)
+        self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
         self._integrate, self._constraints = FittedMidpoint(robot), None
         if robot.constraints:
             self._constraints = robot.constrained

@@ -155,7 +155,9 @@ class SimulatedPlant(Plant):
             InputError: a torque of another size.
             DivergedError: the torque is not finite.
         """
-        tau = self.motors(torque)
+        tau = np.asarray(self.motors(torque), dtype=float)
+        if tau.shape != (self.nv,):
+            raise InputError(f"expected {self.nv} numbers, got {tau.shape}.", where="torque")
         if not math.isfinite(tau.dot(tau)) and not np.isfinite(tau).all():
             raise DivergedError("the torque is not finite.", self._t)
         if self._late is None:
@@ -208,34 +210,46 @@ def refuse_special_friction(robot: Robot, simulator: str) -> None:
         )
 
 
-def fitted_friction(friction: Friction, v: np.ndarray, inertia: np.ndarray, h: float) -> np.ndarray:
-    """Return the secant D of friction at v (nv), and theta for a step of h [s]; rows of (2, nv).
+def fitted_friction(
+    friction: Friction,
+    inertia: np.ndarray,
+    v: np.ndarray,
+    start: np.ndarray,
+    tau: np.ndarray,
+    h: float,
+) -> np.ndarray:
+    """Return rows (4, nv) for a step of h [s]: D, theta, theta h D and tau - offset - D start.
 
-    The friction torque without its offset is D v; for theta see ``FittedMidpoint``.
+    The friction torque at v (nv) without its offset is D v, D its secant; for theta, and what is
+    solved with the other rows, see ``FittedMidpoint``.
     """
-    fitted = np.empty((2, len(v)))
-    dry = friction.coulomb, friction.asymmetry, friction.shape
-    _fit(friction.viscous, *dry, inertia, v, h, fitted)
+    fitted = np.empty((4, len(v)))
+    dry = friction.coulomb, friction.asymmetry, friction.shape, friction.offset
+    _fit(friction.viscous, *dry, inertia, v, start, tau, h, fitted)
     return fitted
 
 
-@compiled("void(f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:,:])")
+@compiled("void(f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8[:,:])")
 def _fit(
     viscous: np.ndarray,
     coulomb: np.ndarray,
     asymmetry: np.ndarray,
     shape: np.ndarray,
+    offset: np.ndarray,
     inertia: np.ndarray,
     v: np.ndarray,
+    start: np.ndarray,
+    tau: np.ndarray,
     h: float,
     fitted: np.ndarray,
 ) -> None:
-    """Write D and theta, see ``fitted_friction``."""
+    """Write the rows of ``fitted_friction``."""
     for i in range(len(v)):
         x = max(abs(v[i]) / shape[0, i], 1e-6)
         sigma = math.tanh(x) * (1.0 + shape[1, i] * math.exp(-abs(v[i]) * shape[2, i]))
         dry = coulomb[i] + asymmetry[i] * math.copysign(1.0, v[i])
         D = viscous[i] + dry * sigma / (x * shape[0, i])
         z = h * D / inertia[i]
-        fitted[0, i] = D
-        fitted[1, i] = 0.5 + z / 12.0 if z < 1e-3 else -1.0 / math.expm1(-z) - 1.0 / z
+        theta = 0.5 + z / 12.0 if z < 1e-3 else -1.0 / math.expm1(-z) - 1.0 / z
+        fitted[0, i], fitted[1, i] = D, theta
+        fitted[2, i], fitted[3, i] = theta * h * D, tau[i] - offset[i] - D * start[i]

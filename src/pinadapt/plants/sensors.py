@@ -7,7 +7,6 @@ from collections import deque
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from .._checks import instance, positive, vector, whole
 from ..description.chain import angles_from_configuration, configuration_from_angles
@@ -15,122 +14,22 @@ from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
-from ..tasks.task import Task
-
-
-class SimulatedCamera:
-    """Measures the task coordinates like a camera with a frame rate, a delay and lost frames.
-
-    The arm is assumed at rest before the first sample: frames from before have the content and the
-    time of the first one, and the first sample always has a frame. Noise is added per frame, not
-    per sample.
-
-    A camera with a rate does not measure the velocity. Without a rate it is a tracker, which
-    measures position and velocity at every sample, the velocity without noise.
-    """
-
-    def __init__(
-        self, task: Task, camera: Camera, dt: float, deviations: np.ndarray, seed: int
-    ) -> None:
-        """Take the camera and its noise; frame times and the delay are rounded to whole periods.
-
-        Args:
-            task: defines the task coordinates.
-            camera: rate, delay and dropout.
-            dt: sampling period [s].
-            deviations: (m) standard deviations of positions [m] and of rotations about the world
-                axes [rad].
-            seed: of the noise and of the lost frames.
-        """
-        self._task, self._camera, self._seed = task, camera, seed
-        self._spacing = 1.0 if camera.rate is None else max(1.0, 1.0 / (camera.rate * dt))
-        self._late = round(camera.delay / dt)
-        self._deviations, self._noisy = deviations, bool(deviations.any())
-        self.reset()
-
-    def reset(self) -> None:
-        """Discard all frames; restart the random numbers of noise and losses."""
-        self._rng = np.random.default_rng([self._seed, 1])
-        self._sample = 0
-        self._pending: deque[Measurement] = deque()
-
-    def see(self, truth: Measurement) -> Measurement:
-        """Return the next sample with x, x_time, xd of the frame that arrives, or None for them."""
-        k, self._sample = self._sample, self._sample + 1
-        frames, late = self._pending, self._late
-        if k == 0:
-            frames.extend(truth for i in range(-late, 0) if self._takes(i))
-        if self._takes(k):
-            frames.append(truth)
-        frame = frames.popleft() if self._takes(k - late) else None
-        if k == 0:
-            frame = truth
-        elif frame is not None and self._rng.random() < self._camera.dropout:
-            frame = None
-        if frame is None or frame.x is None or not self._task.positions:
-            return truth._replace(x=None, x_time=None, xd=None)
-        xd = frame.xd if self._camera.rate is None else None
-        x = frame.x
-        if self._noisy:
-            noise = self._deviations * self._rng.standard_normal(self._task.size)
-            x = self._task.moved(x, noise)
-        return truth._replace(x=x, x_time=frame.t, xd=xd)
-
-    def _takes(self, sample: int) -> bool:
-        """Return whether a frame is taken at a sample: a multiple of the frame interval, rounded.
-
-        Samples before the first one have negative numbers.
-        """
-        nearest = math.floor(sample / self._spacing + 0.5) * self._spacing
-        return math.floor(nearest + 0.5) == sample
-
-
-class Encoder:
-    """Measures q in whole counts, and v as their difference over one period.
-
-    For continuous joints the angle in (-pi, pi] is rounded, and the difference is the shorter
-    rotation. At the first sample v is zero, as the arm is at rest. Joints with a count of zero have
-    no encoder: their q and v remain unchanged.
-
-    Attributes:
-        present: whether any joint has an encoder.
-    """
-
-    def __init__(self, robot: Robot, counts: ArrayLike, dt: float) -> None:
-        """Take the size of a count, a number or one per joint (nv) [rad or m], and dt [s].
-
-        Raises:
-            InputError: wrong size.
-        """
-        model = self._model = robot.model
-        size = vector(counts, model.nv, "encoder", names=robot.joint_names)
-        self._dt, self._there = dt, size > 0.0
-        self._count = np.where(self._there, size, 1.0)
-        self.present = bool(self._there.any())
-        self.reset()
-
-    def reset(self) -> None:
-        """Discard the last sample."""
-        self._last: np.ndarray | None = None
-
-    def read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
-        model, plain = self._model, self._model.nq == self._model.nv
-        angles = q if plain else angles_from_configuration(model, q)
-        counted = np.where(self._there, np.rint(angles / self._count) * self._count, angles)
-        read = counted if plain else configuration_from_angles(model, counted)
-        last, self._last = read if self._last is None else self._last, read
-        way = read - last if plain else pin.difference(model, last, read)
-        return read, np.where(self._there, way / self._dt, v)
-
-    def rate(self, w: np.ndarray) -> np.ndarray:
-        """Return a velocity (nv) in whole counts per period, as differences of counts have it."""
-        step = self._count / self._dt
-        return np.where(self._there, np.rint(w / step) * step, w)
 
 
 class SimulatedSensors:
     """Encoders, velocity and torque sensors at the joints, and a camera of the task frame.
+
+    An encoder measures q in whole counts, and v as their difference over one period; it is zero at
+    the first sample, as the arm is at rest. For continuous joints the angle in (-pi, pi] is
+    rounded, and the difference is the shorter rotation. Joints with a count of zero have no
+    encoder.
+
+    A camera has a frame rate, a delay and lost frames; the times of frames and the delay are
+    rounded to whole periods. The arm is assumed at rest before the first sample: frames from before
+    have the content and the time of the first one, and the first sample always has a frame. Noise
+    is added per frame, not per sample. A camera with a rate does not measure the velocity. Without
+    a rate it is a tracker, which measures position and velocity at every sample, the velocity
+    without noise.
 
     For a joint task there is no camera: measurements have neither x nor xd. The velocity w of the
     motors of elastic joints has the noise and the resolution of v.
@@ -167,10 +66,13 @@ class SimulatedSensors:
                 f"the task '{self.task.name}' has no orientation; it takes no angle noise.",
                 where="noise.angle",
             )
-        deviations = np.repeat([self._noise["x"], self._noise["angle"]], rows)
-        camera = sensors.camera or Camera()
-        self._camera = SimulatedCamera(self.task, camera, dt, deviations, seed)
-        self._encoder = Encoder(robot, sensors.encoder, dt)
+        self._deviations = np.repeat([self._noise["x"], self._noise["angle"]], rows)
+        counts = vector(sensors.encoder, n, "encoder", names=robot.joint_names)
+        self._counted, self._count = counts > 0.0, np.where(counts > 0.0, counts, 1.0)
+        self._dt, self._camera = dt, sensors.camera or Camera()
+        rate = self._camera.rate
+        self._spacing = 1.0 if rate is None else max(1.0, 1.0 / (rate * dt))
+        self._late = round(self._camera.delay / dt)
         self.reset()
 
     def reset(self) -> None:
@@ -178,8 +80,9 @@ class SimulatedSensors:
         self._rng = np.random.default_rng(self._seed)
         self._of_torque = np.random.default_rng([self._seed, 2])
         self._off = self._offset * np.random.default_rng([self._seed, 3]).uniform(-1.0, 1.0)
-        self._camera.reset()
-        self._encoder.reset()
+        self._of_frames = np.random.default_rng([self._seed, 1])
+        self._sample, self._frames = 0, deque[Measurement]()
+        self._last: np.ndarray | None = None
 
     def measure(self, truth: Measurement, torque: np.ndarray | None = None) -> Measurement:
         """Return the next measurement.
@@ -197,10 +100,48 @@ class SimulatedSensors:
             q = pin.integrate(self._model, q, self._white("q"))
             v = v + self._white("v")
             w = None if w is None else w + self._white("v")
-        if self._encoder.present:
-            q, v = self._encoder.read(q, v)
-            w = None if w is None else self._encoder.rate(w)
-        return self._camera.see(truth)._replace(q=q, v=v, w=w)
+        if self._counted.any():
+            q, v = self._read(q, v)
+            step = self._count / self._dt
+            w = None if w is None else np.where(self._counted, np.rint(w / step) * step, w)
+        return self._seen(truth)._replace(q=q, v=v, w=w)
+
+    def _read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
+        model, angles = self._model, angles_from_configuration(self._model, q)
+        counted = np.where(self._counted, np.rint(angles / self._count) * self._count, angles)
+        read = configuration_from_angles(model, counted)
+        last, self._last = read if self._last is None else self._last, read
+        return read, np.where(self._counted, pin.difference(model, last, read) / self._dt, v)
 
     def _white(self, name: str) -> np.ndarray:
         return self._noise[name] * self._rng.standard_normal(self._model.nv)
+
+    def _seen(self, truth: Measurement) -> Measurement:
+        """Return the next sample with x, x_time, xd of the frame that arrives, or None for them."""
+        k, self._sample = self._sample, self._sample + 1
+        frames, late = self._frames, self._late
+        if k == 0:
+            frames.extend(truth for i in range(-late, 0) if self._takes(i))
+        if self._takes(k):
+            frames.append(truth)
+        frame = frames.popleft() if self._takes(k - late) else None
+        if k == 0:
+            frame = truth
+        elif frame is not None and self._of_frames.random() < self._camera.dropout:
+            frame = None
+        if frame is None or frame.x is None or not self.task.positions:
+            return truth._replace(x=None, x_time=None, xd=None)
+        x, xd = frame.x, frame.xd if self._camera.rate is None else None
+        if self._deviations.any():
+            noise = self._deviations * self._of_frames.standard_normal(self.task.size)
+            x = self.task.moved(x, noise)
+        return truth._replace(x=x, x_time=frame.t, xd=xd)
+
+    def _takes(self, sample: int) -> bool:
+        """Return whether a frame is taken at a sample: a multiple of the frame interval, rounded.
+
+        Samples before the first one have negative numbers.
+        """
+        nearest = math.floor(sample / self._spacing + 0.5) * self._spacing
+        return math.floor(nearest + 0.5) == sample

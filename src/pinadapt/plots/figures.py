@@ -28,17 +28,12 @@ def error_figure(run: Drawable) -> Picture:
     """Return the figure of the task error, by coordinate and as norm, and of V(t) where known."""
     groups = run.task.groups
     figure, axes = panels(2 * len(groups) + (run.lyapunov_curve is not None))
-    slowed = np.zeros(len(run.t), dtype=bool)
-    for start, end, *_ in run.slowed:
-        slowed |= (run.t >= start) & (run.t <= end)
     for k, group in enumerate(groups):
         unit, scale = group.shown
         error, label = scale * run.error[:, group.rows], f"{group.name} error [{unit}]"
         curves(axes[2 * k], run.t, error, run.task.labels[group.rows], label)
         _norm(axes[2 * k + 1], run, group, "norm")
         axes[2 * k + 1].set_ylabel(label)
-        for ax in axes[2 * k : 2 * k + 2]:
-            shade(ax, run.t, slowed, "C0", "path slowed")
     if run.lyapunov_curve is not None:
         t, V = run.lyapunov_curve
         curves(axes[-1], t, V[:, None], ["Lyapunov function"], "V")
@@ -102,9 +97,9 @@ def parameter_figure(run: Drawable, dashed: str = "dashed: truth") -> Picture:
 def torque_figure(run: Drawable) -> Picture:
     """Return the figure of motor torques, shares of the limits, disturbance, and an eigenvalue.
 
-    The limits are those of the description. The disturbance is drawn where the law observes it.
-    The eigenvalue is the smallest of the estimated mass matrix. Shading marks a torque at its
-    limit.
+    The limits are those of the description. The disturbance is drawn where the law observes it,
+    with what noise of the sensors explains, one standard deviation, as a band. The eigenvalue is
+    the smallest of the estimated mass matrix. Shading marks a torque at its limit.
     """
     names, limited = run.joint_names, np.flatnonzero(np.isfinite(run.effort_limits))
     bounds = run.effort_limits[limited]
@@ -119,6 +114,10 @@ def torque_figure(run: Drawable) -> Picture:
             axes[1].axhline(100.0 * sign, color="black", ls="-.")
     if run.disturbance is not None:
         curves(axes[-2], run.t, run.disturbance, names, "disturbance [N m or N]")
+        if run.disturbance_noise is not None:
+            band = run.disturbance_noise.max(axis=1)
+            axes[-2].fill_between(run.t, -band, band, color="0.8", label="largest by noise")
+            legend(axes[-2])
     eigenvalue = run.min_eig_M_hat[:, None]
     curves(axes[-1], run.t, eigenvalue, ["of the estimated M"], "smallest eigenvalue")
     finish(figure, axes, run)

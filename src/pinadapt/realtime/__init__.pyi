@@ -1,6 +1,5 @@
 from .arm import Arm as Arm
 from .arm import ArmFacts as ArmFacts
-from .arm import Frames as Frames
 from .arm import PlantArm as PlantArm
 from .arm import ProcessArm as ProcessArm
 from .realtime_loop import Phase as Phase

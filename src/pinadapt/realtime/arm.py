@@ -3,39 +3,31 @@
 from __future__ import annotations
 
 import gc
-import math
 import os
 import signal
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from types import TracebackType
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from .._checks import instance, positive, shown, vector, word
+from .._checks import instance, positive, vector, word
 from ..description.chain import effort_limits, velocity_limits
 from ..exceptions import ArmError, InputError
-from ..plants.plant import Plant, SimulatedPlant
+from ..plants.plant import Plant
 from ..plants.sensors import SimulatedSensors
 from ..records import Measurement, Sensors
-from ..robot.motors import Compensation, Gravity
+from ..robot.motors import Compensation
 from ..robot.robot import Robot
 
-_BRAKE = 20.0  # [1/s] of a simulated arm's brakes; half: it moves on for longer, twice: as well
-_REST = 1e-3  # [rad/s or m/s] of an arm that they have stopped, or after e^-20
-_SILENCE = 0.1  # [s] without a torque after which a simulated arm stops by itself
-_STARTING = 60.0  # [s] that a new process may take
-_NEEDED = ("t", "q", "v")  # signals of a measurement that a driver cannot leave out
-Frames = Callable[[], tuple[np.ndarray, float] | None]
-"""Returns x of a new frame and when it was taken [s], or None while there is no new one."""
-
+_STARTING, _ENDING = 60.0, 10.0  # [s] that a process may take to start, and to end
 MAIN = "In a script, what starts processes stands below `if __name__ == '__main__':`."
 
 
@@ -56,7 +48,6 @@ class ArmFacts:
         torque: (n) limits of the torque [N m or N].
         torque_rate: (n) largest change of a torque [N m/s or N/s]; infinite for none.
         velocity: (n) limits of the joint velocity [rad/s or m/s].
-        silence: time without a torque after which the arm stops by itself [s].
     """
 
     name: str
@@ -68,7 +59,6 @@ class ArmFacts:
     paced: bool = True
     clock: str = "arm"
     compensation: Compensation | None = None
-    silence: float = _SILENCE
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -95,46 +85,6 @@ class ArmFacts:
         return cls(**parts)  # type: ignore[arg-type]
 
 
-def as_measured(
-    given: Any, shapes: Mapping[str, tuple[int, ...]], t: float
-) -> tuple[Measurement, str]:
-    """Return a driver's measurement in new arrays, and what is wrong with it, or "".
-
-    Lists and integers are converted. What is wrong becomes NaN, a signal that may be missing None,
-    and a time that is none becomes t.
-
-    Args:
-        given: anything.
-        shapes: of the signals, by name.
-        t: expected time [s].
-    """
-    flaw, found = "", dict[str, Any]()
-    if not isinstance(given, Measurement):
-        flaw = f"`read` returned {shown(given)}; expected a pinadapt.Measurement"
-        given = Measurement(t, np.full(shapes["q"], np.nan), np.full(shapes["v"], np.nan))
-    for name, shape in shapes.items():
-        value, needed, words = getattr(given, name), name in _NEEDED, ""
-        if value is None and not needed:
-            continue
-        try:
-            array = np.array(value)
-            usable = array.dtype.kind in "fiu" and array.shape == shape
-        except Exception:  # whatever an object of a driver does
-            usable = False
-        if not usable:
-            what = f"{shape[0]} numbers" if shape else "a time"
-            words = f": expected {what}, got {shown(value)}"
-            array = np.full(shape, np.nan)
-        elif (needed or not shape) and not math.isfinite(np.vdot(array, array)):
-            words = " is not finite"
-        flaw = flaw or (words and f"measurement '{name}'{words}")
-        if usable or needed:
-            found[name] = array.astype(float) if shape else float(array)
-    if not math.isfinite(found["t"]):
-        found["t"] = t
-    return Measurement(**found), flaw
-
-
 class Arm(ABC):
     """An arm that can be measured and sent torques, used in a ``with`` statement.
 
@@ -145,9 +95,12 @@ class Arm(ABC):
 
     Attributes:
         facts: what it declares.
+        received: share of the last torques that have reached the arm, updated by ``read``; NaN
+            if unknown.
     """
 
     facts: ArmFacts
+    received: float = np.nan
 
     @abstractmethod
     def read(self) -> Measurement:
@@ -198,7 +151,7 @@ class PlantArm(Arm):
     """Any ``Plant`` as an arm in this process.
 
     Each ``read`` moves the plant on by one period, under the torque that was sent last; before the
-    first torque its brakes hold it.
+    first torque it rests.
 
     Attributes:
         plant: the plant.
@@ -211,8 +164,6 @@ class PlantArm(Arm):
         period: float = 1e-3,
         *,
         sensors: Sensors | None = None,
-        silence: float = _SILENCE,
-        seed: int = 0,
     ) -> None:
         """Take a plant.
 
@@ -220,8 +171,6 @@ class PlantArm(Arm):
             plant: it is reset; it has a ``robot``, as a ``SimulatedPlant``.
             period: of its cycle [s].
             sensors: through which it is seen; None for perfect ones.
-            silence: time without a torque after which it stops by itself [s].
-            seed: of the noise.
 
         Raises:
             InputError: no plant, or one without a robot.
@@ -233,14 +182,13 @@ class PlantArm(Arm):
             period=period,
             clock="simulated",
             compensation=getattr(plant, "compensation", None),
-            silence=silence,
         )
         self._sensors = (
-            None if sensors is None else SimulatedSensors(robot, period, sensors, seed=seed)
+            None if sensors is None else SimulatedSensors(robot, period, sensors, seed=0)
         )
         self._sent: np.ndarray | None = None
         self._given: np.ndarray | None = None
-        self._count, self._quiet = -1, 0  # the first measurement is of time zero
+        self._count = -1  # the first measurement is of time zero
         self.stopped = ""
         plant.reset()
 
@@ -251,14 +199,10 @@ class PlantArm(Arm):
             ArmError: the arm has stopped.
         """
         self._count += 1
-        if self._sent is not None and not self.stopped:
-            self._quiet += 1
-            if self._quiet * self.facts.period > self.facts.silence:
-                self.stop(f"no torque came for {self.facts.silence:g} s")
-            else:
-                self.plant.step(self._sent.copy(), self.facts.period)
         if self.stopped:
             raise ArmError(f"the arm has stopped: {self.stopped}.", where=self.facts.name)
+        if self._sent is not None:
+            self.plant.step(self._sent.copy(), self.facts.period)
         truth = self.plant.measure()._replace(t=self._count * self.facts.period)
         return truth if self._sensors is None else self._sensors.measure(truth, self._given)
 
@@ -270,31 +214,17 @@ class PlantArm(Arm):
         """
         self._sent = vector(torque, len(self.facts.joints), "torque", fills=False)
         self._given = self.plant.motors(self._sent.copy())
-        self._quiet = 0
 
     def stop(self, reason: str) -> None:
-        """Bring the plant to rest by brakes, as a real arm does by itself."""
-        moves = self._sent is not None and not self.stopped
+        """Stop: nothing moves or is measured any more."""
         self.stopped = self.stopped or reason.rstrip(".") or "stopped"
-        if not moves or not isinstance(self.plant, SimulatedPlant):
-            return
-        plant, period = self.plant, self.facts.period
-        gravity, data = Gravity(plant.robot), plant.robot.model.createData()
-        for _ in range(round(20.0 / _BRAKE / period)):
-            seen = plant.measure()
-            if not _REST < np.abs(seen.v).max() < np.inf:
-                return
-            added = 0.0 if plant.compensation is None else plant.compensation(seen.q)
-            inertia = np.diag(pin.crba(plant.robot.model, data, seen.q))
-            plant.step(gravity(seen.q) - added - _BRAKE * inertia * seen.v, period)
 
 
 class ProcessArm(Arm):
     """A plant that moves in a process of its own, on its own clock, behind a pipe.
 
     The process sends a measurement each period and applies the latest torque it has got, whether
-    the loop is late or not. If no torque comes for a while, or the loop's process has died, it
-    brings the plant to rest by its brakes.
+    the loop is late or not. It ends with the loop's process.
 
     Attributes:
         pid: of the process.
@@ -308,9 +238,7 @@ class ProcessArm(Arm):
         sensors: Sensors | None = None,
         core: int | None = None,
         priority: int | None = None,
-        silence: float = _SILENCE,
         timeout: float = 1.0,
-        seed: int = 0,
     ) -> None:
         """Start the process.
 
@@ -321,25 +249,14 @@ class ProcessArm(Arm):
             sensors: through which it is seen; None for perfect ones.
             core: processor core for the process; None for any.
             priority: real-time priority of the process, if the system allows it; None: ordinary.
-            silence: time without a torque after which it stops by itself [s].
             timeout: for the next measurement [s].
-            seed: of the noise.
 
         Raises:
             ArmError: the process does not start.
         """
-        context = get_context("spawn")
-        self._link, there = context.Pipe()
-        options = {"period": period, "sensors": sensors, "silence": silence, "seed": seed}
-        arguments = there, make, options, core, priority
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
-        self._process.start()
-        there.close()
+        options = {"period": period, "sensors": sensors}
+        self._process, self._link, facts = start_process(_serve, make, options, core, priority)
         self.pid, self._timeout, self._stopped = self._process.pid, timeout, ""
-        try:
-            facts = self._link.recv() if self._link.poll(_STARTING) else None
-        except (OSError, EOFError):
-            facts = None
         if not isinstance(facts, ArmFacts):
             self.close()
             raise facts or ArmError(
@@ -348,18 +265,17 @@ class ProcessArm(Arm):
         self.facts = replace(facts, clock="arm")  # its process keeps the time
 
     def read(self) -> Measurement:
-        """Wait for the next measurement and return the newest; frames of skipped ones stay.
+        """Wait for the next measurement and return the newest.
 
         Raises:
             ArmError: none comes in time, or the process has ended.
         """
-        name, frame = self.facts.name, None
+        name = self.facts.name
         try:
             if not self._link.poll(self._timeout):
                 raise ArmError(f"no measurement came for {self._timeout:g} s.", where=name)
             newest: Measurement = self._link.recv()
             while self._link.poll():
-                frame = newest if newest.x is not None else frame
                 newest = self._link.recv()
         except (OSError, EOFError) as error:
             raise ArmError(
@@ -367,9 +283,6 @@ class ProcessArm(Arm):
                 where=name,
                 hint="Its process has died or was stopped.",
             ) from error
-        if newest.x is None and frame is not None:
-            seen_at = frame.t if frame.x_time is None else frame.x_time
-            newest = newest._replace(x=frame.x, x_time=seen_at, xd=frame.xd)
         return newest
 
     def send(self, torque: np.ndarray) -> None:
@@ -392,10 +305,35 @@ class ProcessArm(Arm):
 
     def close(self) -> None:
         """End the process."""
-        self._link.close()
-        self._process.join(2.0)
-        self._process.kill()
-        self._process.join(1.0)
+        end_process(self._process, self._link)
+
+
+def start_process(
+    serve: Callable[..., None], *arguments: Any
+) -> tuple[SpawnProcess, Connection, Any]:
+    """Start a process that serves one end of a pipe.
+
+    Returns:
+        The process, the other end, and the first that comes from there; None: it did not start.
+    """
+    context = get_context("spawn")
+    link, there = context.Pipe()
+    process = context.Process(target=serve, args=(there, *arguments), daemon=True)
+    process.start()
+    there.close()
+    try:
+        first = link.recv() if link.poll(_STARTING) else None
+    except (OSError, EOFError):
+        first = None
+    return process, link, first
+
+
+def end_process(process: SpawnProcess, link: Connection) -> None:
+    """Wait until a process ends that was told to; kill it if it does not."""
+    process.join(_ENDING)
+    process.kill()
+    process.join(1.0)
+    link.close()
 
 
 def _serve(
@@ -405,7 +343,7 @@ def _serve(
     core: int | None,
     priority: int | None,
 ) -> None:
-    """Move a plant on its own clock until the loop ends, stops it, or goes silent."""
+    """Move a plant on its own clock until the loop stops it or ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
     try:
         with suppress(OSError, AttributeError):

@@ -7,6 +7,8 @@ Conventions of the Franka Control Interface, 1 kHz:
   ``compensated="nominal"``, and what is wrong in the robot's own gravity is learned like any load.
 * ``tau_J``, the measured torque, has gravity in it and is ``Measurement.tau``.
 * The torque may change by 1000 N m/s. The time is the robot's, in milliseconds.
+* ``control_command_success_rate``, the share of the last 100 commands that the robot has received,
+  is ``received`` once 100 were sent; before and without control it is 0 or counts fewer.
 * Above the collision thresholds the robot stops by its reflex; then, and after errors, it waits for
   a recovery. A torque that stays out for some cycles is an error too, so a killed program stops it.
 
@@ -28,12 +30,11 @@ from ..records import Measurement
 from ..robot.changes import Payload
 from ..robot.motors import Gravity
 from ..robot.robot import Robot
-from .arm import Arm, ArmFacts, Frames
+from .arm import Arm, ArmFacts
 
-JOINTS = 7
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
-TORQUE_RATE = 1000.0  # [N m/s]
-PERIOD = 1e-3  # [s]
+COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
+FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
 _INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
@@ -53,11 +54,10 @@ class FrankaArm(Arm):
         address: str,
         robot: Robot,
         *,
-        collision: ArrayLike | None = None,
-        forces: ArrayLike | None = None,
+        collision: ArrayLike = COLLISION,
+        forces: ArrayLike = FORCES,
         load: Payload | None = None,
         recover: bool = False,
-        camera: Frames | None = None,
     ) -> None:
         """Connect; nothing moves.
 
@@ -65,13 +65,11 @@ class FrankaArm(Arm):
             address: of the control box.
             robot: its description, seven joints; the gravity that the arm adds is taken from it.
             collision: (7) torques beyond the model at which the robot's own reflex stops it [N m].
-            forces: (6) the same for force and torque at the flange [N, N m]; both are set, or with
-                None for both those of the robot stay.
+            forces: (6) the same for force and torque at the flange [N, N m].
             load: that is set on the robot, which then compensates its gravity; ``robot`` must have
                 it too, see ``at_task_frame``. com and inertia are given in the axes of the flange.
                 None: nothing is set.
             recover: acknowledge the error of an earlier run.
-            camera: returns x of a new frame and its time on the robot's clock [s], or None.
 
         Raises:
             InputError: pylibfranka is missing, no answer, a description of another arm, or another
@@ -81,29 +79,25 @@ class FrankaArm(Arm):
             import pylibfranka
         except ImportError as error:
             raise InputError(f"pylibfranka is missing: {error}.", hint=_INSTALL) from error
-        if robot.model.nv != JOINTS:
+        if robot.model.nv != len(TORQUE):
             raise InputError(
-                f"a Franka has {JOINTS} joints; the description has {robot.joint_names}.",
+                f"a Franka has {len(TORQUE)} joints; the description has {robot.joint_names}.",
                 where="robot",
                 hint="Lock the fingers, and take a frame behind the seventh joint.",
             )
         self._vendor: Any = pylibfranka
         self._failures = (pylibfranka.FrankaException, RuntimeError)  # of which its others are
-        self.address, self._camera = address, camera
-        self._thresholds: list[list[float]] | None = None
-        if collision is not None and forces is not None:
-            torques = vector(collision, JOINTS, "collision", fills=False).tolist()
-            wrench = vector(forces, 6, "forces", fills=False).tolist()
-            self._thresholds = [torques, torques, wrench, wrench]  # of contact and collision alike
-        elif collision is not None or forces is not None:
-            raise InputError("collision and forces are set together.", where="collision")
+        self.address = address
+        torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()
+        wrench = vector(forces, len(FORCES), "forces", fills=False).tolist()
+        self._thresholds = torques, torques, wrench, wrench  # of contact and collision alike
         self._load, self._recover = load, recover
         self.facts = ArmFacts.of(
             robot,
             name=f"Franka at {address}",
-            period=PERIOD,
+            period=1e-3,  # of its control interface
             torque=TORQUE,
-            torque_rate=TORQUE_RATE,
+            torque_rate=1000.0,
             compensation=Gravity(robot),
         )
         try:  # any kernel: the loop says what the system denies
@@ -115,6 +109,7 @@ class FrankaArm(Arm):
                 hint="Is this the address of the control box, and FCI activated in Desk?",
             ) from error
         self._control: Any = None
+        self._commands = 0
         self._stopped = ""
 
     def read(self) -> Measurement:
@@ -130,22 +125,19 @@ class FrankaArm(Arm):
                 state = self._robot.read_once()
             else:
                 state, _ = self._control.readOnce()
+                if self._commands >= 100:  # of which the robot states the share
+                    self.received = float(state.control_command_success_rate)
         except self._failures as error:
             raise self._broken(error) from error
-        t = float(state.time.to_sec())
-        seen = None if self._camera is None else self._camera()
-        x, x_time = (None, None) if seen is None else (seen[0], min(seen[1], t))
         return Measurement(
-            t,
+            float(state.time.to_sec()),
             np.array(state.q),
             np.array(state.dq),
-            x=x,
-            x_time=x_time,
             tau=np.array(state.tau_J),
         )
 
     def begin(self) -> None:
-        """Set what is to be set, and take over the control.
+        """Set collision behaviour and load, and take over the control.
 
         Raises:
             ArmError: the robot is in error, stopped by its user, or controlled by someone else.
@@ -167,8 +159,7 @@ class FrankaArm(Arm):
                     where=self.facts.name,
                     hint="Release the user stop, unlock the brakes in Desk, end other programs.",
                 )
-            if self._thresholds is not None:
-                self._robot.set_collision_behavior(*self._thresholds)
+            self._robot.set_collision_behavior(*self._thresholds)
             if self._load is not None:
                 seen = self._load.spatial_inertia()
                 inertia = seen.inertia.ravel().tolist()
@@ -186,9 +177,10 @@ class FrankaArm(Arm):
         """
         if self._control is None:
             return
-        given = vector(torque, JOINTS, "torque", fills=False)
+        given = vector(torque, len(TORQUE), "torque", fills=False)
         try:
             self._control.writeOnce(self._vendor.Torques(given.tolist()))
+            self._commands += 1
         except self._failures as error:
             raise self._broken(error) from error
 
@@ -202,7 +194,7 @@ class FrankaArm(Arm):
             return
         with suppress(*self._failures):
             control.readOnce()
-            torques = self._vendor.Torques([0.0] * JOINTS)
+            torques = self._vendor.Torques([0.0] * len(TORQUE))
             torques.motion_finished = True
             control.writeOnce(torques)
             return

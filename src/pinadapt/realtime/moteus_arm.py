@@ -125,7 +125,6 @@ class MoteusArm(Arm):
             period=period,
             paced=False,
             clock="host",
-            silence=silence,
         )
         signs, ratios, self._offset, scales = np.array(
             [(one.sign, one.ratio, one.offset, one.torque) for one in self.motors]
@@ -160,47 +159,48 @@ class MoteusArm(Arm):
             bitrate_switch=True,
         )
 
-    def _ask(self, timeout: float) -> set[int]:
-        """Ask all motors and take their replies; return the ids of those that answered in time."""
+    def _ask(self) -> np.ndarray:
+        """Ask all motors and take their replies; return which (n) answered in time.
+
+        Raises:
+            ArmError: a motor reports a fault, or the bus failed.
+        """
+        answered = np.zeros(len(self._nodes), dtype=bool)
         try:
             while self._bus.recv(0.0) is not None:
                 pass  # late replies of an earlier cycle
             for query in self._queries:
                 self._bus.send(query)
-            heard: set[int] = set()
-            until = time.monotonic() + timeout
-            while len(heard) < len(self._nodes) and (left := until - time.monotonic()) > 0.0:
+            until = time.monotonic() + self._timeout
+            while not answered.all() and (left := until - time.monotonic()) > 0.0:
                 message = self._bus.recv(left)
-                if message is not None:
-                    self._take(message, heard)
+                number = 0 if message is None else message.arbitration_id
+                k = self._places.get(number >> 8 & 0x7F)
+                if k is not None and not number & 0x7F:
+                    self._take(message, k)
+                    answered[k] = True
         except self._can.CanError as error:
             raise ArmError(f"the bus failed: {error}.", where=self.facts.name) from error
-        return heard
+        return answered
 
-    def _take(self, message: Any, heard: set[int]) -> None:
-        """Take one reply.
+    def _take(self, message: Any, k: int) -> None:
+        """Take the reply of a motor, the k-th.
 
         Raises:
-            ArmError: the motor reports a fault, or has stopped by its watchdog.
+            ArmError: it reports a fault, or has stopped by its watchdog.
         """
-        number = message.arbitration_id >> 8 & 0x7F
-        k = self._places.get(number)
-        if k is None or message.arbitration_id & 0x7F:
-            return
         register = self._moteus.Register
         values = self._moteus.parse_registers(bytes(message.data)).response
         mode, modes = int(values.get(register.MODE, 0)), self._moteus.Mode
         if mode in (modes.FAULT, modes.TIMEOUT):
-            fault = f"has fault {int(values.get(register.FAULT, 0))}"
-            what = "stopped by its watchdog" if mode == modes.TIMEOUT else fault
             raise ArmError(
-                f"the motor of {self.motors[k].joint} {what}.",
+                f"the motor of {self.motors[k].joint} has fault {values.get(register.FAULT, 0)}, "
+                "or was stopped by its watchdog.",
                 where=self.facts.name,
                 hint="Faults are listed in moteus' reference; they end with a stop command.",
             )
         asked = register.POSITION, register.VELOCITY, register.TORQUE
         self._raw[:, k] = [values[each] for each in asked]
-        heard.add(number)
 
     def read(self) -> Measurement:
         """Ask all motors and return what they say; one that misses a cycle keeps its last values.
@@ -210,9 +210,7 @@ class MoteusArm(Arm):
         """
         if self._stopped:
             raise ArmError(f"has stopped: {self._stopped}.", where=self.facts.name)
-        heard = self._ask(self._timeout)
-        self._missed += 1
-        self._missed[[self._places[number] for number in heard]] = 0
+        self._missed = np.where(self._ask(), 0, self._missed + 1)
         if (self._missed >= _MISSED).any():
             lost = self.motors[int(self._missed.argmax())].joint
             raise ArmError(

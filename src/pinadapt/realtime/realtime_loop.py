@@ -19,9 +19,9 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from functools import partial
@@ -34,25 +34,25 @@ from threadpoolctl import threadpool_limits
 from .._checks import instance, positive, vector, word
 from .._output import Sheet, Table
 from ..controller.controller import Controller
+from ..controller.inputs import InputCheck
+from ..controller.sensing import LASTS
 from ..controller.state import ControllerState
 from ..exceptions import ArmError, InputError, PinadaptError
-from ..records import Desired, Measurement
+from ..records import Measurement
 from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
-from .arm import Arm, as_measured
+from .arm import Arm
 from .recorder import Recorder, load_of
-from .safety import Checklist, Safety, SafetyAction, SafetyFinding
+from .safety import STILL, Checklist, Safety, SafetyAction, SafetyFinding
 
 _WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
 _ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
 _HALT, _HOLD = 0.3, 0.5  # [s] until the path rests; until damping, at most for twice as long
-_STILL = 0.02  # [rad/s or m/s] of joints that rest, once for a time constant of the damping
 _RINGING = 2.0  # [s] of the end of a run that are searched for ringing
 _CALM = 0.5  # [s] without a finding after which the adaptation goes on
 _FREE = 0.5  # [1/s] damping of a free drive
 _SLOWNESS = 5.0  # of a slow motion: half is too fast to step in, twice takes patience
-_ALL_PAGES = 3  # MCL_CURRENT | MCL_FUTURE of mlockall
 _PATIENCE = 2.0  # [s] for the first frame of a camera
 
 
@@ -90,64 +90,36 @@ class Scheduling:
     def applied(self) -> Iterator[list[str]]:
         """Apply it, yield notes on what is not allowed, and take it back."""
         notes: list[str] = []
-        back: list[Callable[[], object]] = []
-        try:
-            if self.core is not None:
-                back.append(partial(os.sched_setaffinity, 0, os.sched_getaffinity(0)))
-                os.sched_setaffinity(0, {self.core})
-            if self.priority is not None:
-                former = os.sched_getscheduler(0), os.sched_getparam(0)
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
-                back.append(partial(os.sched_setscheduler, 0, *former))
-        except (OSError, AttributeError) as error:
-            notes.append(
-                f"no core of its own or real-time priority ({error}): other programs will make "
-                "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "
-                "yourself to the group"
-            )
-        if self.lock:
-            system = ctypes.CDLL(None)
-            if system.mlockall(_ALL_PAGES):
+        with ExitStack() as back:
+            try:
+                if self.core is not None:
+                    back.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
+                    os.sched_setaffinity(0, {self.core})
+                if self.priority is not None:
+                    former = os.sched_getscheduler(0), os.sched_getparam(0)
+                    back.callback(os.sched_setscheduler, 0, *former)
+                    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
+            except (OSError, AttributeError) as error:
                 notes.append(
-                    "memory is not locked: paging may make cycles late; raise 'memlock' in "
-                    "/etc/security/limits.conf"
+                    f"no core of its own or real-time priority ({error}): other programs will make "
+                    "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "
+                    "yourself to the group"
                 )
-            back.append(system.munlockall)
-        try:
+            if self.lock:
+                system = ctypes.CDLL(None)
+                back.callback(system.munlockall)
+                if system.mlockall(3):  # MCL_CURRENT | MCL_FUTURE
+                    notes.append(
+                        "memory is not locked: paging may make cycles late; raise 'memlock' in "
+                        "/etc/security/limits.conf"
+                    )
             yield notes
-        finally:
-            for undo in back:
-                undo()
 
 
-class Histogram:
-    """Histogram of times in bins of a microsecond; those above 100 ms share one bin."""
-
-    def __init__(self) -> None:
-        """Begin without times."""
-        self._counts = np.zeros(100_001, dtype=np.int64)
-        self.worst = 0.0
-
-    def add(self, seconds: float) -> None:
-        """Count a time [s]."""
-        self._counts[min(max(int(1e6 * seconds), 0), 100_000)] += 1
-        self.worst = max(self.worst, seconds)
-
-    @property
-    def count(self) -> int:
-        """How many times were counted."""
-        return int(self._counts.sum())
-
-    def above(self, seconds: float) -> int:
-        """Return how many times are longer [s]."""
-        return int(self._counts[int(1e6 * seconds) :].sum())
-
-    def row(self) -> list[str]:
-        """Return median, 99 %, 99.9 % and worst in microseconds."""
-        below = np.cumsum(self._counts) / max(self.count, 1)
-        return [f"{each:.0f}" for each in np.searchsorted(below, (0.5, 0.99, 0.999))] + [
-            f"{1e6 * self.worst:.0f}"
-        ]
+def quantiles(times: Counter[int]) -> list[str]:
+    """Return median, 99 %, 99.9 % and worst of times that were counted [us]."""
+    found = np.percentile(list(times.elements()) or [0], (50.0, 99.0, 99.9, 100.0))
+    return [f"{each:.0f}" for each in found]
 
 
 @dataclass
@@ -159,8 +131,9 @@ class RunResult:
         phases: time [s] since the start, phase, and why it was entered.
         cycles: how many there were.
         late: how many took more than one and a half periods, by either clock.
-        step: time from a measurement to its torque [s].
-        period: time between measurements by this computer's clock [s].
+        step: how often it took which time from a measurement to its torque [us].
+        period: the same of the time between measurements by this computer's clock [us].
+        received: least share of its last torques that the arm has received; NaN: not reported.
         notes: what the system did not allow, and what else was noticed.
         state: the last state of the controller; None if it never began.
         failed: whether anything but a command or the end of the time ended it.
@@ -170,16 +143,19 @@ class RunResult:
     phases: list[tuple[float, str, str]] = field(default_factory=list)
     cycles: int = 0
     late: int = 0
-    step: Histogram = field(default_factory=Histogram)
-    period: Histogram = field(default_factory=Histogram)
+    step: Counter[int] = field(default_factory=Counter)
+    period: Counter[int] = field(default_factory=Counter)
+    received: float = math.nan
     notes: list[str] = field(default_factory=list)
     state: ControllerState | None = None
     failed: bool = False
 
     def __str__(self) -> str:
         """Return the histogram, the phases and the notes."""
-        times = [("step", *self.step.row()), ("period", *self.period.row())]
+        times = [("step", *quantiles(self.step)), ("period", *quantiles(self.period))]
         rows = [("cycles", str(self.cycles)), ("late", f"{self.late} by over half a period")]
+        if not math.isnan(self.received):
+            rows.append(("received", f"at least {self.received:.0%} of the last torques"))
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
         rows += [("note", note) for note in self.notes]
         histogram = Table(times, ("[us]", "median", "99 %", "99.9 %", "worst"))
@@ -273,13 +249,10 @@ class RealtimeLoop:
         self._recorder = recorder
         self._scheduling = Scheduling() if scheduling is None else scheduling
         self._say = say or partial(print, "pinadapt:", file=sys.stderr, flush=True)
-        n, task = kinematics.nv, kinematics.task
-        self._shapes = {"t": (), "q": (kinematics.nq,)}
-        self._shapes |= dict.fromkeys(("v", "a", "tau", "w"), (n,))
-        if kinematics.positions:  # a joint task ignores x
-            self._shapes |= {"x": (task.coordinates,), "x_time": (), "xd": (task.size,)}
+        self._inputs = InputCheck(kinematics, controller.dynamics.size)
         self._flaw = ""  # of the latest measurement
-        self._sent = np.zeros(n)  # torque by the loop, and that of the motors
+        self._blind = 0.0  # [s] by this computer's clock, without q and v
+        self._sent = np.zeros(kinematics.nv)  # torque by the loop, and that of the motors
         self._given: np.ndarray | None = None
         self._state: ControllerState | None = None
         self._path: Trajectory = Hold()
@@ -352,7 +325,7 @@ class RealtimeLoop:
             lock.release()
 
     def _prepared(self) -> Measurement:
-        """Return the first measurement, with all code run and all memory touched before."""
+        """Return the first measurement, after the controller has run and its memory is touched."""
         arm, controller = self._arm, self._controller
         start = {
             k: np.asarray(part).tolist() for k, part in self._start.items() if part is not None
@@ -386,30 +359,23 @@ class RealtimeLoop:
         return m
 
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
-        """Run all code of a cycle from a state, beside the path, and forget what came of it.
+        """Run the controller from a state, beside the path, and forget what came of it.
 
         Raises:
             ArmError: the controller refuses the measurement.
         """
         controller, period = self._controller, self._period
-        checks = Checklist(self.safety, controller, self._facts)
         aside = self._path.shifted(np.full(controller.kinematics.task.size, _ASIDE))
-        torque = np.zeros(controller.kinematics.nv)
         for k in range(_WARM_UPS):
             m = m._replace(t=m.t + period)
             try:
                 desired = controller.desired(state, aside, k * period)
-                asked, state = controller.step(state.adapt(True), m, desired, period)
+                torque, state = controller.step(state.adapt(True), m, desired, period)
             except PinadaptError as error:
                 words = " ".join(str(error).split())
                 raise ArmError(f"cannot start: {words}", where=self._facts.name) from error
-            checks.of_arm(m, period)
-            self._check_motion(checks, state, desired, m, asked, period)
-            torque = checks.limited(asked, torque, period)
-            given = self._of_motors(torque, m)
-            state = state.gave(given)
             if m.tau is not None:  # the brakes hold the arm: it is not what is asked for
-                m = m._replace(tau=given)
+                m = m._replace(tau=self._of_motors(torque, m))
         controller.safe(state, m)
 
     def _first_frame(self) -> Measurement:
@@ -436,9 +402,17 @@ class RealtimeLoop:
         Raises:
             ArmError: something is wrong with it before anything moves.
         """
-        m, self._flaw = as_measured(self._arm.read(), self._shapes, self._t + self._period)
+        given, kinematics = self._arm.read(), self._controller.kinematics
+        unknown = np.full(kinematics.nq, np.nan), np.full(kinematics.nv, np.nan)
+        m, self._flaw = Measurement(self._t + self._period, *unknown), ""
+        try:
+            m = self._inputs.measurement(given)._replace(tau=None)
+            m = m._replace(tau=self._inputs.torque(given.tau))
+            self._inputs.finite(m)
+        except Exception as error:  # whatever an object of a driver does
+            self._flaw = str(error).partition("\n")[0]
         if self._flaw and self._phase is Phase.STARTING:
-            raise ArmError(f"{self._flaw}.", where=self._facts.name)
+            raise ArmError(self._flaw, where=self._facts.name)
         self._t = m.t
         for name, value in self._recorder.commands() if self._recorder is not None else ():
             try:
@@ -463,7 +437,7 @@ class RealtimeLoop:
             if torque is not None:
                 arm.send(torque.copy())
             spent = clock() - began
-            result.step.add(spent)
+            result.step[round(1e6 * spent)] += 1
             result.cycles += 1
             if recorder is not None:
                 self._tick |= {"step_us": 1e6 * spent, "phase": self._phase, "sent": self._sent}
@@ -483,17 +457,20 @@ class RealtimeLoop:
             m = self._read()
             arrived = clock()
             dt, host = m.t - earlier, arrived - before
-            result.period.add(host)
+            result.period[round(1e6 * host)] += 1
             host = 0.0 if self._facts.clock == "simulated" else host
+            lost = self._flaw and not (np.isfinite(m.q).all() or np.isfinite(m.v).all())
+            self._blind = self._blind + host if lost else 0.0
+            result.received = float(np.fmin(arm.received, result.received))
             result.late += max(dt, host) > 1.5 * period
 
     def _cycle(self, m: Measurement, dt: float, host: float) -> np.ndarray | None:
         """Return the torque (n) to send now, or None in log-only mode and after the end."""
         recorder, state = self._recorder, self._state
         assert state is not None
-        self._tick |= {"given": self._given, "asked": None}
+        self._tick |= {"given": self._given, "received": self._arm.received, "asked": None}
         self._tick |= {"a_k": state.a_k, "a_d": state.a_d, "adapting": state.adapting}
-        finding = self._checks.of_arm(m, dt, host)
+        finding = self._checks.of_arm(m, dt, host, self._arm.received)
         if self._flaw:
             finding = SafetyFinding("driver", self._flaw, SafetyAction.DAMP)
         if finding is None and recorder is not None and recorder.trouble and not self._leaving:
@@ -543,7 +520,12 @@ class RealtimeLoop:
         self._last.append(torque)
         self._state = after
         self._tick |= {"asked": torque, "adapting": adapting, **desired._asdict()}
-        finding = self._check_motion(self._checks, after, desired, m, torque, dt)
+        sensed, task = after.sensed, controller.kinematics.task
+        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
+        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
+        age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
+        pushed = None if self.stage is Stage.LOG else controller.disturbance(after)
+        finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
         self._tick["residual"] = self._checks.residual
         if finding is not None and finding.action is SafetyAction.REST:
             if self._calm > _CALM:
@@ -555,23 +537,6 @@ class RealtimeLoop:
             self._respond(finding)
         return torque
 
-    def _check_motion(
-        self,
-        checks: Checklist,
-        state: ControllerState,
-        desired: Desired,
-        m: Measurement,
-        torque: np.ndarray,
-        dt: float,
-    ) -> SafetyFinding | None:
-        """Return the first finding about the motion after a step."""
-        sensed, task = state.sensed, self._controller.kinematics.task
-        x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
-        dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
-        age = 0.0 if sensed.frame is None else m.t - sensed.frame.t
-        pushed = None if self.stage is Stage.LOG else self._controller.disturbance(state)
-        return checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
-
     def _of_motors(self, torque: np.ndarray, m: Measurement) -> np.ndarray:
         """Return the torque (n) of the motors, with what the arm adds by itself."""
         added = self._controller.compensation
@@ -581,7 +546,7 @@ class RealtimeLoop:
         """Return the torque (n) that compensates gravity and damps [1/s], even if sensors fail."""
         assert self._state is not None
         torque, self._state = self._controller.safe(self._state, m, damping=damping, hold=hold)
-        unseen = self._state.unseen
+        unseen = self._state.unseen | (self._blind > max(LASTS - self._period, 0.0))
         if unseen.any():
             names = ", ".join(np.array(self._facts.joints)[unseen])
             words = f"neither q nor v of {names} is measured any more; it needs brakes"
@@ -594,8 +559,8 @@ class RealtimeLoop:
         self._since += self._period
         if self._phase is Phase.HOLDING and self._since > _HOLD and not self._halted:
             self._enter(Phase.DAMPING, "the path rests")
-        elif self._phase is Phase.DAMPING:
-            still = np.abs(self._state.sensed.v).max() < _STILL
+        elif self._phase is Phase.DAMPING:  # at rest for a time constant of the damping
+            still = np.abs(self._state.sensed.v).max() < STILL
             self._quiet = self._quiet + self._period if still else 0.0
             if self._quiet * self.safety.damping > 1.0 or self._since > 2.0 * _HOLD:
                 self._enter(Phase.STOPPED, self.result.reason)
@@ -707,19 +672,21 @@ class RealtimeLoop:
         elif name == "hold" and moving:
             self._enter(Phase.HOLDING, "commanded", commanded=True)
         elif name == "go" and self._halted and isinstance(self._path, Retimed):
-            place = self._path.law.at(self._now)[0]
-            self._path = Retimed(self._path.motion, _Ramp(self._now, place, rising=True))
-            self._enter(Phase.RUNNING, "commanded", commanded=True)
+            self._go(self._path.motion, self._path.law.at(self._now)[0], "commanded")
         elif name == "reference" and self._halted:
             self._begin = self._t
-            self._path = Retimed(value, _Ramp(self._now, 0.0, rising=True))
-            self._enter(Phase.RUNNING, f"new reference, {value!r}", commanded=True)
+            self._go(value, 0.0, f"new reference, {value!r}")
         else:
             held = ", or before `hold`" if name == "reference" else ""
             raise InputError(
                 f"not while {self._phase.name.lower()} at stage '{self.stage.value}'{held}.",
                 where=name,
             )
+
+    def _go(self, motion: Trajectory, place: float, why: str) -> None:
+        """Move on along a motion from a place [s] of its own time, at rest there."""
+        self._path = Retimed(motion, _Ramp(self._now, place, rising=True))
+        self._enter(Phase.RUNNING, why, commanded=True)
 
 
 def _check_fit(arm: Arm, controller: Controller) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import select
 import signal
 import socket
@@ -21,7 +22,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from io import BytesIO
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -34,7 +34,7 @@ from .._version import __version__
 from ..exceptions import InputError, LogError, PinadaptError
 from ..records import Desired, Measurement
 from ..robot.changes import Payload
-from .arm import _STARTING, MAIN
+from .arm import MAIN, end_process, start_process
 
 if TYPE_CHECKING:
     from ..controller.controller import Controller
@@ -48,7 +48,7 @@ _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process 
 
 _MAGIC = b"\x89MCAP0\r\n"  # that an MCAP file begins and ends with
 
-_LINE = "=" * 80  # between parts of a definition
+_LINE = "================================================================================"
 _HEADER = f"""{_LINE}
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
@@ -73,7 +73,7 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
     sizes = dict.fromkeys(("v", "a", "tau", "w", "asked", "sent", "given", "residual"), n)
     sizes |= {"q": kinematics.nq, "x": x, "x_d": x, "xd": m, "xd_d": m, "xdd_d": m}
     sizes |= {"a_k": kinematics.size, "a_d": controller.dynamics.size}
-    one = ("t", "host", "dt", "phase", "adapting", "step_us", "x_time")
+    one = ("t", "host", "dt", "phase", "adapting", "step_us", "received", "x_time")
     return np.dtype(
         [(name, float) for name in one] + [(name, float, (size,)) for name, size in sizes.items()]
     )
@@ -105,14 +105,14 @@ class Recorder:
     """Writes the log of a loop and takes its commands, by a process of its own.
 
     Attributes:
-        path: of the log, or None.
+        path: of the log.
         port: on the loopback, or None.
         trouble: what is wrong with the log or its process, or an empty text.
     """
 
     def __init__(
         self,
-        path: Path | str | None,
+        path: Path | str,
         controller: Controller,
         *,
         about: Mapping[str, str] | None = None,
@@ -122,7 +122,7 @@ class Recorder:
         """Start the process.
 
         Args:
-            path: of the MCAP file, replaced if there is one; None for no log.
+            path: of the MCAP file, replaced if there is one.
             controller: whose cycles are recorded.
             about: texts kept with the log.
             port: for commands and state, on the loopback only; 0 takes any free one, None: none.
@@ -133,15 +133,16 @@ class Recorder:
             InputError: the file cannot be written, or the port is in use.
         """
         tick, kinematics = tick_of(controller), controller.kinematics
-        self.path, self.trouble = None if path is None else Path(path), ""
+        self.path, self.trouble = Path(path), ""
         server = None if port is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             if server is not None:
                 server.bind(("127.0.0.1", port))
-            if self.path is not None:
-                self.path.parent.mkdir(parents=True, exist_ok=True)
-                self.path.write_bytes(b"")
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_bytes(b"")
         except OSError as error:
+            if server is not None:
+                server.close()
             raise InputError(
                 f"log or port {port} cannot be used: {error.strerror or error}.",
                 where=str(path),
@@ -163,18 +164,11 @@ class Recorder:
             "dynamic_names": json.dumps(list(controller.dynamics.names)),
             **(about or {}),
         }
-        self._link, there = context.Pipe()
-        arguments = shared, tick, about, self.path, there, server, dict(translate or {})
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
-        self._process.start()
+        arguments = shared, tick, about, self.path, server, dict(translate or {})
+        self._process, self._link, ready = start_process(_serve, *arguments)
         self.pid = self._process.pid
-        there.close()
         if server is not None:
             server.close()
-        try:
-            ready = self._link.poll(_STARTING) and self._link.recv()
-        except (OSError, EOFError):
-            ready = False
         if not ready:
             self.close()
             raise InputError("the process of the log has not started.", where=str(path), hint=MAIN)
@@ -218,10 +212,7 @@ class Recorder:
         """Have the rest written and end the process."""
         with suppress(OSError):
             self._link.send(None)
-        self._process.join(10.0)
-        self._process.kill()
-        self._process.join(1.0)
-        self._link.close()
+        end_process(self._process, self._link)
 
     def __enter__(self) -> Recorder:
         """Return the recorder."""
@@ -242,31 +233,26 @@ class _LogProcess:
 
     def __init__(
         self,
+        link: Connection,
         shared: tuple[Any, Any],
         tick: np.dtype[Any],
         about: dict[str, str],
-        path: Path | None,
-        link: Connection,
+        path: Path,
         server: socket.socket | None,
         translate: dict[str, Translator],
     ) -> None:
         self._ring, self._counts = _views(shared, tick)
-        self._about, self._link, self._server = about, link, server
+        self._link, self._server = link, server
         self._translate, self._read = translate, 0
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
         self._start, self._zero = time.time_ns(), 0.0
         self._messages: list[str] = []
-        self._writer: Any = None
-        if path is not None:
-            self._open(path, float(about["period"]))
-
-    def _open(self, path: Path, period: float) -> None:
         from mcap.writer import CompressionType, Writer
 
         self._file = path.open("wb")
-        size = self._ring.itemsize * _CHUNK / period
-        self._writer = Writer(self._file, max(int(size), 1), CompressionType.ZSTD)
+        chunk = int(self._ring.itemsize * _CHUNK / float(about["period"]))
+        self._writer: Any = Writer(self._file, max(chunk, 1), CompressionType.ZSTD)
         self._writer.start("ros2", "pinadapt")
         self._channels = {}
         for topic, kind in {
@@ -276,7 +262,7 @@ class _LogProcess:
         }.items():
             text = _DEFINITIONS.get(kind) or _definition(self._ring.dtype)
             schema = self._writer.register_schema(kind, "ros2msg", text.encode())
-            channel = self._writer.register_channel(topic, "cdr", schema, self._about)
+            channel = self._writer.register_channel(topic, "cdr", schema, about)
             self._channels[topic] = channel
 
     def run(self) -> None:
@@ -369,7 +355,6 @@ class _LogProcess:
                 "adapting": bool(row["adapting"] == 1.0),
                 "step_us": float(row["step_us"]),
                 "messages": self._messages,
-                "about": self._about,
                 **{key: np.nan_to_num(row[key]).tolist() for key in numbers},
             }
         value = asked.get("value")
@@ -381,11 +366,10 @@ class _LogProcess:
         return {"done": name}
 
 
-def _serve(*arguments: Any) -> None:
+def _serve(link: Connection, *arguments: Any) -> None:
     """Serve in the process beside the loop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the loop's
-    link = arguments[4]
-    process = _LogProcess(*arguments)
+    process = _LogProcess(link, *arguments)
     link.send(True)
     process.run()
 
@@ -423,9 +407,7 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
     return reply
 
 
-def watched(
-    port: int, controller: Controller, robot: Robot, *, rate: float = 30.0
-) -> Iterator[Sample]:
+def watched(port: int, controller: Controller, robot: Robot) -> Iterator[Sample]:
     """Yield samples of a running loop as a live view takes them, until it ends.
 
     The process of the log answers, not the loop. The torque is not in the samples: between
@@ -435,29 +417,22 @@ def watched(
         port: of the loop, on this machine.
         controller: as the loop has it.
         robot: that is shown where the arm is; of a real arm the description.
-        rate: samples a second.
 
     Raises:
         InputError: no loop answers there.
     """
     from ..controller.state import Sample
 
-    state: ControllerState | None = None
     said = tell(port, "state")
     rest = np.zeros(controller.kinematics.task.size)
     while said["phase"] != PHASES[-1]:
         if said["cycle"]:
-            q, v = np.array(said["q"]), np.array(said["v"])
+            q, v, x_d, a_k, a_d = (np.array(said[name]) for name in ("q", "v", "x_d", "a_k", "a_d"))
             seen = Measurement(said["t"], q, v, robot.position(q))
-            state = controller.init(seen) if state is None else state
-            state = state._replace(
-                t=seen.t,
-                dynamic=state.dynamic.with_value(np.array(said["a_d"])),
-                kinematic=state.kinematic.with_value(np.array(said["a_k"])),
-            )
-            desired = Desired(np.array(said["x_d"]), rest, rest)
+            state = controller.init(seen, a_k=a_k, a_d=a_d)
+            desired = Desired(x_d, rest, rest)
             yield Sample(seen.t, seen, desired, state, np.full(v.size, math.nan), seen)
-        time.sleep(1.0 / rate)
+        time.sleep(1.0 / 30.0)  # smooth to the eye
         try:
             said = tell(port, "state")
         except InputError:
@@ -503,22 +478,23 @@ class CycleLog:
 
         about: dict[str, str] = {}
         found: dict[str, list[bytes]] = {}
-        with read_as_data(Path(path), LogError):
-            content = Path(path).read_bytes()
-            reader = NonSeekingReader(BytesIO(content))
+        with read_as_data(Path(path), LogError), Path(path).open("rb") as file:
             with suppress(McapError, struct.error):  # where its end is missing
-                for _, channel, message in reader.iter_messages(log_time_order=False):
+                for _, channel, message in NonSeekingReader(file).iter_messages(
+                    log_time_order=False
+                ):
                     found.setdefault(channel.topic, []).append(message.data[4:])
                     about = channel.metadata
             if "/pinadapt/cycle" not in found:
                 raise LogError("has no cycle of a loop.", where=str(path))
+            file.seek(-len(_MAGIC), os.SEEK_END)
+            whole = file.read() == _MAGIC
             fields = [
                 (name, float, tuple(shape)) for name, shape in json.loads(about["record"]).items()
             ]
             data = b"".join(found["/pinadapt/cycle"])
             cycles = np.frombuffer(data, np.dtype(fields)).view(np.recarray)
             events = [json.loads(data[4:-1]) for data in found.get("/pinadapt/events", ())]
-        whole = content.endswith(_MAGIC)
         return cls(about, cycles, events, whole)
 
     def __len__(self) -> int:
@@ -552,11 +528,11 @@ class CycleLog:
         start: dict[str, Any] = {name: np.array(part) for name, part in begun["start"].items()}
         announced = {int(event["cycle"]): event["load"] for event in self.events if "load" in event}
         state: ControllerState | None = None
-        found = []
+        found, stepped = [], self.stepped
         for k, row in enumerate(np.asarray(self.cycles)):
             if k in announced and state is not None:
                 state = controller.announce(state, payload=load_of(announced[k]))
-            if not self.stepped[k]:
+            if not stepped[k]:
                 continue
             m, given = measurement_of(row), np.array(row["given"])
             desired = Desired(*(np.array(row[name]) for name in ("x_d", "xd_d", "xdd_d")))
@@ -569,7 +545,7 @@ class CycleLog:
             state = state.gave(None if np.isnan(given).any() else given)
             torque, state = controller.step(state, m, desired, float(begun["period"]))
             found.append(torque)
-        logged = self.cycles.asked[self.stepped]
+        logged = self.cycles.asked[stepped]
         return ReplayedTorques(np.reshape(found, logged.shape), logged)
 
 

@@ -28,11 +28,13 @@ from .arm import ArmFacts
 _DEVIATIONS = 10.0  # of noise that are no contact; at half of it the adaptation rests
 _SLOW = 2.0  # [1/s] up to which a disturbance is no contact; 1: as well; 4: 30 N on a UR5 are none
 _SETTLED = 0.33  # [s] in which all of it is none; half: a load rests the adaptation; twice: as well
-_STILL = 0.01  # [rad/s or m/s] up to which a joint rests at its stop; half or twice: as well
+_LOST = 0.1  # of the last torques; libfranka's communication_test calls more insufficient
+STILL = 0.02  # [rad/s or m/s] up to which a joint rests, also at its stop; half: as well there
 
 # Words of the checks
 _STALE = "the last {value} measurements are of the same instant"
 _GAP = "{value:.3g} periods passed between two measurements"
+_DROPPED = "{value:.0%} of the last torques have not reached the arm, at most {limit:.0%} may"
 _LATE = "too many cycles in a short while were late"
 _FAST = "{joint} at {value:.3g} rad/s or m/s, limit {limit:.3g}"
 _STOP = "{joint} cannot brake before its limit: {value:.3g} rad or m are missing"
@@ -171,13 +173,16 @@ class Checklist:
         self._mean: np.ndarray = np.zeros(n)
         self._time = 0.0
 
-    def of_arm(self, m: Measurement, dt: float, host: float = 0.0) -> SafetyFinding | None:
+    def of_arm(
+        self, m: Measurement, dt: float, host: float = 0.0, received: float = math.nan
+    ) -> SafetyFinding | None:
         """Return the first finding of what is checked whenever torques are sent.
 
         Args:
             m: the measurement.
             dt: since the one before, by its time [s].
             host: the same by this computer's clock [s]; 0 where the arm does not follow it.
+            received: share of the last torques that the arm has received; NaN: not known.
         """
         safety, speed = self._safety, np.abs(m.v)
         periods = max(dt, host) / self._period
@@ -190,7 +195,7 @@ class Checklist:
         way = np.maximum(1.5 / safety.damping * speed, self._braked * speed**2)
         q = m.q if m.q.shape == m.v.shape else np.zeros(m.v.size)  # not cosine and sine
         room = np.where(m.v > 0.0, self._upper - q, q - self._lower)
-        missing = np.where(speed > _STILL, way - room, 0.0)
+        missing = np.where(speed > STILL, way - room, 0.0)
         if self.latched:
             return SafetyFinding("latch", self.latched, SafetyAction.DAMP)
         return self._first(
@@ -198,6 +203,7 @@ class Checklist:
             ("clock", SafetyAction.DAMP, -dt, 0.0, "the time jumped back by {value:.3g} s"),
             ("late", SafetyAction.DAMP, periods, 10.0, _GAP),
             ("late", SafetyAction.HOLD, late, False, _LATE),
+            ("commands", SafetyAction.HOLD, 1.0 - received, _LOST, _DROPPED),
             ("velocity", SafetyAction.DAMP, speed, self._fast, _FAST),
             ("joint stop", SafetyAction.DAMP, missing, 0.0, _STOP),
         )

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, mapping, numbers, positive, shown, vector
+from .._checks import instance, numbers, positive, shown, vector
 from ..exceptions import RobotError, did_you_mean
 
 
@@ -93,34 +93,6 @@ def scale_inertias(model: pin.Model, scale: float | Mapping[str, float]) -> None
         factor = positive(given, f"inertial_scale.{name}", error=RobotError)
         body.mass *= factor
         body.inertia = factor * body.inertia
-
-
-def attach_payload(model: pin.Model, frame: int, payload: Payload) -> pin.Inertia:
-    """Add a load to the body that carries a frame; return it in the axes of the body's joint."""
-    carrier = model.frames[frame]
-    load = carrier.placement.act(payload.spatial_inertia())
-    model.inertias[carrier.parentJoint] += load
-    return load
-
-
-def shift_tool(model: pin.Model, frame: int, translation: ArrayLike) -> None:
-    """Move the origin of a frame by a translation (3) [m] in the axes of the frame."""
-    placement = model.frames[frame].placement
-    shift = vector(translation, 3, "tool_translation", error=RobotError, fills=False)
-    placement.translation = placement.translation + placement.rotation @ shift
-
-
-def shift_joints(model: pin.Model, translations: Mapping[str, ArrayLike] | None) -> None:
-    """Add translations (3) [m], in parent axes, to the placements of the named joints.
-
-    Raises:
-        RobotError: unknown joint or wrong sizes.
-    """
-    for name, translation in mapping(translations, "link_translation", RobotError).items():
-        placement = model.jointPlacements[joint_id(model, name, "link_translation")]
-        placement.translation = placement.translation + vector(
-            translation, 3, f"link_translation.{name}", error=RobotError, fills=False
-        )
 
 
 def placement(rotation: ArrayLike, translation: ArrayLike, where: str) -> pin.SE3:
@@ -265,7 +237,7 @@ class Friction:
         Raises:
             RobotError: negative coefficients, different sizes, or a speed that is not positive.
         """
-        sizes = set()
+        arrays = {}
         for name in COEFFICIENTS:
             value, speeds = getattr(self, name), name in ("threshold", "fading")
             listed = list(value.values()) if isinstance(value, Mapping) else value
@@ -278,14 +250,14 @@ class Friction:
                     where=f"friction.{name}",
                 )
             if not isinstance(value, Mapping):
-                object.__setattr__(self, name, array)
-                sizes |= {array.size} if array.ndim else set()
-        if len(sizes) > 1:
-            raise RobotError(f"there are lists of {sorted(sizes)} joints.", where="friction")
-        for name in COEFFICIENTS if sizes else ():
-            value = getattr(self, name)
-            if not isinstance(value, Mapping):
-                object.__setattr__(self, name, np.full(max(sizes), value))
+                arrays[name] = array
+        try:
+            filled = np.broadcast_arrays(*arrays.values())
+        except ValueError as reason:
+            sizes = {name: array.size for name, array in arrays.items() if array.ndim}
+            raise RobotError(f"numbers of joints differ: {sizes}.", where="friction") from reason
+        for name, array in zip(arrays, filled, strict=True):
+            object.__setattr__(self, name, array.copy())
         for shaft in self.shafts:
             instance(shaft, Shaft, "friction.shafts", RobotError)
 
@@ -346,8 +318,6 @@ class Friction:
 
     def under(self, gravity: np.ndarray) -> Friction:
         """Return the friction under a gravity torque (nv), which is then part of ``coulomb``."""
-        if not self.loaded:
-            return self
         coulomb = self.coulomb + self.gear_friction * np.abs(gravity)
         return replace(self, coulomb=coulomb, gear_friction=np.zeros(coulomb.size))
 

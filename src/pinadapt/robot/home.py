@@ -17,11 +17,15 @@ from ..description.chain import (
 )
 from ..exceptions import RobotError
 
-MARGIN = 0.05  # distance kept from joint limits and the mounting plane, of the range and the reach
-_SAMPLES = 500  # random poses of the search
-_FAR_OFF = 0.2  # of a joint's range, distance from a limit up to which a pose counts less
-_NEARLY = 0.6  # least conditioning of a given pose, relative to the best one
-_DEGENERATE = 1e-6  # smallest over largest singular value of the task Jacobian
+# distance kept from joint limits and the mounting plane, of the range and the reach; half: runs
+# with an unknown tool come closer to limits; twice: fewer poses of descriptions are kept
+MARGIN = 0.05
+# of a joint's range, distance from a limit up to which a pose counts less; half: homes nearer to
+# limits; twice: homes in the middle of the limits
+_FAR_OFF = 0.2
+# least conditioning of a given pose, relative to the best one; half: more poses of descriptions are
+# kept, some close to singularities; 1: none is kept
+_NEARLY = 0.6
 
 
 def conditioning(
@@ -78,16 +82,16 @@ def find_home(
         found *= (distances(at) >= room) * np.minimum(1.0, _off_limits(limits, poses) / _FAR_OFF)
         return np.asarray(poses[np.argmax(found)])
 
-    samples = middle + half * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nv))
+    samples = middle + half * rng.uniform(-1.0, 1.0, (500, model.nv))
     most = distances([configuration_from_angles(model, angles) for angles in samples]).max()
     room = min(MARGIN * reach(model, frame), most / 2) if most > 0.0 else -np.inf
     best = best_of(samples)
     for size in (0.2, 0.1, 0.05):
-        around = best + size * half * rng.standard_normal((_SAMPLES // 10, model.nv))
+        around = best + size * half * rng.standard_normal((50, model.nv))
         best = best_of(np.vstack([best, np.clip(around, middle - half, middle + half)]))
     home = configuration_from_angles(model, np.round(best, 4))
     singular, ratio = conditioning(model, data, frame, rows, home)
-    if ratio < _DEGENERATE:
+    if ratio < 1e-6:
         raise RobotError(
             f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the "
             "task: the task Jacobian is singular in every pose.",

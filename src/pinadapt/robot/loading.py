@@ -22,7 +22,6 @@ from ..description.chain import (
     configuration_from_angles,
     frame_id,
     is_free_flyer,
-    joints_of_one_position,
     reduced,
 )
 from ..description.description import Description, Source, describe
@@ -86,7 +85,7 @@ def load(
             default: that of the catalogue, else "xyz", or the best conditioned plane if the chain
             cannot move its frame in all of xyz.
         locked: joints of the chain to lock at the reference configuration of the description.
-            Joints off the chain are always locked, and those whose limits are equal, at these.
+            Joints off the chain are always locked.
         q0: home pose, one value per joint of the chain (nv) [rad or m]; default: that of the
             catalogue, else the reference configuration of the description if it is well
             conditioned, else a searched pose, see ``find_home``. For a joint task: the reference
@@ -114,29 +113,25 @@ def load(
             unsupported joints, a lower joint limit above the upper one, a singular mass matrix, too
             few joints for the task or more than 100, wrong sizes or NaN.
     """
-    for given, where in ((frame, "frame"), (task, "task")):
-        instance(given, str | None, where, RobotError)
+    instance(frame, str | None, "frame", RobotError)
+    instance(task, str | None, "task", RobotError)
     if (task == IMAGE) != (pixel is not None):
         raise RobotError(
             'the task "image", and no other one, needs the length [m] that a pixel covers.',
             where="pixel",
             hint="Give pixel=0.002 for 2 mm, or say which cameras there are: Robot.filmed_by.",
         )
-    if pixel is not None:
-        task = None
+    task = None if task == IMAGE else task
     found = describe(source, xacro=xacro, mass=mass)
-    model, q_reference = found.model, found.q_reference.copy()
-    still = {str(model.names[joint]): at for joint, at in joints_of_one_position(model).items()}
-    for name, position in still.items():
-        q_reference[model.joints[model.getJointId(name)].idx_q] = position
+    model = found.model
     weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
     ends = end_links(model, found.mimics)
     make = partial(
         _load_chain,
-        replace(found, q_reference=q_reference),
+        found,
         ends=ends,
         task=task or found.task,
-        locked=[*found.locked, *name_list(locked, "locked", RobotError), *still],
+        locked=[*found.locked, *name_list(locked, "locked", RobotError)],
         q0=q0,
         gravity=gravity,
         weld=weld or found.weld_root,
@@ -172,16 +167,15 @@ def _first_able(
         try:
             return make(frame)
         except RobotError as error:
-            refused.append(error)
             if error.where != "task":
                 raise
-    if refused:
-        raise refused[0]
-    raise RobotError(
+            refused.append(error)
+    nothing = RobotError(
         "no link is moved by two independent joints or more.",
         where=str(model.name),
         hint='Name a frame, or choose task="joint".',
     )
+    raise [*refused, nothing][0]
 
 
 def _load_chain(
@@ -306,15 +300,13 @@ def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:
 
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
-    model = robot.model
+    model, origin = robot.model, robot.origin
     friction = Friction(np.array(model.damping), np.array(model.friction))
     effects = {name: getattr(friction, name) for name in FRICTION_ATTRIBUTES}
     effects["armature"] = np.array(model.armature)
-    if robot.origin is not None:
-        urdf = robot.origin.urdf
-        for name, values in effects.items():
-            stated = urdf.joint_effects(name)
-            values[:] = [stated.get(j, x) for j, x in zip(robot.joint_names, values, strict=True)]
+    for name, values in effects.items():
+        stated = {} if origin is None else origin.urdf.joint_effects(name)
+        values[:] = [stated.get(j, x) for j, x in zip(robot.joint_names, values, strict=True)]
     armature = effects.pop("armature")
     return robot.changed(armature=armature, friction=replace(friction, **effects))
 
@@ -389,19 +381,17 @@ def choose_task(
     Raises:
         RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
     """
-    if task is not None:
-        return _with_home(model, frame, task, poses, plane)[1:]
-    refused = []
-    for names in (("xyz",), PLANES):
+    refused = RobotError("no task is possible.", where="task")
+    for names in ((task,),) if task is not None else (("xyz",), PLANES):
         found = []
         for name in names:
             try:
                 found.append(_with_home(model, frame, name, poses, plane))
             except RobotError as error:
-                refused.append(error)
+                refused = error
         if found:
             return max(found, key=lambda each: each[0])[1:]
-    raise refused[-1]
+    raise refused
 
 
 def _with_home(

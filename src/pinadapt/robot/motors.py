@@ -62,28 +62,20 @@ class Actuators:
             no numbers, or another word for ``encoders``; lists of different sizes.
     """
 
-    delay: float | tuple[float, ...]
-    bandwidth: float | tuple[float, ...]
-    stiffness: float | tuple[float, ...]
-    damping: float | tuple[float, ...]
-    encoders: str
+    delay: ArrayLike = 0.0
+    bandwidth: ArrayLike = np.inf
+    stiffness: ArrayLike = np.inf
+    damping: ArrayLike = 0.0
+    encoders: str = "motor"
 
     sources = ("Spong1987",)
 
-    def __init__(
-        self,
-        delay: ArrayLike = 0.0,
-        bandwidth: ArrayLike = np.inf,
-        stiffness: ArrayLike = np.inf,
-        damping: ArrayLike = 0.0,
-        encoders: str = "motor",
-    ) -> None:
-        """Check and keep the actuators."""
-        given = {"delay": delay, "bandwidth": bandwidth, "stiffness": stiffness, "damping": damping}
+    def __post_init__(self) -> None:
+        """Check the actuators, and keep numbers or tuples of them."""
         sizes = set()
-        for name, value in given.items():
+        for name in JointActuators._fields:
             where, zero = f"actuators.{name}", name in ("delay", "damping")
-            array = numbers(value, where, infinite=not zero)
+            array = numbers(getattr(self, name), where, infinite=not zero)
             low = array < 0.0 if zero else array <= 0.0
             if array.ndim > 1 or low.any() or (array[np.isfinite(array)] > LARGEST).any():
                 raise InputError(
@@ -105,7 +97,7 @@ class Actuators:
                 where="actuators.stiffness",
                 hint="Give a rigid joint a stiffness far above that of the others.",
             )
-        object.__setattr__(self, "encoders", word(encoders, ENCODERS, "actuators.encoders"))
+        word(self.encoders, ENCODERS, "actuators.encoders")
 
     @property
     def late(self) -> bool:

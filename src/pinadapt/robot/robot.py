@@ -41,7 +41,6 @@ from .home import MountingPlane
 
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
 _UNITS = ("rad, rad/s, N m", "m, m/s, N")
-_SHOWN = 100  # characters of a list of names
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,17 +223,26 @@ class Robot:
         model, loads = self.model.copy(), self.loads
         changes.scale_inertias(model, inertial_scale)
         instance(payload, changes.Payload | None, "payload", RobotError)
+        frame = model.frames[self.frame_id]
         if payload is not None and payload.present:
-            loads = *loads, changes.attach_payload(model, self.frame_id, payload)
-        changes.shift_joints(model, link_translation)
+            load = frame.placement.act(payload.spatial_inertia())
+            model.inertias[frame.parentJoint] += load
+            loads = *loads, load
+        shifts = mapping(link_translation, "link_translation", RobotError)
+        for name, given in shifts.items():
+            index = changes.joint_id(model, name, "link_translation")
+            where = f"link_translation.{name}"
+            shift = vector(given, 3, where, error=RobotError, fills=False)
+            model.jointPlacements[index].translation += shift
         if tool_translation is not None:
-            changes.shift_tool(model, self.frame_id, tool_translation)
+            where = "tool_translation"
+            shift = vector(tool_translation, 3, where, error=RobotError, fills=False)
+            frame.placement.translation += frame.placement.rotation @ shift
         if armature is not None:
             model.armature = self._coefficients(armature, "armature")
-        given = {"viscous": viscous, "coulomb": coulomb}
         own = {
             name: self._coefficients(value, f"friction.{name}")
-            for name, value in given.items()
+            for name, value in (("viscous", viscous), ("coulomb", coulomb))
             if value is not None
         }
         if friction is None:
@@ -319,10 +327,10 @@ class Robot:
         of the task frame, joint damping and friction. Paths of meshes are made absolute. For any
         other source only the chain is written, without shapes.
 
-        A changed inertia is written to the first link of the body. The other links that are fixed
-        or locked to it keep their inertia as long as that of the first link remains physical, else
-        a part of it. A moved task frame is written as its own fixed joint if it is a last link,
-        else as a new link, ``<frame>_learned``.
+        What changed of a body is written to its first link; links that are fixed or locked to it
+        keep their inertia as long as that of the first link remains physical. A moved task frame is
+        written as its own fixed joint if it is a last link, else as a new link,
+        ``<frame>_learned``.
 
         A URDF does not contain gravity or the placement of the base. Rotor inertias and effects of
         the joints beside viscous and Coulomb friction are written as attributes of ``dynamics``
@@ -340,10 +348,9 @@ class Robot:
     def mjcf(self) -> str:
         """Return this robot as MJCF, the format of MuJoCo: the chain alone, without shapes.
 
-        It holds inertias, limits, rotor inertias (``armature``), viscous friction (``damping``),
-        Coulomb friction (``frictionloss``), constant torques (an actuator each) and shafts of two
-        joints (a fixed tendon each). A first comment says which effects of the joints it does not
-        hold. Each joint has a motor, the task frame is a site.
+        It holds inertias, limits, rotor inertias (``armature``), viscous friction (``damping``) and
+        Coulomb friction (``frictionloss``). A first comment says which effects of the joints it
+        does not hold. Each joint has a motor, the task frame is a site.
 
         Raises:
             RobotError: a body without a physical inertia.
@@ -379,8 +386,11 @@ class Robot:
             RobotError: not nq finite numbers.
         """
         q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
-        gravity = pin.computeGeneralizedGravity(self.model, self.model.createData(), q)
-        return self.friction.under(gravity)
+        if not self.friction.loaded:
+            return self.friction
+        return self.friction.under(
+            pin.computeGeneralizedGravity(self.model, self.model.createData(), q)
+        )
 
     def _coefficients(self, given: ArrayLike, where: str) -> np.ndarray:
         """Return coefficients (nv), one per joint; negative ones are refused."""
@@ -437,7 +447,7 @@ def robot_sheet(robot: Robot) -> Sheet:
         ("moving mass", f"{robot.mass:.4g} kg"),
         ("reach", f"{robot.reach:.4g} m"),
         *(
-            (word, shorten(", ".join(names), _SHOWN, placeholder=" ..."))
+            (word, shorten(", ".join(names), 100, placeholder=" ..."))
             for word, names in (("other ends", robot.ends), ("locked joints", robot.locked))
             if names
         ),
@@ -526,14 +536,11 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
     """
     if not isinstance(after, Robot):
         raise RobotError(f"expected a Robot, got {after!r}.", where=where)
-    ours, theirs = (
-        (robot.joint_names, list(robot.slides.values()), robot.frame, robot.task.name)
-        for robot in (before, after)
-    )
+    ours, theirs = ((one.slides, one.frame, one.task.name) for one in (before, after))
     if ours != theirs:
         raise RobotError(
-            "joints, whether they slide, task frame and task cannot change during a motion; "
-            f"before: {ours}, after: {theirs}.",
+            "joints, task frame and task cannot change during a motion; before: "
+            f"{ours}, after: {theirs}.",
             where=where,
             hint="Derive both robots from the same load() with .changed().",
         )

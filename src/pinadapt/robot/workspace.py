@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import ceil, exp, floor, log10, pi, sqrt
@@ -10,7 +9,7 @@ from math import ceil, exp, floor, log10, pi, sqrt
 import numpy as np
 import pinocchio as pin
 
-from .._checks import arithmetic, instance, positive
+from .._checks import arithmetic, instance
 from ..description.chain import (
     angles_from_configuration,
     configuration_from_angles,
@@ -18,7 +17,7 @@ from ..description.chain import (
     position_limits,
     velocity_limits,
 )
-from ..exceptions import InputError, RobotError
+from ..exceptions import RobotError
 from ..tasks.frame import ImageTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
@@ -26,16 +25,22 @@ from ..trajectories.trajectory import Trajectory
 from .home import MARGIN
 from .robot import Robot
 
-_RATIO, _SIZES = 0.8, 18  # radii tried: a geometric sequence down to 2 % of the largest
-_STEPS, _TURNS = 40, 1.5  # of the inverse kinematics a turn, and how far it goes
-_LEAST_SINGULAR = 0.5  # relative to the smallest singular value at home
-_TRACKED = 0.05  # [radii] and [rad], largest errors of the inverse kinematics
-_RETURN = 4.0  # [rad/s], bandwidth of the return to the home pose in the null space, as in the laws
-_PERIOD = 3.0  # [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing
-_SPEED = 1.5  # [rad/s], largest on a circle; of a slide half of it in m/s
-_SHARE = 0.8  # of the velocity and effort limits in the description
-_SWING = 0.3  # [rad], largest amplitude of a joint; of a slide a third of it in m
-_SPREAD = 1.5  # longest period of a joint, relative to the shortest
+# of the tool as described, relative to the reach; half, twice: two, three of 129 radii change
+TOOL_ERROR = 0.05
+# radii tried: a geometric sequence down to 2 % of the largest; finer: radii up to a tenth larger
+_RATIO, _SIZES = 0.8, 18
+_STEPS = 40  # of the inverse kinematics a turn; 20, 80: the same radii of all robots
+# relative to the smallest singular value at home; 0.25: three of 129 robots get larger circles
+_LEAST_SINGULAR = 0.5
+# [rad/s], bandwidth of the return to the home pose in the null space, as in the laws; half, twice:
+# the same radii, another plane for three robots and none
+_RETURN = 4.0
+# [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing; half: twice as
+# fast, four times the accelerations
+_PERIOD = 3.0
+# [rad/s], largest on a circle; of a slide half of it in m/s; half: longer periods of fast joints
+_SPEED = 1.5
+_SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
 
 
 @dataclass(frozen=True)
@@ -47,15 +52,12 @@ class WorkspaceCircle:
         phase: angle of the home position on the circle, from the first axis [rad].
         radius: [m].
         period: time of one revolution [s].
-        least_singular: smallest singular value of the task Jacobian along the circle, relative to
-            that at home.
     """
 
     plane: str
     phase: float
     radius: float
     period: float
-    least_singular: float
 
     def motion(self, size: int) -> Circle:
         """Return the circle around the origin in two or three coordinates; two are its plane."""
@@ -70,9 +72,7 @@ def rounded_down(number: float) -> float:
 
 
 @arithmetic("robot", RobotError)
-def reachable_circle(
-    robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05
-) -> Circle | PoseCircle:
+def reachable_circle(robot: Robot) -> Circle | PoseCircle:
     """Return a circle that the robot can follow, as a motion that starts at its home position.
 
     It is the circle of ``find_circle``. For a true robot with another tool, start it where that one
@@ -81,30 +81,28 @@ def reachable_circle(
 
     Args:
         robot: any robot with a task of its frame; read only.
-        largest: largest radius, relative to the reach.
-        tool_error: largest error of the described tool position, relative to the reach.
 
     Raises:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
             task is the joint task.
     """
     task, start = robot.frame_task, robot.position(robot.q0)
-    circle = find_circle(robot, largest=largest, tool_error=tool_error).motion(task.positions)
+    circle = find_circle(robot).motion(task.positions)
     circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
     return circle if task.size == task.positions else PoseCircle(circle, start[3:])
 
 
-def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05) -> WorkspaceCircle:
+def find_circle(robot: Robot) -> WorkspaceCircle:
     """Return the largest circle through the home position that the robot can follow safely.
 
-    Radii are tried in descending order, each 0.8 times the last, planes and centres in the order of
-    their conditioning. Inverse kinematics, with a return to the home pose in the null space as in
-    the control laws, follows each circle from home. A circle is accepted if all joints keep a
-    distance of 5 % of their range from the limits (less if the home pose is closer) and the
-    smallest singular value of the task Jacobian stays above half of its value at home. This is
-    required with the tool as described and with a tool displaced by the tool error in both
-    directions along each axis of the frame; singular values are those of its Jacobian. If the
-    home pose is on the right side of the mounting plane, so is the whole motion.
+    Radii are tried in descending order from a tenth of the reach, each 0.8 times the last, planes
+    and centres in the order of their conditioning. Inverse kinematics, with a return to the home
+    pose in the null space as in the control laws, follows each circle from home. A circle is
+    accepted if all joints keep a distance of 5 % of their range from the limits (less if the home
+    pose is closer) and the smallest singular value of the task Jacobian stays above half of its
+    value at home. This is required with the tool as described and with a tool displaced by 5 % of
+    the reach in both directions along each axis of the frame; singular values are those of its
+    Jacobian. If the home pose is on the right side of the mounting plane, so is the whole motion.
 
     The period is 3 s, or 3 sqrt(L) s for a reach of L > 1 m. It is longer if joints would exceed
     1.5 rad/s, slides 0.75 m/s, or either of them 80 % of the velocity limits in the description.
@@ -114,16 +112,12 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
 
     Args:
         robot: any robot with a task of its frame; read only.
-        largest: largest radius, relative to the reach.
-        tool_error: largest error of the described tool position, relative to the reach.
 
     Raises:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
             task is the joint task or a picture.
     """
     instance(robot, Robot, "robot")
-    positive(largest, "largest", error=InputError)
-    positive(tool_error, "tool_error", zero=True, error=InputError)
     if isinstance(robot.task, ImageTask):
         raise RobotError(
             "a picture has no circle in space.",
@@ -132,11 +126,11 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
         )
     length, task = robot.reach, robot.frame_task
     planes = [task.name] if task.positions == 2 else ["xy", "yz", "xz"]
-    shifts = tool_error * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+    shifts = TOOL_ERROR * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     described, *others = [robot.changed(tool_translation=shift) for shift in shifts]
-    for size in largest * length * _RATIO ** np.arange(_SIZES):
+    for size in 0.1 * length * _RATIO ** np.arange(_SIZES):
         paths = [
-            WorkspaceCircle(plane, phase, rounded_down(size), 1.0, 1.0)
+            WorkspaceCircle(plane, phase, rounded_down(size), 1.0)
             for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2))
         ]
         followed = [(run, path) for path in paths if (run := _follow(robot, described, path))]
@@ -145,9 +139,9 @@ def find_circle(robot: Robot, *, largest: float = 0.1, tool_error: float = 0.05)
             while len(runs) <= len(others) and (run := _follow(robot, others[len(runs) - 1], path)):
                 runs.append(run)
             if len(runs) > len(others):
-                least, slowest = min(run[0] for run in runs), max(run[1].max() for run in runs)
-                period = max(_PERIOD * sqrt(max(length, 1.0)), float(slowest))
-                return replace(path, period=ceil(10 * period) / 10, least_singular=least)
+                slowest = max(float(run[1].max()) for run in runs)
+                period = max(_PERIOD * sqrt(max(length, 1.0)), slowest)
+                return replace(path, period=ceil(10 * period) / 10)
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
         "the joint limits and away from singularities.",
@@ -200,10 +194,10 @@ def find_swing(robot: Robot) -> JointSwing:
         )
     margin = _margin(lower, upper)
     first = _PERIOD * sqrt(max(robot.reach, 1.0))
-    period = np.round(first * np.linspace(1.0, _SPREAD, model.nv), 1)
+    period = np.round(first * np.linspace(1.0, 1.5, model.nv), 1)
     slides = list(robot.slides.values())
     most = np.minimum(
-        np.where(slides, _SWING / 3.0, _SWING),
+        np.where(slides, 0.1, 0.3),  # [m], [rad]
         _SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
     room = np.array([upper - home, home - lower]) - margin
@@ -258,32 +252,26 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         J = pin.computeFrameJacobian(of.model, data, q, of.frame_id, axes)
         return arms[:, None] * J[task.rows]
 
-    at_home = _least_singular([jacobian(robot, q)])
+    at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
     circle, home_share = path.motion(m), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
-    at = [circle.at(k / _STEPS).x_d for k in range(int(_TURNS * _STEPS) + 2)]
-    damping = (0.01 * at_home) ** 2 * np.eye(task.size)
-    passed, places, fastest = list[np.ndarray](), [q], np.zeros(model.nv)
-    start = target = tool.position(q)
+    at = [circle.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
+    least, places, fastest = np.inf, [q], np.zeros(model.nv)
+    start = tool.position(q)
     for position in at[1:]:
-        angles = angles_from_configuration(model, q)
-        x, J = task.at(model, data, tool.frame_id, q), jacobian(tool, q)
-        passed.append(J)
-        away, turned = np.split(task.error(target, x), [m])
-        lost = away @ away > (_TRACKED * path.radius) ** 2 or turned @ turned > _TRACKED**2
-        if lost or (angles < low).any() or (angles > high).any():
+        angles, J = angles_from_configuration(model, q), jacobian(tool, q)
+        U, singular, V = np.linalg.svd(J, full_matrices=False)
+        least = min(least, float(singular[-1] / at_home))
+        if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
             return None
-        psi = home_share * pin.difference(model, q, robot.q0)
         offset = np.zeros(task.size)
         offset[:m] = position - at[0]
-        target = task.moved(start, offset)
-        to_go = arms * task.error(target, x)
-        step = psi + J.T @ np.linalg.solve(J @ J.T + damping, to_go - J @ psi)
+        x = task.at(model, data, tool.frame_id, q)
+        to_go = arms * task.error(task.moved(start, offset), x)
+        psi = home_share * pin.difference(model, q, robot.q0)
+        step = psi + V.T @ (U.T @ (to_go - J @ psi) / singular)
         fastest = np.maximum(fastest, np.abs(step))
         q = pin.integrate(model, q, step)
         places.append(q)
-    least = _least_singular(passed) / at_home
-    if least < _LEAST_SINGULAR:
-        return None
     if robot.mounting is not None:
         distances = robot.mounting.distances(model, tool.frame_id, places)
         if distances[0] >= 0.0 > distances.min():
@@ -291,12 +279,6 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
     speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
     return least, fastest * _STEPS / speeds
-
-
-def _least_singular(Js: Sequence[np.ndarray]) -> float:
-    """Return the smallest singular value of all matrices (m, n)."""
-    J = np.array(Js)
-    return sqrt(max(np.linalg.eigvalsh(J @ J.swapaxes(1, 2))[:, 0].min(), 0.0))
 
 
 def _margin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

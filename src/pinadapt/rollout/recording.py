@@ -345,7 +345,7 @@ class Recording:
 
         Of each sample (N, p_k) where the true robot changes during the run.
         """
-        return self._true(lambda controller: controller.kinematics)
+        return self._true(self.evaluated().controller.kinematics)
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
@@ -353,12 +353,12 @@ class Recording:
 
         Of each sample (N, p_d) where the true robot changes during the run.
         """
-        return self._true(lambda controller: controller.dynamics)
+        return self._true(self.evaluated().controller.dynamics)
 
-    def _true(self, model: Callable[[Controller], Any]) -> np.ndarray | None:
-        """Return the true parameters of the kinematics or the dynamics of a controller."""
+    def _true(self, model: Any) -> np.ndarray | None:
+        """Return the true parameters of the kinematics or the dynamics of the controller."""
         run = self.evaluated()
-        rows = run.true_values(model(run.controller).value, run.samples)
+        rows = run.true_values(model.value, run.samples)
         if rows is None or not len(rows) or len(run.true.robots) > 1:
             return rows
         return np.asarray(rows[0])
@@ -473,6 +473,15 @@ class Recording:
         """
         run = self.evaluated()
         return _rows([run.controller.disturbance(sample.state) for sample in run.samples])
+
+    @cached_property
+    def disturbance_noise(self) -> np.ndarray | None:
+        """The deviation (N, nv) [N m or N] of ``disturbance`` by the declared noise of sensors.
+
+        None where there is no disturbance, or no period.
+        """
+        controller = self.evaluated().controller
+        return _rows([controller.disturbance_noise(q, controller.period) for q in self.q])
 
     @cached_property
     def limits(self) -> LimitExcess:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._output import Sheet, Table, number, percent, read_as_data, whole_file, write_text
+from .._output import Sheet, Table, percent, read_as_data, whole_file, write_text
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
@@ -26,8 +26,8 @@ Run = TypeVar("Run", bound=Recording)
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
-    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "effort_limits"),
-    *("min_eig_M_hat", "min_singular_J_hat"),
+    *("error", "a_k_true", "a_d_true", "lyapunov_curve", "disturbance", "disturbance_noise"),
+    *("effort_limits", "min_eig_M_hat", "min_singular_J_hat"),
 )
 # What ``load`` needs of a run beside these: as in the summary, and what people do not read.
 _NAMED = (
@@ -112,14 +112,14 @@ def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
         ("robot", f"{run.robot}, {numbers['nv']} joints"),
         ("law", run.law),
         ("adaptation", "{}: {} kinematic, {} dynamic".format(run.adaptation, *sizes)),
-        *((words, _shown(numbers[key], unit)) for words, key, unit in cells if numbers.get(key)),
+        *((words, _size(numbers[key], unit)) for words, key, unit in cells if numbers.get(key)),
         *_prediction_rows(numbers),
         ("samples", f"{numbers['steps']} in {run.wall_time:.1f} s"),
     ]
     for change in numbers["changes"]:
-        back, near = change["time_back"], _shown(CLOSE, shown)
+        back, near = change["time_back"], _size(CLOSE, shown)
         words = f"not back under {near}" if back is None else f"under {near} after {back:.3f} s"
-        worst = f"worst {_shown(change['max_error'], shown)}, {words}"
+        worst = f"worst {_size(change['max_error'], shown)}, {words}"
         rows.append((f"{change['what']} at {change['at']:g} s", worst))
     if any(run.bridged):
         found = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
@@ -127,9 +127,9 @@ def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
     return Sheet(run.title, [Table(rows)])
 
 
-def _shown(value: float | None, shown: Display) -> str:
-    """Return a number in the unit in which it is shown."""
-    return number(value, shown.unit, scale=shown.scale)
+def _size(value: float | None, shown: Display) -> str:
+    """Return a number in the unit in which it is shown, a dash for None."""
+    return "-" if value is None else f"{_short(shown.scale * value)} {shown.unit}".rstrip()
 
 
 def _prediction_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
@@ -179,12 +179,6 @@ def load(folder: Path, kind: type[Run]) -> Run:
     Raises:
         InputError: the files are missing, broken, or of another version of pinadapt.
     """
-    for name in ("summary.json", "rollout.npz"):
-        if not (folder / name).is_file():
-            raise InputError(
-                f"has no {name}; `rollout.save` and `pinadapt run` write one into a folder.",
-                where=str(folder),
-            )
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         kept, ringing, run = numbers["recorded"], numbers["ringing"], object.__new__(kind)
@@ -272,22 +266,19 @@ def _error(run: Recording, numbers: dict[str, Any]) -> str:
     error, share = numbers["max_error_last"], numbers["error_share"]
     if error is None:
         return "nothing was measured"
-    (unit, scale), turn = run.task.groups[0].shown, DISPLAYS["rad"]
-    text = f"error of the last 10 % up to {_short(scale * error)} {unit}"
+    shown = run.task.groups[0].shown
+    text = f"error of the last 10 % up to {_size(error, shown)}"
     if share is not None:
-        text += f", {percent(share)} of the path's {_short(scale * run.extent)} {unit}"
-    if numbers.get("max_tool_error_last") is not None:
-        text += f", {_short(1e3 * numbers['max_tool_error_last'])} mm at the tool"
-    if numbers.get("max_angle_last") is not None:
-        text += f", and {_short(turn.scale * numbers['max_angle_last'])} {turn.unit}"
+        text += f", {percent(share)} of the path's {_size(run.extent, shown)}"
+    if (tool := numbers.get("max_tool_error_last")) is not None:
+        text += f", {_size(tool, DISPLAYS['m'])} at the tool"
+    if (angle := numbers.get("max_angle_last")) is not None:
+        text += f", and {_size(angle, DISPLAYS['rad'])}"
     if run.unadapted and error:
         times = run.unadapted / error
-        ratio = (
-            f"{_short(times, 2)} times less than"
-            if times * BETTER > 1.0
-            else (f"{percent(1.0 / times)} of")
-        )
-        text += f", {ratio} the {_short(scale * run.unadapted)} {unit} without adaptation"
+        better = times * BETTER > 1.0
+        ratio = f"{_short(times, 2)} times less than" if better else f"{percent(1.0 / times)} of"
+        text += f", {ratio} the {_size(run.unadapted, shown)} without adaptation"
     return text
 
 

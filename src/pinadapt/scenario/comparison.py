@@ -113,7 +113,7 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
         "min eig M_hat [kg m^2]": ("min_eig_M_hat", 1.0, 4),
         "step [us]": ("step_time_us", 1.0, 0),
     }
-    summaries = [rollout.summary() for rollout in rollouts]
+    summaries = [{**rollout.numbers, "unadapted": rollout.unadapted} for rollout in rollouts]
     there = {
         title: [number(each.get(key), scale=scale, digits=digits) for each in summaries]
         for title, (key, scale, digits) in numbers.items()

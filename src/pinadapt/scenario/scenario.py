@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..simulation.engine import Engine
 from ..simulation.loop import Events
-from ..simulation.prepare import check_options, findings, prepare
+from ..simulation.prepare import findings
 from ..simulation.simulate import Progress, simulate
 from ..tasks.frame import ImageTask, pinhole_camera
 from ..trajectories.pose import placed_trajectory
@@ -35,7 +34,7 @@ _OF_PICTURES = ("center", "radius", "amplitude", "points", "point", "cosine", "s
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """Everything that a run needs, built and checked before anything moves.
+    """Everything that a run needs.
 
     Attributes:
         tables: of the file, its paths as seen from the working directory.
@@ -123,7 +122,14 @@ class Scenario:
             _changes(described, truth, given["events"]["changes"]),
             _in_time(given["events"]["announcements"], "announcements"),
         )
-        scenario = cls(
+        engine = given["engine"]
+        if isinstance(engine.plant, MujocoFile) and set(tables.get("truth", {})) - {"camera"}:
+            raise ScenarioError(
+                "the model file of engine.plant defines the true robot.",
+                where="truth",
+                hint="Change the model file, or remove this table.",
+            )
+        return cls(
             tables,
             true,
             unloaded.changed(payload=options.get("payload")),
@@ -131,42 +137,11 @@ class Scenario:
             trajectory,
             sensors,
             events,
-            given["engine"],
+            engine,
             start,
             **given["simulation"],
             title=given["title"] or true.name,
         )
-        scenario.check()
-        return scenario
-
-    def check(self) -> None:
-        """Check that true robot, controller, motion and engine fit together.
-
-        Raises:
-            InputError: the initial estimates or the motion have the wrong size, the estimates are
-                outside the physical cone, or the engine is not installed or its model does not
-                match the robot.
-        """
-        if isinstance(self.engine.plant, MujocoFile) and set(self.tables.get("truth", {})) - {
-            "camera"
-        }:
-            raise ScenarioError(
-                "the model file of engine.plant defines the true robot.",
-                where="truth",
-                hint="Change the model file, or remove this table.",
-            )
-        with located("simulation", KEYS["simulation"][1], TABLES):
-            check_options(self.duration, self.record_every, self.seed, self.title)
-        with located("engine", KEYS["engine"][1], TABLES):
-            plant = self.engine.make(self.true, self.controller)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # they are shown when the run starts
-            try:
-                state = prepare(plant, self.controller, self.trajectory, self.start)
-            except MeasurementError as error:
-                raise ScenarioError(f"{error}", where="robot.q0") from error
-        with located("events.announcements", (), TABLES):
-            self.events.check(self.controller, state)
 
     def findings(self) -> list[str]:
         """Return the warnings of the pre-run check of period, sensors and motors."""
@@ -181,23 +156,31 @@ class Scenario:
         """Run the closed loop, with ``progress`` and ``view`` as in ``simulate``.
 
         Raises:
+            InputError: robot, controller, motion, engine and initial estimates do not match.
             Interrupted: a ``KeyboardInterrupt`` that carries the rollout so far.
         """
-        with located("simulation", KEYS["simulation"][1], TABLES):
-            return simulate(
-                self.true,
-                self.controller,
-                self.trajectory,
-                duration=self.duration,
-                sensors=self.sensors,
-                events=self.events,
-                engine=self.engine,
-                start=self.start,
-                seed=self.seed,
-                record_every=self.record_every,
-                title=self.title,
-                progress="live" if view else progress,
-            )
+        of_run = KEYS["simulation"][1]
+        try:
+            with (
+                located("simulation", of_run, TABLES),
+                located("engine", KEYS["engine"][1], (*TABLES, *of_run, "changes")),
+            ):
+                return simulate(
+                    self.true,
+                    self.controller,
+                    self.trajectory,
+                    duration=self.duration,
+                    sensors=self.sensors,
+                    events=self.events,
+                    engine=self.engine,
+                    start=self.start,
+                    seed=self.seed,
+                    record_every=self.record_every,
+                    title=self.title,
+                    progress="live" if view else progress,
+                )
+        except MeasurementError as error:  # of the first sample
+            raise ScenarioError(f"{error}", where="robot.q0") from error
 
 
 def described_robot(tables: Tables) -> Robot:

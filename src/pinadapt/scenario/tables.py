@@ -16,7 +16,7 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from .._checks import located, shown, word
+from .._checks import instance, located, shown, word
 from .._output import read_toml, toml
 from ..controller.limits import Limits
 from ..description.description import is_robot_name
@@ -169,11 +169,7 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     """
     usual = "swing" if path.endswith(".orientation") else "circle"
     kind = table.get("kind", usual) if isinstance(table, Mapping) else usual
-    if not isinstance(kind, str) or kind not in MOTIONS:
-        raise ScenarioError(
-            f"must be one of {list(MOTIONS)}, got {shown(kind)}.{did_you_mean(kind, MOTIONS)}",
-            where=f"{path}.kind",
-        )
+    word(kind, MOTIONS, f"{path}.kind")
     table = dict(checked(table, path, (*_OF_MOTIONS, *arguments(MOTIONS[kind]))))
     ramp, given = table.pop("from_rest", None), table.pop("as_given", False)
     table.pop("kind", None)
@@ -190,8 +186,7 @@ def parts(tables: Tables) -> dict[str, Any]:
         InputError: a key is not allowed, or a value is refused by its class.
     """
     checked(tables, "", TABLES)
-    if not isinstance(title := tables.get("title", ""), str):
-        raise ScenarioError(f"expected a text, got {shown(title)}.", where="title")
+    title = instance(tables.get("title", ""), str, "title", ScenarioError)
     found: dict[str, Any] = {"title": title, "trajectory": motion(tables.get("trajectory", {}))}
     for name, (make, names) in KEYS.items():
         table = tables.get(name, {})
@@ -207,16 +202,23 @@ def parts(tables: Tables) -> dict[str, Any]:
     for key, allowed in _WORDS.items():
         if isinstance(value := found["controller"].get(key), str):
             word(value, allowed, f"controller.{key}")
-    found["truth"]["camera"] = [
+    truth, events = found["truth"], found["events"]
+    truth["camera"] = [
         dict(checked(each, f"truth.camera.{i}", arguments(pinhole_camera)))
-        for i, each in enumerate(found["truth"].get("camera", []))
+        for i, each in enumerate(_listed(truth, "camera", "truth"))
     ]
     changes = {"changes": KEYS["truth"][1], "announcements": ("payload", "tool_translation")}
     for name, allowed in changes.items():
-        found["events"][name] = [
+        events[name] = [
             read(each, f"events.{name}.{i}", Robot.changed, ("at", *allowed))
-            for i, each in enumerate(found["events"].get(name, []))
+            for i, each in enumerate(_listed(events, name, "events"))
         ]
+    return found
+
+
+def _listed(table: Mapping[str, Any], key: str, path: str) -> list[Any]:
+    """Return a list of tables, an empty one where there is none."""
+    found: list[Any] = instance(table.get(key, []), list, f"{path}.{key}", ScenarioError)
     return found
 
 

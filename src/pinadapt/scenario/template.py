@@ -17,8 +17,6 @@ import tomlkit
 
 from .._output import meanings
 from ..controller.controller import Controller
-from ..description.chain import links_of, massless_joints
-from ..description.description import describe
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
 from ..exceptions import InputError
@@ -33,7 +31,7 @@ from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 from .tables import KEYS, MOTIONS
 
-# The unknown of the example, which users replace: half of it is learned sooner, twice later.
+# The unknown of the example, which users replace: half or twice is an easier or a harder one.
 _SHARE = 0.05  # length of the tool, relative to the reach; mass of the payload, to the moving mass
 _FRICTION = 0.5  # relative to what is typical for a robot of this size
 _FOCAL = 1000.0  # [pixels] of the camera; half: a picture of half the resolution
@@ -248,8 +246,8 @@ class Template:
             sizes = {"amplitude": _numbers(path.amplitude), "period": _numbers(path.period)}
             return {"kind": "sinusoid", **sizes}
         if self.filmed:
-            sizes = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
-            return {"kind": "circle", **sizes}
+            seen = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
+            return {"kind": "circle", **seen}
         plane = path.motion(self.robot.task.positions).plane
         given = {"radius": path.radius, "period": path.period, "plane": plane}
         return {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
@@ -267,15 +265,11 @@ class Template:
 
     def remarks(self) -> dict[str, str]:
         """Return what the robot adds to the meaning of keys."""
-        robot, massless = self.robot, list[str]()
-        if self.mass is not None:
-            model = describe(self.source, xacro=self.xacro).model
-            massless = [links_of(model, joint)[0] for joint in massless_joints(model)]
+        robot = self.robot
         return {
             "robot.frame": f"Other ends of chains: {_names(robot.ends)}.",
             "robot.locked": f"Always locked, off the chain: {_names(robot.locked)}.",
             "robot.q0": f"Joints: {', '.join(robot.joint_names)}.",
-            "robot.mass": f"Links described without inertia: {_names(massless)}.",
         }
 
     def gains(self) -> Iterator[tuple[str, float | list[float]]]:

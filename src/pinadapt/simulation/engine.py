@@ -8,9 +8,9 @@ from math import isfinite
 
 import numpy as np
 
-from .._checks import flag, instance, positive, whole
+from .._checks import flag, instance, positive, whole, word
 from ..controller.controller import PERIOD, Controller
-from ..exceptions import InputError, did_you_mean
+from ..exceptions import InputError
 from ..plants.elastic_plant import ElasticPlant
 from ..plants.mujoco_plant import MujocoFile, MujocoPlant
 from ..plants.pinocchio_plant import PinocchioPlant
@@ -70,19 +70,14 @@ class Engine:
             flag(getattr(self, name), f"engine.{name}")
         if self.torque_limits is not None:
             flag(self.torque_limits, "engine.torque_limits")
-        if self.ideal_acceleration and self.torque_limits:
+        real = self.actuators is not None and not self.actuators.ideal
+        if self.ideal_acceleration and (self.torque_limits or real):
             raise InputError(
-                "the ideal acceleration is that of the unclipped torque; choose one.",
-                where="engine.torque_limits",
+                "is that of a torque which is there at once and not clipped; leave out "
+                "torque_limits and actuators.",
+                where="engine.ideal_acceleration",
             )
-        if self.actuators is None or self.actuators.ideal:
-            return
-        if self.ideal_acceleration:
-            raise InputError(
-                "the ideal acceleration is that of a torque which is there at once; choose one.",
-                where="engine.actuators",
-            )
-        if self.continuous:
+        if self.continuous and real:
             raise InputError(
                 "late motors and elastic joints are simulated in samples only.",
                 where="engine.continuous",
@@ -139,28 +134,13 @@ class Engine:
         Raises:
             InputError: no such plant, or springs with another one than Pinocchio's.
         """
-        maker, actuators = plant_maker(self.plant), self.actuators
+        plant, actuators = self.plant, self.actuators
+        if isinstance(plant, MujocoFile):
+            maker: PlantMaker = partial(MujocoPlant, mjcf=plant)
+        else:
+            maker = plant if callable(plant) else PLANTS[word(plant, PLANTS, "engine.plant")]
         if actuators is None or actuators.ideal:
             return maker
-        if actuators.elastic and self.plant == "pinocchio":
+        if actuators.elastic and plant == "pinocchio":
             maker = ElasticPlant
         return partial(maker, actuators=actuators)
-
-
-def plant_maker(plant: str | MujocoFile | PlantMaker) -> PlantMaker:
-    """Return what makes plants: a named engine's, MuJoCo's for a model file, or one as it is.
-
-    Raises:
-        InputError: no engine has that name, or it is none of these.
-    """
-    if isinstance(plant, MujocoFile):
-        return partial(MujocoPlant, mjcf=plant)
-    if callable(plant):
-        return plant
-    if not isinstance(plant, str) or plant not in PLANTS:
-        raise InputError(
-            f"must be one of {list(PLANTS)}, a MujocoFile, or what makes a plant, got {plant!r}."
-            f"{did_you_mean(str(plant), PLANTS)}",
-            where="engine.plant",
-        )
-    return PLANTS[plant]

@@ -16,7 +16,7 @@ from ..controller.governor import PathTime
 from ..controller.state import ControllerState, Sample
 from ..exceptions import DivergedError, ImplausibleError, InputError, PinadaptError
 from ..plants.pinocchio_plant import PinocchioPlant
-from ..plants.plant import Plant
+from ..plants.plant import Plant, SimulatedPlant
 from ..plants.sensors import SimulatedSensors
 from ..records import Desired, Measurement
 from ..robot.robot import EARLY, Robot, in_time
@@ -50,18 +50,13 @@ class Events:
                 ``Controller.announce`` does not take.
         """
         self.changes: dict[float, Robot] = in_time(changes, "events.changes")
-        self.announcements: dict[float, Mapping[str, Any]] = {
-            time: mapping(announced, f"events.announcements[{time:g}]")
-            for time, announced in in_time(announcements, "events.announcements").items()
-        }
+        self.announcements: dict[float, Mapping[str, Any]] = in_time(
+            announcements, "events.announcements"
+        )
         for time, announced in self.announcements.items():
-            for name in announced:
-                word(name, ANNOUNCED, f"events.announcements[{time:g}]")
-
-    @property
-    def any(self) -> bool:
-        """Whether anything happens."""
-        return bool(self.changes or self.announcements)
+            where = f"events.announcements[{time:g}]"
+            for name in mapping(announced, where):
+                word(name, ANNOUNCED, where)
 
     def check(self, controller: Controller, state: ControllerState) -> None:
         """Refuse announcements that the parameters of a controller cannot express.
@@ -99,6 +94,10 @@ def _due(events: Mapping[float, Any], before: float, now: float) -> list[Any]:
 # Norm of the joint velocities beyond which a loop has diverged [rad/s or m/s]; half or twice, and
 # it ends a sample or two earlier or later.
 FASTEST = 1e4
+# Longest time [s] to bring an arm to rest, and speed [rad/s or m/s] below which it rests. Half or
+# twice: arms 20 % heavier than described rest in half a second whatever the time; by the speed they
+# rest up to 0.06 s later or sooner, planar_2r up to 0.3 s.
+_DAMP, _STILL = 1.5, 0.01
 
 
 def run(
@@ -131,6 +130,9 @@ def run(
     Yields:
         One sample a period.
 
+    After an error of the controller or a divergence, a plant that is not simulated is first brought
+    to rest by ``Controller.safe``.
+
     Raises:
         DivergedError: the loop diverged, at its ``time`` and for its ``reason``, a guard's
             ``ImplausibleError`` among them; all samples before were yielded.
@@ -148,25 +150,24 @@ def run(
     plant.reset()
     if sensors is not None:
         sensors.reset()
-    given, governed = None, getattr(controller, "desired", None)
+    given, desired_at = None, getattr(controller, "desired", _as_it_is)
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
+            _bring_to_rest(plant, controller, state, truth, dt)
             raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", truth.t)
         measurement = truth if sensors is None else sensors.measure(truth, given)
         if state is None:
             state = controller.init(measurement)
         try:
-            if governed is None:
-                desired = trajectory.at(truth.t)
-            else:
-                desired = governed(state, trajectory, truth.t)
+            desired = desired_at(state, trajectory, truth.t)
             if ideal_acceleration:
                 measurement = _accelerated(plant, controller, state, measurement, desired)
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started
         except PinadaptError as error:
+            _bring_to_rest(plant, controller, state, measurement, dt)
             raise ended(error, truth.t) from error
         given = plant.motors(torque.copy())  # the sample is the caller's, the torque the plant's
         yield Sample(truth.t, measurement, desired, state, given, truth, step_time)
@@ -176,6 +177,32 @@ def run(
             now = truth.t + dt
             events.change(plant, truth.t, now)
             state = events.announce(controller, state, truth.t, now)
+
+
+def _bring_to_rest(
+    plant: Plant,
+    controller: Controller,
+    state: ControllerState | None,
+    measurement: Measurement,
+    dt: float,
+) -> None:
+    """Bring an arm to rest after a sample that ends its loop; see ``Controller.safe``.
+
+    An arm of which nothing is measured any more is left to its own stop, and so is a simulated one.
+    """
+    if state is None or isinstance(plant, SimulatedPlant) or not isinstance(controller, Controller):
+        return
+    for _ in range(round(_DAMP / dt)):
+        torque, state = controller.safe(state, measurement)
+        plant.step(torque, dt)
+        if np.abs(state.sensed.v).max() < _STILL or state.unseen.any():
+            break
+        measurement = plant.measure()
+
+
+def _as_it_is(state: Any, motion: Trajectory, t: float) -> Desired:
+    """Return the desired motion at t [s] for a controller that does not govern it."""
+    return motion.at(t)
 
 
 def ended(error: Exception, t: float) -> Exception:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, instance, mapping, positive, vector, whole, word
+from .._checks import arithmetic, mapping, vector, word
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
@@ -82,18 +82,6 @@ def findings(
     words = [str(finding) for finding in found if not (held and finding.part == "motors")]
     words += map(str, sensor_findings(controller, quality))
     return words if held is None else [*words, held]
-
-
-def check_options(duration: float, record_every: int, seed: int, title: str) -> None:
-    """Refuse options that make no run.
-
-    Raises:
-        InputError: a duration [s] that is not positive, no whole numbers, or no text.
-    """
-    positive(duration, "duration", error=InputError)
-    whole(record_every, "record_every", 1)
-    whole(seed, "seed", 0)
-    instance(title, str, "title")
 
 
 def usable_trajectory(

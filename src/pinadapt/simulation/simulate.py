@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance
+from .._checks import instance, whole
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
@@ -37,7 +37,7 @@ from ..trajectories.pose import placed_trajectory
 from ..tuning.make_controller import make_controller
 from .engine import Engine
 from .loop import Events, run, run_continuous, sample_indices
-from .prepare import check_options, findings, prepare
+from .prepare import findings, prepare
 
 Progress = Callable[[range], Iterable[int]]
 
@@ -123,7 +123,8 @@ def simulate(
     engine = Engine.of(engine)
     events = instance(Events() if events is None else events, Events, "events")
     dt, motors = engine.period(controller), engine.motors(true)
-    check_options(duration, record_every, seed, title)
+    whole(record_every, "record_every", 1)
+    instance(title, str, "title")
     sensors = controller.sensors if sensors is None else sensors
     simulated = SimulatedSensors(true, dt, sensors, seed=seed)
     if engine.continuous and not sensors.perfect:
@@ -142,11 +143,11 @@ def simulate(
         )
     indices = sample_indices(duration, dt, ends=engine.continuous)
     trajectory = placed_trajectory(trajectory, true.task, true.position(true.q0))
-    if not controller.kinematics.calibrated and not isinstance(start, LearnedParameters):
-        given = {"a_k": None} if start is None else dict(start)
-        if given.get("a_k", ()) is None:
-            found = wiggled(plant, controller, dt, simulated)
-            start = {**found, **given, "a_k": found["a_k"]}
+    given: Any = {"a_k": None} if start is None else start
+    named = isinstance(given, Mapping) and given.get("a_k", ()) is None
+    if named and not controller.kinematics.calibrated:
+        found = wiggled(plant, controller, dt, simulated)
+        start = {**found, **given, "a_k": found["a_k"]}
     state = prepare(plant, controller, trajectory, start, duration)
     believed = controller.kinematics.seen(state.a_k)
     if not believed.constraints:
@@ -156,7 +157,7 @@ def simulate(
     options: dict[str, Any] = {
         "dt": dt,
         "state": state,
-        "events": events if events.any else None,
+        "events": events if events.changes or events.announcements else None,
         "ideal_acceleration": engine.ideal_acceleration,
     }
     if isinstance(plant, PinocchioPlant) and engine.continuous:
@@ -273,7 +274,7 @@ def record(
     The last state is kept whole, the others as ``Controller.recorded`` returns them. Samples so far
     are kept if the loop diverges or a ``KeyboardInterrupt`` stops it.
     """
-    kept, last, before = Record(), 0.0, None
+    kept, last = Record(), 0.0
     samples = kept.samples
     try:
         for k, sample in zip(indices, stream, strict=False):
@@ -281,12 +282,12 @@ def record(
             kept.step_time += sample.step_time
             if k % every:
                 continue
-            if before is not None:
+            if samples:
+                before = samples[-1]
                 state = controller.recorded(before.state)
                 if state is not before.state:
                     samples[-1] = before._replace(state=state)
             samples.append(sample)
-            before = sample
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
     except KeyboardInterrupt:
@@ -329,6 +330,8 @@ def rollout_of(
     words = {time: what for time, what in robots.words}
     for time in announced:
         words[time] = f"{words[time]}, announced" if time in words else "announced"
+    stated = [each for each in (plant.torque_limits, controller.limits.torque) if each is not None]
+    limits = np.min([np.full(n, np.inf), *stated], axis=0)
     adapted = controller.adaptation_d if controller.dynamics.size else controller.adaptation_k
     return Rollout(
         title=title,
@@ -347,7 +350,7 @@ def rollout_of(
         x_d=column(lambda s: s.desired.x_d, coordinates),
         a_k=column(lambda s: s.state.a_k, controller.kinematics.size),
         a_d=column(lambda s: s.state.a_d, controller.dynamics.size),
-        saturated=_saturated(tau, plant.torque_limits, controller.limits.torque),
+        saturated=(np.abs(tau) >= limits).any(axis=1),
         diverged=kept.diverged,
         reason=kept.reason,
         wall_time=wall_time,
@@ -361,9 +364,3 @@ def rollout_of(
         slowed=slowdowns(samples),
         ringing=ringing_of(t, tau, controller),
     )
-
-
-def _saturated(tau: np.ndarray, *limits: np.ndarray | None) -> np.ndarray:
-    """Return for each sample (N) whether a torque (N, nv) is at a limit (nv) [N m or N]."""
-    at = [(np.abs(tau) >= bounds).any(axis=1) for bounds in limits if bounds is not None]
-    return np.any([np.zeros(len(tau), dtype=bool), *at], axis=0)

@@ -3,7 +3,7 @@ from .cases import Plan as Plan
 from .execution import numbers_of as numbers_of
 from .execution import run_case as run_case
 from .execution import sweep as sweep
-from .sweep_report import Report as Report
+from .sweep_report import SweepReport as SweepReport
 from .table import CaseTable as CaseTable
 from .table import read as read
 from .tune import Tuned as Tuned

@@ -41,8 +41,6 @@ from .table import flat, plain
 METHODS = ("random", "lhs", "sobol")
 COPY = "sweep.toml"
 SUCCESS = "follows"
-_OWN = {"case", "status", "reason", "seconds"}  # columns that no argument of a function may have
-_MAY_DIFFER = ("title", "timeout", "success")  # between a sweep and its resumption
 _HINT = (
     "Write values such as 1.0, 2.0 or a, b, or one of lin(a, b, n), log(a, b, n), uniform(a, b), "
     "loguniform(a, b), normal(mean, deviation), choice([...]), finite numbers and a below b."
@@ -100,8 +98,6 @@ class Values:
                 ) from error
         listed = isinstance(given, np.ndarray | range | tuple | list)
         arguments = tuple(plain(given) if kind == "list" else given) if listed else (given,)
-        if not arguments:
-            raise InputError("expected at least one value.", where=key, hint=_HINT)
         return cls(key, kind, arguments)
 
     @property
@@ -117,7 +113,7 @@ class Values:
     def at(self, u: np.ndarray) -> Any:
         """Return the value at the quantiles u (n), or (1) for a single one."""
         if self.kind == "choice":
-            return self.arguments[min(int(u[0] * len(self.arguments)), len(self.arguments) - 1)]
+            return self.arguments[int(u[0] * len(self.arguments))]  # u < 1
         found = _DISTRIBUTIONS[self.kind](*self.arguments, u).tolist()
         return found if self.shape else found[0]
 
@@ -162,7 +158,11 @@ def _normal(mean: np.ndarray, deviation: np.ndarray, u: np.ndarray) -> np.ndarra
     return np.asarray(mean + deviation * ndtri(np.clip(u, edge, 1.0 - edge)))
 
 
-_DISTRIBUTIONS = {"uniform": _uniform, "loguniform": _loguniform, "normal": _normal}
+_DISTRIBUTIONS: dict[str, Callable[..., np.ndarray]] = {
+    "uniform": _uniform,
+    "loguniform": _loguniform,
+    "normal": _normal,
+}
 
 
 def _parsed(text: str) -> tuple[str, list[Any]]:
@@ -269,17 +269,9 @@ class Plan:
                 where="samples",
                 hint="State it: --samples 100, or samples=100; a distribution is uniform(0.5, 2).",
             )
-        if len(set(self.keys)) < len(self.keys):
-            raise InputError(f"something is varied twice: {', '.join(self.keys)}.", where="vary")
-        for key in _OWN & set(self.keys):
-            raise InputError(
-                "is a column of every table.", where=key, hint="Give the argument another name."
-            )
-        ordinary = self.cases[0].values
-        self.check(ordinary)
-        for each in self.values:
-            for value in () if each.drawn else each.arguments:
-                self.check(ordinary | {each.key: each.used(value)})
+        if not self.cases:
+            raise InputError("there is no case.", where="case")
+        self.check(self.cases[0].values)
 
     @classmethod
     def read(
@@ -304,7 +296,8 @@ class Plan:
         elif not {"vary", "case", "function"} & set(tables):
             tables = {"scenario": tables}
         tables = {"path": str(_import_folder(path)), "folder": str(folder)} | tables
-        tables["vary"] = flat(tables.get("vary", {})) | dict(map(_key_and_values, vary))
+        varied = dict(setting(text, "--vary") for text in vary)
+        tables["vary"] = flat(tables.get("vary", {})) | varied
         tables["set"] = flat(tables.get("set", {})) | dict(map(setting, settings))
         return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 
@@ -363,41 +356,47 @@ class Plan:
     @cached_property
     def cases(self) -> list[Case]:
         """The product of listed cases, grid, samples and repetitions, the last changing fastest."""
-        axes = [each for each in self.values if not each.drawn]
         drawn = [each for each in self.values if each.drawn]
         sizes = [math.prod(each.shape) for each in drawn]
-        design = _design(self.method, self.seed, self.samples or 1, sum(sizes))
-        # row of the design -> its quantiles of each key
-        split = [np.split(row, np.cumsum(sizes)[:-1]) for row in design] if drawn else [[]]
-        samples = [[each.at(u) for each, u in zip(drawn, row, strict=True)] for row in split]
-        grid = product(*(each.arguments for each in axes))
-        points = product(self.case or [{}], grid, samples, range(self.repeat))
-        found = []
-        for number, (listed, point, sample, _) in enumerate(points):
-            chosen = zip([*axes, *drawn], [*point, *sample], strict=True)
-            values = {each.key: each.used(value) for each, value in chosen}
-            in_order = {each.key: values[each.key] for each in self.values}
-            found.append(Case(number, _case_seed(self.seed, number), {**listed, **in_order}))
-        return found
+        samples = [
+            {
+                each.key: each.used(each.at(u))
+                for each, u in zip(drawn, np.split(row, np.cumsum(sizes)[:-1]), strict=False)
+            }
+            for row in _design(self.method, self.seed, self.samples or 1, sum(sizes))
+        ]
+        axes = [
+            [{each.key: each.used(value)} for value in each.arguments]
+            for each in self.values
+            if not each.drawn
+        ]
+        points: Any = product(self.case or [{}], *axes, samples, range(self.repeat))
+        return [
+            Case(
+                number,
+                _case_seed(self.seed, number),
+                {key: value for part in parts for key, value in part.items()},
+            )
+            for number, (*parts, _) in enumerate(points)
+        ]
 
-    def tables(self) -> dict[str, Any]:
-        """Return the keys of a sweep file that says the same."""
+    def text(self) -> str:
+        """Return the sweep file that says the same, with the version of the library."""
+        import tomlkit
+
         given = {each.name: getattr(self, each.name) for each in fields(self)}
-        found = {key: value for key, value in given.items() if value not in (None, "", (), {}, [])}
         if callable(self.function):
-            found["function"] = f"{self.function.__module__}:{self.function.__qualname__}"
-        return found
-
-    def differs(self, other: Plan) -> list[str]:
-        """Return the keys in which two sweeps differ so that their rows do not fit together."""
-        a, b = plain(self.tables()), plain(other.tables())
-        return [key for key in (a | b) if key not in _MAY_DIFFER and a.get(key) != b.get(key)]
+            given["function"] = f"{self.function.__module__}:{self.function.__qualname__}"
+        return tomlkit.dumps({"version": __version__, **plain(given)})
 
     def save(self, folder: Path) -> None:
         """Write ``sweep.toml`` into a folder."""
-        import tomlkit
+        write_text(folder / COPY, self.text())
 
-        write_text(folder / COPY, tomlkit.dumps({"version": __version__, **plain(self.tables())}))
+    def is_in(self, folder: Path) -> bool:
+        """Return whether a folder holds this sweep, run by this version of the library."""
+        path = folder / COPY
+        return path.is_file() and path.read_text(encoding="utf-8") == self.text()
 
     @classmethod
     def load(cls, folder: Path) -> Plan:
@@ -418,18 +417,6 @@ class Plan:
                 hint="Take that version, or run the sweep again in another folder.",
             )
         return cls.of(tables)
-
-
-def _key_and_values(text: str) -> tuple[str, str]:
-    """Return key and values of a text.
-
-    Raises:
-        InputError: it has no equals sign or no key.
-    """
-    key, equals, values = text.partition("=")
-    if not (equals and key.strip()):
-        raise InputError(f"expected key=values, got '{text}'.", where="--vary")
-    return key, values
 
 
 def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from inspect import Parameter, signature
+from inspect import signature
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from types import FrameType
@@ -105,9 +105,7 @@ class FunctionWork:
     def __call__(self, case: Case) -> Mapping[str, Any]:
         """Return what the function returns; what is no table is called "result"."""
         function = resolved(self.function, self.path)
-        arguments = signature(function).parameters
-        takes_all = any(each.kind is Parameter.VAR_KEYWORD for each in arguments.values())
-        seed = {"seed": case.seed} if "seed" in arguments or takes_all else {}
+        seed = {"seed": case.seed} if "seed" in signature(function).parameters else {}
         found = function(**{**seed, **case.values})
         return found if isinstance(found, Mapping) else {"result": found}
 
@@ -147,33 +145,26 @@ def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
     return FunctionWork(plan.function, plan.path)
 
 
+# of ``summary.json``
+_KEPT = (
+    *("error_share", "max_error_first", "max_error_last", "rms_error_last", "max_angle_last"),
+    *("max_tool_error_last", "saturated", "diverged"),
+)
+
+
 def numbers_of(rollout: Rollout) -> dict[str, Any]:
     """Return the numbers of a run that a sweep keeps; None where there is none.
 
-    ``follows``: whether the verdict is "follows"; ``error_share``, ``max_error_first``,
-    ``max_error_last``, ``rms_error_last``, ``max_angle_last``, ``max_tool_error_last``,
-    ``saturated`` and ``diverged`` as in ``summary.json``; ``torque_use``: largest torque over its
-    limit; ``worst_after_change``: largest error after an event during the run.
+    ``follows``: whether the verdict is "follows"; ``torque_use``: largest torque over its limit;
+    ``error_share``, ``max_error_last``, ``diverged`` and others as in ``summary.json``.
     """
-    last, limits = rollout.window(False), rollout.effort_limits
+    numbers, limits = rollout.numbers, rollout.effort_limits
     used = np.abs(rollout.tau) / limits
     found: dict[str, Any] = {
         "follows": rollout.grade == FOLLOWS,
-        "error_share": rollout.error_share,
-        "max_error_first": extreme(np.max, rollout.window(True)),
-        "max_error_last": extreme(np.max, last),
-        "rms_error_last": extreme(lambda x: float(np.sqrt(np.mean(x**2))), last),
+        **{name: numbers[name] for name in _KEPT if name in numbers},
         "torque_use": extreme(np.max, used[:, np.isfinite(limits)]),
-        "saturated": extreme(np.mean, rollout.saturated),
-        "diverged": rollout.diverged,
     }
-    if rollout.beside_picture is not None:
-        found["max_tool_error_last"] = rollout.beside_picture
-    if rollout.angle is not None:
-        found["max_angle_last"] = extreme(np.max, rollout.angle[-len(last) :])
-    if rollout.transients:
-        worst = np.array([each.worst for each in rollout.transients])
-        found["worst_after_change"] = extreme(np.max, worst)
     if rollout.diverged is not None:
         found |= {"status": DIVERGED, "reason": f"at {rollout.diverged:.3f} s: {rollout.reason}"}
     return found
@@ -208,11 +199,7 @@ def _within(seconds: float | None) -> Iterator[None]:
 
 
 def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
-    """Return the row of a case, whatever happens in it: values, status, reason, numbers, seconds.
-
-    A number that has the name of a value of the case is called "NAME (result)", unless it is the
-    same.
-    """
+    """Return the row of a case, whatever happens in it."""
     started, found = time.perf_counter(), Row()
     status, reason = DONE, None
     try:
@@ -228,27 +215,14 @@ def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
         status, reason = FAILED, f"{type(error).__name__}: {error} ({place})"
-    row: Row = {"case": case.number, "seed": case.seed, **case.values}
-    row |= {"status": status, "reason": reason}
-    for key, value in found.items():
-        if key not in row:
-            row[key] = value
-        elif row[key] != value:
-            row[f"{key} (result)"] = value
+    row = {"case": case.number, "seed": case.seed, **case.values}
+    row |= {"status": status, "reason": reason, **found}
     return {**row, "seconds": time.perf_counter() - started}
 
 
 def _run(packed: bytes, timeout: float | None, case: Case) -> Row:
-    """Run a case of pickled work.
-
-    Raises:
-        InputError: the work cannot be imported here.
-    """
-    try:
-        work: Work = pickle.loads(packed)
-    except Exception as error:
-        raise InputError(f"a worker cannot import it: {error}.", where="function") from error
-    return run_case(work, case, timeout)
+    """Run a case of pickled work; what cannot be imported here is a case that failed."""
+    return run_case(lambda case: pickle.loads(packed)(case), case, timeout)
 
 
 # --- processes ---
@@ -374,22 +348,14 @@ def rows(
         timeout: [s] of a case.
 
     Raises:
-        InputError: the work cannot be sent to other processes, or none can be started.
+        InputError: no process can be started.
     """
     with threadpool_limits(1, "blas"):
         if executor == 0:  # nothing is pickled: any function will do
             for case in cases:
                 yield run_case(work, case, timeout)
             return
-        try:
-            task = partial(_run, pickle.dumps(work), timeout)
-        except Exception as error:
-            raise InputError(
-                f"cannot be sent to other processes: {error}.",
-                where="function",
-                hint="Define it at the top of a module, not in a shell, a notebook or another "
-                "function; or run it in this process: executor=0.",
-            ) from error
+        task = partial(_run, pickle.dumps(work), timeout)
         if isinstance(executor, Executor):
             # two cases for each worker: with one it would wait for the next
             ahead = 2 * getattr(executor, "_max_workers", cores())
@@ -401,14 +367,8 @@ def rows(
 
 
 def _row(case: Case, future: Future[Row]) -> Row:
-    """Return the row of a case that has ended, or was lost with its process.
-
-    Raises:
-        InputError: the worker cannot import the work.
-    """
+    """Return the row of a case that has ended, or was lost with its process."""
     error = future.exception()
-    if isinstance(error, InputError):
-        raise error
     if error is None:
         return future.result()
     reason = f"lost by the executor: {type(error).__name__}: {error}"
@@ -460,18 +420,15 @@ def sweep(
         InputError: a value or a key is not allowed, the folder holds another sweep, or no case can
             run.
     """
-    tables: dict[str, Any] = {"samples": samples, "method": method, "repeat": repeat, "seed": seed}
-    tables["timeout"] = timeout
+    what: dict[str, Any] = {"function": work}
+    if not callable(work):
+        what = {"scenario": read_toml(Path(work)), "folder": str(Path(work).resolve().parent)}
     if isinstance(cases, Mapping):
-        tables["vary"] = dict(cases)
+        what["vary"] = dict(cases)
     else:
-        tables["case"] = [mapping(each, "cases") for each in cases]
-    if callable(work):
-        tables["function"] = work
-    else:
-        path = Path(work)
-        tables |= {"scenario": read_toml(path), "folder": str(path.resolve().parent)}
-    plan = Plan.of({key: value for key, value in tables.items() if value is not None})
+        what["case"] = [mapping(each, "cases") for each in cases]
+    options: dict[str, Any] = {"method": method, "repeat": repeat, "seed": seed}
+    plan = Plan(**what, **options, samples=samples, timeout=timeout)
     place = None if folder is None else claimed(Path(folder), plan, resume=True)
     return run_plan(plan, executor, place, shown=progress)
 
@@ -489,11 +446,12 @@ def claimed(folder: Path, plan: Plan, *, resume: bool, anew: bool = False) -> Pa
             (folder / name).unlink(missing_ok=True)
         plan.save(folder)
         return folder
-    if different := plan.differs(Plan.load(folder)):
+    if not plan.is_in(folder):
         raise InputError(
-            f"holds another sweep; different: {', '.join(different)}.",
+            "holds another sweep, or one of another version.",
             where=str(folder),
-            hint="Choose another folder by --out, or begin anew by --force.",
+            hint=f"Go on with that: pinadapt sweep {folder} --resume; or take another folder by "
+            "--out, or begin anew by --force.",
         )
     if not resume:
         raise InputError(

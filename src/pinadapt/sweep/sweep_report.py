@@ -25,7 +25,7 @@ from .table import DONE, FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = FIGURES = ("map.png", "bands.png")
-LEVEL = 0.95  # of all intervals
+LEVEL = 0.95  # of all intervals, as usual
 PERCENTILES = (0.05, 0.5, 0.95)
 _MAIN = ("error_share", "max_error_last")
 _CLASSES = 12  # of a drawn number; half: a coarser curve; twice: a rougher one
@@ -98,15 +98,13 @@ def percentile(values: np.ndarray, p: float) -> Percentile:
     from scipy.stats import quantile_test
 
     value = float(np.quantile(values, p, method="inverted_cdf"))
-    low, high = quantile_test(values, p=p).confidence_interval(LEVEL)
-    too_few = np.isnan(low), np.isnan(high)
-    return Percentile(
-        p, value, -np.inf if too_few[0] else float(low), np.inf if too_few[1] else float(high)
-    )
+    bounds = quantile_test(values, p=p).confidence_interval(LEVEL)  # NaN: too few cases
+    low, high = np.where(np.isnan(bounds), [-np.inf, np.inf], bounds).tolist()
+    return Percentile(p, value, low, high)
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class SweepReport:
     """The report of a table.
 
     Attributes:
@@ -125,7 +123,7 @@ class Report:
     def title(self) -> str:
         """The plan's title, or that of its scenario."""
         named = self.plan.title or (self.plan.scenario or {}).get("title", "")
-        return str(named or self.plan.tables().get("function", "sweep"))
+        return str(named or getattr(self.plan.function, "__name__", self.plan.function))
 
     @cached_property
     def _varied(self) -> dict[str, None]:
@@ -198,14 +196,14 @@ class Report:
     @property
     def worst(self) -> list[int]:
         """Rows of the cases with the largest result, without the lost ones."""
-        values = np.where(self.table.lost, -np.inf, self.values(self.main))
-        order = np.argsort(-values, kind="stable")[: PRINTED_ROWS // 2].tolist()
-        return [i for i in order if values[i] > -np.inf]
+        rows = np.flatnonzero(~self.table.lost)
+        order = np.argsort(-self.values(self.main)[rows], kind="stable")
+        return [int(i) for i in rows[order][: PRINTED_ROWS // 2]]
 
     @property
     def lost(self) -> list[int]:
         """Rows of the lost cases, of many the first."""
-        return np.flatnonzero(self.table.lost)[:PRINTED_ROWS].tolist()  # type: ignore[no-any-return]
+        return [int(i) for i in np.flatnonzero(self.table.lost)[:PRINTED_ROWS]]
 
     def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""

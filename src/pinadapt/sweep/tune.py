@@ -42,62 +42,34 @@ class Judged:
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a search found.
+    """What a search found; ``print`` shows it.
 
     Attributes:
-        objective: what was minimised, in words.
-        search: the defaults and the best gains on the cases of the search.
-        validation: the same on cases with another seed.
-        trials: all gains that were tried.
-        verdict: whether the gains are better, in words.
-        better: whether they are.
+        numbers: as ``tune.json`` has them: ``verdict``, whether the gains found are ``better``,
+            ``objective`` in words, ``gains`` by key, the objective of the defaults and of the best
+            gains on the cases of the ``search`` and on those of the ``validation``, which have
+            another seed, their ``success`` there, the number of ``cases`` and all ``trials``.
     """
 
-    objective: str
-    search: tuple[Judged, Judged]
-    validation: tuple[Judged, Judged]
-    trials: tuple[Judged, ...]
-    verdict: str
-    better: bool
-
-    @property
-    def gains(self) -> dict[str, Any]:
-        """The best gains, by key."""
-        return self.search[1].gains
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers, as ``tune.json`` has them."""
-        pairs = {"search": self.search, "validation": self.validation}
-        return {
-            "verdict": self.verdict,
-            "better": self.better,
-            "objective": self.objective,
-            "cases": {name: len(pair[0].errors) for name, pair in pairs.items()},
-            "gains": self.gains,
-            **{
-                name: {"default": pair[0].objective, "best": pair[1].objective}
-                for name, pair in pairs.items()
-            },
-            "success": {
-                "default": self.validation[0].success._asdict(),
-                "best": self.validation[1].success._asdict(),
-            },
-            "trials": [{"gains": each.gains, "objective": each.objective} for each in self.trials],
-        }
+    numbers: dict[str, Any]
 
     def __str__(self) -> str:
         """Return gains, objectives and verdict as text."""
+        numbers = self.numbers
         rows = [
-            [name, _amount(one.objective), _amount(other.objective), str(other.success)]
-            for name, one, other in zip(
-                ("defaults", "found"), self.search, self.validation, strict=True
+            [
+                words,
+                *(_amount(numbers[on][of]) for on in ("search", "validation")),
+                str(Rate(**rate)),
+            ]
+            for (of, rate), words in zip(
+                numbers["success"].items(), ("defaults", "found"), strict=True
             )
         ]
-        compared = Table(
-            rows, ["gains", "in the search", "on other seeds", "success on other seeds"]
-        )
-        chosen = Table([(key, f"{value}") for key, value in self.gains.items()])
-        return str(Sheet(self.objective, [compared, chosen], self.verdict))
+        header = ["gains", "in the search", "on other seeds", "success on other seeds"]
+        chosen = [(key, f"{value}") for key, value in numbers["gains"].items()]
+        tables = [Table(rows, header), Table(chosen)]
+        return str(Sheet(numbers["objective"], tables, numbers["verdict"]))
 
 
 def tune(
@@ -133,7 +105,7 @@ def tune(
     """
     plan = work if isinstance(work, Plan) else Plan.read(Path(work), samples=samples)
     if vary:
-        plan = Plan.of({**plan.tables(), "vary": {**plan.vary, **vary}})
+        plan = replace(plan, vary={**plan.vary, **vary})
     found = searched(gains, plan)
     positive(share, "share", most=1.0, error=InputError)
     trials = whole(trials, "trials", 1)
@@ -155,9 +127,25 @@ def tune(
         study.tell(trial, tried[-1].objective)
     best = min(tried, key=lambda each: each.objective)
     other = replace(plan, seed=plan.seed + 1, **more)
-    compared = judge({}, other), judge(best.gains, other)
-    words = f"{share:.0%} percentile of {objective}"
-    return Tuned(words, (default, best), compared, tuple(tried), *verdict(*compared))
+    pairs = {"search": (default, best), "validation": (judge({}, other), judge(best.gains, other))}
+    words, better = verdict(*pairs["validation"])
+    numbers = {
+        "verdict": words,
+        "better": better,
+        "objective": f"{share:.0%} percentile of {objective}",
+        "cases": {name: len(one.errors) for name, (one, _) in pairs.items()},
+        "gains": best.gains,
+        **{
+            name: {"default": one.objective, "best": two.objective}
+            for name, (one, two) in pairs.items()
+        },
+        "success": {
+            name: each.success._asdict()
+            for name, each in zip(("default", "best"), pairs["validation"], strict=True)
+        },
+        "trials": [{"gains": each.gains, "objective": each.objective} for each in tried],
+    }
+    return Tuned(numbers)
 
 
 def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: float) -> Judged:

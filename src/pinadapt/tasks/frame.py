@@ -23,8 +23,7 @@ def quaternion(R: np.ndarray) -> np.ndarray:
 
 def _quaternion(q: np.ndarray) -> pin.Quaternion:
     """Return the unit quaternion along q (4), xyzw, of any length but zero."""
-    x, y, z, w = q
-    return pin.Quaternion(float(w), float(x), float(y), float(z)).normalized()
+    return pin.Quaternion(np.asarray(q, dtype=float)).normalized()
 
 
 def matrix(q: np.ndarray) -> np.ndarray:
@@ -55,9 +54,6 @@ def rotation_drift(phi: np.ndarray, omega: np.ndarray, omega_d: np.ndarray) -> n
 
 
 IMAGE = "image"
-_UPRIGHT = 0.999  # sine of the elevation, from which a camera looks straight up or down
-_STEPS = 3  # of Newton's method to the point of a picture
-_LOOSEST = 0.02  # of the square of a quaternion's length
 
 
 @dataclass(frozen=True)
@@ -66,28 +62,31 @@ class FrameTask(Task):
 
     Attributes:
         rows: rows of the LOCAL_WORLD_ALIGNED Jacobian, linear before angular.
-        place: rows of the frame's position.
     """
 
     rows: slice
-    place: slice
+
+    @property
+    def positions(self) -> int:
+        """All rows, but those of a rotation."""
+        return min(self.size, 3)
+
+    @property
+    def place(self) -> slice:
+        """Rows of the frame's position."""
+        return slice(self.rows.start, min(self.rows.stop, 3), self.rows.step)
 
     @abstractmethod
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return the coordinates x of a frame's placement in the world."""
 
-    @abstractmethod
     def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
         """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
+        return self.of(placement), self.jacobian(placement, motion.vector[:, None])[:, 0]
 
     def jacobian(self, placement: pin.SE3, J: np.ndarray) -> np.ndarray:
         """Return the task Jacobian (m, n), J (6, n) the LOCAL_WORLD_ALIGNED one of the frame."""
         return J[self.rows]
-
-    def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
-        """Return the coordinates x at configuration q (nq)."""
-        pin.forwardKinematics(model, data, q)
-        return self.of(pin.updateFramePlacement(model, data, frame))
 
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
@@ -95,18 +94,14 @@ class FrameTask(Task):
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
         pin.forwardKinematics(model, data, q, v)
         placement = pin.updateFramePlacement(model, data, frame)
-        motion = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        return self.moving(placement, motion)
+        return self.moving(
+            placement, pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        )
 
 
 @dataclass(frozen=True)
 class PositionTask(FrameTask):
     """Two or three coordinates (m) of the frame's position [m], in world axes."""
-
-    @property
-    def positions(self) -> int:
-        """All rows: m."""
-        return self.size
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
@@ -116,25 +111,6 @@ class PositionTask(FrameTask):
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return the coordinates x (m) of a frame's placement in the world."""
         return np.array(placement.translation[self.place])
-
-    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and the task velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
-        return self.of(placement), np.asarray(motion.vector[self.rows])
-
-    def position(self, x: np.ndarray) -> np.ndarray:
-        """Return x itself."""
-        return x
-
-    def errors(
-        self,
-        x: np.ndarray,
-        x_d: np.ndarray,
-        xd: np.ndarray | None,
-        xd_hat: np.ndarray,
-        xd_d: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, None]:
-        """Return dx = x - x_d, the velocity, measured or else estimated, and None."""
-        return x - x_d, xd_hat if xd is None else xd, None
 
 
 @dataclass(frozen=True)
@@ -167,26 +143,13 @@ class PoseTask(FrameTask):
         return 7
 
     @property
-    def positions(self) -> int:
-        """Three: the rotation rows follow."""
-        return 3
-
-    @property
     def groups(self) -> tuple[RowGroup, ...]:
         """Position, then rotation."""
         return RowGroup("position", "m", slice(0, 3)), RowGroup("rotation", "rad", slice(3, 6))
 
     def of(self, placement: pin.SE3) -> np.ndarray:
         """Return position [m] and quaternion xyzw, of either sign, (7) of a frame's placement."""
-        return np.concatenate([placement.translation, quaternion(placement.rotation)])
-
-    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return x (7), linear and angular velocity (6) of a LOCAL_WORLD_ALIGNED motion."""
-        return self.of(placement), np.array(motion.vector)
-
-    def position(self, x: np.ndarray) -> np.ndarray:
-        """Return the positions (3) among coordinates x (7) or a velocity (6)."""
-        return x[:3]
+        return np.array(pin.SE3ToXYZQUAT(placement))
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
@@ -260,7 +223,7 @@ class ImageTask(PositionTask):
         """Return the picture of a frame, whose ``task`` is that of the same robot so far."""
         labels = ("u", "v", "u_2")[: 2 * len(cameras)]
         given = tuple(tuple(map(tuple, H.tolist())) for H in cameras)
-        return cls(IMAGE, labels, task.rows, task.place, given, pixel)
+        return cls(IMAGE, labels, task.rows, given, pixel)
 
     @property
     def groups(self) -> tuple[RowGroup, ...]:
@@ -287,7 +250,7 @@ class ImageTask(PositionTask):
 
     def nearest(self, p: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the point (3) near p (3) [m], in the axes of the base, whose picture is y (m)."""
-        for _ in range(_STEPS):
+        for _ in range(3):  # of Newton's method
             there = pin.SE3(np.eye(3), p)
             J = self.jacobian(there, np.eye(6)[:, :3])
             p = p + np.linalg.pinv(J) @ (y - self.of(there))
@@ -302,11 +265,6 @@ class ImageTask(PositionTask):
         y, (above, below) = self.of(placement), self.projections
         z = below[:, :3] @ placement.translation + below[:, 3]
         return np.asarray((above - y[:, None] * below)[:, :3] @ J[:3] / z[:, None])
-
-    def moving(self, placement: pin.SE3, motion: pin.Motion) -> tuple[np.ndarray, np.ndarray]:
-        """Return y and its velocity (m) of a frame with this LOCAL_WORLD_ALIGNED motion."""
-        yd = self.jacobian(placement, motion.vector[:, None])
-        return self.of(placement), yd[:, 0]
 
 
 def pinhole_camera(
@@ -334,35 +292,37 @@ def pinhole_camera(
         InputError: wrong sizes, a focal length that is not positive, or a target where the camera
             stands.
     """
-    eye = vector(position, 3, "position", fills=False)
-    at = vector(target, 3, "target", fills=False)
-    middle, (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
-    f = positive(focal, "focal", error=InputError)
-    away = float(np.linalg.norm(at - eye))
+    eye, at = (
+        vector(given, 3, name, fills=False)
+        for given, name in ((position, "position"), (target, "target"))
+    )
+    (u, v), (turn,) = vector(centre, 2, "centre", fills=False), vector(roll, 1, "roll")
+    f, away = positive(focal, "focal", error=InputError), float(np.linalg.norm(at - eye))
     if not away > 0.0:
         raise InputError("the camera looks at the point where it stands.", where="target")
     forward = (at - eye) / away
-    up = np.array([0.0, 0.0, 1.0] if abs(forward[2]) < _UPRIGHT else [0.0, 1.0, 0.0])
-    right = np.cross(forward, up)
+    upright = abs(forward[2]) > 0.999  # straight up or down
+    right = np.cross(forward, np.eye(3)[1 if upright else 2])
     right /= np.linalg.norm(right)
     R = pin.exp3(np.array([0.0, 0.0, -turn])) @ np.array([right, np.cross(forward, right), forward])
-    K = np.array([[f, 0.0, middle[0]], [0.0, f, middle[1]], [0.0, 0.0, 1.0]])
+    K = np.array([[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]])
     return np.asarray(K @ np.column_stack([R, -R @ eye]))
 
 
 def _unit(q: np.ndarray) -> bool:
-    return bool(abs(q.dot(q) - 1.0) < _LOOSEST)
+    """Return whether a quaternion is of unit length, but for 1 %."""
+    return bool(abs(q.dot(q) - 1.0) < 0.02)
 
 
-def _positions(name: str, rows: slice) -> FrameTask:
-    return PositionTask(name, tuple(name), rows, rows)
+def _position_task(name: str) -> FrameTask:
+    """Return the task of the coordinates of the position that are the letters of a name."""
+    first, last = "xyz".index(name[0]), "xyz".index(name[-1])
+    rows = slice(first, last + 1, (last - first) // (len(name) - 1))
+    return PositionTask(name, tuple(name), rows)
 
 
 TASKS: dict[str, FrameTask] = {
-    "xy": _positions("xy", slice(0, 2)),
-    "xz": _positions("xz", slice(0, 3, 2)),
-    "yz": _positions("yz", slice(1, 3)),
-    "xyz": _positions("xyz", slice(0, 3)),
-    "pose": PoseTask("pose", ("x", "y", "z", "phi_x", "phi_y", "phi_z"), slice(0, 6), slice(0, 3)),
+    **{name: _position_task(name) for name in ("xy", "xz", "yz", "xyz")},
+    "pose": PoseTask("pose", ("x", "y", "z", "phi_x", "phi_y", "phi_z"), slice(0, 6)),
 }
 """The tasks of a frame by name."""

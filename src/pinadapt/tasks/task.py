@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ..exceptions import InputError
-
-CoordinateMotion: TypeAlias = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Function of q (nq) and v (nv) that returns coordinates x and task velocity xd (m)."""
 
 
 class Display(NamedTuple):
@@ -87,19 +82,15 @@ class Task(ABC):
     def groups(self) -> tuple[RowGroup, ...]:
         """The rows by unit; the verdict on a run is about the first group."""
 
-    @abstractmethod
     def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x of a chain with this task frame at configuration q (nq)."""
+        return self.motion(model, data, frame, q, np.zeros(model.nv))[0]
 
     @abstractmethod
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
-
-    def motion_of(self, model: pin.Model, data: pin.Data, frame: int) -> CoordinateMotion:
-        """Return ``motion`` of one chain, whose data is scratch, as a function of q and v."""
-        return partial(self.motion, model, data, frame)
 
     def measured(self, x: np.ndarray | None, q: np.ndarray) -> np.ndarray:
         """Return the coordinates x: the measured ones, or those that follow from q (nq) alone."""
@@ -115,7 +106,6 @@ class Task(ABC):
         """Return the error dx (m) of x from x_d."""
         return x - x_d
 
-    @abstractmethod
     def errors(
         self,
         x: np.ndarray,
@@ -136,6 +126,7 @@ class Task(ABC):
         Returns:
             dx, xd, and delta, which is None where it is always zero.
         """
+        return self.error(x, x_d), xd_hat if xd is None else xd, None
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
         """Return the rotation from the estimated to the measured orientation; None without one."""
@@ -213,10 +204,6 @@ class JointTask(Task):
             x[j] = math.atan2(q[i + 1], q[i]) if endless else q[i]
         return x
 
-    def at(self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray) -> np.ndarray:
-        """Return the coordinates x (m) at configuration q (nq)."""
-        return self.of(q)
-
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -242,6 +229,6 @@ class JointTask(Task):
         xd: np.ndarray | None,
         xd_hat: np.ndarray,
         xd_d: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, None]:
-        """Return dx, xd_hat, which is the measured joint velocity, and None."""
-        return self.error(x, x_d), xd_hat, None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return dx, the measured joint velocity, which is xd_hat, and None."""
+        return super().errors(x, x_d, None, xd_hat, xd_d)

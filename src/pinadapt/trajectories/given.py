@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import arithmetic, numbers, positive, shown, vector
+from .._checks import arithmetic, numbers, shown, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.task import JointTask, Task
@@ -19,7 +19,7 @@ Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 """How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
 
 _NODES = 5  # of a difference formula: its error falls with the fourth power of the step
-STEP = 2e-3  # [s]
+STEP = 2e-3  # [s]; half or twice of it: errors less or more by 16, rounding and noise by 1/4
 
 
 class Function(Trajectory):
@@ -38,29 +38,18 @@ class Function(Trajectory):
     They grow with h^4, for the acceleration in the first 4 ms with h^3. Noise of f is multiplied by
     up to 1.5/h in the velocity and 5.4/h^2 in the acceleration, 27/h^2 in the first 4 ms. Rounding
     of numbers near 1 gives less than 2e-9 m/s^2, but noise of 1e-9 m gives 1.3e-3 m/s^2. For a
-    noisy f take a longer step, or samples of it in a ``Spline``. A function that returns the
-    derivatives too is not differentiated, and called once.
+    noisy f take samples of it in a ``Spline``. A function that returns the derivatives too is not
+    differentiated, and called once.
     """
 
-    def __init__(
-        self,
-        f: Callable[[float], Any],
-        *,
-        difference: Difference = np.subtract,
-        step: float = STEP,
-    ) -> None:
+    def __init__(self, f: Callable[[float], Any], difference: Difference = np.subtract) -> None:
         """Take the function.
 
         Args:
             f: t [s] -> x_d, or (x_d, xd_d, xdd_d), or ``Desired``; a pose may be a ``pin.SE3``.
             difference: (x, x_0) -> (m), how far x is from x_0; ``Task.error`` of a task.
-            step: h [s].
-
-        Raises:
-            InputError: a step that is not positive.
         """
         self._f, self._difference = f, difference
-        self._h = positive(step, "step", error=InputError)
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s].
@@ -73,12 +62,12 @@ class Function(Trajectory):
 
     def _differences(self, t: float, x_d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the first two derivatives (m) at t of the polynomial through the nodes."""
-        before = min(_NODES // 2, int(max(t, 0.0) / self._h))
+        before = min(_NODES // 2, int(max(t, 0.0) / STEP))
         others = np.array([k for k in range(-before, _NODES - before) if k])
-        others_x = [_coordinates(self._f(t + k * self._h), t)[0] for k in others.tolist()]
+        others_x = [_coordinates(self._f(t + k * STEP), t)[0] for k in others.tolist()]
         away = np.array([self._difference(x, x_d) for x in others_x])
         c = np.linalg.solve(np.vander(others, _NODES, increasing=True)[:, 1:], away)
-        return c[0] / self._h, 2.0 * c[1] / self._h**2
+        return c[0] / STEP, 2.0 * c[1] / STEP**2
 
 
 def _coordinates(value: Any, t: float) -> list[np.ndarray]:
@@ -193,17 +182,10 @@ def _quaternion_spline(t: ArrayLike, x: ArrayLike) -> Callable[[float], np.ndarr
     return unit
 
 
-class HasAt(Protocol):
-    """An object with ``at(t)``, which returns x_d, or x_d with its two derivatives."""
-
-    def at(self, t: float) -> Any:
-        """Return x_d, or (x_d, xd_d, xdd_d), at time t [s]."""
-
-
 TrajectoryLike: TypeAlias = (
-    Trajectory | HasAt | Callable[[float], Any] | tuple[ArrayLike, ArrayLike] | np.ndarray
+    Trajectory | Callable[[float], Any] | tuple[ArrayLike, ArrayLike] | np.ndarray
 )
-"""Whatever ``as_trajectory`` takes."""
+"""What ``as_trajectory`` takes, besides objects with ``at(t)``."""
 
 
 def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory:
@@ -251,7 +233,7 @@ def converted(
     """
     function = getattr(given, "at", given)
     if callable(function) and not isinstance(given, type):
-        return Function(function, difference=difference)
+        return Function(function, difference)
     if isinstance(given, np.ndarray) and given.ndim == 2:
         given = given[:, 0], given[:, 1:]
     if not isinstance(given, tuple) or len(given) != 2:
@@ -265,7 +247,7 @@ def converted(
     if any(turning) and np.shape(x)[1:] == (len(turning),):
         x = np.where(turning, np.unwrap(x, axis=0), x)
     if quaternion:
-        return Function(_quaternion_spline(t, x), difference=difference)
+        return Function(_quaternion_spline(t, x), difference)
     return Spline(t, x)
 
 

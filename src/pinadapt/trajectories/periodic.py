@@ -7,11 +7,9 @@ from copy import copy
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive, vector, word
-from .._compiled import compiled
 from ..exceptions import InputError
 from ..records import Desired
 from .trajectory import Trajectory
@@ -54,7 +52,42 @@ class _Centered(Trajectory):
         return moved
 
 
-class Circle(_Centered):
+class _Sines(_Centered):
+    """x_d,i = center_i + amplitude_i sin(w_i t + phase_i).
+
+    Attributes:
+        center, amplitude: (m) [m or rad].
+    """
+
+    amplitude: np.ndarray
+
+    def _take(
+        self,
+        center: ArrayLike | None,
+        amplitude: np.ndarray,
+        w: np.ndarray,
+        phase: np.ndarray,
+        given: dict[str, Any],
+    ) -> None:
+        """Take centre, amplitudes, w [rad/s] and phases (m); without a centre, what they are of."""
+        self.amplitude, self._w, self._phase = amplitude, w, phase
+        self._speed, self._acceleration = w * amplitude, -w * w * amplitude
+        self.center = self._placed(center, w.size, **given)
+
+    @property
+    def extent(self) -> float:
+        """Half the diagonal of the box that the amplitudes span [m or rad]."""
+        return float(np.linalg.norm(self.amplitude))
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+        angle = self._w * t + self._phase
+        s = np.sin(angle)
+        x_d = self.center + self.amplitude * s
+        return Desired(x_d, self._speed * np.cos(angle), self._acceleration * s)
+
+
+class Circle(_Sines):
     """x_d = center + radius (cos(w t + phase) u_1 + sin(w t + phase) u_2), w = 2 pi / period.
 
     Attributes:
@@ -81,89 +114,25 @@ class Circle(_Centered):
             InputError: a centre that has not 2 or 3 coordinates, an unknown plane, numbers that are
                 not finite, or a radius or period that is not positive.
         """
-        self.center = self._placed(
-            center, 3, radius=radius, period=period, plane=plane, phase=phase
-        )
         self.radius = positive(radius, "trajectory.radius")
         self.period = positive(period, "trajectory.period")
-        self.phase = float(vector(phase, 1, "trajectory.phase")[0])
-        self.plane = plane
-        self._axes = self.radius * _plane_axes(plane, self.center.size)
-        self._w = 2 * math.pi / self.period
+        self.phase, self.plane = float(vector(phase, 1, "trajectory.phase")[0]), plane
+        size = 3 if center is None else vector(center, None, "trajectory.center").size
+        if size not in (2, 3):
+            raise InputError(
+                f"a circle needs 2 or 3 coordinates, got {size}.", where="trajectory.center"
+            )
+        word(plane, PLANES if size == 3 else ("xy",), "trajectory.plane")
+        axes = ["xyz".index(axis) for axis in plane]
+        amplitude, phases = np.zeros(size), np.zeros(size)
+        amplitude[axes], phases[axes] = self.radius, (self.phase + 0.5 * math.pi, self.phase)
+        given = {"radius": radius, "period": period, "plane": plane, "phase": phase}
+        self._take(center, amplitude, np.full(size, 2.0 * math.pi / self.period), phases, given)
 
     @property
     def extent(self) -> float:
         """The radius [m]."""
         return self.radius
-
-    def at(self, t: float) -> Desired:
-        """Return position, velocity and acceleration at time t [s]."""
-        m, w = self.center.size, self._w
-        x_d, xd_d, xdd_d = empty(m), empty(m), empty(m)
-        _turn(self.center, self._axes, w, w * t + self.phase, x_d, xd_d, xdd_d)
-        return Desired(x_d, xd_d, xdd_d)
-
-
-def _plane_axes(plane: str, size: int) -> np.ndarray:
-    """Return the two unit vectors (2, m) of a plane named by its world axes.
-
-    Raises:
-        InputError: a plane that the coordinates do not span, or neither 2 nor 3 of these.
-    """
-    if size not in (2, 3):
-        raise InputError(
-            f"a circle needs 2 or 3 coordinates, got {size}.", where="trajectory.center"
-        )
-    word(plane, PLANES if size == 3 else ("xy",), "trajectory.plane")
-    return np.eye(size)[["xyz".index(axis) for axis in plane]]
-
-
-@compiled("void(f8[:], f8[:,:], f8, f8, f8[:], f8[:], f8[:])", fills=3)
-def _turn(
-    center: np.ndarray,
-    axes: np.ndarray,
-    w: float,
-    angle: float,
-    x_d: np.ndarray,
-    xd_d: np.ndarray,
-    xdd_d: np.ndarray,
-) -> None:
-    """Write center + axes^T (cos angle, sin angle) (m) and its derivatives at d(angle)/dt = w."""
-    c, s = math.cos(angle), math.sin(angle)
-    for i in range(len(center)):
-        out = c * axes[0, i] + s * axes[1, i]
-        x_d[i] = center[i] + out
-        xd_d[i] = w * (c * axes[1, i] - s * axes[0, i])
-        xdd_d[i] = -w * w * out
-
-
-class _Sines(_Centered):
-    """x_d,i = center_i + amplitude_i sin(w_i t + phase_i).
-
-    Attributes:
-        center, amplitude: (m) [m or rad].
-    """
-
-    amplitude: np.ndarray
-
-    def _take(self, parts: dict[str, np.ndarray], w: np.ndarray, given: dict[str, Any]) -> None:
-        """Take centre, amplitudes and phases (m) of ``_alike``, and w (m) [rad/s].
-
-        Without a centre the arguments ``given`` are kept for a motion that has one.
-        """
-        self.amplitude, self._w, self._phase = parts["amplitude"], w, parts["phase"]
-        self.center = self._placed(parts.get("center"), w.size, **given)
-
-    @property
-    def extent(self) -> float:
-        """Half the diagonal of the box that the amplitudes span [m or rad]."""
-        return float(np.linalg.norm(self.amplitude))
-
-    def at(self, t: float) -> Desired:
-        """Return position, velocity and acceleration at time t [s]."""
-        w, angle = self._w, self._w * t + self._phase
-        s, c = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
-        return Desired(self.center + s, w * c, -w * w * s)
 
 
 class Lissajous(_Sines):
@@ -184,12 +153,11 @@ class Lissajous(_Sines):
         Raises:
             InputError: different sizes, numbers that are not finite, or a period not positive.
         """
-        given = {"amplitude": amplitude, "cycles": cycles, "phase": phase}
+        given: dict[str, Any] = {"amplitude": amplitude, "cycles": cycles, "phase": phase}
         parts = _alike(center=center, **given)
-        turns = 2.0 * math.pi * parts["cycles"]
-        self._take(
-            parts, turns / positive(period, "trajectory.period"), {**given, "period": period}
-        )
+        w = 2.0 * math.pi * parts["cycles"] / positive(period, "trajectory.period")
+        given = {**given, "period": period}
+        self._take(parts.get("center"), parts["amplitude"], w, parts["phase"], given)
 
 
 def _alike(**given: ArrayLike | None) -> dict[str, np.ndarray]:
@@ -232,7 +200,8 @@ class Sinusoid(_Sines):
         parts = _alike(center=center, **given)
         for each in parts["period"]:
             positive(each, "trajectory.period", error=InputError)
-        self._take(parts, 2.0 * math.pi / parts["period"], given)
+        w = 2.0 * math.pi / parts["period"]
+        self._take(parts.get("center"), parts["amplitude"], w, parts["phase"], given)
 
 
 class FourierSeries(_Centered):

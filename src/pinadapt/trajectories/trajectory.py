@@ -75,7 +75,7 @@ class Trajectory(ABC):
             duration: of the run [s]; the motion is not looked at beyond. None: unknown.
 
         Raises:
-            InputError: a ramp that is not positive.
+            InputError: a ramp that is not positive, or a motion that is not finite at its start.
         """
         if self.exact:
             return self
@@ -83,6 +83,8 @@ class Trajectory(ABC):
         looks = [self.at(float(t))[1:] for t in np.linspace(0.0, span, _LOOKS)]
         speeds, rates = np.linalg.norm(looks, axis=2).T
         v, a = float(speeds.max()), float(rates.max())
+        if not np.isfinite(v + a):
+            raise InputError(f"is not finite within the first {span:g} s.", where="trajectory")
         if speeds[0] <= max(_AT_REST, _RESTS * v) and rates[0] <= max(_AT_REST, _RESTS * a):
             return self
         if ramp is None:

@@ -135,7 +135,7 @@ def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
 
 
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
-_LARGEST_STEP = 0.075  # bandwidth times sampling period
+_LARGEST_STEP = 0.075  # bandwidth times sampling period; half: slow loops are half as fast
 
 
 def usual_bandwidth(robot: Robot, own: float | None = None) -> float:
@@ -218,15 +218,22 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
 
 
 def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
-    """Return the typical parameters, moved into the adaptation's domain, with an empty memory."""
+    """Return the typical parameters, moved into the adaptation's domain, as at a start."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the start of a run warns of bodies outside of the cone
-        return Estimate(adaptation.validate(motion.dynamics.typical))
+        return adaptation.init(motion.dynamics.typical)
 
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over a typical motion, positive."""
-    start = typical_start(adaptation, motion)
-    squares = [np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0) for Y in motion.regressors]
-    mean = np.mean(squares, axis=0)
+    mean = mean_diagonal(adaptation, motion, motion.regressors)
     return np.maximum(mean, 1e-12 * max(mean.max(initial=0.0), 1e-300))
+
+
+def mean_diagonal(
+    adaptation: Adaptation, motion: TypicalMotion, regressors: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
+    start = typical_start(adaptation, motion)
+    squares = [np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0) for Y in regressors]
+    return np.asarray(np.mean(squares, axis=0))

@@ -159,12 +159,12 @@ def make_controller(
     elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
-        tuned = tuned.decorrelated(settings.decorrelation, 1.0 / settings.velocity)
-    if applied.governor is not None:
-        tuned = tuned.within(applied.governor.velocity)
+        tuned = tuned.adjusted(lambda_s=settings.decorrelation, lead=1.0 / settings.velocity)
+    if applied.governor is not None and getattr(tuned, "speeds", None) is None:
+        tuned = tuned.adjusted(speeds=applied.governor.velocity)
     warn_of_unused_gains(tuned, (kind, kind_k), kinematics, dynamics, gains | rates)
     box = make_box(robot, kinematics, limits.box)
-    tuning = Tuning(tuned, motion, w, dt, quality, settings, rates | gains)
+    tuning = Tuning(tuned, motion, w, dt, quality, settings, rates | gains, unknown.lmi)
     adaptation_k = moved_kinematics(kind_k, tuning, box)
     if isinstance(law, str) and gains.get("R_k") is None:
         tuning = tuning._replace(law=with_prediction_weight(tuning, adaptation_k))
@@ -178,7 +178,7 @@ def make_controller(
         """
         if isinstance(adaptation, Adaptation):
             return modified(tuning.law.guarded(adaptation, dynamics), modifying, tuning)
-        moved = dynamic_adaptation(kind, tuning, unknown.lmi, share)
+        moved = dynamic_adaptation(kind, tuning, share)
         if kind == "none":
             return moved
         moved = modified(moved, modifying, tuning)
@@ -204,7 +204,7 @@ def make_controller(
         compensator = replace(compensator, longest_gap=governor.blind)
     slowly = not kinematics.calibrated and not isinstance(adaptation_k, Frozen)
     controller = (SlowStart if slowly else Controller)(
-        tuning.law if fast is None or K_f is None else fast.around(tuning.law, K_f),
+        tuning.law if fast is None or K_f is None else replace(fast, law=tuning.law, gain=K_f),
         kinematics,
         dynamics,
         adaptation_k=adaptation_k,

@@ -24,10 +24,12 @@ from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from .defaults import typical_torques
 
-_COARSE = 5e-3  # [rad]
-_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.2  # bandwidths; share of the adaptation's mode
-_LEAK = 0.03  # [1/s]
-_FINEST = 1.5e-4  # of the reach: accepted noise of the filtered position
+_COARSE = 5e-3  # [rad], at which the others are as stated
+# bandwidths, and share of the adaptation's mode; half: more lag, slower; twice: more noise passes
+_FILTER, _DECORRELATION, _MODE = 7.0, 2.0, 0.2
+_LEAK = 0.03  # [1/s]; half: estimates drift twice as far; twice: they stay nearer to the start
+# of the reach: accepted noise of the filtered position; half: a quarter of the low pass's bandwidth
+_FINEST = 1.5e-4
 
 
 class NoiseSettings(NamedTuple):
@@ -60,8 +62,7 @@ def noise_settings(quality: SensorQuality, bandwidth: float, reach: float) -> No
     """
     found = NoiseSettings(kinematic=1.0 / quality.age if quality.age else math.inf)
     if quality.v > 0.0:
-        size = coarseness(quality, bandwidth)
-        root = size ** (1.0 / 3.0)
+        root = (quality.v / bandwidth / _COARSE) ** (1.0 / 3.0)
         found = found._replace(
             velocity=_FILTER * bandwidth / root**2,
             decorrelation=_DECORRELATION * bandwidth / root,
@@ -74,18 +75,9 @@ def noise_settings(quality: SensorQuality, bandwidth: float, reach: float) -> No
     return found
 
 
-def coarseness(quality: SensorQuality, bandwidth: float) -> float:
-    """Return the noise of the joint velocity against that of 14 bits a turn at w [rad/s]."""
-    return quality.v / bandwidth / _COARSE
-
-
 SIGMA = "sigma"
 MODIFICATIONS = ("projection", SIGMA, "e1", "dead-zone", "normalised")
 Given: TypeAlias = str | Sequence[str] | Mapping[str, Any] | None
-
-_LEAK_RATE = 0.05  # [1/s]
-_E1, _OFF = 0.2, 1e-3  # [1/s] in a loop that is 1 mrad or 1 mm off at the bandwidth
-_DEVIATIONS = 3.0  # of the noise, for a dead zone
 
 
 class Tuning(NamedTuple):
@@ -99,6 +91,7 @@ class Tuning(NamedTuple):
         quality: of the sensors.
         settings: of the filters for their noise.
         rates: given by name; None: the default.
+        lmi: matrix inequality for a basis of the user's own, or None.
     """
 
     law: Law
@@ -108,6 +101,7 @@ class Tuning(NamedTuple):
     quality: SensorQuality
     settings: NoiseSettings
     rates: Mapping[str, Any]
+    lmi: Any = None
 
     @property
     def jitter(self) -> float:
@@ -158,11 +152,11 @@ def modified(adaptation: Adaptation, chosen: Mapping[str, Any], tuning: Tuning) 
         if name == "projection":
             adaptation = MassMatrixProjection(adaptation, motion.dynamics, motion.robot)
         elif name == SIGMA:
-            default = tuning.settings.leak or _LEAK_RATE
+            default = tuning.settings.leak or 0.05  # [1/s]
             adaptation = Leak(adaptation, default if gain is None else gain)
         elif name == "e1":
-            size = _of_velocity(tuning, _OFF * tuning.bandwidth, "modifications.e1")
-            adaptation = ErrorLeak(adaptation, _E1 if gain is None else gain, size)
+            size = _of_velocity(tuning, 1e-3 * tuning.bandwidth, "modifications.e1")
+            adaptation = ErrorLeak(adaptation, 0.2 if gain is None else gain, size)  # [1/s]
         elif name == "dead-zone":
             zone = _noise(tuning) if gain is None else gain
             adaptation = DeadZone(adaptation, zone)
@@ -186,7 +180,7 @@ def _noise(tuning: Tuning) -> float:
             where=where,
             hint="Give the size, or the sensors: pa.Sensors(encoder=...) or noise=.",
         )
-    return _of_velocity(tuning, _DEVIATIONS * tuning.jitter, where)
+    return _of_velocity(tuning, 3.0 * tuning.jitter, where)
 
 
 def _of_velocity(tuning: Tuning, size: float, where: str) -> float:

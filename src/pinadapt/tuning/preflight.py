@@ -42,12 +42,11 @@ _STABLE = 1.0 + 1e-6  # rounding of the double roots of free directions; half, t
 # of a robot's bandwidth, from which on a period is to blame; half: found at twice the period
 _SLOWED = 0.25
 _WORSE = 1.5  # times the noise for which a controller was made; twice: found at twice the noise
-_RELATIVE_DAMPING = 0.01  # of springs without a stated one; half, twice: about the same gains
 # of the inertia that a joint moves, where a description has no rotors; half: slower gains
 _ROTOR = 0.5
 _FEEDBACK, _DYNAMICS = "task feedback", "adaptation of the dynamics"
 
-Radius = Callable[..., float]  # of dt [s] and factor, both by name
+Radius = Callable[[float, float], float]  # of dt [s] and factor
 Part: TypeAlias = tuple[str, Mapping[str, float], Radius]  # name, gains with powers of the factor
 
 
@@ -98,8 +97,8 @@ def preflight(
         return findings
     actuators = controller.limits.actuators if actuators is None else actuators
     for part, gains, radius in _parts(controller, motion, actuators):
-        if radius(dt=dt, factor=1.0) > _STABLE:
-            helps = radius(dt=dt, factor=_LEAST) <= _STABLE
+        if radius(dt, 1.0) > _STABLE:
+            helps = radius(dt, _LEAST) <= _STABLE
             if helps or part == _FEEDBACK:
                 findings.append(_too_fast(part, gains if helps else {}, radius, dt, actuators))
     robot, own = motion.robot, controller.law.own_bandwidth
@@ -123,18 +122,20 @@ def _too_fast(
 ) -> Finding:
     """Return a finding on a part that is unstable at dt [s], with the gains that help."""
     ways, behind = [], "" if actuators.ideal else f" behind {actuators.words}"
-    longest = _largest(lambda period: radius(dt=period, factor=1.0), dt)
+    longest = _largest(lambda period: radius(period, 1.0), dt)
     if longest > 1e-3 * dt:
         ways.append(f"dt <= {rounded_down(longest):.2g} s")
     else:
         longest = 0.0
-    factors = _stable_factors(gains, radius, dt) if gains else {}
+    factor = _largest(partial(radius, dt), 1.0) if gains else 1.0
+    factors = {gain: factor**power for gain, power in gains.items()}
     if factors:
         at_most = {name: rounded_down(x) if x < 1.0 else x for name, x in factors.items()}
         ways.append(", ".join(f"{factor:.3g} {name}" for name, factor in at_most.items()))
     if behind:
-        ways.append("other actuators, declared by pa.Limits(actuators=...)")
-    words = f"dt = {dt:.3g} s is too long for the {part}{behind}: take {', or '.join(ways)}."
+        ways.append("declare the actuators, pa.Limits(actuators=...)")
+    advice = ", or ".join(ways) or "other gains"
+    words = f"dt = {dt:.3g} s is too long for the {part}{behind}: take {advice}."
     return Finding(part, words, longest, factors)
 
 
@@ -159,10 +160,9 @@ def stable_share_of_adaptation(controller: Controller, dt: float) -> float:
     """Return the share of the rates of the dynamic adaptation that passes the check at dt [s]."""
     motion = controller.motion
     if motion is not None:
-        for part, gains, radius in _parts(controller, motion, controller.limits.actuators):
-            too_fast = part == _DYNAMICS and radius(dt=dt, factor=1.0) > _STABLE
-            if too_fast and radius(dt=dt, factor=_LEAST) <= _STABLE:
-                return _SLACK * min(_stable_factors(gains, radius, dt).values())
+        for part, _, radius in _parts(controller, motion, controller.limits.actuators):
+            if part == _DYNAMICS:
+                return _stable_share(partial(radius, dt))
     return 1.0
 
 
@@ -183,19 +183,14 @@ def stable_share_of_feedback(
         return 1.0
     joints = LinearisedJoints(motion, actuators, K_f, of_task=len(whole) == 1)
 
-    def radius(share: float) -> float:
-        """Return the spectral radius of the loop with a share of the feedback."""
-        return joints.feedback_radius(of(share), dt, 1.0)
+    return _stable_share(lambda share: joints.feedback_radius(of(share), dt, 1.0))
 
+
+def _stable_share(radius: Callable[[float], float]) -> float:
+    """Return the largest stable share with some slack; one if all is stable, or no share is."""
     if radius(1.0) <= _STABLE or radius(_LEAST) > _STABLE:
         return 1.0
     return _SLACK * _largest(radius, 1.0)
-
-
-def _stable_factors(gains: Mapping[str, float], radius: Radius, dt: float) -> dict[str, float]:
-    """Return the factor of each gain, given with its power, that is stable at dt [s]."""
-    factor = _largest(lambda factor: radius(dt=dt, factor=factor), 1.0)
-    return {gain: factor**power for gain, power in gains.items()}
 
 
 def _largest(radius: Callable[[float], float], start: float) -> float:
@@ -219,8 +214,8 @@ def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) 
         yield _FEEDBACK, law.bandwidth_powers, partial(joints.feedback_radius, feedback)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the start of a run warns of unphysical bodies
-            start = controller.adaptation_d.validate(motion.dynamics.initial)
-        Gamma_d = controller.adaptation_d.gain(Estimate(start))
+            start = controller.adaptation_d.init(motion.dynamics.initial)
+        Gamma_d = controller.adaptation_d.gain(start)
         if Gamma_d.any():
             effects = law.parameter_effects(motion)
             pairs = [
@@ -374,7 +369,7 @@ def _chain(
     if np.isfinite(K).all():
         own = np.diagonal(M, axis1=1, axis2=2).min(axis=0)
         motor = np.where(rotors > 0.0, rotors, _ROTOR * own)
-        D = np.where(D > 0.0, D, 2.0 * _RELATIVE_DAMPING * np.sqrt(K * motor))
+        D = np.where(D > 0.0, D, 2.0 * 0.01 * np.sqrt(K * motor))
         links, drive = np.linalg.inv(M - np.diag(rotors)), diagonal(1.0 / motor)
         A = np.block(
             [

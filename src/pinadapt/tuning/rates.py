@@ -31,6 +31,7 @@ from ..robot.robot import Robot
 from .defaults import (
     frequency,
     gradient_shape,
+    mean_diagonal,
     prior_variances,
     rate_for,
     typical_start,
@@ -57,13 +58,14 @@ RATES = (
     "prediction_rate",
     "prediction_filter",
     "forgetting",
-    "kinematic_rate",
-    "kinematic_forgetting",
 )  # as users write them
 
-_THICKNESS = 1e-2  # least thickness of the last body, as a share of the reach
-_THINNEST = 1e-4  # [m]
-_LOAD = 0.1  # load that the last body may have, as a share of the robot's mass
+# least thickness of the last body, as a share of the reach; it is above that of two robots of 129:
+# finger_edu and tiago_arm learn it a quarter or four times as fast with half or twice
+_THICKNESS = 1e-2
+# load that the last body may have, as a share of the robot's mass; half, twice: light last bodies
+# are learned half, twice as fast
+_LOAD = 0.1
 
 # of the bandwidth: forgetting of least squares, and decay of the kinematic prediction error; half:
 # drifting parameters are followed half as fast; twice: what a motion shows is lost within a turn
@@ -73,17 +75,17 @@ _LEAST_SQUARES = 1e3
 # noise that a memory assumes, of the torque that its covariance explains; half: errors of up to
 # 0.11 % of the radius with Stribeck friction in place of 0.064; twice: 0.061
 _NOISE = 0.01
-_INTERVAL = 0.5  # between evaluations, in 1 / rate
 # of a memory that cannot explain all of the torque; 3: its parameters follow the errors of others
 # until some loops at 1 kHz are unstable (human_left_arm); 12: errors of some arms are larger
 _DOUBT = 6.0
 # of P in standard deviations of the prior; half: errors as there of up to 0.23 %; twice: 0.06
 _WIDTH = 3.0
-_HORIZON = 2000.0  # in 1 / bandwidth: encoder noise then adds as much information as the prior
-_FLOOR = 1e-2  # of the torque due to the gain for the tracking error over a typical motion
+# in 1 / bandwidth: encoder noise then adds as much information as the prior; half, twice: noisy
+# encoders count for more, for less
+_HORIZON = 2000.0
 
-_PRIOR = 0.1  # error of the translations, as a share of the reach
-_FINEST = 1e-3  # least noise, as a share of the signal by that prior
+# error of the translations, as a share of the reach; half: noisy frames move the tool less
+_PRIOR = 0.1
 
 
 def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
@@ -123,9 +125,7 @@ def predicting_kind(kind: str, law: str) -> str:
     )
 
 
-def dynamic_adaptation(
-    kind: str, tuning: Tuning, lmi: ArrayLike | MatrixInequality | None, share: float = 1.0
-) -> Adaptation:
+def dynamic_adaptation(kind: str, tuning: Tuning, share: float = 1.0) -> Adaptation:
     """Return the dynamic adaptation with given rates or a share of the default ones.
 
     Beside a memory the tracking error adapts at most at the bandwidth.
@@ -133,7 +133,6 @@ def dynamic_adaptation(
     Args:
         kind: of adaptation.
         tuning: of the loop, which the default rates follow.
-        lmi: matrix inequality for a basis of the user's own.
         share: of the default rates, beside that which noise leaves.
 
     Raises:
@@ -145,24 +144,18 @@ def dynamic_adaptation(
     if kind in MEMORIES:
         mode = min(mode, 1.0 / law.adaptation_mode)
     share *= mode**2
-    moved = _tracking_adaptation(kind, tuning, tuning.bandwidth * share**0.5, lmi)
+    moved = _tracking_adaptation(kind, tuning, tuning.bandwidth * share**0.5)
     if kind in _METRICS:
         moved = predicting(kind, moved, tuning, share)
     return law.guarded(moved, dynamics)
 
 
-def _tracking_adaptation(
-    kind: str, tuning: Tuning, w: float, lmi: ArrayLike | MatrixInequality | None
-) -> Adaptation:
+def _tracking_adaptation(kind: str, tuning: Tuning, w: float) -> Adaptation:
     """Return the adaptation to the tracking error at a bandwidth w [rad/s]."""
-    dynamics, law = tuning.motion.dynamics, tuning.law
-    effects, inertial, joints = (
-        law.parameter_effects(tuning.motion),
-        dynamics.inertial,
-        dynamics.joints,
-    )
+    motion, law, dynamics = tuning.motion, tuning.law, tuning.motion.dynamics
+    inertial, joints, effects = dynamics.inertial, dynamics.joints, law.parameter_effects(motion)
     own = [Phi[:, : inertial.size] for Phi in effects]
-    adaptation = _inertial_adaptation(kind, tuning, own, law.adaptation_mode * w, lmi)
+    adaptation = _inertial_adaptation(kind, tuning, own, law.adaptation_mode * w)
     if joints is None or not joints.size:
         return adaptation
     typical, gamma_joint = joints.typical, tuning.rates.get("gamma_joint")
@@ -187,11 +180,7 @@ def _of_joints(gamma: float, typical: np.ndarray, signed: int) -> list[tuple[Ada
 
 
 def _inertial_adaptation(
-    kind: str,
-    tuning: Tuning,
-    effects: list[np.ndarray],
-    mode: float,
-    lmi: ArrayLike | MatrixInequality | None,
+    kind: str, tuning: Tuning, effects: list[np.ndarray], mode: float
 ) -> Adaptation:
     """Return the adaptation of the inertial parameters; by default its fastest mode is ``mode``."""
     dynamics, gamma_d = tuning.motion.dynamics.inertial, tuning.rates.get("gamma_d")
@@ -199,10 +188,10 @@ def _inertial_adaptation(
     if not dynamics.size:
         return Frozen()
     if metric_of(kind) == "natural":
-        cone = _cone(robot, dynamics, lmi)
+        cone = _cone(robot, dynamics, tuning.lmi)
         unit = Natural(1.0, cone)
         if gamma_d is None:
-            gamma_d = rate_for(mode, effects, unit, Estimate(unit.validate(dynamics.initial)))
+            gamma_d = rate_for(mode, effects, unit, unit.init(dynamics.initial))
         shares = _shares(robot, dynamics, unit, _LOAD if kind in MEMORIES else 0.0)
         return Natural(positive(gamma_d, "gamma_d"), cone, shares=shares)
     if gamma_d is None:
@@ -224,10 +213,10 @@ def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.
     if not dynamics.per_body or last not in dynamics.bodies:
         return None
     index = list(dynamics.bodies).index(last)
-    P = unit.cone.matrices(unit.validate(dynamics.initial))[index]
+    P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
     mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
     square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
-    thick = (_THICKNESS * robot.reach) ** 2 / max(square, _THINNEST**2)
+    thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
     shares = np.ones(len(dynamics.bodies))
     shares[index] = max(1.0, thick, 1.0 + load * pin.computeTotalMass(robot.model) / mass)
     return shares if shares[index] > 1.0 else None
@@ -311,13 +300,13 @@ def predicting(kind: str, moved: Adaptation, tuning: Tuning, share: float) -> Ad
             forgetting=tuning.rate("forgetting", w),
             share=1.0 / unit,
             doubt=1.0 if explains_all(motion) else _DOUBT,
-            interval=_INTERVAL / rate,
+            interval=0.5 / rate,
             unit=1.0 / _WIDTH**2,
             prior=prior,
         )
     if kind != LeastSquares.name:
         rate = tuning.rate("prediction_rate", mode * w * share)
-        return Composite(moved, low_pass, rate=rate, floor=_FLOOR * torques)
+        return Composite(moved, low_pass, rate=rate, floor=0.01 * torques)
     rate = tuning.rate("prediction_rate", _LEAST_SQUARES * w * share)
     return LeastSquares(
         moved.gain(typical_start(moved, motion)),
@@ -356,19 +345,13 @@ def explains_all(motion: TypicalMotion) -> bool:
 def _shaken_torques(adaptation: Adaptation, motion: TypicalMotion, a: float) -> np.ndarray:
     """Return the mean diagonal (n) of E Y Gamma Y^T, Y due to accelerations of the joints alone.
 
-    Args:
-        adaptation: with Gamma.
-        motion: of the model.
-        a: standard deviation of the acceleration of each joint [rad/s^2 or m/s^2].
+    These have the standard deviation ``a`` [rad/s^2 or m/s^2].
     """
-    start, regressor = typical_start(adaptation, motion), motion.dynamics.regressor
-    rest, found = np.zeros(motion.robot.model.nv), []
+    regressor, rest, changes = motion.dynamics.regressor, np.zeros(motion.robot.model.nv), []
     for q in motion.states.q:
         still = np.array(regressor(q, rest, rest))
-        for e in np.eye(rest.size):
-            Y = regressor(q, rest, e) - still
-            found.append(np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0))
-    return np.asarray(a**2 * rest.size * np.mean(found, axis=0))
+        changes += [regressor(q, rest, e) - still for e in np.eye(rest.size)]
+    return np.asarray(a**2 * rest.size * mean_diagonal(adaptation, motion, changes))
 
 
 def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> Adaptation:
@@ -395,7 +378,7 @@ def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> A
         moved = kinematic_least_squares(moved.gain(start), tuning)
     if box is None:
         return moved
-    return BoxProjection(moved, *box, names=kinematics.names, where="limits.box")
+    return BoxProjection(moved, *box, names=kinematics.names)
 
 
 def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
@@ -406,38 +389,28 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     tenth of the reach; from then on frames are averaged. Each direction forgets by itself, at w / 8
     or an eighth of the bandwidth of the low pass on the frames. A given weight R_k replaces all but
     the forgetting.
-
-    Raises:
-        GainError: a rate that is not positive.
     """
     law, motion, w, quality = tuning.law, tuning.motion, tuning.bandwidth, tuning.quality
-    kinematics, size, rate = (
-        motion.kinematics,
-        motion.kinematics.size,
-        tuning.rates.get("kinematic_rate"),
-    )
-    usual = _SLOW * min(w, tuning.settings.smoothing)
+    kinematics, size = motion.kinematics, motion.kinematics.size
     unit = (_PRIOR * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
     options: dict[str, Any] = {
         "weight": None,
-        "forgetting": tuning.rate("kinematic_forgetting", usual),
+        "forgetting": _SLOW * min(w, tuning.settings.smoothing),
         "directional": True,
         "unit": unit,
     }
-    if tuning.rates.get("R_k") is not None and rate is None:
+    if tuning.rates.get("R_k") is not None:
         return LeastSquares(P_0, size, **options)
-    rate, spread = tuning.rate("kinematic_rate", w), quality.x
-    seen = motion.position_regressors
+    seen, spread = motion.position_regressors, quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors
         spread *= float(getattr(law, "lambda_", w))
-    squares = [np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]
-    typical = float(np.mean(squares)) if squares else 0.0
+    typical = float(np.mean([np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]))
     # noise of the measured signal over its size by the prior, white over a second
     off = math.sqrt(unit * typical)
-    noise = rate * (spread / off) ** 2 / quality.rate if spread and off else 0.0
-    floor = typical * max(noise, _FINEST**2)
-    return LeastSquares(P_0, size, rate=rate, floor=floor or 1.0, **options)
+    noise = w * (spread / off) ** 2 / quality.rate if spread and off else 0.0
+    floor = typical * max(noise, 1e-6)
+    return LeastSquares(P_0, size, rate=w, floor=floor or 1.0, **options)
 
 
 def with_prediction_weight(tuning: Tuning, adaptation: Adaptation) -> Law:
@@ -449,4 +422,4 @@ def with_prediction_weight(tuning: Tuning, adaptation: Adaptation) -> Law:
     seen = motion.position_regressors if law.uses_position_error else motion.kinematic_regressors
     rate = frequency(seen, adaptation.gain(Estimate(motion.kinematics.initial))) ** 2
     wanted = min(_SLOW * tuning.bandwidth, tuning.settings.smoothing)
-    return law.with_prediction_weight(wanted / rate if rate > 0.0 else 1.0)
+    return law.adjusted(R_k=wanted / rate if rate > 0.0 else 1.0)

@@ -244,7 +244,7 @@ def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskK
     words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
     geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
-    others = [word for word in words if word not in (GEOMETRY, TRACKER, CAMERA, BASE)]
+    others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
     if geometry and (tracked or set(others) - {TOOL}):
         raise ParameterError(
             f"'{GEOMETRY}' contains base, joints and tool, in the axes of the base, and nothing "
@@ -260,7 +260,10 @@ def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskK
                 where="unknown.translations",
                 hint='Take ["camera", "tool"].',
             )
-        place, kinematics = CAMERA, CameraKinematics(robot, others)
+        place, kinematics = (
+            CAMERA,
+            CameraKinematics(robot, [word for word in others if word != CAMERA]),
+        )
     elif geometry:
         place, kinematics = GEOMETRY, FrameKinematics(robot, GEOMETRY)
     elif tracked:  # it contains the position of the base
@@ -371,8 +374,6 @@ def warn_of_unused_gains(
         used += ["prediction_rate", "prediction_filter", *["forgetting"] * (kind in FORGETTING)]
     if kinematics.size and kind_k not in ("none", "custom") and law.learns_kinematics:
         used.append("gamma_k")
-        if kind_k == "least-squares":
-            used += ["kinematic_rate", "kinematic_forgetting"]
     idle = [name for name, gain in given.items() if gain is not None and name not in used]
     if idle:
         warnings.warn(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from abc import ABC, abstractmethod
+from threading import Lock
 from typing import Any, TypeAlias
 
 import meshcat
@@ -25,32 +25,51 @@ from scipy.spatial.transform import Rotation
 TRUE, ESTIMATED, DESIRED, LOAD, BONES = 0xD55E00, 0x0072B2, 0x009E73, 0xE69F00, 0x5A6472
 
 
-class Window(ABC):
-    """Receives the commands of ``meshcat.Visualizer(window=...)``, and notes to the page."""
+class Window:
+    """Keeps the latest message of each key, in order of arrival.
+
+    It receives the commands of ``meshcat.Visualizer(window=...)``, and notes to the page.
+
+    Attributes:
+        count: of all messages so far.
+    """
+
+    def __init__(self) -> None:
+        """Make a window without messages."""
+        self._latest: dict[Any, tuple[int, bytes]] = {}
+        self._lock = Lock()
+        self.count = 0
 
     def send(self, command: Any) -> None:
         """Receive a meshcat command."""
         lowered = command.lower()
         key = lowered["type"], lowered["path"], lowered.get("property")
-        self.keep(key, umsgpack.packb(lowered, force_float_precision="single"))
+        self._keep(key, umsgpack.packb(lowered, force_float_precision="single"))
 
     def note(self, key: Any, **content: Any) -> None:
         """Add a note to the page, with keys that the function ``note`` of ``page.html`` handles."""
-        self.keep(("note", key), json.dumps(content, allow_nan=False).encode())
+        self._keep(("note", key), json.dumps(content, allow_nan=False).encode())
 
     def copy(self, source: Node, target: Node, *, as_ghost: bool = False) -> None:
         """Draw the object of one node at another node too, on request in the ghost's material."""
         paths = {"source": source.path.lower(), "target": target.path.lower()}
         self.note(paths["target"], copy={**paths, "ghost": as_ghost})
 
-    @abstractmethod
-    def keep(self, key: Any, message: bytes) -> None:
-        """Store a message; one with the same ``key`` as an earlier message replaces it."""
+    def _keep(self, key: Any, message: bytes) -> None:
+        with self._lock:
+            self._latest.pop(key, None)
+            self.count += 1
+            self._latest[key] = self.count, message
 
+    def since(self, count: int) -> tuple[int, bytes]:
+        """Return how many messages there are, and those after the first ``count``.
 
-def framed(message: bytes) -> bytes:
-    """Return a message preceded by its length in 4 bytes, as the page reads it."""
-    return len(message).to_bytes(4, "big") + message
+        Each is preceded by its length in 4 bytes, as the page reads it.
+        """
+        with self._lock:
+            new = [message for number, message in self._latest.values() if number > count]
+            framed = (len(message).to_bytes(4, "big") + message for message in new)
+            return self.count, b"".join(framed)
 
 
 def solid(colour: int) -> MeshLambertMaterial:

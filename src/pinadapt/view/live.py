@@ -8,7 +8,7 @@ import webbrowser
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Condition, Thread
+from threading import Thread
 from time import perf_counter, sleep
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,8 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .drawing import TRUE, Keyframes, Window, framed, solid
-from .page import Viewpoint, page, readings, task_curves
+from .drawing import TRUE, Window, solid
+from .page import note_readings, page, task_curves
 from .scene import Scene, desired_tip, motion_of
 
 if TYPE_CHECKING:
@@ -34,62 +34,11 @@ def open_in_browser(address: str) -> bool:
     return webbrowser.open(address)
 
 
-_PATIENCE = 2.0  # [s] for browsers to read the last messages before the server stops
+# [s] for a browser to read the last messages; half: a slow one misses the end, twice: a hung one
+# delays the end of the program
+_PATIENCE = 2.0
 _ARRIVAL = 30.0  # [s] to wait for the browser that was opened; half: a slow one misses the start
 _RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
-
-
-class Broadcast(Window):
-    """Keeps the latest message of each key, in order of arrival, and hands them to browsers.
-
-    A browser that connects late gets the whole scene. A slow one skips messages that have been
-    replaced meanwhile.
-    """
-
-    def __init__(self) -> None:
-        """Make a window without messages."""
-        self._latest: dict[Any, tuple[int, bytes]] = {}
-        self._count = self._readers = 0
-        self._closed = False
-        self._changed = Condition()
-
-    def keep(self, key: Any, message: bytes) -> None:
-        """Store a message in place of an older one with the same key."""
-        with self._changed:
-            self._latest.pop(key, None)
-            self._count += 1
-            self._latest[key] = self._count, message
-            self._changed.notify_all()
-
-    def read(self) -> Iterator[bytes]:
-        """Yield the messages so far, framed, and then new ones until the window is closed."""
-        seen, closed = 0, False
-        with self._changed:
-            self._readers += 1
-            self._changed.notify_all()
-        try:
-            while not closed:
-                with self._changed:
-                    self._changed.wait_for(lambda: self._closed or self._count > seen)  # noqa: B023
-                    new = [message for n, message in self._latest.values() if n > seen]
-                    seen, closed = self._count, self._closed
-                yield from map(framed, new)  # one at a time, as a slow reader holds what it gets
-        finally:
-            with self._changed:
-                self._readers -= 1
-                self._changed.notify_all()
-
-    def wait_for_reader(self, timeout: float) -> bool:
-        """Wait up to ``timeout`` [s] for a browser to read; return whether one does."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self._readers > 0, timeout)
-
-    def close(self) -> None:
-        """Let all browsers read the remaining messages, then end their streams."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
-            self._changed.wait_for(lambda: self._readers == 0, _PATIENCE)
 
 
 class Server(ThreadingHTTPServer):
@@ -101,24 +50,32 @@ class Server(ThreadingHTTPServer):
     Attributes:
         url: of the page.
         page: in HTML.
-        messages: that the page reads.
+        messages: that the page asks for; one that connects late gets the whole scene.
+        read: how many of them a browser has got.
         hosts: names by which it may be asked for.
     """
 
     daemon_threads = True
 
-    def __init__(self, page: str, messages: Broadcast) -> None:
+    def __init__(self, page: str, messages: Window) -> None:
         """Start the server on a free port."""
         super().__init__(("127.0.0.1", 0), _Handler)
-        self.page, self.messages = page.encode(), messages
+        self.page, self.messages, self.read = page.encode(), messages, 0
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.url = f"http://127.0.0.1:{self.server_port}/"
         self._thread = Thread(target=self.serve_forever, args=(0.05,), daemon=True)
         self._thread.start()
 
+    def wait_until_read(self, timeout: float) -> None:
+        """Wait up to ``timeout`` [s] for a browser to read all messages."""
+        end = perf_counter() + timeout
+        while self.read < self.messages.count and perf_counter() < end:
+            sleep(0.02)
+
     def close(self) -> None:
-        """Let browsers read the remaining messages, stop, and free the port."""
-        self.messages.close()
+        """Let a browser read the remaining messages, stop, and free the port."""
+        if self.read:
+            self.wait_until_read(_PATIENCE)
         self.shutdown()
         self._thread.join()
         self.server_close()
@@ -129,24 +86,27 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = _PATIENCE  # for a browser that does not read
 
     def do_GET(self) -> None:
-        """Send the page, or the messages as they arrive."""
+        """Send the page, or the messages after the number in the query."""
+        place, _, query = self.path.partition("?")
         if self.headers.get("Host") not in self.server.hosts:
             self.send_error(421, "this page is served to the same machine only")
-        elif self.path == "/":
-            self._send("text/html; charset=utf-8", [self.server.page])
-        elif self.path == "/messages":
-            self._send("application/octet-stream", self.server.messages.read())
+        elif place == "/":
+            self._send("text/html; charset=utf-8", self.server.page)
+        elif place == "/messages" and query.isdecimal():
+            count, new = self.server.messages.since(int(query))
+            self._send("application/octet-stream", new, count)
+            self.server.read = count
         else:
             self.send_error(404)
 
-    def _send(self, kind: str, parts: Iterable[bytes]) -> None:
+    def _send(self, kind: str, body: bytes, count: int = 0) -> None:
         self.send_response(200)
         self.send_header("Content-Type", kind)
         self.send_header("Cache-Control", "no-store")
+        self.send_header("Count", f"{count}")
         self.end_headers()
         with suppress(OSError):  # the browser has disconnected
-            for part in parts:
-                self.wfile.write(part)
+            self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Log nothing."""
@@ -189,8 +149,6 @@ class LiveView:
             changes: time [s] -> the true robot from then on.
             title: of the page.
         """
-        self._robots, self._controller = Succession.of(true, changes), controller
-        self._window = Broadcast()
         self._started: float | None = None
         self._next = 0.0
         self._last: Sample | None = None
@@ -200,17 +158,16 @@ class LiveView:
         t = np.linspace(0.0, duration, 600)
         x_d = as_trajectory(trajectory, true.task).positions(t)
         path = desired_tip(true, x_d, here.tip[0])
-        viewpoint = Viewpoint.of(np.vstack([here.points, path]), path)
-        described = self._robots, controller.kinematics
-        self._scene = Scene(self._window, *described, viewpoint.size, Keyframes(t[:1]), path)
+        robots = Succession.of(true, changes)
+        self._scene = Scene(robots, controller.kinematics, here, path, t[:1])
         start = x_d[:1], x_d[:1], np.asarray(controller.kinematics.initial)[None]
-        curves = [*task_curves(self._robots, controller, t[:1], *start)]
-        html = page(title or true.name, self._scene.legend, viewpoint, curves, duration)
-        self._server = Server(html, self._window)
+        curves = task_curves(self._scene, t[:1], *start)
+        html = page(self._scene, title or true.name, curves, duration, live=True)
+        self._server = Server(html, self._scene.window)
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
         if open_in_browser(self.url):
-            self._window.wait_for_reader(_ARRIVAL)
+            self._server.wait_until_read(_ARRIVAL)
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
@@ -243,16 +200,14 @@ class LiveView:
         motion = self._scene.show(t, q[None], x_d, a_k[None])
         self._trace(motion.tip[0])
         assert sample.truth.x is not None  # perfect sensors see the task
-        both = sample.truth.x[None], x_d
-        curves = task_curves(self._robots, self._controller, t, *both, a_k[None])
-        for reading in readings(t, curves):
-            self._window.note(("reading", sample.t), reading=reading)
+        curves = task_curves(self._scene, t, sample.truth.x[None], x_d, a_k[None])
+        note_readings(self._scene, t, curves)
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""
         if self._last is not None:
             self._draw(self._last)
-        self._window.note("end", end=self._end)
+        self._scene.window.note("end", end=self._end)
         self._server.close()
 
     def __enter__(self) -> LiveView:

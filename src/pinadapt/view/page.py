@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from html import escape
 from importlib.resources import files
@@ -18,9 +18,7 @@ import numpy as np
 
 from .._checks import positive
 from .._output import write_text
-from ..controller.controller import Controller
-from ..robot.robot import Succession
-from .drawing import TRUE, Keyframes, Window, framed, ghost, solid
+from .drawing import TRUE, ghost, solid
 from .scene import Scene, desired_tip, motion_in_time
 
 
@@ -36,26 +34,21 @@ Curves = dict[Curve, np.ndarray]
 
 
 def task_curves(
-    robots: Succession,
-    controller: Controller,
-    t: np.ndarray,
-    x: np.ndarray,
-    x_d: np.ndarray,
-    a_k: np.ndarray,
+    scene: Scene, t: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
 ) -> Curves:
     """Return the errors of the task and of estimated translations.
 
     Args:
-        robots: the true robot, and what it changes to.
-        controller: of the loop.
+        scene: of the page.
         t: (N) time [s].
         x: (N, .) true task coordinates.
         x_d: (N, .) desired ones.
         a_k: (N, p_k) estimates.
     """
-    true, kinematics, found = robots.robots[0], controller.kinematics, Curves()
-    error = np.array([true.task.error(*both) for both in zip(x, x_d, strict=True)])
-    for group in true.task.groups:
+    robots, kinematics = scene.robots, scene.kinematics
+    task, found = robots.robots[0].task, Curves()
+    error = np.array([task.error(*both) for both in zip(x, x_d, strict=True)])
+    for group in task.groups:
         unit, scale = group.shown
         size = np.linalg.norm(error[:, group.rows], axis=1)
         found[Curve(f"{group.name} error", unit)] = scale * size
@@ -67,102 +60,50 @@ def task_curves(
     return found
 
 
-def readings(t: np.ndarray, curves: Curves) -> Iterator[dict[str, Any]]:
-    """Yield time and values of the curves at each sample; None for values that are not finite."""
-    for moment, values in zip(t, np.array([*curves.values()]).T, strict=True):
+def note_readings(scene: Scene, t: np.ndarray, curves: Curves) -> None:
+    """Note the values of the curves at times t (N) [s]; null where they are not finite."""
+    for moment, values in zip(t.round(4).tolist(), np.array([*curves.values()]).T, strict=True):
         shown = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
-        yield {"t": round(float(moment), 4), "values": shown}
-
-
-class Viewpoint(NamedTuple):
-    """Where the scene is seen from.
-
-    Attributes:
-        target: (3) centre of the box that is in the picture [m], world axes.
-        direction: (3) unit vector from the centre towards the eye, world axes.
-        box: (3) half the box's extent to the right, upwards and towards the eye [m].
-    """
-
-    target: np.ndarray
-    direction: np.ndarray
-    box: np.ndarray
-
-    @property
-    def size(self) -> float:
-        """Half the larger side of the picture [m]."""
-        return float(self.box[:2].max())
-
-    @classmethod
-    def of(cls, points: np.ndarray, path: np.ndarray) -> Viewpoint:
-        """Return a view from where the path is, somewhat from the side and from above.
-
-        Args:
-            points: (N, 3) points that must be in the picture [m].
-            path: (M, 3) the tool's path [m].
-        """
-        front = path.mean(axis=0)
-        azimuth, elevation = np.arctan2(front[1], front[0]) - np.radians(35.0), np.radians(30.0)
-        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        level = np.array([right[1], -right[0], 0.0])
-        direction = np.cos(elevation) * level + np.sin(elevation) * np.eye(3)[2]
-        axes = np.stack([right, np.cross(direction, right), direction], axis=1)
-        low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
-        half = 0.5 * (high - low)
-        margin = 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
-        return cls(axes @ (0.5 * (low + high)), direction, half + margin)
-
-
-class Messages(Window):
-    """Keeps all messages, for a page that contains them."""
-
-    def __init__(self) -> None:
-        """Make a window without messages."""
-        self.all = b""
-
-    def keep(self, key: Any, message: bytes) -> None:
-        """Append a message."""
-        self.all += framed(message)
+        scene.window.note(("reading", moment), reading={"t": moment, "values": shown})
 
 
 def page(
+    scene: Scene,
     title: str,
-    legend: Mapping[str, int],
-    viewpoint: Viewpoint,
-    curves: Sequence[Curve],
+    curves: Iterable[Curve],
     duration: float,
     *,
     marks: Sequence[tuple[float, str]] = (),
-    messages: bytes | None = None,
+    live: bool = False,
 ) -> str:
     """Return a page in HTML.
 
     Args:
+        scene: what it shows.
         title: shown above the legend.
-        legend: text -> colour.
-        viewpoint: where the scene is seen from.
         curves: drawn over time.
         duration: of the whole run [s].
         marks: time [s] and description of each event.
-        messages: framed, for the page to contain; None: it reads them from its server.
+        live: whether the page asks its server for messages, in place of containing them.
     """
     settings = {
-        "viewpoint": {name: part.tolist() for name, part in viewpoint._asdict().items()},
+        "viewpoint": {name: part.tolist() for name, part in scene.viewpoint._asdict().items()},
         "ghost": ghost().lower({}),
         "curves": [curve._asdict() for curve in curves],
         "duration": duration,
         "marks": marks,
-        "live": messages is None,
+        "live": live,
     }
     rows = (
         f'<div><i style="background:#{colour:06x}"></i>{escape(text)}</div>'
-        for text, colour in legend.items()
+        for text, colour in scene.legend.items()
     )
     template = Template((files(__package__) / "page.html").read_text(encoding="utf-8"))
     return template.substitute(
         title=escape(title),
         legend="".join(rows),
         viewer=_viewer(),
-        messages=_packed(messages or b""),
+        messages=_packed(b"" if live else scene.window.since(0)[1]),
         settings=json.dumps(settings).replace("<", "\\u003c"),
     )
 
@@ -227,7 +168,7 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     """
     rate, run = positive(frames_per_second, "frames_per_second"), rollout.evaluated()
     robots, kinematics = run.true, run.controller.kinematics
-    true, window = robots.robots[0], Messages()
+    true = robots.robots[0]
     t, q, x, x_d, a_k = rollout.t, rollout.q, rollout.x, rollout.x_d, rollout.a_k
     if not len(t):  # it diverged at once
         home, here = true.q0, true.position(true.q0)
@@ -236,28 +177,18 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
         )
     line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
     traced = motion_in_time(robots, t[line], q[line])
-    path = desired_tip(true, x_d[line], traced.tip)
-    viewpoint = Viewpoint.of(np.vstack([traced.points, path]), path)
     wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, _MOST - 1)) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
+    path = desired_tip(true, x_d[line], traced.tip)
+    scene = Scene(robots, kinematics, traced, path, t[frames])
     t, q, x, x_d, a_k = (part[frames] for part in (t, q, x, x_d, a_k))
-    poses = Keyframes(t)
-    scene = Scene(window, robots, kinematics, viewpoint.size, poses, path)
     scene.show(t, q, x_d, a_k)
     if len(traced.tip) > 1:
         scene.add_path("true", traced.tip, 0.005, solid(TRUE))
-        window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
-    curves = task_curves(robots, run.controller, t, x, x_d, a_k)
-    for reading in readings(t, curves):
-        window.note(("reading", reading["t"]), reading=reading)
-    poses.play(scene.root)
-    html = page(
-        rollout.title or true.name,
-        scene.legend,
-        viewpoint,
-        [*curves],
-        rollout.duration,
-        marks=rollout.marks,
-        messages=window.all,
-    )
+        scene.window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
+    curves = task_curves(scene, t, x, x_d, a_k)
+    note_readings(scene, t, curves)
+    scene.poses.play(scene.root)
+    title = rollout.title or true.name
+    html = page(scene, title, curves, rollout.duration, marks=rollout.marks)
     return Animation(html)

@@ -106,6 +106,39 @@ def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
     return np.asarray((path - tracker.translation) @ tracker.rotation)
 
 
+class Viewpoint(NamedTuple):
+    """Where the scene is seen from.
+
+    Attributes:
+        target: (3) centre of the box that is in the picture [m], world axes.
+        direction: (3) unit vector from the centre towards the eye, world axes.
+        box: (3) half the box's extent to the right, upwards and towards the eye [m].
+    """
+
+    target: np.ndarray
+    direction: np.ndarray
+    box: np.ndarray
+
+    @classmethod
+    def of(cls, points: np.ndarray, path: np.ndarray) -> Viewpoint:
+        """Return a view from where the path is, somewhat from the side and from above.
+
+        Args:
+            points: (N, 3) points that must be in the picture [m].
+            path: (M, 3) the tool's path [m].
+        """
+        front = path.mean(axis=0)
+        azimuth, elevation = np.arctan2(front[1], front[0]) - np.radians(35.0), np.radians(30.0)
+        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        level = np.array([right[1], -right[0], 0.0])
+        direction = np.cos(elevation) * level + np.sin(elevation) * np.eye(3)[2]
+        axes = np.stack([right, np.cross(direction, right), direction], axis=1)
+        low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
+        half = 0.5 * (high - low)
+        margin = 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
+        return cls(axes @ (0.5 * (low + high)), direction, half + margin)
+
+
 class DrawnRobot:
     """One robot in the scene, below one node: its shapes are added once and then moved.
 
@@ -173,7 +206,9 @@ class Scene:
     are orange balls. All lengths are in the axes of the robot's base.
 
     Attributes:
+        window: that holds the messages.
         root: node of the scene.
+        viewpoint: where it is seen from.
         size: half the larger side of the picture [m].
         robots: the true robot, and what it changes to.
         kinematics: of the estimated robot.
@@ -182,25 +217,26 @@ class Scene:
 
     def __init__(
         self,
-        window: Window,
         robots: Succession,
         kinematics: TaskKinematics,
-        size: float,
-        poses: Keyframes,
+        motion: ChainMotion,
         path: np.ndarray,
+        t: np.ndarray,
     ) -> None:
         """Draw everything that does not move, and what moves where it is at first.
 
         Args:
-            window: receives what is drawn.
             robots: the true robot, and what it changes to.
             kinematics: of the estimated robot.
-            size: half the larger side of the picture [m].
-            poses: moves the nodes.
+            motion: places that must be in the picture.
             path: (L, 3) desired positions of the tip [m].
+            t: (F) moments that are shown [s].
         """
-        self.root, self.size, self.robots = meshcat.Visualizer(window=window), size, robots
-        self.kinematics, self.poses, true = kinematics, poses, robots.robots[0]
+        self.window, self.poses = Window(), Keyframes(t)
+        self.root = meshcat.Visualizer(window=self.window)
+        self.viewpoint = Viewpoint.of(np.vstack([motion.points, path]), path)
+        self.size = size = float(self.viewpoint.box[:2].max())
+        self.robots, self.kinematics, true = robots, kinematics, robots.robots[0]
         self._solid = DrawnRobot(self.root["true"], true, size, solid(TRUE))
         self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
         if true.visual is not None and len(true.visual.geometryObjects) > 0:
@@ -208,7 +244,7 @@ class Scene:
             for number, shape in enumerate(true.visual.geometryObjects):  # stored only once
                 place = f"joint {shape.parentJoint}/shape {number}"
                 self._ghost.node[place].set_transform(scaled_placement(shape))
-                window.copy(self._solid.node[place], self._ghost.node[place], as_ghost=True)
+                self.window.copy(self._solid.node[place], self._ghost.node[place], as_ghost=True)
         else:
             self._solid.stick_figure(solid(BONES))
             self._ghost.stick_figure(ghost())
@@ -260,6 +296,7 @@ class Scene:
         grid = np.diag([2.0 * spacing, 2.0 * spacing, 1.0, 1.0])  # of lines that are 0.5 m apart
         grid[2, 3] = floor
         self.root["/Grid"].set_transform(grid)
+        self.root["/Grid/<object>"].set_property("color", [1.0, 1.0, 1.0, 0.35])
         self.root["/Axes"].set_property("visible", False)
         for end in ("top_color", "bottom_color"):
             self.root["/Background"].set_property(end, [0.93, 0.94, 0.96])
