@@ -60,9 +60,9 @@ def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
 
     geometry = _Geometry(robot, parts, pin.SE3.Identity())
     r, W = geometry.rows(seen)
-    assert np.abs(r).max() < 1e-12 and len(parts.names) == 6 * (robot.model.nv + 1)
-    for k, name in enumerate(parts.names):
-        step = np.eye(len(parts.names))[k]
+    assert np.abs(r).max() < 1e-12 and len(geometry.names) == 6 * (robot.model.nv + 1)
+    for k, name in enumerate(geometry.names):
+        step = np.eye(len(geometry.names))[k]
         slope = derivative(lambda h, step=step: moved(h * step))
         assert np.abs(W[0, :, k] - slope).max() < 1e-9, name
 

@@ -69,29 +69,54 @@ def motion_of_samples(
 
     Args:
         model: of the chain.
-        samples: of a run.
-        cutoff: of the low pass [Hz]. Noisy runs that are shorter than a second or sampled at less
-            than 2.5 times the cutoff are not smoothed.
+        samples: of a run; of fewer than three there is no motion.
+        cutoff: of the low pass [Hz].
     """
-    t, steps = np.array([sample.t for sample in samples]), len(samples) - 1
-    if steps < 2 or t[-1] <= t[0]:
+    t = np.array([sample.t for sample in samples])
+    if len(samples) < 3 or t[-1] <= t[0]:
         none = np.zeros((0, model.nv))
         return MeasuredMotion(np.zeros(0), np.zeros((0, model.nq)), none, none, none, False)
-    period = float(t[-1] - t[0]) / steps
     q, v = (np.array([getattr(one.measurement, part) for one in samples]) for part in "qv")
-    tau = np.array(
+    held = np.array(
         [
             before.torque if after.measurement.tau is None else after.measurement.tau
             for before, after in pairwise(samples)
         ]
     )
-    moved, mean, halfway = differences(model, q), 0.5 * (v[:-1] + v[1:]), t[:-1] + 0.5 * period
-    long_enough = t[-1] - t[0] > 10.0 * _SETTLING and cutoff * period < _FASTEST
-    if agree(moved / period, mean, _TOLERANCE) or not long_enough:
-        middle = integrated(model, q[:-1], 0.5 * moved)
-        return MeasuredMotion(halfway, middle, mean, np.diff(v, axis=0) / period, tau, False)
-    travelled = np.cumsum(moved, axis=0) - 0.5 * moved
-    return smoothed(model, q[0], halfway, travelled, tau, period, cutoff)
+    tau, period = np.vstack([held, held[-1:]]), float(t[-1] - t[0]) / (len(t) - 1)
+    t, q, v, _, tau, noisy = smoothed_where_noisy(
+        model, t, q, v, tau, period, cutoff, _TOLERANCE
+    )
+    middle = integrated(model, q[:-1], 0.5 * differences(model, q))
+    a = np.diff(v, axis=0) / period
+    return MeasuredMotion(t[:-1] + 0.5 * period, middle, 0.5 * (v[:-1] + v[1:]), a, tau[:-1], noisy)
+
+
+def smoothed_where_noisy(
+    model: pin.Model,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray | None,
+    tau: np.ndarray,
+    period: float,
+    cutoff: float,
+    tolerance: float,
+) -> MeasuredMotion:
+    """Return the motion through samples at times t (N), typically ``period`` apart [s].
+
+    Velocities that differ by more than the relative tolerance from the rates of the positions, or
+    that are missing, are replaced, see ``smoothed``.
+    """
+    moved, steps = differences(model, q), np.diff(t)[:, None]
+    if v is not None:
+        near = steps[:, 0] < 1.5 * period  # no sample is missing in between
+        mean = 0.5 * (v[:-1] + v[1:])[near]
+        off = np.linalg.norm((moved / steps)[near] - mean)
+        short = t[-1] - t[0] <= 10.0 * _SETTLING
+        if short or off <= tolerance * np.linalg.norm(mean):
+            return MeasuredMotion(t, q, v, np.gradient(v, t, axis=0), tau, False)
+    travelled = np.vstack([np.zeros(model.nv), np.cumsum(moved, axis=0)])
+    return smoothed(model, q[0], t, travelled, tau, period, cutoff)
 
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
@@ -131,11 +156,6 @@ def at_times(
     moved = [pin.difference(model, q[i], q[i + 1]) for i in k]
     rates = np.array(moved).reshape(-1, model.nv) / steps[:, None]
     return within, integrated(model, q[k], rates * (times[within] - t[k])[:, None]), rates
-
-
-def agree(rates: np.ndarray, v: np.ndarray, tolerance: float) -> bool:
-    """Return whether measured velocities (N, n) are the rates of the positions."""
-    return bool(np.linalg.norm(rates - v) <= tolerance * np.linalg.norm(v))
 
 
 def smoothed(
@@ -195,15 +215,13 @@ class Averages:
         sample = np.arange(len(window)) + np.repeat(first - np.cumsum(sizes) + sizes, sizes)
         steps = np.diff(t)
         trapezoids = 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))[sample]
-        away, shape = t[sample] - self.t[window], (count, len(t))
-        self.phi, self.rate = (
-            csc_array((part * trapezoids, (window, sample)), shape=shape)
-            for part in _window(away, length)
+        away, steps = t[sample] - self.t[window], np.append(steps, 0.0)[sample]
+        phi, rate = _window(away, length)
+        later, _ = _window(away + 0.5 * steps, length)
+        self.phi, self.rate, self._held = (
+            csc_array((weights, (window, sample)), shape=(count, len(t)))
+            for weights in (phi * trapezoids, rate * trapezoids, later * steps)
         )
-        steps = np.append(steps, 0.0)[sample]
-        ends = [_window(away + share * steps, length)[0] for share in (0.0, 0.5, 1.0)]
-        simpson = steps / 6.0 * (ends[0] + 4.0 * ends[1] + ends[2])
-        self._held = csc_array((simpson, (window, sample)), shape=shape)
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of values (N, ...) at the samples."""
