@@ -23,7 +23,7 @@ from ..models.dynamics import Dynamics
 from ..models.excited import Excited, TorqueSums, names_together, scales
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
-from .measured_motion import at_times, motion_of_samples
+from .measured_motion import MeasuredMotion, at_times, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
 CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6 dB) at 12 Hz
@@ -204,22 +204,31 @@ def dynamic_information(
         a_d: (p) at which the residuals are taken.
         least_noise: of a torque, as a share of its mean size.
     """
-    dynamics.load(a_d)
     motion = motion_of_samples(model, samples, cutoff=CUTOFF)
-    size = max(1, round(BLOCK / motion.period)) if motion.period else 1
-    blocks = len(motion.t) // size if dynamics.size else 0
-    W, r = np.zeros((blocks, model.nv, dynamics.size)), np.zeros((blocks, model.nv))
+    W, r = _torque_rows(dynamics, a_d, motion)
     kept, joints = np.ones(r.shape, dtype=bool), dynamics.joints
-    for k, (q, v, a, tau) in enumerate(zip(*motion[1:5], strict=True)):
-        if k // size == blocks:
-            break
-        W[k // size] += dynamics.regressor(q, v, a) / size
-        r[k // size] += (tau - dynamics.torque(q, v, a)) / size
-        if motion.smoothed and joints is not None:
-            kept[k // size] &= joints.sliding(v)
+    if motion.smoothed and joints is not None:
+        kept = np.array([joints.sliding(v) for v in motion.v])
+    size = max(1, round(BLOCK / motion.period)) if motion.period else 1
+    W, r, kept = (
+        part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]) for part in (W, r, kept)
+    )
+    kept = np.asarray(kept.all(axis=1))
     level = np.abs(motion.tau).sum(axis=0) / max(len(motion.t), 1)
-    W, r = W * kept[:, :, None], r * kept
+    W, r = W.mean(axis=1) * kept[:, :, None], r.mean(axis=1) * kept
     return fitted(dynamics.names, a_d, W, r, level, kept=kept, least_noise=least_noise)
+
+
+def _torque_rows(
+    dynamics: Dynamics, a_d: np.ndarray, motion: MeasuredMotion
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return slopes (N, n, p) and residuals (N, n) of the torques of a motion at a_d (p)."""
+    dynamics.load(a_d)
+    W, r = np.zeros((*motion.tau.shape, dynamics.size)), motion.tau.copy()
+    for k, state in enumerate(zip(*motion[1:4], strict=True)):
+        W[k] = dynamics.regressor(*state)
+        r[k] -= dynamics.torque(*state)
+    return W, r
 
 
 def position_information(
@@ -455,15 +464,11 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
 
         tau = uniform_filter1d(tau, max(round(BLOCK / motion.period), 1), axis=0)
     some = np.unique(np.linspace(0, len(motion.t) - 1, _INSTANTS).astype(int))
-    q, v, a, tau = (part[some] for part in (*motion[1:4], tau))
+    t, q, v, a, tau = (part[some] for part in (*motion[:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None
-    states = list(zip(q, v, a, strict=True))
-    dynamics.load(last)
-    Y = np.array([dynamics.regressor(*state) for state in states])
-    predicted = np.array([dynamics.torque(*state) for state in states])
     sums = TorqueSums(model.nv, last)
-    sums.add(Y, tau - predicted, tau)
+    sums.add(*_torque_rows(dynamics, last, MeasuredMotion(t, q, v, a, tau, False)), tau)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
 
 

@@ -84,9 +84,7 @@ def motion_of_samples(
         ]
     )
     tau, period = np.vstack([held, held[-1:]]), float(t[-1] - t[0]) / (len(t) - 1)
-    t, q, v, _, tau, noisy = smoothed_where_noisy(
-        model, t, q, v, tau, period, cutoff, _TOLERANCE
-    )
+    t, q, v, _, tau, noisy = smoothed_where_noisy(model, t, q, v, tau, period, cutoff, _TOLERANCE)
     middle = integrated(model, q[:-1], 0.5 * differences(model, q))
     a = np.diff(v, axis=0) / period
     return MeasuredMotion(t[:-1] + 0.5 * period, middle, 0.5 * (v[:-1] + v[1:]), a, tau[:-1], noisy)
