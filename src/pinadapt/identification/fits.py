@@ -13,7 +13,7 @@ Positions. The position of the task frame is linear in the unknown translations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from ..information.payload import PayloadEstimate, payload_of
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
 from ..models.physical_fit import PhysicalSet, physical_fit
-from ..models.regressor import LABELS, PER_BODY, Momentum
+from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
 
@@ -250,36 +250,21 @@ class Windows(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        motion: MeasuredMotion,
-        dynamics: Dynamics,
-        period: float,
-        *,
-        held: bool,
-        inertial: Windows | None = None,
+        cls, motion: MeasuredMotion, averages: Averages, dynamics: Dynamics, *, held: bool
     ) -> Windows:
         """Take the windows of a motion that have no gap.
 
         Args:
             motion: the samples.
+            averages: over its windows.
             dynamics: of the unknown parameters.
-            period: typical time between samples [s].
             held: whether torques were held from each sample to the next; else each is of its
                 instant.
-            inertial: the windows of its inertial block alone, if they are known already.
         """
-        averages = Averages(motion.t, period)
-        whole, joints = averages.whole, dynamics.joints
-        if inertial is None:
-            W, y = _equations(motion, averages, dynamics.momentum, dynamics.size)
-            tau = averages.held_mean(motion.tau) if held else averages.mean(motion.tau)
-            t, y, length = averages.t[whole], (tau - y)[whole], averages.length
-            return cls(t, W[whole], y, tau[whole], length)
-        if joints is None:
-            return inertial
-        W, y = _equations(motion, averages, joints.momentum, joints.size)
-        both = np.concatenate([inertial.W, W[whole]], axis=2)
-        return inertial._replace(W=both, y=inertial.y - y[whole])
+        whole = averages.whole
+        W, y = _equations(motion, averages, dynamics)
+        tau = averages.held_mean(motion.tau) if held else averages.mean(motion.tau)
+        return cls(averages.t[whole], W[whole], (tau - y)[whole], tau[whole], averages.length)
 
     def between(self, first: float, last: float) -> Windows:
         """Return the windows that lie wholly between two times [s]."""
@@ -294,19 +279,17 @@ class Windows(NamedTuple):
 
 
 def _equations(
-    motion: MeasuredMotion,
-    averages: Averages,
-    momentum: Callable[[np.ndarray, np.ndarray], Momentum],
-    size: int,
+    motion: MeasuredMotion, averages: Averages, dynamics: Dynamics
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return W (K, n, p), p = ``size``, and the averages (K, n) of the known part of the torque."""
+    """Return W (K, n, p) and the averages (K, n) of the known part of the torque."""
+    size = dynamics.size
     n = motion.v.shape[1]
     found = np.zeros((len(averages.t), n * (size + 1)))
     for start in range(0, len(motion.t), _CHUNK):
         part = slice(start, start + _CHUNK)
         moving, rest = [], []
         for q, v in zip(motion.q[part], motion.v[part], strict=True):
-            Y_M, Y_0, p_0, tau_0 = momentum(q, v)
+            Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
             moving.append(np.column_stack([Y_M, p_0]).ravel())
             rest.append(np.column_stack([Y_0, tau_0]).ravel())
         found += averages.phi[:, part] @ np.array(rest)

@@ -22,7 +22,7 @@ from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
 from ..information.information import Excitation, Information, identifiable, known_to
-from ..information.measured_motion import MeasuredMotion
+from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import (
     ArmPrior,
     PayloadEstimate,
@@ -378,7 +378,8 @@ class Identification:
                 )
             nothing = Unknown(bodies="none", friction=False, armature=False)
             dynamics = nominal_dynamics(robot, nothing, ())
-            windows = Windows.of(self.motion, dynamics, self.log.period, held=self.log.held)
+            averages = Averages(self.motion.t, self.log.period)
+            windows = Windows.of(self.motion, averages, dynamics, held=self.log.held)
             others[name] = columns_rms(windows.between(self.split, np.inf).y)
         columns = {
             "torque": errors.size,
