@@ -161,7 +161,7 @@ def test_wrong_inertias_friction_noise_and_loads_are_accepted(name, loaded):
 
 SAID = {  # and what corrects them
     "amperes": "--torque-gain=11.7",
-    "amperes of unlike motors": "multiples of the described ones",
+    "amperes of unlike motors": "motor currents (A)",
     "torques before the gear": "before the gear",
     "sign of the torque, panda_joint2": "--flip panda_joint2",
     "all signs of the torque": "--torque-gain=-1",

@@ -99,9 +99,7 @@ class Calibration:
         deviations: (p) standard deviations, with the description as prior [m or rad]; those of the
             tracker are of the first joint, in the axes of x.
         prior: (p) standard deviations of the description [m or rad].
-        combinations: what the motion identifies, one sum of parameters each.
-        unidentified: name of a parameter that the motion does not identify -> those with which it
-            can be confused, the strongest first; none: it has no effect.
+        combinations: the leading parameter of each combination that the motion identifies.
         noise: residual of a coordinate [m], and of an orientation [rad] or None.
         frames: how many were used.
         outliers: how many others were left out as impossible.
@@ -120,7 +118,6 @@ class Calibration:
     deviations: np.ndarray
     prior: np.ndarray
     combinations: tuple[str, ...]
-    unidentified: Mapping[str, tuple[str, ...]]
     noise: tuple[float, float | None]
     frames: int
     outliers: int
@@ -128,6 +125,11 @@ class Calibration:
     after: FrameErrors
     motion: float
     source: str
+
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Names of the other parameters; along them the description decides."""
+        return tuple(name for name in self.names if name not in self.combinations)
 
     @property
     def offsets(self) -> dict[str, tuple[float, float]]:
@@ -179,14 +181,14 @@ class Calibration:
             ("residual", f"{noise.words()} a coordinate"),
             ("largest held-out error", f"{1e3 * self.after.largest:.3g} mm"),
         ]
-        rows, slides = [], self.described.slides
+        rows, slides, others = [], self.described.slides, self.unidentified
         for name, value, deviation in zip(self.names, self.estimate, self.deviations, strict=True):
             place, _, kind = name.rpartition(".")
             shifted = slides.get(place) if kind == _OWN else kind.startswith("shift")
             scale, unit = (1e3, "mm") if shifted else (math.degrees(1.0), "deg")
             cells = f"{scale * value:.3g}", f"+- {scale * deviation:.2g}", unit
-            rows.append((name, *cells, ", ".join(self.unidentified.get(name, ("-",))[:3])))
-        header = ("parameter", "off", "known to", "unit", "only in combination with")
+            rows.append((name, *cells, "only in combination" if name in others else ""))
+        header = ("parameter", "off", "known to", "unit", "")
         title = f"{self.described.name}, calibrated from {self.source}"
         return Sheet(title, [Table(summary), Table(rows, header)], self.verdict)
 
@@ -265,7 +267,7 @@ def calibrate(
         if some:
             _fitted(geometry, first, name, fit.noise)
         errors.append(_errors(geometry, last))
-    combinations, unidentified = _identified(whole, fit.rows)
+    identified = _identified(whole, fit.rows)
     return Calibration(
         described=described,
         robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
@@ -274,8 +276,7 @@ def calibrate(
         estimate=whole.value(),
         deviations=fit.deviations,
         prior=whole.prior,
-        combinations=combinations,
-        unidentified=unidentified,
+        combinations=tuple(whole.names[k] for k in identified),
         noise=(float(fit.noise[0]), float(fit.noise[1]) if len(fit.noise) > 1 else None),
         frames=int(np.count_nonzero(kept)),
         outliers=int(np.count_nonzero(~kept)),
@@ -655,52 +656,23 @@ def _fitted(
     return _GeometryFit(kept, rows, shares * prior, noise)
 
 
-# What the motion identifies
-
 _KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
-_SHOWN = 0.05  # of the effect of a parameter, from which another one that cancels it is named
 
 
-def _identified(
-    geometry: _Geometry, rows: np.ndarray
-) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
-    """Return the combinations of p parameters that rows identify, and the parameters they do not.
+def _identified(geometry: _Geometry, rows: np.ndarray) -> np.ndarray:
+    """Return the indices of the parameters that rows (N, p) identify where the others are known.
 
     A QR factorisation with column pivoting takes the parameters by turns: the one whose effect is
     farthest from those taken before is next. What is left when no effect is larger than the noise
     is not identified: to first order, a change of it and changes of the others cancel.
     Displacements along and about the axis of a joint are taken last.
-
-    Args:
-        geometry: with the parameters.
-        rows: (N, p) in units of the noise and of the prior.
-
-    Returns:
-        The combinations as text, and name -> names of those that can cancel it, the strongest
-        first.
     """
     from scipy.linalg import qr  # here, because scipy is slow to import
 
-    names, last = np.array(geometry.names), np.where(geometry.along, _KEPT_LAST, 1.0)
+    last = np.where(geometry.along, _KEPT_LAST, 1.0)
     R, order = qr(rows * last, mode="r", pivoting=True)
     order = order[: min(R.shape)]
-    taken = np.sort(order[np.abs(np.diag(R)) > last[order]])
-    others = np.setdiff1d(np.arange(len(names)), taken)
-    parts = np.linalg.lstsq(rows[:, taken], rows[:, others], rcond=None)[0]
-    sizes = np.linalg.norm(rows, axis=0)
-    effects = np.abs(parts) * sizes[taken, None]
-    shown = effects > _SHOWN * np.maximum(sizes[others], 1.0)
-    parts *= geometry.prior[taken, None] / geometry.prior[others]
-    combinations = [
-        names[i]
-        + "".join(f" {part:+.3g} {name}" for part, name in zip(row[own], names[others[own]]))
-        for i, row, own in zip(taken, parts, shown, strict=True)
-    ]
-    unidentified = {}
-    for d, name in enumerate(names[others]):
-        strongest = np.argsort(-effects[:, d])
-        unidentified[str(name)] = tuple(names[taken[strongest[shown[strongest, d]]]].tolist())
-    return tuple(combinations), unidentified
+    return np.sort(order[np.abs(np.diag(R)) > last[order]])
 
 
 def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:

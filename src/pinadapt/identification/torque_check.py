@@ -398,30 +398,21 @@ class _Comparison:
 
     def _gains(self) -> Iterator[tuple[str, _Fit]]:
         """Yield explanations by factors of the torques: all joints' sign, a unit, a gear."""
-        motion, names = self._motion, self._robot.joint_names
+        motion = self._motion
         cause = "the torque of all joints has the wrong sign; --torque-gain=-1"
         yield cause, self.fit(motion._replace(tau=-motion.tau))
-        d, sizes = self._each(motion, pin.rnea), np.ones(len(names))
+        d, sizes = self._each(motion, pin.rnea), np.ones(len(self._robot.joint_names))
         plain = _fit(motion, motion.tau, d, sizes, 0.0)
         clear = plain.judged & (np.abs(plain.correlation) >= _CLEAR)
-        factors, gains = plain.factor, np.ones(len(names))
-        size = np.abs(factors)
-        off = np.flatnonzero(clear & ((size < _FACTORS[0]) | (size > _FACTORS[1])))
-        if not off.size:
-            return
-        common = np.exp(np.mean(np.log(size[clear]))) * np.sign(factors[off[0]])
-        spread = factors[clear] / common
-        if spread.min() > _USUAL[0] and spread.max() < 1.0 / _USUAL[0]:
-            gains /= common
-            cause = f"all torques are about {common:.2g} times the described ones"
-            option = f"--torque-gain={1.0 / common:.3g}"
-        else:
-            gains[off] /= factors[off]
-            shown = ", ".join(f"{names[j]} {factors[j]:.2g}" for j in off)
-            cause = f"torques are these multiples of the described ones: {shown}"
-            option = "--torque-gain " + ",".join(f"{names[j]}={gains[j]:.3g}" for j in off)
-        cause += f", as motor currents (A) or torques before the gear are; {option}"
-        yield cause, self.fit(motion._replace(tau=motion.tau * gains))
+        if clear.any():
+            factors = plain.factor[clear]
+            common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
+            cause = (
+                f"all torques are about {common:.2g} times the described ones, as motor currents "
+                f"(A) or torques before the gear are; --torque-gain={1.0 / common:.3g}, or rather "
+                "the data sheet's gains"
+            )
+            yield cause, self.fit(motion._replace(tau=motion.tau / common))
 
     def mountings(self) -> Iterator[np.ndarray]:
         """Yield gravity (3) along the other axes of the base [m/s^2]."""
