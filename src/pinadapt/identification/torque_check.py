@@ -36,7 +36,7 @@ from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
 from .logged_motion import motion_of_log
 
-_MOST = 250  # windows; half as many give the same verdicts on the real logs
+_MOST = 125  # windows; half as many and twice as many give the same verdicts on the real logs
 _SLIDING = 0.02  # [rad/s or m/s] from where Coulomb friction has its full size; half: the same
 # Factors between which a joint is as described. Half as wide refuses worn or wrongly described
 # arms, twice as wide accepts a robot of another size.
