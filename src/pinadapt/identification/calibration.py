@@ -52,7 +52,7 @@ from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..tasks.frame import TASKS, FrameTask, matrix
 from .identification import log_of
-from .report import plain
+from .report import plain, rms
 
 OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
@@ -355,31 +355,26 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
         LogError: frames of another unit, of left-handed axes or of another point; or axes that are
             turned where they should be those of the base.
     """
-    rows, data = seen.task.place, robot.model.createData()
-    p = np.empty((len(seen.q), 3))
-    for k, q in enumerate(seen.q):
-        pin.forwardKinematics(robot.model, data, q)
-        p[k] = pin.updateFramePlacement(robot.model, data, robot.frame_id).translation
-    x, motion = seen.x[:, : seen.task.positions], math.sqrt(float(np.mean(np.var(p, axis=0))))
+    p = np.array([robot.placement(q).translation for q in seen.q])
+    x, motion = seen.x[:, : seen.task.positions], _rms_distance(p) / math.sqrt(3.0)
     if motion < LEAST_WAY * robot.reach:
         raise LogError(
             f"the arm moves its frame by {1e3 * motion:.2g} mm (rms) only.",
             where=where,
             hint="Move every joint, such that the frame goes all over the workspace.",
         )
-    U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
     if x.shape[1] < 3:
-        check_axes(np.eye(2), p[:, rows], x, motion)
+        check_axes(np.eye(2), p[:, seen.task.place], x, motion)
         if tracker:
             raise LogError("a tracker needs positions (3) or poses (7).", where=f"{where}: x")
         return pin.SE3.Identity()
-    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))])
-    R = U @ mirror @ V
-    turned, mirrored = (_rms_distance(x - p @ part.T) for part in (R, U @ V))
+    U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+    straight, turned, mirrored = (_rms_distance(x - p @ part.T) for part in (np.eye(3), R, U @ V))
     check_axes(U @ V if mirrored < 0.5 * turned else R, p, x, motion)
     if tracker:
         return pin.SE3(R, x.mean(axis=0) - R @ p.mean(axis=0))
-    angle, straight = float(np.linalg.norm(pin.log3(R))), _rms_distance(x - p)
+    angle = float(np.linalg.norm(pin.log3(R)))
     if angle > _TURNED and turned < 0.5 * straight:
         raise LogError(
             f"x is turned by {math.degrees(angle):.3g} deg against the base of the robot.",
@@ -678,10 +673,8 @@ def _identified(geometry: _Geometry, rows: np.ndarray) -> np.ndarray:
 def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:
     """Return how far frames are from those of a geometry."""
     r, _ = geometry.rows(seen)
-    distances = np.linalg.norm(r[:, : seen.task.positions], axis=1)
-    turns = np.linalg.norm(r[:, seen.task.positions :], axis=1)
-    turn = float(np.sqrt(np.mean(turns**2))) if seen.task.size > seen.task.positions else None
-    return FrameErrors(float(np.sqrt(np.mean(distances**2))), float(distances.max()), turn)
+    distances, *turns = (np.linalg.norm(r[:, group.rows], axis=1) for group in seen.task.groups)
+    return FrameErrors(rms(distances), float(distances.max()), rms(turns[0]) if turns else None)
 
 
 def _rms_distance(points: np.ndarray) -> float:

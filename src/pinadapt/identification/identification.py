@@ -289,8 +289,8 @@ def _recorded(rollout: Rollout) -> Log:
         return replace(log, x=rollout.x if framed else None).after(since)
     measured = [sample.measurement for sample in evaluation.samples]
     t, q, v = (np.array([getattr(part, name) for part in measured]) for name in ("t", "q", "v"))
-    log = replace(log, t=t, q=q, v=v)
-    if frames := [part for part in measured if framed and part.x is not None]:
+    log, frames = replace(log, t=t, q=q, v=v), [part for part in measured if part.x is not None]
+    if framed and frames:
         times = np.array([part.t if part.x_time is None else part.x_time for part in frames])
         log = replace(log, x=np.array([part.x for part in frames]), x_time=times)
     return log.after(since)

@@ -120,7 +120,6 @@ def choose_effects(
     candidates = [rotors] * armature + others * effects
     parts = [bodies, plain, *(one.columns for one in candidates), y[:, :, None]]
     X, ends = np.concatenate(parts, axis=2), np.cumsum([part.shape[2] for part in parts])
-    columns = [np.arange(a, b) for a, b in pairwise(ends[1:-1])]
     # products of all columns, by block of time and joint; no window is in two blocks
     edges = np.linspace(0, len(X) + OVERLAP - 1, _BLOCKS + 1).round().astype(int)
     blocks = [X[a : max(b - OVERLAP + 1, a)].swapaxes(0, 1) for a, b in pairwise(edges)]
@@ -128,39 +127,43 @@ def choose_effects(
     rows = np.array([block.shape[0] * block.shape[1] for block in blocks])
     prior = np.where(np.arange(ends[-1]) < ends[0], WEIGHT, 0.0)
     (noise, least), index = noise_levels(windows.tau), np.arange(ends[1])
-    chosen, gains, friction = list[_Candidate](), list[Gain](), robot.friction
-    breakaway, fadings = friction.breakaway.copy(), friction.fading.copy()
+    open_ = list(zip(candidates, map(np.arange, ends[1:-2], ends[2:-1]), strict=True))
+    friction, words, gains = robot.friction, list[str](), list[Gain]()
     while True:
         left = _fitted(np.tensordot(noise**-2.0, products.sum(axis=0), axes=1), prior, index)
         squares = left @ products.sum(axis=0) @ left
         noise = np.maximum(np.sqrt(squares / rows.sum() * len(noise)), least)
         H = np.tensordot(noise**-2.0, products, axes=(0, 1))
         before, found = _held_out(H, prior, index) / rows, []
-        taken = {name for one in chosen for name in one.coefficients}
-        for k, one in enumerate(candidates):
-            if taken & set(one.coefficients):
-                continue
-            after = _held_out(H, prior, np.append(index, columns[k])) / rows
+        for one, columns in open_:
+            after = _held_out(H, prior, np.append(index, columns)) / rows
             shares = (before - after) / before.mean()
-            share, error = shares.mean(), shares.std(ddof=1) / np.sqrt(_BLOCKS)
+            share, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
             if share > max(_SURE * error, _LEAST if one.shaft is None else _SHAFT_LEAST):
-                found.append((share, error, k))
+                found.append((Gain(one.words, share, error), one, columns))
         if not found:
-            break
-        share, error, best = max(found)
-        one, index = candidates[best], np.append(index, columns[best])
-        gains.append(Gain(one.words, float(share), float(error)))
-        chosen.append(one)
-        if one.fading is not None:
-            fit = _fitted(H.sum(axis=0), prior, index)
-            j, fadings[j] = one.fading
-            dry, other = -fit[ends[0] + len(noise) + j], -fit[index[-1]]
-            ratio = (dry + other) / dry if dry > 0.0 else _BREAKAWAY
-            breakaway[j] = np.clip(ratio, 0.0, _BREAKAWAY)
-    shafts = *friction.shafts, *(one.shaft for one in chosen if one.shaft is not None)
-    words = [name for one in chosen for name in one.coefficients if one.fading is None]
-    shaped = replace(friction, breakaway=breakaway, fading=fadings, shafts=shafts)
-    return ChosenEffects(shaped, tuple(words), tuple(gains))
+            return ChosenEffects(friction, tuple(words), tuple(gains))
+        gain, best, columns = max(found, key=lambda one: one[0].share)
+        gains.append(gain)
+        index = np.append(index, columns)
+        taken = set(best.coefficients)
+        open_ = [pair for pair in open_ if not taken & set(pair[0].coefficients)]
+        if best.fading is not None:
+            fit, (j, fading) = _fitted(H.sum(axis=0), prior, index), best.fading
+            dry = -fit[ends[0] + len(noise) + j]
+            ratio = 1.0 - fit[index[-1]] / dry if dry > 0.0 else _BREAKAWAY
+            friction = _shaped(friction, j, float(np.clip(ratio, 0.0, _BREAKAWAY)), fading)
+            continue
+        words += best.coefficients
+        if best.shaft is not None:
+            friction = replace(friction, shafts=(*friction.shafts, best.shaft))
+
+
+def _shaped(friction: Friction, j: int, ratio: float, fading: float) -> Friction:
+    """Return friction whose joint j has another dry friction near rest."""
+    breakaway, fadings = friction.breakaway.copy(), friction.fading.copy()
+    breakaway[j], fadings[j] = ratio, fading
+    return replace(friction, breakaway=breakaway, fading=fadings)
 
 
 def _fitted(H: np.ndarray, prior: np.ndarray, index: np.ndarray) -> np.ndarray:
