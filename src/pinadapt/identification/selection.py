@@ -212,24 +212,24 @@ def _candidates(
         """Return columns (K, n, n), each of which acts on one joint, of averages (K, n)."""
         return np.asarray(values[whole][:, :, None] * turns)
 
-    kinds = {
-        "gear_friction": columns(averages.mean(sign * gravity)),
-        "asymmetry": columns(averages.mean(np.abs(sign))),
-        "offset": columns(np.ones(whole.shape + v.shape[1:])),
-    }
-    fadings = [(f, columns(averages.mean(sign * np.exp(-np.abs(v) / f)))) for f in _FADINGS]
+    kinds: list[tuple[str, np.ndarray, float | None]] = [
+        ("gear_friction", columns(averages.mean(sign * gravity)), None),
+        ("asymmetry", columns(averages.mean(np.abs(sign))), None),
+        ("offset", columns(np.ones(whole.shape + v.shape[1:])), None),
+    ]
+    for fading in _FADINGS:
+        near = averages.mean(sign * np.exp(-np.abs(v) / fading))
+        kinds.append(("breakaway", columns(near), fading))
     plain = np.concatenate([columns(averages.mean(v)), columns(averages.mean(sign))], axis=2)
     armatures = tuple(f"{name}.armature" for name in names)
     rotors = _Candidate("rotor inertias of all joints", armatures, columns(averages.derivative(v)))
     found = []
-    for j, name in enumerate(names):
-        unit, own = "m/s" if robot.slides[name] else "rad/s", slice(j, j + 1)
-        for kind, part in kinds.items():
-            found.append(_Candidate(f"{name}.{kind}", (f"{name}.{kind}",), part[:, :, own]))
-        for fading, part in fadings:
-            words = f"{name}: other friction near rest, up to {fading:g} {unit}"
-            coefficients = (f"{name}.breakaway",)
-            found.append(_Candidate(words, coefficients, part[:, :, own], fading=(j, fading)))
+    for (j, name), (kind, part, speed) in product(enumerate(names), kinds):
+        words, shape = f"{name}.{kind}", None
+        if speed is not None:
+            unit = "m/s" if robot.slides[name] else "rad/s"
+            words, shape = f"{name}: other friction near rest, up to {speed:g} {unit}", (j, speed)
+        found.append(_Candidate(words, (f"{name}.{kind}",), part[:, :, j : j + 1], fading=shape))
     for j, turn in product(range(len(names) - 1), (1, -1)):
         if robot.slides[names[j]] != robot.slides[names[j + 1]]:
             continue

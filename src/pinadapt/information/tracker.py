@@ -4,8 +4,8 @@ Hand-eye calibration with an unknown tool: R_c, t_c and the unknown translations
 
     sum over frames of |x - R_c (p(q) + sum_i (a_i - a_0i) r_i(q)) - t_c|^2,
 
-by Gauss-Newton, from the rotation that is nearest to the least-squares estimate of the lumped
-parameters, in which x is linear.
+by Gauss-Newton on the information about the lumped parameters, in which x is linear, from the
+nearest rotation to their least-squares estimate (``TrackerKinematics.explaining_tracker``).
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ _WORST = 0.05  # rms residual over rms motion, from which no tracker explains th
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
 _CERTAIN = 5.0  # deviations from which frames have another clock
 _UNSEEN = 0.9  # of the prior deviation
+_ROUNDS = 4  # in which the noise is found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -124,40 +125,29 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     found = Information.of_rows(kinematics.names, lumped, X, left + X @ (a - lumped), prior=prior)
     lumped = found.refined().estimate
     check_axes(lumped[size[:, :3]], p, x, motion)
-    nominal, turned = (
-        kinematics.nominal,
-        [f"{w} {i}" for w in ("turn about", "base") for i in "xyz"],
-    )
+    tracker, W = kinematics.tracker(lumped), X.reshape(-1, a.size)
+    y = (left + X @ a).ravel()
+    turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
     names = (*turned, *kinematics.translation_names)
-    known = np.repeat([0.0, 1.0 / (_PRIOR * reach) ** 2], [6, len(nominal)])
-
-    def rows(tracker: Tracker) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        X, left, _ = seen.rows(kinematics.parameters(tracker))
-        sigma = _noise(left, len(names), reach)
-        off = np.append(np.zeros(6), nominal - tracker.a)
-        return X @ kinematics.slopes(tracker) / sigma, left / sigma, off
-
-    def moved(tracker: Tracker, step: np.ndarray) -> Tracker:
-        R, t = tracker.placement.rotation, tracker.placement.translation
-        return Tracker(pin.SE3(pin.exp3(step[:3]) @ R, t + step[3:6]), tracker.a + step[6:])
-
-    tracker = gauss_newton(rows, moved, kinematics.tracker(lumped), known)
-    W, r, _ = rows(tracker)
+    for _ in range(_ROUNDS):
+        sigma = _noise(seen.rows(kinematics.parameters(tracker))[1], len(names), reach)
+        H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
+        tracker, told = kinematics.explaining_tracker(H, score, tracker)
     a = kinematics.parameters(tracker)
     _, left, _ = seen.rows(a)
-    sigma = _noise(left, len(names), reach)
     seen.check("tracker", left, sigma, motion)
-    told = Information.of_rows(names, np.zeros(len(names)), W, 0.0 * r, prior=known)
-    shares = told.deviations / np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(nominal)])
+    none = np.zeros(len(names))
+    deviations = Information(names, none, told, none, left[0], len(p)).deviations
+    known = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
     return FoundTracker(
         tracker,
         a,
-        np.linalg.cholesky(kinematics.information(tracker, told.H)).T,
-        told.deviations,
+        np.linalg.cholesky(kinematics.information(tracker, told)).T,
+        deviations,
         names,
         sigma,
         len(p),
-        tuple(name for name, share in zip(names, shares, strict=True) if share > _UNSEEN),
+        tuple(name for name, off in zip(names, deviations / known, strict=True) if off > _UNSEEN),
     )
 
 
