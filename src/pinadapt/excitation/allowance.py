@@ -103,7 +103,7 @@ class Shapes:
         return cls(robot.model, geometry, names, margins)
 
     def distances(self, q: np.ndarray) -> np.ndarray:
-        """Return the distances (N, k) of configurations (N, nq) [m], negative where they overlap."""
+        """Return the distances (N, k) at configurations (N, nq) [m], negative in contact."""
         different, which = np.unique(q, axis=0, return_inverse=True)
         return _distances_of(self.model, self.geometry, different)[which.ravel()]
 
@@ -225,8 +225,8 @@ class Allowance:
             j = int(np.argmax(needed / effort))
             raise RobotError(
                 f"at home joint '{robot.joint_names[j]}' needs {needed[j]:.3g} of the "
-                f"{effort[j]:.3g} N m or N that a motion may use ({_SHARE:.0%} of its limit) with a "
-                f"load of {mass:.3g} kg.",
+                f"{effort[j]:.3g} N m or N that a motion may use ({_SHARE:.0%} of its limit), with "
+                f"a load of {mass:.3g} kg.",
                 where=robot.name,
                 hint="State a lighter load, take another home pose, or correct the limits of the "
                 "description.",

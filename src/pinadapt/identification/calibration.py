@@ -38,7 +38,7 @@ from .._checks import flag, name_list, positive
 from .._output import Sheet, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError, did_you_mean
-from ..information.information import gauss_newton
+from ..information.information import estimate_table, gauss_newton
 from ..information.measured_motion import at_times
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.intake import Intake
@@ -172,25 +172,19 @@ class Calibration:
     def sheet(self) -> Sheet:
         """The report: what was measured, the parameters, and what the motion does not identify."""
         noise = FrameErrors(self.noise[0], np.nan, self.noise[1])
+        others = ", ".join(self.unidentified) or "-"
         summary = [
             ("frames", f"{self.frames}, {self.outliers} others left out as impossible"),
-            (
-                "identified by this motion",
-                f"{len(self.combinations)} combinations of {len(self.names)} numbers",
-            ),
+            ("identified by this motion", f"{len(self.combinations)} combinations"),
+            ("identified only in combination", others),
             ("residual", f"{noise.words()} a coordinate"),
             ("largest held-out error", f"{1e3 * self.after.largest:.3g} mm"),
         ]
-        rows, slides, others = [], self.described.slides, self.unidentified
-        for name, value, deviation in zip(self.names, self.estimate, self.deviations, strict=True):
-            place, _, kind = name.rpartition(".")
-            shifted = slides.get(place) if kind == _OWN else kind.startswith("shift")
-            scale, unit = (1e3, "mm") if shifted else (math.degrees(1.0), "deg")
-            cells = f"{scale * value:.3g}", f"+- {scale * deviation:.2g}", unit
-            rows.append((name, *cells, "only in combination" if name in others else ""))
-        header = ("parameter", "off", "known to", "unit", "")
+        slides = {f"{name}.{_OWN}" for name, yes in self.described.slides.items() if yes}
+        units = ["m" if ".shift" in name or name in slides else "rad" for name in self.names]
+        found = estimate_table(self.names, self.estimate, self.deviations, units)
         title = f"{self.described.name}, calibrated from {self.source}"
-        return Sheet(title, [Table(summary), Table(rows, header)], self.verdict)
+        return Sheet(title, [Table(summary), found], self.verdict)
 
     def summary(self) -> dict[str, Any]:
         """Return the record of ``summary.json``: its attributes but the robots, and the verdict."""

@@ -41,7 +41,6 @@ _POSITION_NOISE = 1e-2  # first, share of the reach
 _LIGHT = 1e-6
 _EPS = np.finfo(float).eps
 _FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
-_FARTHEST = 4.0  # of the reach, farther than any frame of the robot moves
 _CHUNK = 1000  # samples whose regressors are in memory at once
 
 
@@ -158,7 +157,7 @@ def frames_of(log: Log, robot: Robot) -> Frames:
     """Return the frames of a log in the coordinates of a robot's task; none where it has none.
 
     Raises:
-        LogError: coordinates that the task does not have, or further apart than it can move.
+        LogError: coordinates that the task does not have.
     """
     (t, x), wanted = log.frames(), robot.task.coordinates
     if not len(t):
@@ -166,14 +165,12 @@ def frames_of(log: Log, robot: Robot) -> Frames:
     got = x.shape[1]
     if got != wanted and wanted <= 3 <= got:
         x, got = x[:, :3][:, robot.frame_task.place], wanted
-    span = float(np.ptp(x[:, : robot.task.positions], axis=0).max(initial=0.0))
-    if got != wanted or span > _FARTHEST * robot.reach:
+    if got != wanted:
         raise LogError(
-            f"{got} coordinates that move by {span:.4g} do not fit the task '{robot.task.name}' of "
-            f"{wanted} and a reach of {robot.reach:.3g} m.",
+            f"{got} coordinates, and the task '{robot.task.name}' has {wanted}.",
             where=f"{log.source}: x",
             hint="Positions are x, y, z in world axes, in metres, poses x, y, z, qx, qy, qz, qw; a "
-            'robot is loaded with task = "xyz" or "pose". Lost frames are NaN, not 0.',
+            'robot is loaded with task = "xyz" or "pose".',
         )
     order = np.argsort(t, kind="stable")
     return Frames(t[order], x[order])

@@ -318,11 +318,9 @@ class _Comparison:
         d, tau = self._each(motion, pin.rnea), motion.tau + added
         bare = _fit(motion, tau, d, sizes, 0.0)
         noise = np.hypot(bare.left, _LEAST_RESIDUAL) * sizes / math.sqrt(len(tau))
-        mass, torque = self._load(motion, tau - d, noise)
-        if not mass:
-            return bare
+        mass, torque, whole = self._load(motion, tau - d, noise)
         loaded = _fit(motion, tau - torque, d, sizes, mass)
-        fits = bare.fits if bare.fits.all() else loaded.fits
+        fits = bare.fits if bare.fits.all() else loaded.fits & whole
         return min(bare, loaded, key=lambda one: one.score)._replace(fits=fits)
 
     def _each(self, motion: _Motion, function: Any) -> np.ndarray:
@@ -335,11 +333,14 @@ class _Comparison:
 
     def _load(
         self, motion: _Motion, rest: np.ndarray, noise: np.ndarray
-    ) -> tuple[float, np.ndarray]:
+    ) -> tuple[float, np.ndarray, bool]:
         """Return the load on the last body that best explains a rest (K, n), near a usual one.
 
-        It has a mass [kg] and a torque (K, n); none, if it were heavier than an arm can carry, or
-        lack, or farther away than it reaches.
+        One that is heavier than an arm can carry, or lack, or farther away than it reaches is taken
+        in part.
+
+        Returns:
+            Its mass [kg], its torque (K, n), and whether it is the whole of it.
         """
         robot = self._robot
         usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
@@ -351,10 +352,13 @@ class _Comparison:
         x = np.linalg.solve(H[:-1, :-1] + np.eye(PER_BODY), H[:-1, -1])
         body = max(float(self._model.inertias[self._model.njoints - 1].mass), _EPS)
         mass, moment = float(x[0] * usual[0]), np.linalg.norm(x[1:4]) * usual[1]
-        near = moment <= robot.reach * max(mass, body)
-        if not near or not -body <= mass <= _HEAVIEST * robot.mass:
-            return 0.0, np.zeros(rest.shape)
-        return mass, Y @ x
+        parts = (
+            mass / (_HEAVIEST * robot.mass),
+            -mass / body,
+            moment / robot.reach / max(mass, body),
+        )
+        share = max(1.0, *parts)
+        return mass / share, Y @ x / share, bool(share == 1.0)
 
     def mistakes(self, *, named: bool) -> Iterator[tuple[str, _Fit]]:
         """Yield all mistakes that are considered, and the fit when each is undone.
@@ -400,8 +404,8 @@ class _Comparison:
         d, sizes = self._each(motion, pin.rnea), np.ones(len(self._robot.joint_names))
         plain = _fit(motion, motion.tau, d, sizes, 0.0)
         clear = plain.judged & (np.abs(plain.correlation) >= _CLEAR)
-        if clear.any():
-            factors = plain.factor[clear]
+        factors = plain.factor[clear]
+        if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1]:
             common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
             cause = (
                 f"all torques are about {common:.2g} times the described ones, as motor currents "

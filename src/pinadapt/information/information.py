@@ -364,11 +364,23 @@ class Excitation:
 
 def parameter_table(part: Information, units: Mapping[str, str]) -> Table:
     """Return a row for each parameter: its estimate, its uncertainty, its unit."""
+    own = [units.get(name, "") for name in part.names]
+    return estimate_table(part.names, part.estimate, part.deviations, own)
+
+
+def estimate_table(
+    names: Sequence[str],
+    values: np.ndarray,
+    deviations: np.ndarray,
+    units: Sequence[str],
+    what: str = "parameter",
+) -> Table:
+    """Return a row for each number (k): its name, its value, its uncertainty, its unit."""
     rows = [
-        (name, f"{value:.4g}", known_to(deviation), units.get(name, ""))
-        for name, value, deviation in zip(part.names, part.estimate, part.deviations, strict=True)
+        (name, f"{value:.4g}", known_to(deviation), unit)
+        for name, value, deviation, unit in zip(names, values, deviations, units, strict=True)
     ]
-    return Table(rows, ("parameter", "estimate", "known to", "unit"))
+    return Table(rows, (what, "estimate", "known to", "unit"))
 
 
 def known_to(deviation: float) -> str:

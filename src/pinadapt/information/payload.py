@@ -32,7 +32,7 @@ from ..models.regressor import LABELS, PER_BODY
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..tuning.defaults import INERTIA, prior_covariance
-from .information import Information, dynamic_information, known_to
+from .information import Information, dynamic_information, estimate_table
 
 LEAST_NOISE = 1e-4  # of a torque, of which no model of an arm explains more
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # by which the bodies of an arm may be off
@@ -103,14 +103,10 @@ class PayloadEstimate:
     def table(self) -> Table:
         """Return the load with its uncertainty."""
         names = ("mass", "centre x", "centre y", "centre z", *LABELS[4:])
-        values = [self.mass, *self.com, *self.inertia]
-        known = [self.mass_known_to, *self.com_known_to, *self.inertia_known_to]
+        values = np.concatenate([[self.mass], self.com, self.inertia])
+        known = np.concatenate([[self.mass_known_to], self.com_known_to, self.inertia_known_to])
         units = ["kg", *["m"] * 3, *["kg m^2"] * 6]
-        rows = [
-            (name, f"{value:.4g}", known_to(deviation), unit)
-            for name, value, deviation, unit in zip(names, values, known, units, strict=True)
-        ]
-        return Table(rows, ("load", "value", "known to", "unit"))
+        return estimate_table(names, values, known, units, "load")
 
 
 def payload_estimate(

@@ -25,7 +25,7 @@ from ..models.camera_kinematics import CameraKinematics
 from ..models.task_kinematics import TaskKinematics
 from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
-from .information import Information, frames, gauss_newton
+from .information import Information, estimate_table, frames, gauss_newton
 
 LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 _PRIOR = 0.1  # of the reach: standard deviation of a described translation
@@ -84,17 +84,14 @@ class FoundTracker:
         """The table."""
         placement, a = self.tracker.placement, self.tracker.a
         values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
-        rows = []
-        for k, name in enumerate(self.names):
-            scale, unit = (math.degrees(1.0), "deg") if k < 3 else (1e3, "mm")
-            known = f"{scale * self.deviations[k]:.2g} {unit}"
-            rows.append((name, f"{scale * values[k]:.4g} {unit}", known))
+        units = [*["rad"] * 3, *["m"] * (len(values) - 3)]
         summary = [
             ("frames", f"{self.frames}"),
-            ("rms residual", f"{1e3 * self.noise:.3g} mm"),
+            ("rms residual", f"{self.noise:.3g} m"),
             ("not identified by this motion", ", ".join(self.unseen) or "-"),
         ]
-        return Sheet("tracker", [Table(summary), Table(rows, ("", "value", "deviation"))])
+        found = estimate_table(self.names, values, self.deviations, units)
+        return Sheet("tracker", [Table(summary), found])
 
 
 def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> FoundTracker:
