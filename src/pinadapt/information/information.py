@@ -45,16 +45,12 @@ class Information:
         estimate: (p) at which the residuals were taken.
         H: (p, p) information matrix W^T S^-1 W, in units of 1 / (parameter unit)^2.
         score: (p) W^T S^-1 r of the residuals r = y - W a: zero at the least-squares estimate.
-        noise: (n) standard deviation of the residual of each measured signal, in its unit.
-        rows: N.
     """
 
     names: tuple[str, ...]
     estimate: np.ndarray
     H: np.ndarray
     score: np.ndarray
-    noise: np.ndarray
-    rows: int
 
     @classmethod
     def of_rows(
@@ -65,7 +61,6 @@ class Information:
         r: np.ndarray,
         noise: np.ndarray | float = 1.0,
         prior: np.ndarray | float = 0.0,
-        off: np.ndarray | float = 0.0,
     ) -> Information:
         """Return the information of rows W (N, n, p) with residuals r (N, n), and of a prior.
 
@@ -75,14 +70,12 @@ class Information:
             W: slopes of the signals.
             r: residuals at the estimate.
             noise: (n) of the signals.
-            prior: (p) inverse variances of what was known before.
-            off: (p) what was known before, less the estimate.
+            prior: (p) inverse variances with which the estimate was known before.
         """
-        sizes = np.broadcast_to(noise, r.shape[1:]).astype(float)
+        sizes = np.broadcast_to(noise, r.shape[1:])
         rows = (W / sizes[:, None]).reshape(r.size, len(names))
         H = rows.T @ rows + np.diag(np.broadcast_to(prior, len(names)))
-        score = rows.T @ (r / sizes).ravel() + prior * off
-        return cls(tuple(names), estimate, H, score, sizes, r.size)
+        return cls(tuple(names), estimate, H, rows.T @ (r / sizes).ravel())
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -297,7 +290,7 @@ def fitted(
         variance = squares / np.maximum(counts, 1) / max(1.0 - found.rank / count, 1.0 / count)
         noise = np.maximum(np.sqrt(variance), least_noise * level)
         found = Information.of_rows(names, a, W, r, np.where(counts > 0, noise, level))
-    return replace(found, rows=count)
+    return found
 
 
 def gauss_newton(

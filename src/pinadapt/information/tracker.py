@@ -134,7 +134,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     _, left, _ = seen.rows(a)
     seen.check("tracker", left, sigma, motion)
     none = np.zeros(len(names))
-    deviations = Information(names, none, told, none, left[0], len(p)).deviations
+    deviations = Information(names, none, told, none).deviations
     known = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
     return FoundTracker(
         tracker,
@@ -177,13 +177,14 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
         return W / sigma, left / sigma, a_0 - a
 
     a = gauss_newton(rows, lambda a, step: a + step, a_0, known)
-    W, r, off = rows(a)
+    W, r, _ = rows(a)
     _, left, rate = seen.rows(a)
     sigma = _noise(left, len(a), reach)
     seen.check("camera", left, sigma, motion)
     also_late = np.concatenate([W, -rate[..., None] / sigma], axis=2)
     names, prior = (*kinematics.names, "late"), np.append(known, 0.0)
     timed = Information.of_rows(names, np.append(a, 0.0), also_late, r, prior=prior)
+    timed.score[:-1] = 0.0  # at the best fit
     late, deviation = timed.correction[-1], math.sqrt(timed.covariance[-1, -1])
     if abs(late) > max(_LATE, _CERTAIN * deviation):
         raise LogError(
@@ -191,7 +192,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             f"{1e3 * late:.2g} ms before their time stamps would explain them.",
             hint="x_time is when a picture was taken, on the clock of q.",
         )
-    return Information.of_rows(kinematics.names, a, W, r, prior=known, off=off)
+    return Information.of_rows(kinematics.names, a, W, 0.0 * r, prior=known)
 
 
 class _Seen(NamedTuple):
