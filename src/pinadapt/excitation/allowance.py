@@ -33,9 +33,7 @@ _TURN, _SLIDE = 0.5 * np.pi, 0.5  # [rad, m] default excursion from home
 _LOAD = 0.1  # default load, as a share of the robot's mass
 _APART = 0.02  # of the reach, between two bodies or above the floor
 _TOUCHING = 1e-3  # [m] up to which two bodies touch at home
-_TOLERANCE, _ITERATIONS = 1e-9, 256  # of a distance
 _FLOOR = "the floor"
-_EPS = np.finfo(float).eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +124,9 @@ def _below(name: str, distance: float, robot: Robot) -> RobotError:
 def _distances_of(model: pin.Model, geometry: pin.GeometryModel, q: np.ndarray) -> np.ndarray:
     """Return the distances (N, k) of the pairs at configurations (N, nq)."""
     data, found = model.createData(), geometry.createData()
-    for request in found.distanceRequests:  # for derivatives by differences, in contact too
-        request.gjk_tolerance = request.epa_tolerance = _TOLERANCE
-        request.gjk_max_iterations = request.epa_max_iterations = _ITERATIONS
+    for request in found.distanceRequests:  # accurate enough for differences, in contact too
+        request.gjk_tolerance = request.epa_tolerance = 1e-9
+        request.gjk_max_iterations = request.epa_max_iterations = 256
     results = list(found.distanceResults)  # places where Pinocchio writes; copies cost much more
     distances = np.zeros((len(q), len(geometry.collisionPairs)))
     for row, each in zip(distances, q, strict=True):
@@ -216,7 +214,9 @@ class Allowance:
             for one in (model, robot.changed(payload=Payload(1.0)).model)
         )
         if load is None:
-            room = (effort - np.abs(held)) / np.maximum(np.abs(with_one - held), _EPS)  # [kg]
+            room = (effort - np.abs(held)) / np.maximum(
+                np.abs(with_one - held), np.finfo(float).eps
+            )  # [kg]
             load = max(min(_LOAD * robot.mass, 0.5 * float(room.min())), 0.0)
         mass = positive(load, "load", zero=True)
         loaded = robot.changed(payload=Payload(mass)).model if mass else model

@@ -38,7 +38,6 @@ _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in th
 _STARTS, _ITERATIONS = 24, 60
 _PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
 _STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
-_BISECTIONS = 20  # in the last check
 
 
 def excite(
@@ -228,7 +227,7 @@ class _Search:
         kept, low, high = self._allowed.kept, 0.0, 1.0
         if kept(*self.states(theta)):
             return theta
-        for _ in range(_BISECTIONS):
+        for _ in range(20):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if kept(*self.states(middle * theta)) else (low, middle)
         if not low:

@@ -33,15 +33,10 @@ from ..robot.robot import Robot
 # Of the description, relative to one row of noise: a third and three times of it change no held-out
 # error of the real logs by 3 %. Without rows to outweigh it the description is kept.
 WEIGHT = 1.0
-_ROUNDS = 3  # in which the noise is found
-_TORQUE_NOISE, _LEAST_TORQUE_NOISE = 0.05, 1e-4  # first and least, share of a joint's torque
-_POSITION_NOISE = 1e-2  # first, share of the reach
 # Weight of the description of a joint's friction, which may be many times that. Half and twice: the
 # same; a thousand times triples the held-out error of a UR10.
 _LIGHT = 1e-6
-_EPS = np.finfo(float).eps
 _FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
-_CHUNK = 1000  # samples whose regressors are in memory at once
 
 
 def torque_fit(
@@ -62,7 +57,7 @@ def torque_fit(
     """
     noise, least = noise_levels(windows.tau)
     physical, a = replace(physical, weights=np.array([_LIGHT])), None
-    for _ in range(_ROUNDS if names else 0):
+    for _ in range(3 if names else 0):
         rows = (windows.W / noise[:, None]).reshape(windows.y.size, len(names))
         a = physical_fit(rows, (windows.y / noise).ravel(), physical, gamma=WEIGHT, near=a)
         noise = np.maximum(columns_rms(windows.residual(a)), least)
@@ -115,9 +110,8 @@ def load_fit(
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what noise (n) torques (N, n) are first assumed to have, and the least that counts."""
-    level = columns_rms(tau)
-    level = np.maximum(level, max(_EPS * level.max(initial=0.0), np.finfo(float).tiny))
-    return _TORQUE_NOISE * level, _LEAST_TORQUE_NOISE * level
+    level = np.maximum(columns_rms(tau), np.finfo(float).tiny)
+    return 0.05 * level, 1e-4 * level  # a tenth and ten times the first: the same
 
 
 def columns_rms(values: np.ndarray) -> np.ndarray:
@@ -212,7 +206,7 @@ def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
 
     What the motion does not identify stays as described.
     """
-    level = np.full(rows.r.shape[1], _POSITION_NOISE * kinematics.robot.reach)
+    level = np.full(rows.r.shape[1], kinematics.robot.reach)
     return fitted(kinematics.names, kinematics.initial, rows.W, rows.r, level).refined()
 
 
@@ -270,8 +264,8 @@ def _equations(
     size = dynamics.size
     n = motion.v.shape[1]
     found = np.zeros((len(averages.t), n * (size + 1)))
-    for start in range(0, len(motion.t), _CHUNK):
-        part = slice(start, start + _CHUNK)
+    for start in range(0, len(motion.t), 1000):
+        part = slice(start, start + 1000)
         moving, rest = [], []
         for q, v in zip(motion.q[part], motion.v[part], strict=True):
             Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)

@@ -50,8 +50,6 @@ FILES = (
     "learned.xml",
     "summary.json",
 )
-_HARDLY = 2.0  # gain up to which the estimate is hardly better than the description; it says so
-_OFF = 0.02  # of the reach, error of positions from which the robot is another one; half: the same
 
 
 class Errors(NamedTuple):
@@ -234,7 +232,7 @@ class Identification:
         if positions is None or not self.described.task.positions or not self.dynamic.names:
             return None
         off = float(np.linalg.norm(positions.learned_held_out))
-        return off if off > _OFF * self.described.reach else None
+        return off if off > 0.02 * self.described.reach else None
 
     @property
     def verdict(self) -> str:
@@ -251,7 +249,7 @@ class Identification:
                 f"{words}. The positions are {1e3 * self._far_off:.3g} mm off even as identified. "
                 "Is this the log of another robot, frame or base?"
             )
-        if gain >= _HARDLY:
+        if gain >= 2.0:
             return f"{words}."
         if gain < 1.0:
             return f"{words}: WORSE. The estimate from the first part does not predict the last."

@@ -38,7 +38,6 @@ _SURE = 2.0
 _LEAST, _SHAFT_LEAST = 0.015, 0.1
 _FADINGS = (0.03, 0.1, 0.3, 1.0)  # [rad/s or m/s] of friction near rest; every second costs 14 %
 _BREAKAWAY = 5.0  # largest dry friction near rest, as a share of that at speed; no log had 2
-_JITTER = 1e-9  # of a squared column, where columns depend on each other; a thousand times is alike
 
 
 class Gain(NamedTuple):
@@ -176,7 +175,7 @@ def _fitted(H: np.ndarray, prior: np.ndarray, index: np.ndarray) -> np.ndarray:
     """
     A = H[..., index[:, None], index]
     size = np.diagonal(A, axis1=-2, axis2=-1)
-    A = A + (prior[index] + _JITTER * size + (size == 0.0))[..., None, :] * np.eye(len(index))
+    A = A + (prior[index] + 1e-9 * size + (size == 0.0))[..., None, :] * np.eye(len(index))
     left = np.zeros(H.shape[:-1])
     left[..., -1] = 1.0
     left[..., index] = -np.linalg.solve(A, H[..., index, -1:])[..., 0]

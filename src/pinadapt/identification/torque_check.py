@@ -36,8 +36,6 @@ from ..models.regressor import PER_BODY
 from ..robot.robot import Robot
 from .logged_motion import motion_of_log
 
-_MOST = 125  # windows; half as many and twice as many give the same verdicts on the real logs
-_SLIDING = 0.02  # [rad/s or m/s] from where Coulomb friction has its full size; half: the same
 # Factors between which a joint is as described. Half as wide refuses worn or wrongly described
 # arms, twice as wide accepts a robot of another size.
 _FACTORS = (0.5, 2.2)
@@ -53,8 +51,8 @@ _SURELY = 1.15
 # Of the robot's mass: a load. Half as much refuses rated loads, twice as much takes a UR10 for a
 # loaded UR5. A usual one has this share of mass and reach, a weak prior.
 _HEAVIEST = 1.0 / 3.0
-_LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
 _EPS = np.finfo(float).eps
+_LEAST_RESIDUAL = 0.02  # of a joint's torque, that no description explains; for exact logs
 
 
 class JointFactor(NamedTuple):
@@ -240,8 +238,9 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     if model.nq != model.nv:
         angles = np.unwrap([angles_from_configuration(model, q) for q in motion.q], axis=0)
     averages = Averages(motion.t, log.period)
-    some = np.unique(np.linspace(0, averages.whole.sum() - 1, _MOST).astype(int))
-    parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / _SLIDING)
+    # half as many windows and twice as many give the same verdicts on the real logs
+    some = np.unique(np.linspace(0, averages.whole.sum() - 1, 125).astype(int))
+    parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / 0.02)
     return _Motion(*(averages.mean(part)[averages.whole][some] for part in parts))
 
 

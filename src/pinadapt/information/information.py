@@ -30,8 +30,6 @@ CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6
 _UNEXCITED = 1e-10  # share of the largest eigenvalue up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
 _ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size up to which it is rounding
-_INSTANTS = 400  # at most, of which the torques are taken
-_ROUNDS = 60  # of Gauss-Newton
 
 State = TypeVar("State")
 
@@ -312,7 +310,7 @@ def gauss_newton(
         prior: (p) inverse variances of what was known before.
     """
     root = np.sqrt(prior)
-    for _ in range(_ROUNDS):
+    for _ in range(60):
         W, r, off = rows(state)
         A = np.vstack([W.reshape(-1, root.size), np.diag(root)])
         step = np.linalg.lstsq(A, np.concatenate([r.ravel(), root * off]), rcond=None)[0]
@@ -468,7 +466,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         from scipy.ndimage import uniform_filter1d  # here, because scipy is slow to import
 
         tau = uniform_filter1d(tau, max(round(BLOCK / motion.period), 1), axis=0)
-    some = np.unique(np.linspace(0, len(motion.t) - 1, _INSTANTS).astype(int))
+    some = np.unique(np.linspace(0, len(motion.t) - 1, 400).astype(int))
     t, q, v, a, tau = (part[some] for part in (*motion[:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None

@@ -26,9 +26,7 @@ OVERLAP = 3  # windows at any time
 _FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
 _GAP = 8  # the longest gap between two samples in a window, as so many parts of its length
 
-_ORDER = 4
 _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one side only
-_FASTEST = 0.4  # of the sampling rate: the highest cutoff
 
 # Relative difference, root mean square, up to which the velocities of a run are those of the
 # positions. Half: noise of encoders smooths them; twice: filtered velocities pass.
@@ -174,7 +172,7 @@ def smoothed(
 
     even = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / period) + 1, 2))
     step = even[1] - even[0]
-    low_pass = butter(_ORDER, min(cutoff, _FASTEST / step), fs=1.0 / step, output="sos")
+    low_pass = butter(4, min(cutoff, 0.4 / step), fs=1.0 / step, output="sos")
     path = sosfiltfilt(low_pass, _at(even, t, travelled), axis=0)
     v = np.gradient(path, step, axis=0)
     a = np.gradient(v, step, axis=0)

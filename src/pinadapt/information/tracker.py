@@ -30,15 +30,11 @@ from .information import Information, estimate_table, frames, gauss_newton
 LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 _PRIOR = 0.1  # of the reach: standard deviation of a described translation
 LEAST_NOISE = 1e-6  # of the reach, and [rad]
-_FEWEST = 4
 _LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
-_LARGEST = 10.0  # motion of a picture over that of the arm
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
 _CERTAIN = 5.0  # deviations from which frames have another clock
-_UNSEEN = 0.9  # of the prior deviation
-_ROUNDS = 4  # in which the noise is found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +122,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     y = (left + X @ a).ravel()
     turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
     names = (*turned, *kinematics.translation_names)
-    for _ in range(_ROUNDS):
+    for _ in range(4):  # in which the noise is found
         sigma = _noise(seen.rows(kinematics.parameters(tracker))[1], len(names), reach)
         H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
         tracker, told = kinematics.explaining_tracker(H, score, tracker)
@@ -144,7 +140,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         names,
         sigma,
         len(p),
-        tuple(name for name, off in zip(names, deviations / known, strict=True) if off > _UNSEEN),
+        tuple(name for name, off in zip(names, deviations / known, strict=True) if off > 0.9),
     )
 
 
@@ -164,7 +160,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     seen, reach = _Seen.of(kinematics, samples), kinematics.robot.reach
     motion = _rms(seen.x - seen.x.mean(axis=0))
     size = motion / _rms(seen.p - seen.p.mean(axis=0))
-    if size > _LARGEST:
+    if size > 10.0:
         raise LogError(
             f"the picture moves {size:.3g} times as far as the arm. In pixels?",
             hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
@@ -223,7 +219,7 @@ class _Seen(NamedTuple):
         q, v, x = frames(kinematics, samples)
         p = np.array([kinematics.in_base(*each)[0] for each in zip(q, v, strict=True)])
         moved = min(_rms(part - part.mean(axis=0)) if len(part) else 0.0 for part in (p, x))
-        if len(p) < _FEWEST or moved < LEAST_WAY * kinematics.robot.reach:
+        if len(p) < 4 or moved < LEAST_WAY * kinematics.robot.reach:
             what = "tracker" if isinstance(kinematics, TrackerKinematics) else "camera"
             raise LogError(
                 f"{len(p)} frames of a motion of {moved:.2g} (rms) do not show the {what}.",
