@@ -12,7 +12,7 @@ from pinadapt.information.measured_motion import Averages
 from tests.support.chains import catalogue_robot
 from tests.support.recorded import recorded, torques, true_robot
 
-CASES = ["panda", "ur5", "kinova", "scara"]
+CASES = ["ur5", "kinova", "scara"]
 
 
 def windows(name, log, held=False):
