@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..exceptions import LogError
-from ..information.measured_motion import CUTOFF, MeasuredMotion, smoothed_where_noisy
+from ..information.measured_motion import CUTOFF, MeasuredMotion, measured_motion
 from ..logs.log import Log
 from ..robot.robot import Robot
 
@@ -35,4 +35,4 @@ def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:
         )
     v = None if log.v is None else log.v[finite]
     parts = log.t[finite], q[finite], v, log.tau[finite]
-    return smoothed_where_noisy(robot.model, *parts, log.period, CUTOFF, _TOLERANCE)
+    return measured_motion(robot.model, *parts, log.period, CUTOFF, _TOLERANCE)

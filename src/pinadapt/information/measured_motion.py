@@ -82,13 +82,13 @@ def motion_of_samples(
         ]
     )
     tau, period = np.vstack([held, held[-1:]]), float(t[-1] - t[0]) / (len(t) - 1)
-    t, q, v, _, tau, noisy = smoothed_where_noisy(model, t, q, v, tau, period, cutoff, _TOLERANCE)
+    t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, cutoff, _TOLERANCE)
     middle = integrated(model, q[:-1], 0.5 * differences(model, q))
     a = np.diff(v, axis=0) / period
     return MeasuredMotion(t[:-1] + 0.5 * period, middle, 0.5 * (v[:-1] + v[1:]), a, tau[:-1], noisy)
 
 
-def smoothed_where_noisy(
+def measured_motion(
     model: pin.Model,
     t: np.ndarray,
     q: np.ndarray,
@@ -100,9 +100,13 @@ def smoothed_where_noisy(
 ) -> MeasuredMotion:
     """Return the motion through samples at times t (N), typically ``period`` apart [s].
 
-    Velocities that differ by more than the relative tolerance from the rates of the positions, or
-    that are missing, are replaced, see ``smoothed``.
+    Where velocities are missing, or differ by more than the relative tolerance from the rates of
+    the positions, these pass a low pass, velocity and acceleration are derivatives, and both ends
+    are left out. Times may be uneven: the low pass runs at even ones, and its output is
+    interpolated.
     """
+    from scipy.signal import butter, sosfiltfilt  # here, because scipy is slow to import
+
     moved, steps = differences(model, q), np.diff(t)[:, None]
     if v is not None:
         near = steps[:, 0] < 1.5 * period  # no sample is missing in between
@@ -112,7 +116,20 @@ def smoothed_where_noisy(
         if short or off <= tolerance * np.linalg.norm(mean):
             return MeasuredMotion(t, q, v, np.gradient(v, t, axis=0), tau, False)
     travelled = np.vstack([np.zeros(model.nv), np.cumsum(moved, axis=0)])
-    return smoothed(model, q[0], t, travelled, tau, period, cutoff)
+    even = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / period) + 1, 2))
+    step = even[1] - even[0]
+    low_pass = butter(4, min(cutoff, 0.4 / step), fs=1.0 / step, output="sos")
+    path = sosfiltfilt(low_pass, _at(even, t, travelled), axis=0)
+    v = np.gradient(path, step, axis=0)
+    parts = path, v, np.gradient(v, step, axis=0)
+    settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
+    travelled, v, a = (_at(t[settled], even, part) for part in parts)
+    return MeasuredMotion(t[settled], integrated(model, q[0], travelled), v, a, tau[settled], True)
+
+
+def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (N, n) at times (N), interpolated at others (K): (K, n)."""
+    return np.column_stack([np.interp(t, times, column) for column in values.T])
 
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
@@ -154,39 +171,6 @@ def at_times(
     return within, integrated(model, q[k], rates * (times[within] - t[k])[:, None]), rates
 
 
-def smoothed(
-    model: pin.Model,
-    start: np.ndarray,
-    t: np.ndarray,
-    travelled: np.ndarray,
-    tau: np.ndarray,
-    period: float,
-    cutoff: float,
-) -> MeasuredMotion:
-    """Return the motion without what is faster than the cutoff [Hz], and without its ends.
-
-    ``travelled`` (N, n) counts from the configuration ``start`` (nq). Times may be uneven: the low
-    pass runs at even ones, ``period`` apart, and its output is interpolated.
-    """
-    from scipy.signal import butter, sosfiltfilt  # here, because scipy is slow to import
-
-    even = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / period) + 1, 2))
-    step = even[1] - even[0]
-    low_pass = butter(4, min(cutoff, 0.4 / step), fs=1.0 / step, output="sos")
-    path = sosfiltfilt(low_pass, _at(even, t, travelled), axis=0)
-    v = np.gradient(path, step, axis=0)
-    a = np.gradient(v, step, axis=0)
-    settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
-    t, tau = t[settled], tau[settled]
-    path, v, a = (_at(t, even, part) for part in (path, v, a))
-    return MeasuredMotion(t, integrated(model, start, path), v, a, tau, True)
-
-
-def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values (N, n) at times (N), interpolated at others (K): (K, n)."""
-    return np.column_stack([np.interp(t, times, column) for column in values.T])
-
-
 class Averages:
     """Averages of signals over the windows of a motion.
 
@@ -204,9 +188,11 @@ class Averages:
         self.length = length = max(LENGTH, _FEWEST * period)
         count = max(int(np.floor((t[-1] - t[0]) / length * OVERLAP)) - OVERLAP + 1, 0)
         self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
-        self.whole = _without_gap(t, self.t, length)
         first = np.searchsorted(t, self.t - 0.5 * length, side="right")
         sizes = np.maximum(np.searchsorted(t, self.t + 0.5 * length) - first, 0)
+        gaps = np.append(0, np.cumsum(np.diff(t) > length / _GAP))  # before each sample
+        around = np.clip([first - 1, first + sizes], 0, len(t) - 1)
+        self.whole = gaps[around[0]] == gaps[around[1]]
         window = np.repeat(np.arange(count), sizes)
         sample = np.arange(len(window)) + np.repeat(first - np.cumsum(sizes) + sizes, sizes)
         steps = np.diff(t)
@@ -243,11 +229,3 @@ def _window(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
     angle = np.pi * np.clip(s / length, -0.5, 0.5)
     height, cos = 8.0 / (3.0 * length), np.cos(angle)
     return height * cos**4, -4.0 * height * np.pi / length * cos**3 * np.sin(angle)
-
-
-def _without_gap(t: np.ndarray, middles: np.ndarray, length: float) -> np.ndarray:
-    """Return for each window whether no two successive samples in it are too far apart."""
-    gaps = np.flatnonzero(np.diff(t) > length / _GAP)
-    starts, ends = t[gaps], t[gaps + 1]
-    hit = (starts < middles[:, None] + 0.5 * length) & (ends > middles[:, None] - 0.5 * length)
-    return np.asarray(~hit.any(axis=1))
