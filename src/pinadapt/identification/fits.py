@@ -87,24 +87,26 @@ def load_fit(
     Raises:
         ParameterError: the last body is not among the parameters.
     """
-    size, loaded = dynamics.inertial.size, both[0]
+    size = dynamics.inertial.size
+    own = size - PER_BODY
     if not dynamics.per_body or robot.model.nv - 1 not in dynamics.bodies:
         raise ParameterError(
             "the last body is not among the parameters, so there is no estimate of a load.",
             where="empty",
         )
-    own, W = loaded.W[:, :, size - PER_BODY : size], np.concatenate([part.W for part in both])
-    load = np.concatenate([own, np.zeros((len(both[1].t), *own.shape[1:]))])
-    W = np.concatenate([W[:, :, :size], load, W[:, :, size:]], axis=2)
+    rows = []
+    for w, carried in zip(both, (1.0, 0.0), strict=True):
+        load = carried * w.W[:, :, own:size]
+        rows.append(np.concatenate([w.W[:, :, :size], load, w.W[:, :, size:]], axis=2))
     t, y, tau = (np.concatenate([getattr(w, part) for w in both]) for part in ("t", "y", "tau"))
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
-        center=np.insert(physical.center, size, physical.center[size - PER_BODY : size]),
+        center=np.insert(physical.center, size, physical.center[own:size]),
         body_weights=np.append(np.ones(physical.bodies), _FREE),
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
-    found = torque_fit(names, whole, Windows(t, W, y, tau, loaded.length))
+    found = torque_fit(names, whole, Windows(t, np.concatenate(rows), y, tau, both[0].length))
     return payload_of(found, slice(size, size + PER_BODY), robot)
 
 

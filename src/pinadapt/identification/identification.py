@@ -138,18 +138,21 @@ def identify(
     effects = None
     others = given.friction is None and not given.effects
     if (given.armature is None or others) and dynamics.joints is not None:
-        own = physical_set(bodies, nominal)
-        chosen = {"armature": given.armature is None, "effects": others}
-        effects = choose_effects(nominal, motion, averages, first, own, **chosen)
+        effects = choose_effects(
+            nominal,
+            motion,
+            averages,
+            first,
+            physical_set(bodies, nominal),
+            armature=given.armature is None,
+            effects=others,
+        )
         nominal, placed = (replace(one, friction=effects.friction) for one in (nominal, placed))
         given = replace(given, **effects.unknown(given))
         unknown = replace(given, regressor="nominal").with_joints()
         estimator = _estimator(nominal, unknown, adaptation, found.period)
-    names, physical = (
-        estimator.controller.dynamics.names,
-        physical_set(estimator.controller.dynamics, nominal),
-    )
-    model = nominal_dynamics(placed, unknown, ())
+    dynamics, model = estimator.controller.dynamics, nominal_dynamics(placed, unknown, ())
+    names, physical = dynamics.names, physical_set(dynamics, nominal)
     windows = Windows.of(motion, averages, model, held=found.held)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows

@@ -125,17 +125,17 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     for _ in range(4):  # in which the noise is found
         sigma = _noise(seen.rows(kinematics.parameters(tracker))[1], len(names), reach)
         H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
-        tracker, told = kinematics.explaining_tracker(H, score, tracker)
+        tracker, H_tracker = kinematics.explaining_tracker(H, score, tracker)
     a = kinematics.parameters(tracker)
     _, left, _ = seen.rows(a)
     seen.check("tracker", left, sigma, motion)
     none = np.zeros(len(names))
-    deviations = Information(names, none, told, none).deviations
+    deviations = Information(names, none, H_tracker, none).deviations
     known = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
     return FoundTracker(
         tracker,
         a,
-        np.linalg.cholesky(kinematics.information(tracker, told)).T,
+        np.linalg.cholesky(kinematics.information(tracker, H_tracker)).T,
         deviations,
         names,
         sigma,
