@@ -27,7 +27,7 @@ ROBOTS = list(HARMONICS)
 def excited(name):
     """Return a short motion that excites the load of a robot, from a search of 25 steps."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 25)
+        patch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 15)
         return pa.excite(
             catalogue_robot(name),
             unknown=pa.Unknown(bodies="payload"),
@@ -178,7 +178,7 @@ def test_bodies_and_floor_stay_apart(monkeypatch):
     It costs at most three times as much. The search ends early.
     """
     monkeypatch.setattr("pinadapt.excitation.exciting_motion._STARTS", 4)
-    monkeypatch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 12)
+    monkeypatch.setattr("pinadapt.excitation.exciting_motion._ITERATIONS", 8)
     robot, times = catalogue_robot("ur5"), [time.process_time()]
     options = {"unknown": "bodies", "duration": 6.0, "harmonics": 2, "seed": 2}
     wide = {"excursion": 2.8, "progress": False}

@@ -34,7 +34,7 @@ def arm(loaded=False):
 
 
 @cache
-def log_of_arm(seed, loaded=False, duration=12.0):
+def log_of_arm(seed, loaded=False, duration=9.0):
     """Return a log with errors that last: ripple of the gears, and torques that wander for 1 s."""
     true, rng = arm(loaded), np.random.default_rng(seed)
     t, q, v, a = motion("ur5", duration=duration, dt=12e-3, seed=seed)
