@@ -20,7 +20,7 @@ from ..controller.controller import Controller
 from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
-from ..models.excited import Excited, TorqueSums, names_together, scales
+from ..models.excited import Excited, TorqueSums, scales
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
 from .measured_motion import MeasuredMotion, at_times, motion_of_samples
@@ -342,15 +342,13 @@ class Excitation:
         return self._sheet().html()
 
     def _sheet(self) -> Sheet:
-        return Sheet("Excitation", self.tables())
-
-    def tables(self) -> list[Table]:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
         seen = {name: part for name, part in parts.items() if part.names}
         overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
         tables = [parameter_table(part, self.units) for part in seen.values()]
-        return [Table(overview or [("nothing", "was adapted")]), *tables]
+        overview = overview or [("nothing", "was adapted")]
+        return Sheet("Excitation", [Table(overview), *tables])
 
 
 def parameter_table(part: Information, units: Mapping[str, str]) -> Table:
@@ -430,10 +428,6 @@ class TorquePrediction:
     def share_last(self) -> float:
         """The last error relative to the torques."""
         return self.error_last / max(self.rms, np.finfo(float).tiny)
-
-    def not_excited_words(self) -> str:
-        """Return the names of what is not excited, whole bodies and kinds together."""
-        return names_together(self.not_excited)
 
     @classmethod
     def of(cls, torques: MotionTorques, truth: np.ndarray | None) -> TorquePrediction:
