@@ -93,18 +93,6 @@ def test_heavier_links_are_no_certain_load():
         assert abs(estimate.mass) <= 2.0 * estimate.mass_known_to
 
 
-def test_a_load_on_heavier_links_is_separated_from_them():
-    described = catalogue_robot("panda")
-    true = described.changed(payload=pa.Payload(1.5, COM))
-    controller = pa.make_controller(
-        described.changed(inertial_scale=0.7), adaptation="natural", dt=4e-3
-    )
-    estimate = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0).payload(
-        refined=True
-    )
-    assert abs(estimate.mass - 1.5) < 2.0 * estimate.mass_known_to
-
-
 def test_a_parameter_without_effect_is_not_identifiable():
     rollout = run("ur5")
     known = dict(zip(rollout.dynamic_names, rollout.excitation().dynamic.deviations, strict=True))
