@@ -7,8 +7,8 @@ friction of the joint could explain is removed from both. Then
     factor = <tau, d> / <d, d>,        correlation = <tau, d> / (|tau| |d|).
 
 Friction, noise, inertias that are wrong by a third and wear leave the factor between 0.5 and 2.2:
-logs of four real arms gave 0.87 to 1.86, correlations of at least 0.86. Currents, torques before the
-gear, a wrong sign or another mounting do not.
+logs of four real arms gave 0.87 to 1.86, correlations of at least 0.86. Currents, torques before
+the gear, a wrong sign or another mounting do not.
 
 Usual mistakes are undone one by one, each without and with a load that is not described. What is
 then left of a joint's torque, with a factor between 0.65 and 2 and friction that takes energy,
