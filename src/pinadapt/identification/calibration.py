@@ -556,7 +556,9 @@ class _Geometry:
 # The fit
 
 _LEAST = 1.5  # equations for each identified combination
-_OUTLIER = 6.0  # times the median deviation, from which a frame does not count; half leaves out 1 %
+# Times the median deviation, from which a frame does not count: half leaves out one good frame of
+# ten thousand, twice as much keeps frames of which one outweighs a hundred.
+_OUTLIER = 6.0
 
 
 class _GeometryFit(NamedTuple):

@@ -238,7 +238,7 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     if model.nq != model.nv:
         angles = np.unwrap([angles_from_configuration(model, q) for q in motion.q], axis=0)
     averages = Averages(motion.t, log.period)
-    # half as many windows and twice as many give the same verdicts on the real logs
+    # twice as many windows give the same verdicts on the real logs
     some = np.unique(np.linspace(0, averages.whole.sum() - 1, 125).astype(int))
     parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / 0.02)
     return _Motion(*(averages.mean(part)[averages.whole][some] for part in parts))

@@ -37,7 +37,6 @@ from .information import Information, dynamic_information, estimate_table
 LEAST_NOISE = 1e-4  # of a torque, of which no model of an arm explains more
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # by which the bodies of an arm may be off
 _USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is expected
-_STEP = 1e-6  # of the largest parameter, for differences; a hundredth and a hundred times: the same
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -211,7 +210,8 @@ def _of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         body = frame.actInv(pin.Inertia.FromDynamicParameters(ten))
         return np.array([body.mass, *body.lever, *body.inertia[np.triu_indices(3)][order]])
 
-    steps = _STEP * np.diag(np.maximum(np.abs(ten), np.abs(ten).max()))
+    # of the largest parameter; a hundredth and a hundred times as much: the same
+    steps = 1e-6 * np.abs(ten).max() * np.eye(PER_BODY)
     slopes = [(load(ten + h) - load(ten - h)) / (2.0 * h.sum()) for h in steps]
     return load(ten), np.column_stack(slopes)
 
