@@ -3,7 +3,7 @@
 The learning part of a log is split into blocks of time. Each block is predicted from the others,
 with and without an effect at a joint. Effects are added one by one, the best one first, as long as
 one lowers the squared error by more than twice the standard error of the gain over the blocks, and
-by 1.5 %. An effect of a shaft that two joints turn adds three coefficients and has to gain 10 %.
+by 1.5 %.
 
 The error of a joint is relative to its noise, so that neither strong nor light joints decide alone.
 For speed the bodies are not kept in the physical cone here, but near the description by the
@@ -34,8 +34,8 @@ _BLOCKS = 8
 # takes hardly any that a log of a minute shows.
 _SURE = 2.0
 # Share of the squared error that it has to gain: half as much takes what is none, twice as much
-# leaves out effects that lower the held-out error of a TIAGo by a sixth. A shaft has three numbers.
-_LEAST, _SHAFT_LEAST = 0.015, 0.1
+# leaves out effects that lower the held-out error of a TIAGo by a sixth.
+_LEAST = 0.015
 _FADINGS = (0.03, 0.1, 0.3, 1.0)  # [rad/s or m/s] of friction near rest; every second costs 14 %
 _BREAKAWAY = 5.0  # largest dry friction near rest, as a share of that at speed; no log had 2
 
@@ -138,7 +138,7 @@ def choose_effects(
             after = _held_out(H, prior, np.append(index, columns)) / rows
             shares = (before - after) / before.mean()
             share, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
-            if share > max(_SURE * error, _LEAST if one.shaft is None else _SHAFT_LEAST):
+            if share > max(_SURE * error, _LEAST):
                 found.append((Gain(one.words, share, error), one, columns))
         if not found:
             return ChosenEffects(friction, tuple(words), tuple(gains))
