@@ -231,7 +231,7 @@ def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray
 
 
 def mean_diagonal(
-    adaptation: Adaptation, motion: TypicalMotion, regressors: Sequence[np.ndarray]
+    adaptation: Adaptation, motion: TypicalMotion, regressors: Iterable[np.ndarray]
 ) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
     start = typical_start(adaptation, motion)
