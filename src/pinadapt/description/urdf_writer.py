@@ -103,8 +103,12 @@ class _Edited:
 
     def _heaviest(self, index: int) -> str:
         """Return the name of the link with the largest mass of those that a joint moves."""
-        links = {name: link for name, link in self.links.items() if link.joint == index}
-        return max(links, key=lambda name: links[name].read()[0])
+        names = [
+            str(frame.name)
+            for frame in self.described.frames
+            if frame.type == pin.FrameType.BODY and frame.parentJoint == index
+        ]
+        return max(names, key=lambda name: _read_inertia(self.links[name]).mass)
 
     def _place_tool(self) -> None:
         """Move the task frame: the joint of a last link that is fixed, else a new link."""

@@ -33,10 +33,7 @@ _TURN, _SLIDE = 0.5 * np.pi, 0.5  # [rad, m] default excursion from home
 _LOAD = 0.1  # default load, as a share of the robot's mass
 _APART = 0.02  # of the reach, between two bodies or above the floor
 _TOUCHING = 1e-3  # [m] up to which two bodies touch at home
-_ALIKE = 4  # digits of alike angles; distances differ by less than a touch between them
-_TOLERANCE, _ITERATIONS = 1e-9, 256  # of a distance
 _FLOOR = "the floor"
-_EPS = np.finfo(float).eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +73,10 @@ class Shapes:
         if solids is None:
             return None
         geometry, links = _convex(solids[0]), list(solids[1])
-        root = None if srdf is None else read_xml(Path(srdf))
-        allowed = {
-            frozenset((each.get("link1", ""), each.get("link2", "")))
-            for each in ([] if root is None else root.iter("disable_collisions"))
-        }
+        allowed = set[frozenset[str]]()
+        if srdf is not None:
+            disabled = read_xml(Path(srdf)).iter("disable_collisions")
+            allowed = {frozenset((one.get("link1", ""), one.get("link2", ""))) for one in disabled}
         if floor is not None:
             below = coal.Halfspace(np.array([0.0, 0.0, 1.0]), floor)
             geometry.addGeometryObject(pin.GeometryObject(_FLOOR, 0, 0, pin.SE3.Identity(), below))
@@ -96,8 +92,8 @@ class Shapes:
         for (i, j), distance in zip(pairs, at_home, strict=True):
             if links[j] == _FLOOR and joints[i] > 2 and distance < _TOUCHING:
                 raise _below(links[i], distance, robot)
-        kept = np.flatnonzero(at_home > _TOUCHING)
-        if not kept.size:
+        kept = [k for k, distance in enumerate(at_home) if distance > _TOUCHING]
+        if not kept:
             return None
         _set_pairs(geometry, [pairs[k] for k in kept])
         names = tuple((links[pairs[k][0]], links[pairs[k][1]]) for k in kept)
@@ -105,18 +101,9 @@ class Shapes:
         return cls(robot.model, geometry, names, margins)
 
     def distances(self, q: np.ndarray) -> np.ndarray:
-        """Return the distances (N, k) of configurations (N, nq) [m], negative where they overlap.
-
-        Of configurations that are alike to 1e-4, one stands for all if no pair is near its margin.
-        """
-        _, first, which = np.unique(
-            np.round(q, _ALIKE), axis=0, return_index=True, return_inverse=True
-        )
-        found = _distances_of(self.model, self.geometry, q[first])
-        near = ((found - self.margins).min(axis=1, initial=np.inf) < _TOUCHING)[which.ravel()]
-        distances, near[first] = found[which.ravel()], False
-        distances[near] = _distances_of(self.model, self.geometry, q[near])
-        return distances
+        """Return the distances (N, k) at configurations (N, nq) [m], negative in contact."""
+        different, which = np.unique(q, axis=0, return_inverse=True)
+        return _distances_of(self.model, self.geometry, different)[which.ravel()]
 
 
 def _set_pairs(geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]) -> None:
@@ -137,9 +124,9 @@ def _below(name: str, distance: float, robot: Robot) -> RobotError:
 def _distances_of(model: pin.Model, geometry: pin.GeometryModel, q: np.ndarray) -> np.ndarray:
     """Return the distances (N, k) of the pairs at configurations (N, nq)."""
     data, found = model.createData(), geometry.createData()
-    for request in found.distanceRequests:  # for derivatives by differences, in contact too
-        request.gjk_tolerance = request.epa_tolerance = _TOLERANCE
-        request.gjk_max_iterations = request.epa_max_iterations = _ITERATIONS
+    for request in found.distanceRequests:  # accurate enough for differences, in contact too
+        request.gjk_tolerance = request.epa_tolerance = 1e-9
+        request.gjk_max_iterations = request.epa_max_iterations = 256
     results = list(found.distanceResults)  # places where Pinocchio writes; copies cost much more
     distances = np.zeros((len(q), len(geometry.collisionPairs)))
     for row, each in zip(distances, q, strict=True):
@@ -218,28 +205,32 @@ class Allowance:
         model = robot.model
         slides = np.array([is_slide(joint) for joint in model.joints[1:]])
         low, high = _range(robot, slides, excursion)
-        fastest = np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
-        speed = np.minimum(_SHARE * velocity_limits(model), fastest)
+        speed = np.minimum(
+            _SHARE * velocity_limits(model), np.where(slides, _FASTEST_SLIDE, _FASTEST_TURN)
+        )
         effort, rest = _SHARE * effort_limits(model), np.zeros(model.nv)
         held, with_one = (
             pin.rnea(one, one.createData(), robot.q0, rest, rest)
             for one in (model, robot.changed(payload=Payload(1.0)).model)
         )
-        room = (effort - np.abs(held)) / np.maximum(np.abs(with_one - held), _EPS)  # [kg]
-        mass = min(_LOAD * robot.mass, max(0.5 * float(room.min()), 0.0))
-        if load is not None:
-            mass = positive(load, "load", zero=True)
+        if load is None:
+            room = (effort - np.abs(held)) / np.maximum(
+                np.abs(with_one - held), np.finfo(float).eps
+            )  # [kg]
+            load = max(min(_LOAD * robot.mass, 0.5 * float(room.min())), 0.0)
+        mass = positive(load, "load", zero=True)
         loaded = robot.changed(payload=Payload(mass)).model if mass else model
         needed = np.maximum(np.abs(held), np.abs(held + mass * (with_one - held)))
-        for name, torque, most in zip(robot.joint_names, needed, effort, strict=True):
-            if torque >= most:
-                raise RobotError(
-                    f"at home joint '{name}' needs {torque:.3g} of the {most:.3g} N m or N that a "
-                    f"motion may use ({_SHARE:.0%} of its limit) with a load of {mass:.3g} kg.",
-                    where=robot.name,
-                    hint="State a lighter load, take another home pose, or correct the limits of "
-                    "the description.",
-                )
+        if (needed >= effort).any():
+            j = int(np.argmax(needed / effort))
+            raise RobotError(
+                f"at home joint '{robot.joint_names[j]}' needs {needed[j]:.3g} of the "
+                f"{effort[j]:.3g} N m or N that a motion may use ({_SHARE:.0%} of its limit), with "
+                f"a load of {mass:.3g} kg.",
+                where=robot.name,
+                hint="State a lighter load, take another home pose, or correct the limits of the "
+                "description.",
+            )
         plane = MountingPlane.of(model, robot.frame_id, robot.q0)
         if floor is not None and shapes is None:
             plane = replace(plane, level=max(plane.level, floor), side=1.0)
@@ -309,19 +300,19 @@ def _range(
         RobotError: home is outside the limits.
     """
     home, (lower, upper) = robot.home_angles, position_limits(robot.model)
-    for name, angle, least, most in zip(robot.joint_names, home, lower, upper, strict=True):
-        if not least < angle < most:
-            raise RobotError(
-                f"home has joint '{name}' at {angle:.4g}, not inside its limits {least:.4g} to "
-                f"{most:.4g}, so no motion from there can keep them.",
-                where="q0",
-                hint="Take another home pose, Robot.at or robot.q0.",
-            )
+    names = np.array(robot.joint_names)
+    outside = names[(home <= lower) | (home >= upper)]
+    if outside.size:
+        raise RobotError(
+            f"home is not inside the limits of {', '.join(outside)}, so no motion from there can "
+            "keep them.",
+            where="q0",
+            hint="Take another home pose, Robot.at or robot.q0.",
+        )
     reach = np.where(slides, _SLIDE, _TURN)
     if excursion is not None:
         reach = vector(excursion, robot.model.nv, "excursion", names=robot.joint_names)
-        for each in reach:
-            positive(each, "excursion", error=InputError)
+        positive(float(reach.min()), "excursion", error=InputError)
     margin = np.where(np.isfinite(lower), _MARGIN * (upper - lower), 0.0)
     low = lower + np.minimum(margin, 0.5 * (home - lower))
     high = upper - np.minimum(margin, 0.5 * (upper - home))

@@ -34,13 +34,10 @@ from ..tuning.unknowns import Unknown, nominal_dynamics
 from .allowance import Allowance, Shapes, configurations
 
 _NOISE = 0.01  # of the effort limit; half or twice as much changes the stated uncertainty by that
-_FASTEST = 0.5  # [Hz] of the harmonics, unless the duration is too short
-_FEWEST, _MOST = 3, 8  # harmonics, by default
 _PER_HARMONIC, _FINE = 16, 120  # instants per harmonic, in the search and in the last check
 _STARTS, _ITERATIONS = 24, 60
 _PENALTY = 200.0  # [nat] for exceeding an allowance by its own size at all instants
 _STEP = 1e-6  # of numerical derivatives [rad or m, and per s or s^2]
-_BISECTIONS = 20  # in the last check
 
 
 def excite(
@@ -48,7 +45,7 @@ def excite(
     *,
     unknown: Unknown | str | Sequence[str] | None = None,
     duration: float = 10.0,
-    harmonics: int | None = None,
+    harmonics: int = 5,
     excursion: ArrayLike | None = None,
     load: float | None = None,
     srdf: Path | str | None = None,
@@ -73,8 +70,7 @@ def excite(
         unknown: what the motion is to excite, an ``Unknown`` or words for it; by default all
             bodies, friction and rotor inertias.
         duration: of the motion, and period of the series [s].
-        harmonics: of the series, at least 2; by default as many as stay within half a hertz, from 3
-            to 8.
+        harmonics: of the series, at least 2; ten seconds with the default reach half a hertz.
         excursion: how far joints may move from home, one or one per joint [rad or m]; by default a
             quarter of a turn and half a metre.
         load: mass of the heaviest load at the frame [kg]; by default a tenth of the robot's mass,
@@ -90,8 +86,6 @@ def excite(
     """
     nominal, dynamics = _nominal_and_dynamics(robot, unknown)
     duration = positive(duration, "duration", error=InputError)
-    if harmonics is None:
-        harmonics = min(max(round(_FASTEST * duration), _FEWEST), _MOST)
     harmonics = whole(harmonics, "harmonics", 2, most=MOST_SAMPLES)
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))
     shapes = Shapes.of(nominal, srdf, level)
@@ -233,7 +227,7 @@ class _Search:
         kept, low, high = self._allowed.kept, 0.0, 1.0
         if kept(*self.states(theta)):
             return theta
-        for _ in range(_BISECTIONS):
+        for _ in range(20):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if kept(*self.states(middle * theta)) else (low, middle)
         if not low:

@@ -38,7 +38,7 @@ from .._checks import flag, name_list, positive
 from .._output import Sheet, Table, write_text
 from .._version import __version__
 from ..exceptions import InputError, LogError, did_you_mean
-from ..information.information import gauss_newton
+from ..information.information import estimate_table, gauss_newton
 from ..information.measured_motion import at_times
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.formats import read_log
@@ -52,14 +52,13 @@ from ..robot.loading import load
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..tasks.frame import TASKS, FrameTask, matrix
-from .report import plain
+from .report import plain, rms
 
 OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
 FILES = ("learned.urdf", "summary.json")
 
 _ROBOTS = ("described", "robot", "sheet")  # attributes that are no numbers
-_AS_GOOD = 1.2  # ratio of two errors up to which they are the same
 _WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
 _OWN = "offset"
 
@@ -99,9 +98,7 @@ class Calibration:
         deviations: (p) standard deviations, with the description as prior [m or rad]; those of the
             tracker are of the first joint, in the axes of x.
         prior: (p) standard deviations of the description [m or rad].
-        combinations: what the motion identifies, one sum of parameters each.
-        unidentified: name of a parameter that the motion does not identify -> those with which it
-            can be confused, the strongest first; none: it has no effect.
+        combinations: the leading parameter of each combination that the motion identifies.
         noise: residual of a coordinate [m], and of an orientation [rad] or None.
         frames: how many were used.
         outliers: how many others were left out as impossible.
@@ -120,7 +117,6 @@ class Calibration:
     deviations: np.ndarray
     prior: np.ndarray
     combinations: tuple[str, ...]
-    unidentified: Mapping[str, tuple[str, ...]]
     noise: tuple[float, float | None]
     frames: int
     outliers: int
@@ -128,6 +124,11 @@ class Calibration:
     after: FrameErrors
     motion: float
     source: str
+
+    @property
+    def unidentified(self) -> tuple[str, ...]:
+        """Names of the other parameters; along them the description decides."""
+        return tuple(name for name in self.names if name not in self.combinations)
 
     @property
     def offsets(self) -> dict[str, tuple[float, float]]:
@@ -145,8 +146,8 @@ class Calibration:
     @property
     def trusted(self) -> bool:
         """Whether the calibrated robot explains the frames, held-out ones no worse than before."""
-        after = self.after.position
-        return after <= min(_AS_GOOD * self.before.position, _WORST * self.motion)
+        after = self.after.position  # of held-out frames, whose rms scatters by some per cent
+        return after <= min(1.2 * self.before.position, _WORST * self.motion)
 
     @property
     def verdict(self) -> str:
@@ -170,25 +171,19 @@ class Calibration:
     def sheet(self) -> Sheet:
         """The report: what was measured, the parameters, and what the motion does not identify."""
         noise = FrameErrors(self.noise[0], np.nan, self.noise[1])
+        others = ", ".join(self.unidentified) or "-"
         summary = [
             ("frames", f"{self.frames}, {self.outliers} others left out as impossible"),
-            (
-                "identified by this motion",
-                f"{len(self.combinations)} combinations of {len(self.names)} numbers",
-            ),
+            ("identified by this motion", f"{len(self.combinations)} combinations"),
+            ("identified only in combination", others),
             ("residual", f"{noise.words()} a coordinate"),
             ("largest held-out error", f"{1e3 * self.after.largest:.3g} mm"),
         ]
-        rows, slides = [], self.described.slides
-        for name, value, deviation in zip(self.names, self.estimate, self.deviations, strict=True):
-            place, _, kind = name.rpartition(".")
-            shifted = slides.get(place) if kind == _OWN else kind.startswith("shift")
-            scale, unit = (1e3, "mm") if shifted else (math.degrees(1.0), "deg")
-            cells = f"{scale * value:.3g}", f"+- {scale * deviation:.2g}", unit
-            rows.append((name, *cells, ", ".join(self.unidentified.get(name, ("-",))[:3])))
-        header = ("parameter", "off", "known to", "unit", "only in combination with")
+        slides = {f"{name}.{_OWN}" for name, yes in self.described.slides.items() if yes}
+        units = ["m" if ".shift" in name or name in slides else "rad" for name in self.names]
+        found = estimate_table(self.names, self.estimate, self.deviations, units)
         title = f"{self.described.name}, calibrated from {self.source}"
-        return Sheet(title, [Table(summary), Table(rows, header)], self.verdict)
+        return Sheet(title, [Table(summary), found], self.verdict)
 
     def summary(self) -> dict[str, Any]:
         """Return the record of ``summary.json``: its attributes but the robots, and the verdict."""
@@ -265,7 +260,7 @@ def calibrate(
         if some:
             _fitted(geometry, first, name, fit.noise)
         errors.append(_errors(geometry, last))
-    combinations, unidentified = _identified(whole, fit.rows)
+    identified = _identified(whole, fit.rows)
     return Calibration(
         described=described,
         robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
@@ -274,8 +269,7 @@ def calibrate(
         estimate=whole.value(),
         deviations=fit.deviations,
         prior=whole.prior,
-        combinations=combinations,
-        unidentified=unidentified,
+        combinations=tuple(whole.names[k] for k in identified),
         noise=(float(fit.noise[0]), float(fit.noise[1]) if len(fit.noise) > 1 else None),
         frames=int(np.count_nonzero(kept)),
         outliers=int(np.count_nonzero(~kept)),
@@ -288,7 +282,6 @@ def calibrate(
 
 # What was measured
 
-_MOST = 2000  # frames
 _BLOCKS = 12  # of time, some of which are held out
 _TURNED = 0.5  # [rad] that no base is mounted off its description
 
@@ -340,7 +333,7 @@ def _seen(logs: Sequence[Log], robot: Robot, where: str) -> _MeasuredFrames:
             "them.",
         )
     q, x = (np.concatenate(part) for part in zip(*parts, strict=True))
-    chosen = np.unique(np.linspace(0, len(x) - 1, _MOST).astype(int))
+    chosen = np.unique(np.linspace(0, len(x) - 1, 2000).astype(int))
     return _MeasuredFrames(task, q[chosen], x[chosen])
 
 
@@ -354,31 +347,26 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
         LogError: frames of another unit, of left-handed axes or of another point; or axes that are
             turned where they should be those of the base.
     """
-    rows, data = seen.task.place, robot.model.createData()
-    p = np.empty((len(seen.q), 3))
-    for k, q in enumerate(seen.q):
-        pin.forwardKinematics(robot.model, data, q)
-        p[k] = pin.updateFramePlacement(robot.model, data, robot.frame_id).translation
-    x, motion = seen.x[:, : seen.task.positions], math.sqrt(float(np.mean(np.var(p, axis=0))))
+    p = np.array([robot.placement(q).translation for q in seen.q])
+    x, motion = seen.x[:, : seen.task.positions], _rms_distance(p) / math.sqrt(3.0)
     if motion < LEAST_WAY * robot.reach:
         raise LogError(
             f"the arm moves its frame by {1e3 * motion:.2g} mm (rms) only.",
             where=where,
             hint="Move every joint, such that the frame goes all over the workspace.",
         )
-    U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
     if x.shape[1] < 3:
-        check_axes(np.eye(2), p[:, rows], x, motion)
+        check_axes(np.eye(2), p[:, seen.task.place], x, motion)
         if tracker:
             raise LogError("a tracker needs positions (3) or poses (7).", where=f"{where}: x")
         return pin.SE3.Identity()
-    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ V))])
-    R = U @ mirror @ V
-    turned, mirrored = (_rms_distance(x - p @ part.T) for part in (R, U @ V))
+    U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+    straight, turned, mirrored = (_rms_distance(x - p @ part.T) for part in (np.eye(3), R, U @ V))
     check_axes(U @ V if mirrored < 0.5 * turned else R, p, x, motion)
     if tracker:
         return pin.SE3(R, x.mean(axis=0) - R @ p.mean(axis=0))
-    angle, straight = float(np.linalg.norm(pin.log3(R))), _rms_distance(x - p)
+    angle = float(np.linalg.norm(pin.log3(R)))
     if angle > _TURNED and turned < 0.5 * straight:
         raise LogError(
             f"x is turned by {math.degrees(angle):.3g} deg against the base of the robot.",
@@ -568,8 +556,9 @@ class _Geometry:
 # The fit
 
 _LEAST = 1.5  # equations for each identified combination
-_OUTLIER = 6.0  # times the median deviation, from which a frame does not count; half leaves out 1 %
-_MOST_OUTLIERS = 0.2  # share of the frames
+# Times the median deviation, from which a frame does not count: half leaves out one good frame of
+# ten thousand, twice as much keeps frames of which one outweighs a hundred.
+_OUTLIER = 6.0
 
 
 class _GeometryFit(NamedTuple):
@@ -644,7 +633,7 @@ def _fitted(
                 hint=f"Record {math.ceil(2.0 * _LEAST * rank / m)} or more, or name fewer "
                 "unknowns.",
             )
-    if np.mean(kept) < 1.0 - _MOST_OUTLIERS:
+    if np.mean(~kept) > 0.2:
         raise LogError(
             f"no geometry near the described one explains these frames: {np.mean(~kept):.0%} of "
             "them do not fit the others.",
@@ -655,63 +644,30 @@ def _fitted(
     return _GeometryFit(kept, rows, shares * prior, noise)
 
 
-# What the motion identifies
-
 _KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
-_SHOWN = 0.05  # of the effect of a parameter, from which another one that cancels it is named
 
 
-def _identified(
-    geometry: _Geometry, rows: np.ndarray
-) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
-    """Return the combinations of p parameters that rows identify, and the parameters they do not.
+def _identified(geometry: _Geometry, rows: np.ndarray) -> np.ndarray:
+    """Return the indices of the parameters that rows (N, p) identify where the others are known.
 
     A QR factorisation with column pivoting takes the parameters by turns: the one whose effect is
     farthest from those taken before is next. What is left when no effect is larger than the noise
     is not identified: to first order, a change of it and changes of the others cancel.
     Displacements along and about the axis of a joint are taken last.
-
-    Args:
-        geometry: with the parameters.
-        rows: (N, p) in units of the noise and of the prior.
-
-    Returns:
-        The combinations as text, and name -> names of those that can cancel it, the strongest
-        first.
     """
     from scipy.linalg import qr  # here, because scipy is slow to import
 
-    names, last = np.array(geometry.names), np.where(geometry.along, _KEPT_LAST, 1.0)
+    last = np.where(geometry.along, _KEPT_LAST, 1.0)
     R, order = qr(rows * last, mode="r", pivoting=True)
     order = order[: min(R.shape)]
-    taken = np.sort(order[np.abs(np.diag(R)) > last[order]])
-    others = np.setdiff1d(np.arange(len(names)), taken)
-    parts = np.linalg.lstsq(rows[:, taken], rows[:, others], rcond=None)[0]
-    sizes = np.linalg.norm(rows, axis=0)
-    effects = np.abs(parts) * sizes[taken, None]
-    shown = effects > _SHOWN * np.maximum(sizes[others], 1.0)
-    parts *= geometry.prior[taken, None] / geometry.prior[others]
-    combinations = [
-        names[i]
-        + "".join(
-            f" {part:+.3g} {name}" for part, name in zip(row[own], names[others[own]], strict=True)
-        )
-        for i, row, own in zip(taken, parts, shown, strict=True)
-    ]
-    unidentified = {}
-    for d, name in enumerate(names[others]):
-        strongest = np.argsort(-effects[:, d])
-        unidentified[str(name)] = tuple(names[taken[strongest[shown[strongest, d]]]].tolist())
-    return tuple(combinations), unidentified
+    return np.sort(order[np.abs(np.diag(R)) > last[order]])
 
 
 def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:
     """Return how far frames are from those of a geometry."""
     r, _ = geometry.rows(seen)
-    distances = np.linalg.norm(r[:, : seen.task.positions], axis=1)
-    turns = np.linalg.norm(r[:, seen.task.positions :], axis=1)
-    turn = float(np.sqrt(np.mean(turns**2))) if seen.task.size > seen.task.positions else None
-    return FrameErrors(float(np.sqrt(np.mean(distances**2))), float(distances.max()), turn)
+    distances, *turns = (np.linalg.norm(r[:, group.rows], axis=1) for group in seen.task.groups)
+    return FrameErrors(rms(distances), float(distances.max()), rms(turns[0]) if turns else None)
 
 
 def _rms_distance(points: np.ndarray) -> float:

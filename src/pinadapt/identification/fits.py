@@ -13,7 +13,7 @@ Positions. The position of the task frame is linear in the unknown translations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,21 +26,17 @@ from ..information.payload import PayloadEstimate, payload_of
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
 from ..models.physical_fit import PhysicalSet, physical_fit
-from ..models.regressor import LABELS, PER_BODY, Momentum
+from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
 
 # Of the description, relative to one row of noise: a third and three times of it change no held-out
 # error of the real logs by 3 %. Without rows to outweigh it the description is kept.
 WEIGHT = 1.0
-_ROUNDS = 3  # in which the noise is found
-_TORQUE_NOISE, _LEAST_TORQUE_NOISE = 0.05, 1e-4  # first and least, share of a joint's torque
-_POSITION_NOISE = 1e-2  # first, share of the reach
-_LEAST_WEIGHT = 1e-6
-_EPS = np.finfo(float).eps
+# Weight of the description of a joint's friction, which may be many times that. Half and twice: the
+# same; a thousand times triples the held-out error of a UR10.
+_LIGHT = 1e-6
 _FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
-_FARTHEST = 4.0  # of the reach, farther than any frame of the robot moves
-_CHUNK = 1000  # samples whose regressors are in memory at once
 
 
 def torque_fit(
@@ -60,8 +56,8 @@ def torque_fit(
         windows: the rows.
     """
     noise, least = noise_levels(windows.tau)
-    physical, a = weighted(physical, windows), None
-    for _ in range(_ROUNDS if names else 0):
+    physical, a = replace(physical, weights=np.array([_LIGHT])), None
+    for _ in range(3 if names else 0):
         rows = (windows.W / noise[:, None]).reshape(windows.y.size, len(names))
         a = physical_fit(rows, (windows.y / noise).ravel(), physical, gamma=WEIGHT, near=a)
         noise = np.maximum(columns_rms(windows.residual(a)), least)
@@ -91,51 +87,38 @@ def load_fit(
     Raises:
         ParameterError: the last body is not among the parameters.
     """
-    size, loaded = dynamics.inertial.size, both[0]
+    size = dynamics.inertial.size
+    own = size - PER_BODY
     if not dynamics.per_body or robot.model.nv - 1 not in dynamics.bodies:
         raise ParameterError(
             "the last body is not among the parameters, so there is no estimate of a load.",
             where="empty",
         )
-    own, W = loaded.W[:, :, size - PER_BODY : size], np.concatenate([part.W for part in both])
-    load = np.concatenate([own, np.zeros((len(both[1].t), *own.shape[1:]))])
-    W = np.concatenate([W[:, :, :size], load, W[:, :, size:]], axis=2)
+    rows = []
+    for w, carried in zip(both, (1.0, 0.0), strict=True):
+        load = carried * w.W[:, :, own:size]
+        rows.append(np.concatenate([w.W[:, :, :size], load, w.W[:, :, size:]], axis=2))
     t, y, tau = (np.concatenate([getattr(w, part) for w in both]) for part in ("t", "y", "tau"))
     whole = replace(
         physical,
         bodies=physical.bodies + 1,
-        center=np.insert(physical.center, size, physical.center[size - PER_BODY : size]),
+        center=np.insert(physical.center, size, physical.center[own:size]),
         body_weights=np.append(np.ones(physical.bodies), _FREE),
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
-    found = torque_fit(names, whole, Windows(t, W, y, tau, loaded.length))
+    found = torque_fit(names, whole, Windows(t, np.concatenate(rows), y, tau, both[0].length))
     return payload_of(found, slice(size, size + PER_BODY), robot)
 
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what noise (n) torques (N, n) are first assumed to have, and the least that counts."""
-    level = columns_rms(tau)
-    level = np.maximum(level, max(_EPS * level.max(initial=0.0), np.finfo(float).tiny))
-    return _TORQUE_NOISE * level, _LEAST_TORQUE_NOISE * level
+    level = np.maximum(columns_rms(tau), np.finfo(float).tiny)
+    return 0.05 * level, 1e-4 * level  # a tenth and ten times the first: the same
 
 
 def columns_rms(values: np.ndarray) -> np.ndarray:
     """Return the root mean square of each column of (N, n); zero of none."""
     return np.asarray(np.sqrt(np.sum(values**2, axis=0) / max(len(values), 1)))
-
-
-def weighted(physical: PhysicalSet, windows: Windows) -> PhysicalSet:
-    """Return the set with weights w: coefficients over those that explain all of a joint's torque.
-
-    They are at most one.
-    """
-    last = windows.W.shape[2] - physical.scales.size
-    columns = windows.W[:, :, PER_BODY * physical.bodies : last]
-    joints = np.argmax(np.abs(columns).sum(axis=0), axis=0)  # each acts on one
-    effects = np.array([np.linalg.norm(columns[:, j, k]) for k, j in enumerate(joints)])
-    whole = np.maximum(np.linalg.norm(windows.tau, axis=0)[joints], _EPS)
-    shares = physical.coefficients(physical.center) * effects / whole
-    return replace(physical, weights=np.clip(shares, _LEAST_WEIGHT, 1.0))
 
 
 def _repetition(residual: np.ndarray) -> np.ndarray:
@@ -170,7 +153,7 @@ def frames_of(log: Log, robot: Robot) -> Frames:
     """Return the frames of a log in the coordinates of a robot's task; none where it has none.
 
     Raises:
-        LogError: coordinates that the task does not have, or further apart than it can move.
+        LogError: coordinates that the task does not have.
     """
     (t, x), wanted = log.frames(), robot.task.coordinates
     if not len(t):
@@ -178,14 +161,12 @@ def frames_of(log: Log, robot: Robot) -> Frames:
     got = x.shape[1]
     if got != wanted and wanted <= 3 <= got:
         x, got = x[:, :3][:, robot.frame_task.place], wanted
-    span = float(np.ptp(x[:, : robot.task.positions], axis=0).max(initial=0.0))
-    if got != wanted or span > _FARTHEST * robot.reach:
+    if got != wanted:
         raise LogError(
-            f"{got} coordinates that move by {span:.4g} do not fit the task '{robot.task.name}' of "
-            f"{wanted} and a reach of {robot.reach:.3g} m.",
+            f"{got} coordinates, and the task '{robot.task.name}' has {wanted}.",
             where=f"{log.source}: x",
             hint="Positions are x, y, z in world axes, in metres, poses x, y, z, qx, qy, qz, qw; a "
-            'robot is loaded with task = "xyz" or "pose". Lost frames are NaN, not 0.',
+            'robot is loaded with task = "xyz" or "pose".',
         )
     order = np.argsort(t, kind="stable")
     return Frames(t[order], x[order])
@@ -227,7 +208,7 @@ def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
 
     What the motion does not identify stays as described.
     """
-    level = np.full(rows.r.shape[1], _POSITION_NOISE * kinematics.robot.reach)
+    level = np.full(rows.r.shape[1], kinematics.robot.reach)
     return fitted(kinematics.names, kinematics.initial, rows.W, rows.r, level).refined()
 
 
@@ -250,36 +231,21 @@ class Windows(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        motion: MeasuredMotion,
-        dynamics: Dynamics,
-        period: float,
-        *,
-        held: bool,
-        inertial: Windows | None = None,
+        cls, motion: MeasuredMotion, averages: Averages, dynamics: Dynamics, *, held: bool
     ) -> Windows:
         """Take the windows of a motion that have no gap.
 
         Args:
             motion: the samples.
+            averages: over its windows.
             dynamics: of the unknown parameters.
-            period: typical time between samples [s].
             held: whether torques were held from each sample to the next; else each is of its
                 instant.
-            inertial: the windows of its inertial block alone, if they are known already.
         """
-        averages = Averages(motion.t, period)
-        whole, joints = averages.whole, dynamics.joints
-        if inertial is None:
-            W, y = _equations(motion, averages, dynamics.momentum, dynamics.size)
-            tau = averages.held_mean(motion.tau) if held else averages.mean(motion.tau)
-            t, y, length = averages.t[whole], (tau - y)[whole], averages.length
-            return cls(t, W[whole], y, tau[whole], length)
-        if joints is None:
-            return inertial
-        W, y = _equations(motion, averages, joints.momentum, joints.size)
-        both = np.concatenate([inertial.W, W[whole]], axis=2)
-        return inertial._replace(W=both, y=inertial.y - y[whole])
+        whole = averages.whole
+        W, y = _equations(motion, averages, dynamics)
+        tau = averages.held_mean(motion.tau) if held else averages.mean(motion.tau)
+        return cls(averages.t[whole], W[whole], (tau - y)[whole], tau[whole], averages.length)
 
     def between(self, first: float, last: float) -> Windows:
         """Return the windows that lie wholly between two times [s]."""
@@ -294,19 +260,17 @@ class Windows(NamedTuple):
 
 
 def _equations(
-    motion: MeasuredMotion,
-    averages: Averages,
-    momentum: Callable[[np.ndarray, np.ndarray], Momentum],
-    size: int,
+    motion: MeasuredMotion, averages: Averages, dynamics: Dynamics
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return W (K, n, p), p = ``size``, and the averages (K, n) of the known part of the torque."""
+    """Return W (K, n, p) and the averages (K, n) of the known part of the torque."""
+    size = dynamics.size
     n = motion.v.shape[1]
     found = np.zeros((len(averages.t), n * (size + 1)))
-    for start in range(0, len(motion.t), _CHUNK):
-        part = slice(start, start + _CHUNK)
+    for start in range(0, len(motion.t), 1000):
+        part = slice(start, start + 1000)
         moving, rest = [], []
         for q, v in zip(motion.q[part], motion.v[part], strict=True):
-            Y_M, Y_0, p_0, tau_0 = momentum(q, v)
+            Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
             moving.append(np.column_stack([Y_M, p_0]).ravel())
             rest.append(np.column_stack([Y_0, tau_0]).ravel())
         found += averages.phi[:, part] @ np.array(rest)

@@ -20,6 +20,7 @@ from ..logs.formats import read_log
 from ..logs.import_options import ImportOptions
 from ..logs.log import Log, joined, starts_of
 from ..models.physical_fit import physical_set
+from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST, PlacedTranslations
 from ..robot.loading import load
 from ..robot.motors import compensation_of
@@ -28,7 +29,7 @@ from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_estimator
-from ..tuning.unknowns import Unknown
+from ..tuning.unknowns import Unknown, nominal_dynamics
 from .fits import (
     Frames,
     PositionRows,
@@ -96,9 +97,7 @@ def identify(
         InputError: unknown words, or nothing is unknown.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
-    share = positive(held_out, "held_out", error=InputError)
-    if share > 0.5:
-        raise InputError(f"at most a half can be held out, got {share:g}.", where="held_out")
+    share = positive(held_out, "held_out", most=0.5, error=InputError)
     sources, tests = _several(log), _several(test)
     logs, intakes = list[Log](), list[ImportOptions]()
     for source in (*sources, *tests, *_several(() if empty is None else [empty])):
@@ -106,14 +105,10 @@ def identify(
         one, described = log_and_robot(source, described, intakes[-1])
         logs.append(one)
     logs, without = logs[: len(sources) + len(tests)], logs[len(sources) + len(tests) :]
-    first_log, found, unknown = logs[0], joined(logs, _PAUSE), Unknown.of(unknown)
-    frames, nominal = _frames_and_task(found, described, unknown)
-    options: dict[str, Any] = {
-        "adaptation": adaptation,
-        "unknown": replace(unknown, regressor="nominal"),
-        "dt": found.period,
-    }
-    estimator = _estimator(nominal, options)
+    first_log, found, given = logs[0], joined(logs, _PAUSE), Unknown.of(unknown)
+    frames, nominal = _frames_and_task(found, described, given)
+    unknown = replace(given, regressor="nominal").with_joints()
+    estimator = _estimator(nominal, unknown, adaptation, found.period)
     dynamics, kinematics = estimator.controller.dynamics, estimator.controller.kinematics
     if not (dynamics.size or kinematics.size):
         raise InputError("nothing is unknown, so there is nothing to identify.", where="identify")
@@ -128,37 +123,43 @@ def identify(
         split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
     rows = PositionRows.of(kinematics, motion, frames)
     located = position_fit(kinematics, rows.split(split)[0] if tests else rows)
-    placed = _placed(estimator, nominal, located.estimate, options)
-    inertial = placed.controller.dynamics.inertial
-    bodies = Windows.of(motion, inertial, found.period, held=found.held)
-    first = bodies.between(-np.inf, split)
-    if min(len(first.t), len(bodies.t) - len(first.t)) < _FEWEST:
+    placed = _placed(nominal, kinematics, located.estimate)
+    averages = Averages(motion.t, found.period)
+    bodies = nominal_dynamics(placed, unknown, ()).inertial
+    windows = Windows.of(motion, averages, bodies, held=found.held)
+    first = windows.between(-np.inf, split)
+    if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
         raise LogError(
-            f"only {len(bodies.t)} windows of {bodies.length:.2g} s have no gap, "
+            f"only {len(windows.t)} windows of {windows.length:.2g} s have no gap, "
             f"{len(first.t)} of them before the held-out part.",
             where=found.source,
             hint="Record longer, without gaps between samples.",
         )
     effects = None
-    others = unknown.friction is None and not unknown.effects
-    if (unknown.armature is None or others) and placed.controller.dynamics.joints is not None:
-        own = physical_set(inertial, nominal)
-        chosen = {"armature": unknown.armature is None, "effects": others}
-        averages = Averages(motion.t, found.period)
-        effects = choose_effects(nominal, motion, averages, first, own, **chosen)
-        nominal = replace(nominal, friction=effects.friction)
-        options["unknown"] = replace(options["unknown"], **effects.unknown(unknown))
-        estimator = _estimator(nominal, options)
-        placed = _placed(estimator, nominal, located.estimate, options)
-        dynamics = estimator.controller.dynamics
-    model, names = placed.controller.dynamics, dynamics.names
-    physical = physical_set(dynamics, nominal)
-    windows = Windows.of(motion, model, found.period, held=found.held, inertial=bodies)
+    others = given.friction is None and not given.effects
+    if (given.armature is None or others) and dynamics.joints is not None:
+        effects = choose_effects(
+            nominal,
+            motion,
+            averages,
+            first,
+            physical_set(bodies, nominal),
+            armature=given.armature is None,
+            effects=others,
+        )
+        nominal, placed = (replace(one, friction=effects.friction) for one in (nominal, placed))
+        given = replace(given, **effects.unknown(given))
+        unknown = replace(given, regressor="nominal").with_joints()
+        estimator = _estimator(nominal, unknown, adaptation, found.period)
+    dynamics, model = estimator.controller.dynamics, nominal_dynamics(placed, unknown, ())
+    names, physical = dynamics.names, physical_set(dynamics, nominal)
+    windows = Windows.of(motion, averages, model, held=found.held)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows
     load_estimate = None
     for one in without:
-        bare = Windows.of(motion_of_log(nominal, one), model, one.period, held=one.held)
+        still = motion_of_log(nominal, one)
+        bare = Windows.of(still, Averages(still.t, one.period), model, held=one.held)
         load_estimate = load_fit(model, physical_set(model, nominal), (learned_from, bare), nominal)
     recorded = measurements(motion_of_log(nominal, first_log), frames, held=first_log.held)
     steps = watched(range(len(first_log.t)), progress, "online")
@@ -174,7 +175,7 @@ def identify(
         dynamic=torque_fit(names, physical, learned_from),
         kinematic=located,
         before_split=torque_fit(names, physical, first).estimate,
-        unknown=options["unknown"].with_joints(),
+        unknown=unknown,
         effects=effects,
         position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
         online=estimate_online(estimator, samples, len(first_log.t)),
@@ -199,11 +200,13 @@ def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
     return MeasuredMotion(t, q, v, a, tau, any(part.smoothed for part in parts))
 
 
-def _estimator(robot: Robot, options: Mapping[str, Any]) -> Estimator:
+def _estimator(
+    robot: Robot, unknown: Unknown, adaptation: str | Adaptation, dt: float
+) -> Estimator:
     """Return an estimator without the warning that concerns closed loops."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*nominal regressor")
-        return make_estimator(robot, **options)
+        return make_estimator(robot, adaptation=adaptation, unknown=unknown, dt=dt)
 
 
 def _torques_checked(logs: Sequence[Log], robot: Robot, *, doubtful: bool) -> TorqueCheck:
@@ -243,16 +246,13 @@ def log_and_robot(source: Any, robot: Robot, intake: ImportOptions) -> tuple[Log
     return replace(log, tau=tau), robot
 
 
-def _placed(
-    estimator: Estimator, robot: Robot, a_k: np.ndarray, options: Mapping[str, Any]
-) -> Estimator:
-    """Return an estimator for the robot with the estimated translations of its joints."""
-    kinematics = estimator.controller.kinematics
+def _placed(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
+    """Return the robot with the estimated translations of its joints."""
     if all(part.joint in (None, FIRST) for part in kinematics.translations):
-        return estimator
+        return robot
     model = robot.model.copy()
     PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
-    return _estimator(replace(robot, model=model), options)
+    return replace(robot, model=model)
 
 
 def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, Robot]:

@@ -21,8 +21,8 @@ from ..controller.estimator import Estimator
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
-from ..information.information import Excitation, Information, identifiable, known_to
-from ..information.measured_motion import MeasuredMotion
+from ..information.information import Excitation, Information, known_to
+from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import (
     ArmPrior,
     PayloadEstimate,
@@ -50,8 +50,6 @@ FILES = (
     "learned.xml",
     "summary.json",
 )
-_HARDLY = 2.0  # gain up to which the estimate is hardly better than the description; it says so
-_OFF = 0.02  # of the reach, error of positions from which the robot is another one; half: the same
 
 
 class Errors(NamedTuple):
@@ -234,7 +232,7 @@ class Identification:
         if positions is None or not self.described.task.positions or not self.dynamic.names:
             return None
         off = float(np.linalg.norm(positions.learned_held_out))
-        return off if off > _OFF * self.described.reach else None
+        return off if off > 0.02 * self.described.reach else None
 
     @property
     def verdict(self) -> str:
@@ -251,7 +249,7 @@ class Identification:
                 f"{words}. The positions are {1e3 * self._far_off:.3g} mm off even as identified. "
                 "Is this the log of another robot, frame or base?"
             )
-        if gain >= _HARDLY:
+        if gain >= 2.0:
             return f"{words}."
         if gain < 1.0:
             return f"{words}: WORSE. The estimate from the first part does not predict the last."
@@ -269,40 +267,30 @@ class Identification:
         except ParameterError:
             return None
 
+    def _rows(self, part: Information, described: np.ndarray) -> list[dict[str, Any]]:
+        """Return a record of each parameter: name, described, value, known_to, unit."""
+        units, columns = self.parameters().units, ("described", "value", "known_to")
+        numbers = np.column_stack([described, part.estimate, part.deviations]).tolist()
+        return [
+            {"name": name, **dict(zip(columns, row, strict=True)), "unit": units.get(name, "")}
+            for name, row in zip(part.names, numbers, strict=True)
+        ]
+
     @cached_property
-    def _parameters(self) -> dict[str, list[dict[str, Any]]]:
-        """The parameters, kinematic and dynamic: name, described, value, known_to, unit."""
-        units, kinematics = self.parameters().units, self.estimator.controller.kinematics
-        described = {"kinematic": kinematics.initial, "dynamic": self.described_parameters}
-        columns = ("name", "described", "value", "known_to", "unit")
-        found = {}
-        for kind, before in described.items():
-            part: Information = getattr(self, kind)
-            numbers = np.column_stack([before, part.estimate, part.deviations]).tolist()
-            found[kind] = [
-                dict(zip(columns, (name, *row, units.get(name, "")), strict=True))
-                for name, row in zip(part.names, numbers, strict=True)
-            ]
-        return found
-
-    @property
-    def _left_out(self) -> int:
-        """Number of samples that are not finite."""
-        log = self.log
-        signals = np.hstack([log.q, log.tau, *([] if log.v is None else [log.v])])
-        return int(np.count_nonzero(~np.isfinite(signals).all(axis=1)))
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers of ``summary.json``; None stands for what is not finite."""
+    def _record(self) -> dict[str, Any]:
+        """What there is to say: text, page and ``summary.json`` follow from it."""
         log, effects = self.log, self.effects
-        record = {
+        signals = np.hstack([log.q, log.tau, *([] if log.v is None else [log.v])])
+        start = self.estimator.controller.kinematics.initial
+        return {
             "verdict": self.verdict,
             "log": log.source,
             "robot": self.described.name,
             "joint_names": self.described.joint_names,
             "samples": len(log.t),
-            "left_out": self._left_out,
+            "left_out": int(np.count_nonzero(~np.isfinite(signals).all(axis=1))),
             "duration": log.duration,
+            "velocities": "from the positions" if self.motion.smoothed else "as measured",
             "windows": len(self.windows.t),
             "held_out_from": self.split,
             "tested": self.tested,
@@ -310,12 +298,17 @@ class Identification:
             "torque": self.torque_errors if self.dynamic.names else None,
             "torque_online_held_out": self.online_held_out,
             "position": self.position_errors,
-            **self._parameters,
-            "effects": [] if effects is None else effects.gains,
+            "dynamic_identifiable": self.dynamic.rank,
+            "dynamic": self._rows(self.dynamic, self.described_parameters),
+            "kinematic": self._rows(self.kinematic, start),
+            "effects": () if effects is None else effects.gains,
             "payload": self._loaded(),
             "version": __version__,
         }
-        return dict(plain(record))
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers of ``summary.json``; None stands for what is not finite."""
+        return dict(plain(self._record))
 
     def _sheet(self, compared: Mapping[str, Robot] | None = None) -> Sheet:
         """Return the whole report, with the held-out errors of other models by name.
@@ -323,18 +316,12 @@ class Identification:
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        log, described = self.log, self.described
-        length = f"{len(log.t)} samples, {log.duration:.4g} s, every {1e3 * log.period:.4g} ms"
+        of = self._record
         rows = [
-            ("log", length),
-            ("left out", f"{self._left_out} samples that are not finite"),
-            ("velocities", "from the positions" if self.motion.smoothed else "as measured"),
-            ("averaged over", f"{len(self.windows.t)} windows of {self.windows.length:.2g} s"),
-            ("held out", ", ".join(self.tested) or f"from {self.split:.4g} s on"),
+            (name.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+            for name, value in of.items()
+            if isinstance(value, str | float | int) and name != "verdict"
         ]
-        for name, part in (("kinematic", self.kinematic), ("dynamic", self.dynamic)):
-            if part.names:
-                rows.append((f"{name} parameters", identifiable(part)))
         if self.position_errors is not None:
             rows.append(("held-out positions", f"{self.position_errors.change(1e3)} mm (rms)"))
         tables = [Table(rows)]
@@ -342,26 +329,25 @@ class Identification:
             tables.append(self.check.table())
         if self.dynamic.names:
             tables.append(self._torque_table(compared or {}))
-        if self.effects is not None:
-            gains = [
-                (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}")
-                for one in self.effects.gains
-            ]
+        gains = [
+            (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}") for one in of["effects"]
+        ]
+        if gains:
             what = "effect of the joints, beside viscous and Coulomb friction"
-            gains = gains or [("none lowers the error in cross-validation", "", "")]
             tables.append(Table(gains, (what, "lowers the squared error by", "")))
-        load = self._loaded()
-        tables += [load.table()] if load is not None else []
-        header = ("parameter", "described", "learned", "known to", "unit")
-        for parameters in filter(None, self._parameters.values()):
+        if of["payload"] is not None:
+            tables.append(of["payload"].table())
+        for parameters in filter(None, (of["kinematic"], of["dynamic"])):
             cells = [
                 (one["name"], f"{one['described']:.4g}", f"{one['value']:.4g}",
                  known_to(one["known_to"]), one["unit"])
                 for one in parameters
                 if np.isfinite(one["known_to"])
             ]  # fmt: skip
+            header = ("parameter", "described", "learned", "known to", "unit")
             tables.append(Table(cells, header))
-        return Sheet(f"{described.name}, identified from {log.source}", tables, self.verdict)
+        title = f"{self.described.name}, identified from {self.log.source}"
+        return Sheet(title, tables, self.verdict)
 
     def _torque_table(self, compared: Mapping[str, Robot]) -> Table:
         """Return held-out errors of the torques, one row for each joint.
@@ -378,7 +364,8 @@ class Identification:
                 )
             nothing = Unknown(bodies="none", friction=False, armature=False)
             dynamics = nominal_dynamics(robot, nothing, ())
-            windows = Windows.of(self.motion, dynamics, self.log.period, held=self.log.held)
+            averages = Averages(self.motion.t, self.log.period)
+            windows = Windows.of(self.motion, averages, dynamics, held=self.log.held)
             others[name] = columns_rms(windows.between(self.split, np.inf).y)
         columns = {
             "torque": errors.size,
@@ -414,7 +401,7 @@ class Identification:
             ParameterError: files of the robot that could not be written; the others are.
             OSError: they cannot be written.
         """
-        folder, online, windows = Path(folder), self.online, self.windows
+        folder, online = Path(folder), self.online
         with whole_file(folder / "estimates.npz") as file:
             np.savez_compressed(
                 file,
@@ -425,10 +412,6 @@ class Identification:
                 dynamic_information=self.dynamic.H,
                 kinematic=self.kinematic.estimate,
                 kinematic_information=self.kinematic.H,
-                window_t=windows.t,
-                window_tau=windows.tau,
-                window_error_described=windows.residual(self.described_parameters),
-                window_error_learned=windows.residual(self.dynamic.estimate),
             )
         self.parameters().save(folder / "learned.json")
         about = f"How {Path(self.log.source).name} was read."

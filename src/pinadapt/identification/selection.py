@@ -3,7 +3,7 @@
 The learning part of a log is split into blocks of time. Each block is predicted from the others,
 with and without an effect at a joint. Effects are added one by one, the best one first, as long as
 one lowers the squared error by more than twice the standard error of the gain over the blocks, and
-by 1.5 %. An effect of a shaft that two joints turn adds three coefficients and has to gain 10 %.
+by 1.5 %.
 
 The error of a joint is relative to its noise, so that neither strong nor light joints decide alone.
 For speed the bodies are not kept in the physical cone here, but near the description by the
@@ -34,11 +34,10 @@ _BLOCKS = 8
 # takes hardly any that a log of a minute shows.
 _SURE = 2.0
 # Share of the squared error that it has to gain: half as much takes what is none, twice as much
-# leaves out effects that lower the held-out error of a TIAGo by a sixth. A shaft has three numbers.
-_LEAST, _SHAFT_LEAST = 0.015, 0.1
+# leaves out effects that lower the held-out error of a TIAGo by a sixth.
+_LEAST = 0.015
 _FADINGS = (0.03, 0.1, 0.3, 1.0)  # [rad/s or m/s] of friction near rest; every second costs 14 %
 _BREAKAWAY = 5.0  # largest dry friction near rest, as a share of that at speed; no log had 2
-_JITTER = 1e-9  # of a squared column, where columns depend on each other; a thousand times is alike
 
 
 class Gain(NamedTuple):
@@ -120,7 +119,6 @@ def choose_effects(
     candidates = [rotors] * armature + others * effects
     parts = [bodies, plain, *(one.columns for one in candidates), y[:, :, None]]
     X, ends = np.concatenate(parts, axis=2), np.cumsum([part.shape[2] for part in parts])
-    columns = [np.arange(a, b) for a, b in pairwise(ends[1:-1])]
     # products of all columns, by block of time and joint; no window is in two blocks
     edges = np.linspace(0, len(X) + OVERLAP - 1, _BLOCKS + 1).round().astype(int)
     blocks = [X[a : max(b - OVERLAP + 1, a)].swapaxes(0, 1) for a, b in pairwise(edges)]
@@ -128,39 +126,43 @@ def choose_effects(
     rows = np.array([block.shape[0] * block.shape[1] for block in blocks])
     prior = np.where(np.arange(ends[-1]) < ends[0], WEIGHT, 0.0)
     (noise, least), index = noise_levels(windows.tau), np.arange(ends[1])
-    chosen, gains, friction = list[_Candidate](), list[Gain](), robot.friction
-    breakaway, fadings = friction.breakaway.copy(), friction.fading.copy()
+    open_ = list(zip(candidates, map(np.arange, ends[1:-2], ends[2:-1]), strict=True))
+    friction, words, gains = robot.friction, list[str](), list[Gain]()
     while True:
         left = _fitted(np.tensordot(noise**-2.0, products.sum(axis=0), axes=1), prior, index)
         squares = left @ products.sum(axis=0) @ left
         noise = np.maximum(np.sqrt(squares / rows.sum() * len(noise)), least)
         H = np.tensordot(noise**-2.0, products, axes=(0, 1))
         before, found = _held_out(H, prior, index) / rows, []
-        taken = {name for one in chosen for name in one.coefficients}
-        for k, one in enumerate(candidates):
-            if taken & set(one.coefficients):
-                continue
-            after = _held_out(H, prior, np.append(index, columns[k])) / rows
+        for one, columns in open_:
+            after = _held_out(H, prior, np.append(index, columns)) / rows
             shares = (before - after) / before.mean()
-            share, error = shares.mean(), shares.std(ddof=1) / np.sqrt(_BLOCKS)
-            if share > max(_SURE * error, _LEAST if one.shaft is None else _SHAFT_LEAST):
-                found.append((share, error, k))
+            share, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(_BLOCKS))
+            if share > max(_SURE * error, _LEAST):
+                found.append((Gain(one.words, share, error), one, columns))
         if not found:
-            break
-        share, error, best = max(found)
-        one, index = candidates[best], np.append(index, columns[best])
-        gains.append(Gain(one.words, float(share), float(error)))
-        chosen.append(one)
-        if one.fading is not None:
-            fit = _fitted(H.sum(axis=0), prior, index)
-            j, fadings[j] = one.fading
-            dry, other = -fit[ends[0] + len(noise) + j], -fit[index[-1]]
-            ratio = (dry + other) / dry if dry > 0.0 else _BREAKAWAY
-            breakaway[j] = np.clip(ratio, 0.0, _BREAKAWAY)
-    shafts = *friction.shafts, *(one.shaft for one in chosen if one.shaft is not None)
-    words = [name for one in chosen for name in one.coefficients if one.fading is None]
-    shaped = replace(friction, breakaway=breakaway, fading=fadings, shafts=shafts)
-    return ChosenEffects(shaped, tuple(words), tuple(gains))
+            return ChosenEffects(friction, tuple(words), tuple(gains))
+        gain, best, columns = max(found, key=lambda one: one[0].share)
+        gains.append(gain)
+        index = np.append(index, columns)
+        taken = set(best.coefficients)
+        open_ = [pair for pair in open_ if not taken & set(pair[0].coefficients)]
+        if best.fading is not None:
+            fit, (j, fading) = _fitted(H.sum(axis=0), prior, index), best.fading
+            dry = -fit[ends[0] + len(noise) + j]
+            ratio = 1.0 - fit[index[-1]] / dry if dry > 0.0 else _BREAKAWAY
+            friction = _shaped(friction, j, float(np.clip(ratio, 0.0, _BREAKAWAY)), fading)
+            continue
+        words += best.coefficients
+        if best.shaft is not None:
+            friction = replace(friction, shafts=(*friction.shafts, best.shaft))
+
+
+def _shaped(friction: Friction, j: int, ratio: float, fading: float) -> Friction:
+    """Return friction whose joint j has another dry friction near rest."""
+    breakaway, fadings = friction.breakaway.copy(), friction.fading.copy()
+    breakaway[j], fadings[j] = ratio, fading
+    return replace(friction, breakaway=breakaway, fading=fadings)
 
 
 def _fitted(H: np.ndarray, prior: np.ndarray, index: np.ndarray) -> np.ndarray:
@@ -173,7 +175,7 @@ def _fitted(H: np.ndarray, prior: np.ndarray, index: np.ndarray) -> np.ndarray:
     """
     A = H[..., index[:, None], index]
     size = np.diagonal(A, axis1=-2, axis2=-1)
-    A = A + (prior[index] + _JITTER * size + (size == 0.0))[..., None, :] * np.eye(len(index))
+    A = A + (prior[index] + 1e-9 * size + (size == 0.0))[..., None, :] * np.eye(len(index))
     left = np.zeros(H.shape[:-1])
     left[..., -1] = 1.0
     left[..., index] = -np.linalg.solve(A, H[..., index, -1:])[..., 0]
@@ -208,24 +210,24 @@ def _candidates(
         """Return columns (K, n, n), each of which acts on one joint, of averages (K, n)."""
         return np.asarray(values[whole][:, :, None] * turns)
 
-    kinds = {
-        "gear_friction": columns(averages.mean(sign * gravity)),
-        "asymmetry": columns(averages.mean(np.abs(sign))),
-        "offset": columns(np.ones(whole.shape + v.shape[1:])),
-    }
-    fadings = [(f, columns(averages.mean(sign * np.exp(-np.abs(v) / f)))) for f in _FADINGS]
+    kinds: list[tuple[str, np.ndarray, float | None]] = [
+        ("gear_friction", columns(averages.mean(sign * gravity)), None),
+        ("asymmetry", columns(averages.mean(np.abs(sign))), None),
+        ("offset", columns(np.ones(whole.shape + v.shape[1:])), None),
+    ]
+    for fading in _FADINGS:
+        near = averages.mean(sign * np.exp(-np.abs(v) / fading))
+        kinds.append(("breakaway", columns(near), fading))
     plain = np.concatenate([columns(averages.mean(v)), columns(averages.mean(sign))], axis=2)
     armatures = tuple(f"{name}.armature" for name in names)
     rotors = _Candidate("rotor inertias of all joints", armatures, columns(averages.derivative(v)))
     found = []
-    for j, name in enumerate(names):
-        unit, own = "m/s" if robot.slides[name] else "rad/s", slice(j, j + 1)
-        for kind, part in kinds.items():
-            found.append(_Candidate(f"{name}.{kind}", (f"{name}.{kind}",), part[:, :, own]))
-        for fading, part in fadings:
-            words = f"{name}: other friction near rest, up to {fading:g} {unit}"
-            coefficients = (f"{name}.breakaway",)
-            found.append(_Candidate(words, coefficients, part[:, :, own], fading=(j, fading)))
+    for (j, name), (kind, part, speed) in product(enumerate(names), kinds):
+        words, shape = f"{name}.{kind}", None
+        if speed is not None:
+            unit = "m/s" if robot.slides[name] else "rad/s"
+            words, shape = f"{name}: other friction near rest, up to {speed:g} {unit}", (j, speed)
+        found.append(_Candidate(words, (f"{name}.{kind}",), part[:, :, j : j + 1], fading=shape))
     for j, turn in product(range(len(names) - 1), (1, -1)):
         if robot.slides[names[j]] != robot.slides[names[j + 1]]:
             continue

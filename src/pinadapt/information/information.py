@@ -20,18 +20,16 @@ from ..controller.controller import Controller
 from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
-from ..models.excited import Excited, TorqueSums, names_together, scales
+from ..models.excited import Excited, TorqueSums, scales
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
-from .measured_motion import at_times, motion_of_samples
+from .measured_motion import MeasuredMotion, at_times, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
 CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6 dB) at 12 Hz
 _UNEXCITED = 1e-10  # share of the largest eigenvalue up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
 _ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size up to which it is rounding
-_INSTANTS = 400  # at most, of which the torques are taken
-_ROUNDS = 60  # of Gauss-Newton
 
 State = TypeVar("State")
 
@@ -45,16 +43,12 @@ class Information:
         estimate: (p) at which the residuals were taken.
         H: (p, p) information matrix W^T S^-1 W, in units of 1 / (parameter unit)^2.
         score: (p) W^T S^-1 r of the residuals r = y - W a: zero at the least-squares estimate.
-        noise: (n) standard deviation of the residual of each measured signal, in its unit.
-        rows: N.
     """
 
     names: tuple[str, ...]
     estimate: np.ndarray
     H: np.ndarray
     score: np.ndarray
-    noise: np.ndarray
-    rows: int
 
     @classmethod
     def of_rows(
@@ -65,7 +59,6 @@ class Information:
         r: np.ndarray,
         noise: np.ndarray | float = 1.0,
         prior: np.ndarray | float = 0.0,
-        off: np.ndarray | float = 0.0,
     ) -> Information:
         """Return the information of rows W (N, n, p) with residuals r (N, n), and of a prior.
 
@@ -75,14 +68,12 @@ class Information:
             W: slopes of the signals.
             r: residuals at the estimate.
             noise: (n) of the signals.
-            prior: (p) inverse variances of what was known before.
-            off: (p) what was known before, less the estimate.
+            prior: (p) inverse variances with which the estimate was known before.
         """
-        sizes = np.broadcast_to(noise, r.shape[1:]).astype(float)
+        sizes = np.broadcast_to(noise, r.shape[1:])
         rows = (W / sizes[:, None]).reshape(r.size, len(names))
         H = rows.T @ rows + np.diag(np.broadcast_to(prior, len(names)))
-        score = rows.T @ (r / sizes).ravel() + prior * off
-        return cls(tuple(names), estimate, H, score, sizes, r.size)
+        return cls(tuple(names), estimate, H, rows.T @ (r / sizes).ravel())
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -204,22 +195,31 @@ def dynamic_information(
         a_d: (p) at which the residuals are taken.
         least_noise: of a torque, as a share of its mean size.
     """
-    dynamics.load(a_d)
     motion = motion_of_samples(model, samples, cutoff=CUTOFF)
-    size = max(1, round(BLOCK / motion.period)) if motion.period else 1
-    blocks = len(motion.t) // size if dynamics.size else 0
-    W, r = np.zeros((blocks, model.nv, dynamics.size)), np.zeros((blocks, model.nv))
+    W, r = _torque_rows(dynamics, a_d, motion)
     kept, joints = np.ones(r.shape, dtype=bool), dynamics.joints
-    for k, (q, v, a, tau) in enumerate(zip(*motion[1:5], strict=True)):
-        if k // size == blocks:
-            break
-        W[k // size] += dynamics.regressor(q, v, a) / size
-        r[k // size] += (tau - dynamics.torque(q, v, a)) / size
-        if motion.smoothed and joints is not None:
-            kept[k // size] &= joints.sliding(v)
+    if motion.smoothed and joints is not None:
+        kept = np.array([joints.sliding(v) for v in motion.v])
+    size = max(1, round(BLOCK / motion.period)) if motion.period else 1
+    W, r, kept = (
+        part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]) for part in (W, r, kept)
+    )
+    kept = np.asarray(kept.all(axis=1))
     level = np.abs(motion.tau).sum(axis=0) / max(len(motion.t), 1)
-    W, r = W * kept[:, :, None], r * kept
+    W, r = W.mean(axis=1) * kept[:, :, None], r.mean(axis=1) * kept
     return fitted(dynamics.names, a_d, W, r, level, kept=kept, least_noise=least_noise)
+
+
+def _torque_rows(
+    dynamics: Dynamics, a_d: np.ndarray, motion: MeasuredMotion
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return slopes (N, n, p) and residuals (N, n) of the torques of a motion at a_d (p)."""
+    dynamics.load(a_d)
+    W, r = np.zeros((*motion.tau.shape, dynamics.size)), motion.tau.copy()
+    for k, state in enumerate(zip(*motion[1:4], strict=True)):
+        W[k] = dynamics.regressor(*state)
+        r[k] -= dynamics.torque(*state)
+    return W, r
 
 
 def position_information(
@@ -288,7 +288,7 @@ def fitted(
         variance = squares / np.maximum(counts, 1) / max(1.0 - found.rank / count, 1.0 / count)
         noise = np.maximum(np.sqrt(variance), least_noise * level)
         found = Information.of_rows(names, a, W, r, np.where(counts > 0, noise, level))
-    return replace(found, rows=count)
+    return found
 
 
 def gauss_newton(
@@ -310,7 +310,7 @@ def gauss_newton(
         prior: (p) inverse variances of what was known before.
     """
     root = np.sqrt(prior)
-    for _ in range(_ROUNDS):
+    for _ in range(60):
         W, r, off = rows(state)
         A = np.vstack([W.reshape(-1, root.size), np.diag(root)])
         step = np.linalg.lstsq(A, np.concatenate([r.ravel(), root * off]), rcond=None)[0]
@@ -342,24 +342,34 @@ class Excitation:
         return self._sheet().html()
 
     def _sheet(self) -> Sheet:
-        return Sheet("Excitation", self.tables())
-
-    def tables(self) -> list[Table]:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
         seen = {name: part for name, part in parts.items() if part.names}
         overview = [(f"{name} parameters", identifiable(part)) for name, part in seen.items()]
         tables = [parameter_table(part, self.units) for part in seen.values()]
-        return [Table(overview or [("nothing", "was adapted")]), *tables]
+        overview = overview or [("nothing", "was adapted")]
+        return Sheet("Excitation", [Table(overview), *tables])
 
 
 def parameter_table(part: Information, units: Mapping[str, str]) -> Table:
     """Return a row for each parameter: its estimate, its uncertainty, its unit."""
+    own = [units.get(name, "") for name in part.names]
+    return estimate_table(part.names, part.estimate, part.deviations, own)
+
+
+def estimate_table(
+    names: Sequence[str],
+    values: np.ndarray,
+    deviations: np.ndarray,
+    units: Sequence[str],
+    what: str = "parameter",
+) -> Table:
+    """Return a row for each number (k): its name, its value, its uncertainty, its unit."""
     rows = [
-        (name, f"{value:.4g}", known_to(deviation), units.get(name, ""))
-        for name, value, deviation in zip(part.names, part.estimate, part.deviations, strict=True)
+        (name, f"{value:.4g}", known_to(deviation), unit)
+        for name, value, deviation, unit in zip(names, values, deviations, units, strict=True)
     ]
-    return Table(rows, ("parameter", "estimate", "known to", "unit"))
+    return Table(rows, (what, "estimate", "known to", "unit"))
 
 
 def known_to(deviation: float) -> str:
@@ -419,10 +429,6 @@ class TorquePrediction:
         """The last error relative to the torques."""
         return self.error_last / max(self.rms, np.finfo(float).tiny)
 
-    def not_excited_words(self) -> str:
-        """Return the names of what is not excited, whole bodies and kinds together."""
-        return names_together(self.not_excited)
-
     @classmethod
     def of(cls, torques: MotionTorques, truth: np.ndarray | None) -> TorquePrediction:
         """Take the numbers of a motion, with the true parameters (p) or None."""
@@ -454,19 +460,16 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         from scipy.ndimage import uniform_filter1d  # here, because scipy is slow to import
 
         tau = uniform_filter1d(tau, max(round(BLOCK / motion.period), 1), axis=0)
-    some = np.unique(np.linspace(0, len(motion.t) - 1, _INSTANTS).astype(int))
-    q, v, a, tau = (part[some] for part in (*motion[1:4], tau))
+    some = np.unique(np.linspace(0, len(motion.t) - 1, 400).astype(int))
+    t, q, v, a, tau = (part[some] for part in (*motion[:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None
-    states = list(zip(q, v, a, strict=True))
-    dynamics.load(last)
-    Y = np.array([dynamics.regressor(*state) for state in states])
-    predicted = np.array([dynamics.torque(*state) for state in states])
-    if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
-        free = np.array([constraints.free(*state[:2]) for state in states])
-        Y, tau, predicted = free @ Y, _times(free, tau), _times(free, predicted)
     sums = TorqueSums(model.nv, last)
-    sums.add(Y, tau - predicted, tau)
+    Y, residual = _torque_rows(dynamics, last, MeasuredMotion(t, q, v, a, tau, False))
+    if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
+        free = np.array([constraints.free(*state) for state in zip(q, v, strict=True)])
+        Y, residual, tau = free @ Y, _times(free, residual), _times(free, tau)
+    sums.add(Y, residual, tau)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
 
 

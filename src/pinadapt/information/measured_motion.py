@@ -26,9 +26,7 @@ OVERLAP = 3  # windows at any time
 _FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
 _GAP = 8  # the longest gap between two samples in a window, as so many parts of its length
 
-_ORDER = 4
 _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one side only
-_FASTEST = 0.4  # of the sampling rate: the highest cutoff
 
 # Relative difference, root mean square, up to which the velocities of a run are those of the
 # positions. Half: noise of encoders smooths them; twice: filtered velocities pass.
@@ -69,29 +67,69 @@ def motion_of_samples(
 
     Args:
         model: of the chain.
-        samples: of a run.
-        cutoff: of the low pass [Hz]. Noisy runs that are shorter than a second or sampled at less
-            than 2.5 times the cutoff are not smoothed.
+        samples: of a run; of fewer than three there is no motion.
+        cutoff: of the low pass [Hz].
     """
-    t, steps = np.array([sample.t for sample in samples]), len(samples) - 1
-    if steps < 2 or t[-1] <= t[0]:
+    t = np.array([sample.t for sample in samples])
+    if len(samples) < 3 or t[-1] <= t[0]:
         none = np.zeros((0, model.nv))
         return MeasuredMotion(np.zeros(0), np.zeros((0, model.nq)), none, none, none, False)
-    period = float(t[-1] - t[0]) / steps
     q, v = (np.array([getattr(one.measurement, part) for one in samples]) for part in "qv")
-    tau = np.array(
+    held = np.array(
         [
             before.torque if after.measurement.tau is None else after.measurement.tau
             for before, after in pairwise(samples)
         ]
     )
-    moved, mean, halfway = differences(model, q), 0.5 * (v[:-1] + v[1:]), t[:-1] + 0.5 * period
-    long_enough = t[-1] - t[0] > 10.0 * _SETTLING and cutoff * period < _FASTEST
-    if agree(moved / period, mean, _TOLERANCE) or not long_enough:
-        middle = integrated(model, q[:-1], 0.5 * moved)
-        return MeasuredMotion(halfway, middle, mean, np.diff(v, axis=0) / period, tau, False)
-    travelled = np.cumsum(moved, axis=0) - 0.5 * moved
-    return smoothed(model, q[0], halfway, travelled, tau, period, cutoff)
+    tau, period = np.vstack([held, held[-1:]]), float(t[-1] - t[0]) / (len(t) - 1)
+    t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, cutoff, _TOLERANCE)
+    middle = integrated(model, q[:-1], 0.5 * differences(model, q))
+    a = np.diff(v, axis=0) / period
+    return MeasuredMotion(t[:-1] + 0.5 * period, middle, 0.5 * (v[:-1] + v[1:]), a, tau[:-1], noisy)
+
+
+def measured_motion(
+    model: pin.Model,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray | None,
+    tau: np.ndarray,
+    period: float,
+    cutoff: float,
+    tolerance: float,
+) -> MeasuredMotion:
+    """Return the motion through samples at times t (N), typically ``period`` apart [s].
+
+    Where velocities are missing, or differ by more than the relative tolerance from the rates of
+    the positions, these pass a low pass, velocity and acceleration are derivatives, and both ends
+    are left out. Times may be uneven: the low pass runs at even ones, and its output is
+    interpolated.
+    """
+    from scipy.signal import butter, sosfiltfilt  # here, because scipy is slow to import
+
+    moved, steps = differences(model, q), np.diff(t)[:, None]
+    if v is not None:
+        near = steps[:, 0] < 1.5 * period  # no sample is missing in between
+        mean = 0.5 * (v[:-1] + v[1:])[near]
+        off = np.linalg.norm((moved / steps)[near] - mean)
+        short = t[-1] - t[0] <= 10.0 * _SETTLING
+        if short or off <= tolerance * np.linalg.norm(mean):
+            return MeasuredMotion(t, q, v, np.gradient(v, t, axis=0), tau, False)
+    travelled = np.vstack([np.zeros(model.nv), np.cumsum(moved, axis=0)])
+    even = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / period) + 1, 2))
+    step = even[1] - even[0]
+    low_pass = butter(4, min(cutoff, 0.4 / step), fs=1.0 / step, output="sos")
+    path = sosfiltfilt(low_pass, _at(even, t, travelled), axis=0)
+    v = np.gradient(path, step, axis=0)
+    parts = path, v, np.gradient(v, step, axis=0)
+    settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
+    travelled, v, a = (_at(t[settled], even, part) for part in parts)
+    return MeasuredMotion(t[settled], integrated(model, q[0], travelled), v, a, tau[settled], True)
+
+
+def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (N, n) at times (N), interpolated at others (K): (K, n)."""
+    return np.column_stack([np.interp(t, times, column) for column in values.T])
 
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
@@ -133,44 +171,6 @@ def at_times(
     return within, integrated(model, q[k], rates * (times[within] - t[k])[:, None]), rates
 
 
-def agree(rates: np.ndarray, v: np.ndarray, tolerance: float) -> bool:
-    """Return whether measured velocities (N, n) are the rates of the positions."""
-    return bool(np.linalg.norm(rates - v) <= tolerance * np.linalg.norm(v))
-
-
-def smoothed(
-    model: pin.Model,
-    start: np.ndarray,
-    t: np.ndarray,
-    travelled: np.ndarray,
-    tau: np.ndarray,
-    period: float,
-    cutoff: float,
-) -> MeasuredMotion:
-    """Return the motion without what is faster than the cutoff [Hz], and without its ends.
-
-    ``travelled`` (N, n) counts from the configuration ``start`` (nq). Times may be uneven: the low
-    pass runs at even ones, ``period`` apart, and its output is interpolated.
-    """
-    from scipy.signal import butter, sosfiltfilt  # here, because scipy is slow to import
-
-    even = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / period) + 1, 2))
-    step = even[1] - even[0]
-    low_pass = butter(_ORDER, min(cutoff, _FASTEST / step), fs=1.0 / step, output="sos")
-    path = sosfiltfilt(low_pass, _at(even, t, travelled), axis=0)
-    v = np.gradient(path, step, axis=0)
-    a = np.gradient(v, step, axis=0)
-    settled = (t >= t[0] + _SETTLING) & (t <= t[-1] - _SETTLING)
-    t, tau = t[settled], tau[settled]
-    path, v, a = (_at(t, even, part) for part in (path, v, a))
-    return MeasuredMotion(t, integrated(model, start, path), v, a, tau, True)
-
-
-def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values (N, n) at times (N), interpolated at others (K): (K, n)."""
-    return np.column_stack([np.interp(t, times, column) for column in values.T])
-
-
 class Averages:
     """Averages of signals over the windows of a motion.
 
@@ -188,22 +188,22 @@ class Averages:
         self.length = length = max(LENGTH, _FEWEST * period)
         count = max(int(np.floor((t[-1] - t[0]) / length * OVERLAP)) - OVERLAP + 1, 0)
         self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
-        self.whole = _without_gap(t, self.t, length)
         first = np.searchsorted(t, self.t - 0.5 * length, side="right")
         sizes = np.maximum(np.searchsorted(t, self.t + 0.5 * length) - first, 0)
+        gaps = np.append(0, np.cumsum(np.diff(t) > length / _GAP))  # before each sample
+        around = np.clip([first - 1, first + sizes], 0, len(t) - 1)
+        self.whole = gaps[around[0]] == gaps[around[1]]
         window = np.repeat(np.arange(count), sizes)
         sample = np.arange(len(window)) + np.repeat(first - np.cumsum(sizes) + sizes, sizes)
         steps = np.diff(t)
         trapezoids = 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))[sample]
-        away, shape = t[sample] - self.t[window], (count, len(t))
-        self.phi, self.rate = (
-            csc_array((part * trapezoids, (window, sample)), shape=shape)
-            for part in _window(away, length)
+        away, steps = t[sample] - self.t[window], np.append(steps, 0.0)[sample]
+        phi, rate = _window(away, length)
+        later, _ = _window(away + 0.5 * steps, length)
+        self.phi, self.rate, self._held = (
+            csc_array((weights, (window, sample)), shape=(count, len(t)))
+            for weights in (phi * trapezoids, rate * trapezoids, later * steps)
         )
-        steps = np.append(steps, 0.0)[sample]
-        ends = [_window(away + share * steps, length)[0] for share in (0.0, 0.5, 1.0)]
-        simpson = steps / 6.0 * (ends[0] + 4.0 * ends[1] + ends[2])
-        self._held = csc_array((simpson, (window, sample)), shape=shape)
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of values (N, ...) at the samples."""
@@ -229,11 +229,3 @@ def _window(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
     angle = np.pi * np.clip(s / length, -0.5, 0.5)
     height, cos = 8.0 / (3.0 * length), np.cos(angle)
     return height * cos**4, -4.0 * height * np.pi / length * cos**3 * np.sin(angle)
-
-
-def _without_gap(t: np.ndarray, middles: np.ndarray, length: float) -> np.ndarray:
-    """Return for each window whether no two successive samples in it are too far apart."""
-    gaps = np.flatnonzero(np.diff(t) > length / _GAP)
-    starts, ends = t[gaps], t[gaps + 1]
-    hit = (starts < middles[:, None] + 0.5 * length) & (ends > middles[:, None] - 0.5 * length)
-    return np.asarray(~hit.any(axis=1))

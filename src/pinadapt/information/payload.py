@@ -25,19 +25,18 @@ from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
-from ..models.bodies import ALL, COEFFICIENTS, BodyDynamics, ten_parameters
+from ..models.bodies import ALL, BodyDynamics
 from ..models.dynamics import Dynamics, StackedDynamics
 from ..models.physical_fit import PhysicalSet
 from ..models.regressor import LABELS, PER_BODY
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..tuning.defaults import INERTIA, prior_covariance
-from .information import Information, dynamic_information, known_to
+from .information import Information, dynamic_information, estimate_table
 
 LEAST_NOISE = 1e-4  # of a torque, of which no model of an arm explains more
 _SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # by which the bodies of an arm may be off
 _USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is expected
-_ENTRIES = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,15 +101,11 @@ class PayloadEstimate:
 
     def table(self) -> Table:
         """Return the load with its uncertainty."""
-        names = ("mass", "centre x", "centre y", "centre z", *_ENTRIES)
-        values = [self.mass, *self.com, *self.inertia]
-        known = [self.mass_known_to, *self.com_known_to, *self.inertia_known_to]
+        names = ("mass", "centre x", "centre y", "centre z", *LABELS[4:])
+        values = np.concatenate([[self.mass], self.com, self.inertia])
+        known = np.concatenate([[self.mass_known_to], self.com_known_to, self.inertia_known_to])
         units = ["kg", *["m"] * 3, *["kg m^2"] * 6]
-        rows = [
-            (name, f"{value:.4g}", known_to(deviation), unit)
-            for name, value, deviation, unit in zip(names, values, known, units, strict=True)
-        ]
-        return Table(rows, ("load", "value", "known to", "unit"))
+        return estimate_table(names, values, known, units, "load")
 
 
 def payload_estimate(
@@ -203,27 +198,22 @@ def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate
     return PayloadEstimate.of(value, found.deviation(gradient))
 
 
-def _to_task_frame(robot: Robot) -> np.ndarray:
-    """Return the matrix (10, 10) that takes ten parameters of the last joint to the task frame."""
-    G = robot.model.frames[robot.frame_id].placement.inverse().homogeneous
-    return np.column_stack([ten_parameters(G @ F @ G.T) for F in COEFFICIENTS])
-
-
 def _of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return mass, centre and inertia about it (10) of ten parameters at the last joint.
 
-    The second is the derivative (10, 10) by these parameters.
+    Centre and inertia are in the task frame. The second is the derivative (10, 10) by these
+    parameters, by differences.
     """
-    to_frame = _to_task_frame(robot)
-    mass, *rest = to_frame @ ten
-    mass, entries = mass or np.nan, ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
-    com = np.array(rest[:3]) / mass
-    S, slope = pin.skew(com), np.eye(PER_BODY)
-    slope[1:4, 0], slope[1:4, 1:4] = -com / mass, np.eye(3) / mass
-    slope[4:, 0] = -(S @ S)[entries]
-    for k, axis in enumerate(map(pin.skew, np.eye(3)), 1):
-        slope[4:, k] = (axis @ S + S @ axis)[entries]
-    return np.array([mass, *com, *(rest[3:] + mass * (S @ S)[entries])]), slope @ to_frame
+    frame, order = robot.model.frames[robot.frame_id].placement, [0, 1, 3, 2, 4, 5]
+
+    def load(ten: np.ndarray) -> np.ndarray:
+        body = frame.actInv(pin.Inertia.FromDynamicParameters(ten))
+        return np.array([body.mass, *body.lever, *body.inertia[np.triu_indices(3)][order]])
+
+    # of the largest parameter; a hundredth and a hundred times as much: the same
+    steps = 1e-6 * np.abs(ten).max() * np.eye(PER_BODY)
+    slopes = [(load(ten + h) - load(ten - h)) / (2.0 * h.sum()) for h in steps]
+    return load(ten), np.column_stack(slopes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,13 +267,10 @@ class ArmPrior:
         plain = cls.of(robot, dynamics, 0.0)
         if prior_covariance(robot, dynamics) is None:
             return plain
-        ten = ten_parameters(
-            _USUAL * robot.mass * np.diag([*[(_USUAL * robot.reach) ** 2] * 3, 1.0])
-        )
+        ball = pin.Inertia.FromSphere(_USUAL * robot.mass, _USUAL * robot.reach)
+        ten = robot.model.frames[robot.frame_id].placement.act(ball).toDynamicParameters()
         load, last = np.zeros((dynamics.size, PER_BODY)), plain.coefficients.start
-        load[last - PER_BODY : last] = np.linalg.solve(
-            _to_task_frame(robot), PhysicalSet(1, ten).local(ten)[0]
-        )
+        load[last - PER_BODY : last] = PhysicalSet(1, ten).local(ten)[0]
         R, c = plain._equations(found)
         root, evidence = cls.of(robot, dynamics, 1.0).root, []
         for share in _SHARES:

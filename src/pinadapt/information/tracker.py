@@ -25,20 +25,16 @@ from ..models.camera_kinematics import CameraKinematics
 from ..models.task_kinematics import TaskKinematics
 from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
-from .information import Information, frames, gauss_newton
+from .information import Information, estimate_table, frames, gauss_newton
 
 LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 _PRIOR = 0.1  # of the reach: standard deviation of a described translation
 LEAST_NOISE = 1e-6  # of the reach, and [rad]
-_FEWEST = 4
 _LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
-_LARGEST = 10.0  # motion of a picture over that of the arm
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
 _CERTAIN = 5.0  # deviations from which frames have another clock
-_UNSEEN = 0.9  # of the prior deviation
-_ROUNDS = 4  # in which the noise is found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,17 +80,14 @@ class FoundTracker:
         """The table."""
         placement, a = self.tracker.placement, self.tracker.a
         values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
-        rows = []
-        for k, name in enumerate(self.names):
-            scale, unit = (math.degrees(1.0), "deg") if k < 3 else (1e3, "mm")
-            known = f"{scale * self.deviations[k]:.2g} {unit}"
-            rows.append((name, f"{scale * values[k]:.4g} {unit}", known))
+        units = [*["rad"] * 3, *["m"] * (len(values) - 3)]
         summary = [
             ("frames", f"{self.frames}"),
-            ("rms residual", f"{1e3 * self.noise:.3g} mm"),
+            ("rms residual", f"{self.noise:.3g} m"),
             ("not identified by this motion", ", ".join(self.unseen) or "-"),
         ]
-        return Sheet("tracker", [Table(summary), Table(rows, ("", "value", "deviation"))])
+        found = estimate_table(self.names, values, self.deviations, units)
+        return Sheet("tracker", [Table(summary), found])
 
 
 def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> FoundTracker:
@@ -123,33 +116,31 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     lumped[size[:, :-1]] = 0.0  # of which only the sizes are known beforehand
     prior = (_LUMPED * reach / kinematics.sizes) ** 2 * len(p)
     found = Information.of_rows(kinematics.names, lumped, X, left + X @ (a - lumped), prior=prior)
-    lumped = found.estimate + found.correction
+    lumped = found.refined().estimate
     check_axes(lumped[size[:, :3]], p, x, motion)
     tracker, W = kinematics.tracker(lumped), X.reshape(-1, a.size)
     y = (left + X @ a).ravel()
     turned = [f"{word} {axis}" for word in ("turn about", "base") for axis in "xyz"]
     names = (*turned, *kinematics.translation_names)
-    for _ in range(_ROUNDS):
+    for _ in range(4):  # in which the noise is found
         sigma = _noise(seen.rows(kinematics.parameters(tracker))[1], len(names), reach)
         H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
-        tracker, told = kinematics.explaining_tracker(H, score, tracker)
+        tracker, H_tracker = kinematics.explaining_tracker(H, score, tracker)
     a = kinematics.parameters(tracker)
     _, left, _ = seen.rows(a)
-    information = Information(
-        names, np.zeros(len(names)), told, np.zeros(len(names)), left[0], len(p)
-    )
     seen.check("tracker", left, sigma, motion)
-    deviations = information.deviations
+    none = np.zeros(len(names))
+    deviations = Information(names, none, H_tracker, none).deviations
     known = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
     return FoundTracker(
         tracker,
         a,
-        np.linalg.cholesky(kinematics.information(tracker, told)).T,
+        np.linalg.cholesky(kinematics.information(tracker, H_tracker)).T,
         deviations,
         names,
         sigma,
         len(p),
-        tuple(name for name, off in zip(names, deviations / known, strict=True) if off > _UNSEEN),
+        tuple(name for name, off in zip(names, deviations / known, strict=True) if off > 0.9),
     )
 
 
@@ -169,7 +160,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     seen, reach = _Seen.of(kinematics, samples), kinematics.robot.reach
     motion = _rms(seen.x - seen.x.mean(axis=0))
     size = motion / _rms(seen.p - seen.p.mean(axis=0))
-    if size > _LARGEST:
+    if size > 10.0:
         raise LogError(
             f"the picture moves {size:.3g} times as far as the arm. In pixels?",
             hint=f"Multiply x by about {1.0 / size:.2g}, the length that one covers at the arm.",
@@ -182,13 +173,14 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
         return W / sigma, left / sigma, a_0 - a
 
     a = gauss_newton(rows, lambda a, step: a + step, a_0, known)
-    W, r, off = rows(a)
+    W, r, _ = rows(a)
     _, left, rate = seen.rows(a)
     sigma = _noise(left, len(a), reach)
     seen.check("camera", left, sigma, motion)
     also_late = np.concatenate([W, -rate[..., None] / sigma], axis=2)
     names, prior = (*kinematics.names, "late"), np.append(known, 0.0)
     timed = Information.of_rows(names, np.append(a, 0.0), also_late, r, prior=prior)
+    timed.score[:-1] = 0.0  # at the best fit
     late, deviation = timed.correction[-1], math.sqrt(timed.covariance[-1, -1])
     if abs(late) > max(_LATE, _CERTAIN * deviation):
         raise LogError(
@@ -196,7 +188,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
             f"{1e3 * late:.2g} ms before their time stamps would explain them.",
             hint="x_time is when a picture was taken, on the clock of q.",
         )
-    return Information.of_rows(kinematics.names, a, W, r, prior=known, off=off)
+    return Information.of_rows(kinematics.names, a, W, 0.0 * r, prior=known)
 
 
 class _Seen(NamedTuple):
@@ -227,7 +219,7 @@ class _Seen(NamedTuple):
         q, v, x = frames(kinematics, samples)
         p = np.array([kinematics.in_base(*each)[0] for each in zip(q, v, strict=True)])
         moved = min(_rms(part - part.mean(axis=0)) if len(part) else 0.0 for part in (p, x))
-        if len(p) < _FEWEST or moved < LEAST_WAY * kinematics.robot.reach:
+        if len(p) < 4 or moved < LEAST_WAY * kinematics.robot.reach:
             what = "tracker" if isinstance(kinematics, TrackerKinematics) else "camera"
             raise LogError(
                 f"{len(p)} frames of a motion of {moved:.2g} (rms) do not show the {what}.",

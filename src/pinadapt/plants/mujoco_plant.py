@@ -226,10 +226,10 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, bodies: Sequence[Any]) -> N
     spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0], **touching)
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
-        corners = [(0.0, 0.0)]
+        sides = [(0.0,), (0.0,)]
         if contact.sole is not None:
-            corners = list(product(*((-half, half) for half in contact.sole)))
-        for corner in corners:
+            sides = [(-half, half) for half in contact.sole]
+        for corner in product(*sides):
             bodies[frame.parentJoint].add_geom(
                 type=mj.mjtGeom.mjGEOM_SPHERE,
                 size=[_TOE, 0.0, 0.0],

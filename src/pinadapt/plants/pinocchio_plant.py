@@ -104,10 +104,8 @@ class PinocchioPlant(SimulatedPlant):
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
         self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
-        self._integrate, self._constraints = FittedMidpoint(robot), None
-        if robot.constraints:
-            self._constraints = robot.constrained
-            self._integrate = self._held
+        self._constraints = robot.constrained if robot.constraints else None
+        self._integrate = self._held if robot.constraints else FittedMidpoint(robot)
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""

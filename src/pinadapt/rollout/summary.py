@@ -73,7 +73,9 @@ def summary(run: Recording) -> dict[str, Any]:
         "version": __version__,
     }
     if isinstance(run.task, JointTask):
-        numbers["recorded"]["continuous"] = run.task.continuous
+        numbers["recorded"] |= {
+            name: getattr(run.task, name) for name in ("labels", "continuous", "places", "dofs")
+        }
     if isinstance(run.task, ImageTask):
         numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
@@ -205,7 +207,8 @@ def _task(numbers: dict[str, Any], coordinates: int) -> Task:
         return ImageTask.seen_by(TASKS["xyz"], cameras, numbers["pixel"])
     if name in TASKS:
         return TASKS[name]
-    return JointTask(name, tuple(numbers["joint_names"]), tuple(numbers["recorded"]["continuous"]))
+    parts = (numbers["recorded"][part] for part in ("labels", "continuous", "places", "dofs"))
+    return JointTask(name, *map(tuple, parts))
 
 
 # The outcome in one line: accuracy, limits exceeded

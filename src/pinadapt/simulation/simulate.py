@@ -224,7 +224,7 @@ def wiggled(
     robot, seen = controller.kinematics.robot, controller.sensors
     noise = {name: seen.noise[name] for name in ("q", "v") if name in seen.noise}
     own = make_controller(
-        replace(robot, task=JointTask.of_chain(robot.model)),
+        replace(robot, task=JointTask.of_joints(robot.model)),
         dt=dt,
         sensors=Sensors(encoder=seen.encoder, noise=noise),
         limits=Limits(torque=controller.limits.torque),

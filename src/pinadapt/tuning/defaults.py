@@ -17,7 +17,7 @@ about the 0.05 that Wang and Xie took for their arm.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -231,7 +231,7 @@ def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray
 
 
 def mean_diagonal(
-    adaptation: Adaptation, motion: TypicalMotion, regressors: Sequence[np.ndarray]
+    adaptation: Adaptation, motion: TypicalMotion, regressors: Iterable[np.ndarray]
 ) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
     start = typical_start(adaptation, motion)
