@@ -226,7 +226,7 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, bodies: Sequence[Any]) -> N
     spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0], **touching)
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
-        sides = [(0.0,), (0.0,)]
+        sides: list[tuple[float, ...]] = [(0.0,), (0.0,)]
         if contact.sole is not None:
             sides = [(-half, half) for half in contact.sole]
         for corner in product(*sides):
