@@ -41,6 +41,8 @@ from .prepare import findings, prepare
 
 Progress = Callable[[range], Iterable[int]]
 
+_MOST = 1e7  # samples of a run, some 20 minutes of computation; half or twice: of as much
+
 
 def watched(indices: range, progress: Progress | bool | str | None, title: str) -> Iterable[int]:
     """Return the indices of a run's samples, with a bar that grows as they are taken.
@@ -125,6 +127,12 @@ def simulate(
     dt, motors = engine.period(controller), engine.motors(true)
     whole(record_every, "record_every", 1)
     instance(title, str, "title")
+    if not duration / dt <= _MOST:
+        raise InputError(
+            f"{duration / dt:.3g} samples; at most {_MOST:.0e} are run.",
+            where="duration",
+            hint="Take a shorter run or a longer dt.",
+        )
     sensors = controller.sensors if sensors is None else sensors
     simulated = SimulatedSensors(true, dt, sensors, seed=seed)
     if engine.continuous and not sensors.perfect:
