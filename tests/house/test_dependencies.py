@@ -13,6 +13,7 @@ TEXT = (ROOT / "pyproject.toml").read_text()
 PROJECT = toml.loads(TEXT)["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 OPTIONAL = (
+    "contacts",
     "mujoco",
     "bags",
     "descriptions",

@@ -68,7 +68,10 @@ def init(options: argparse.Namespace) -> int:
     check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
     robot, task = template.robot, template.task
-    print(f"{file}: {robot.model.nv} joints to '{robot.frame}', task {task}.")
+    which = "the whole robot" if template.whole else f"to '{robot.frame}'"
+    print(f"{file}: {robot.model.nv} joints, {which}, task {task}.")
+    if robot.locked:
+        print(f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint.")
     warn_of_findings(Scenario.read(file))
     print(f"\npinadapt run {file}")
     return 0

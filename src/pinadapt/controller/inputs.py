@@ -178,7 +178,7 @@ class InputCheck:
 
 def _is(value: Any, shape: tuple[int, ...]) -> bool:
     """Return whether this is an array of native floats of a shape."""
-    return value.__class__ is _ARRAY and value.dtype is _FLOAT and value.shape == shape
+    return value.__class__ is _ARRAY and value.dtype == _FLOAT and value.shape == shape
 
 
 def _array(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -65,20 +65,6 @@ class Contact(Constraint):
         if self.sole is not None:
             for half in vector(self.sole, 2, "contacts.sole", error=RobotError, fills=False):
                 positive(half, "contacts.sole", error=RobotError)
-
-    @classmethod
-    def all_of(cls, given: Iterable[Contact | str]) -> tuple[Contact, ...]:
-        """Return contacts, given as such or as names of frames of point feet.
-
-        Raises:
-            RobotError: something else, or a frame that is given twice.
-        """
-        found = [cls(each) if isinstance(each, str) else each for each in given]
-        for contact in found:
-            instance(contact, cls, "contacts", RobotError)
-        if len({contact.frame for contact in found}) < len(found):
-            raise RobotError("a frame is given twice.", where="contacts")
-        return tuple(found)
 
     @property
     def size(self) -> int:
@@ -176,6 +162,34 @@ class Coupling(Constraint):
             q[model.joints[model.getJointId(name)].idx_q] for name in (self.joint, self.leader)
         )
         return np.array([own - self.ratio * other - self.offset])
+
+
+Part = TypeVar("Part", Contact, Loop)
+
+
+def parts_of(
+    kind: type[Part], given: Iterable[Part | Mapping[str, Any] | str], where: str
+) -> tuple[Part, ...]:
+    """Return contacts or loops, given as such, by their fields or, contacts, by their frames.
+
+    Raises:
+        RobotError: something else.
+    """
+    found = []
+    for each in given:
+        own: Any = {"frame": each} if isinstance(each, str) else each
+        if isinstance(own, Mapping):
+            try:
+                own = kind(**{name: _tuple(value) for name, value in own.items()})
+            except TypeError as error:
+                raise RobotError(f"{error}.", where=where) from error
+        found.append(instance(own, kind, where, RobotError))
+    return tuple(found)
+
+
+def _tuple(value: Any) -> Any:
+    """Return a list of a file as a tuple."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _frame_rows(model: pin.Model, data: pin.Data, frame: str) -> Rows:

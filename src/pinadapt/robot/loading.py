@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -34,7 +35,7 @@ from ..tasks.frame import IMAGE, TASKS, FrameTask
 from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import FRICTION_ATTRIBUTES, Friction
-from .constraints import Constraint, Contact, Coupling, Loop, consistent
+from .constraints import Constraint, Contact, Coupling, Loop, consistent, parts_of
 from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
@@ -65,8 +66,8 @@ def load(
     joint_effects: bool = False,
     pixel: float | None = None,
     base: str = FIXED,
-    contacts: Iterable[Contact | str] = (),
-    loops: Iterable[Loop] = (),
+    contacts: Iterable[Contact | Mapping[str, Any] | str] = (),
+    loops: Iterable[Loop | Mapping[str, Any]] = (),
     passive: str | Sequence[str] = (),
 ) -> Robot:
     """Load a robot: the chain from its base to one frame, or the whole tree of its joints.
@@ -137,8 +138,8 @@ def load(
         weld=weld or found.weld_root,
     )
     free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
-    feet, idle = Contact.all_of(contacts), tuple(name_list(passive, "passive", RobotError))
-    closed = tuple(instance(loop, Loop, "loops", RobotError) for loop in loops)
+    feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
+    idle = tuple(name_list(passive, "passive", RobotError))
     if feet and not free:
         raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
     if free or closed:

@@ -27,6 +27,7 @@ from ..robot.loading import JOINT, load
 from ..robot.robot import Robot
 from ..robot.workspace import JointSwing, WorkspaceCircle, find_circle, find_swing
 from ..tasks.frame import IMAGE, pinhole_camera
+from ..tasks.task import JointTask
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 from .tables import KEYS, MOTIONS
@@ -67,6 +68,7 @@ class Template:
         law: name of the control law.
         tracker: whether x is measured in the axes of a tracker whose placement is unknown.
         filmed: whether the task is the picture of an uncalibrated camera.
+        whole: whether all joints of the description are controlled.
     """
 
     source: str
@@ -77,6 +79,7 @@ class Template:
     law: str = DEFAULT
     tracker: bool = False
     filmed: bool = False
+    whole: bool = False
 
     @classmethod
     def of(
@@ -113,7 +116,8 @@ class Template:
             task = JOINT
         robot = load(source, xacro=xacro, mass=mass, frame=frame, task=None if filmed else task)
         path = find_circle(robot) if robot.task.positions else find_swing(robot)
-        return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed)
+        whole = frame is None and isinstance(robot.task, JointTask)
+        return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed, whole)
 
     @property
     def name(self) -> str:
@@ -207,7 +211,7 @@ class Template:
             "source": source,
             "xacro": dict(self.xacro) or None,
             "mass": self.mass,
-            "frame": robot.frame,
+            "frame": None if self.whole else robot.frame,
             "task": self.task,
             "pixel": self.view.pixel if self.filmed else None,
             "weld_root": True if robot.welded else None,

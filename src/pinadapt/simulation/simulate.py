@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import instance, whole
+from .._checks import instance, positive, whole
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..controller.limits import Limits
@@ -127,6 +127,7 @@ def simulate(
     dt, motors = engine.period(controller), engine.motors(true)
     whole(record_every, "record_every", 1)
     instance(title, str, "title")
+    duration = positive(duration, "duration", error=InputError)
     if not duration / dt <= _MOST:
         raise InputError(
             f"{duration / dt:.3g} samples; at most {_MOST:.0e} are run.",

@@ -366,12 +366,12 @@ def kinematic_adaptation(kind: str, tuning: Tuning, box: np.ndarray | None) -> A
     gamma_k, size, loop = tuning.rates.get("gamma_k"), kinematics.size, law.kinematic_loop()
     if kind == "none" or not size or not law.learns_kinematics:
         return Frozen()
+    start = Estimate(kinematics.initial)
     if gamma_k is None:
         stiffness = 1.0 if loop is None else loop.stiffness
         effects = [np.sqrt(stiffness) * Y_p for Y_p in tuning.motion.kinematic_regressors]
         mode = min(law.kinematic_mode * tuning.bandwidth, tuning.settings.kinematic)
         unit = Gradient(kinematics.sizes**2, size)
-        start = Estimate(kinematics.initial)
         gamma_k = rate_for(mode, effects, unit, start) * kinematics.sizes**2
     moved: Adaptation = Gradient(gamma_k, size, "gamma_k")
     if kind == LeastSquares.name:
