@@ -154,8 +154,8 @@ class Governor:
         length, angle = 1.0 / (self.position * robot.reach), 1.0 / self.angle
         weight = np.full(task.size, angle)
         weight[: task.positions] = length
-        if joints:
-            weight[slides] = length
+        if isinstance(task, JointTask):
+            weight[slides[list(task.dofs)]] = length
         return PathGovernor(
             self,
             names=_causes(robot.joint_names),

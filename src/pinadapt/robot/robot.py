@@ -33,10 +33,10 @@ from ..description.urdf import Origin
 from ..description.urdf_writer import urdf_text
 from ..exceptions import InputError, RobotError
 from ..tasks.frame import FrameTask, ImageTask
-from ..tasks.task import Task
+from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import Friction
-from .constraints import Constraint, Constraints, Contact, Coupling
+from .constraints import Constraint, Constraints, Contact, Coupling, consistent
 from .home import MountingPlane
 
 _HEADER = ("joint", "home", "lower", "upper", "speed", "effort", "units")
@@ -168,6 +168,18 @@ class Robot:
         """
         q = vector(q, self.model.nq, "q", error=RobotError, fills=False)
         return self.task.at(self.model, self.model.createData(), self.frame_id, q)
+
+    def configuration(self, x: np.ndarray) -> np.ndarray:
+        """Return the configuration (nq) of coordinates x of a joint task, all others as at home.
+
+        Raises:
+            RobotError: the constraints do not hold near it.
+        """
+        assert isinstance(self.task, JointTask)
+        angles = self.home_angles
+        angles[list(self.task.dofs)] = x
+        q = configuration_from_angles(self.model, angles)
+        return consistent(self.model, q, self.constraints)
 
     def placement(self, q: np.ndarray) -> pin.SE3:
         """Return the placement of the task frame at configuration q (nq), in world axes.

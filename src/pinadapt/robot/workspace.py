@@ -153,24 +153,24 @@ def find_circle(robot: Robot) -> WorkspaceCircle:
 
 @dataclass(frozen=True)
 class JointSwing:
-    """Sines of all joints from home, found by ``find_swing``: each joint goes away and comes back.
+    """Sines of the joints with motors from home, as ``find_swing`` finds them.
 
     Attributes:
-        amplitude: (nv) half the way of each joint [rad or m], negative where it goes down.
-        period: (nv) [s], all different.
+        amplitude: (n) half the way of each joint [rad or m], negative where it goes down.
+        period: (n) [s], all different.
     """
 
     amplitude: np.ndarray
     period: np.ndarray
 
     def motion(self, start: np.ndarray) -> Trajectory:
-        """Return the motion that starts at rest at joint positions (nv) [rad or m]."""
+        """Return the motion that starts at rest at joint positions (n) [rad or m]."""
         return Sinusoid(start, self.amplitude, self.period).starting_at(start)
 
 
 @arithmetic("robot", RobotError)
 def find_swing(robot: Robot) -> JointSwing:
-    """Return sines of all joints that a robot can follow from its home pose.
+    """Return sines of the joints with motors that a robot can follow from its home pose.
 
     Each joint goes by up to 0.6 rad, or 0.2 m, to the side of its range with more room, and keeps 5
     % of its range from the limit; all go to the other side if the torques of the described robot
@@ -202,13 +202,14 @@ def find_swing(robot: Robot) -> JointSwing:
     )
     room = np.array([upper - home, home - lower]) - margin
     up = room[0] >= room[1]
+    own = robot.motors  # of all others the constraints decide
     for side in (up, ~up):  # what falls on one side rises on the other
         way = np.minimum(most, np.maximum(np.where(side, *room), 0.0) / 2.0)
         amplitude = np.array([rounded_down(a) if a else 0.0 for a in way])
         swing = JointSwing(np.where(side, amplitude, -amplitude), period)
         if _strong_enough(robot, swing):
             break
-    return swing
+    return JointSwing(swing.amplitude[own], swing.period[own])
 
 
 def _strong_enough(robot: Robot, swing: JointSwing) -> bool:

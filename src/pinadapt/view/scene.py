@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 from meshcat.geometry import Cylinder, Material, Sphere
 
-from ..description.chain import configuration_from_angles
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
 from ..tasks.frame import FrameTask, ImageTask
@@ -97,9 +96,7 @@ def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
     if isinstance(task, ImageTask):
         return np.array([task.nearest(*each) for each in zip(path, x_d, strict=True)])
     if not isinstance(task, FrameTask):
-        return motion_of(
-            true, np.array([configuration_from_angles(true.model, x) for x in x_d])
-        ).tip
+        return motion_of(true, np.array([true.configuration(x) for x in x_d])).tip
     tracker = pin.SE3.Identity() if tracker is None else tracker
     path = path @ tracker.rotation.T + tracker.translation
     path[:, task.place] = x_d[:, : task.positions]
