@@ -54,3 +54,15 @@ def test_the_declaration_of_actuators_on_the_page_on_hardware_runs(capsys):
     exec(blocks("hardware")[2], scope)
     assert capsys.readouterr().out == "[]\n"
     assert scope["springs"].elastic and scope["controller"].limits.actuators is scope["late"]
+
+
+def test_the_page_on_whole_robots_runs(tmp_path, monkeypatch, capsys):
+    standing, linkage = blocks("whole_robots")
+    monkeypatch.chdir(ROOT)
+    scope = {}
+    exec(standing.replace('"learned.urdf"', f'"{tmp_path}/learned.urdf"'), scope)
+    assert scope["rollout"].distance[-100:].max() < 5e-4
+    learned = pa.load(tmp_path / "learned.urdf", base="free", contacts=scope["feet"])
+    assert learned.model.inertias[6].mass == pytest.approx(11.0, rel=0.02)
+    exec(linkage, scope)
+    assert "True False  True False" in capsys.readouterr().out
