@@ -98,6 +98,15 @@ def test_torques_without_gravity_are_detected_and_compensated():
     assert np.array_equal(by_intake.tau, whole.log.tau)
 
 
+def test_torques_of_another_clock_are_found():
+    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0)
+    tau = np.vstack([log.tau[:1], log.tau[:-1]])
+    told = pa.Unknown(tool=True, **TOLD)
+    found = pa.identify(replace(log, tau=tau), robot, unknown=told)
+    assert found.late[0] == pytest.approx(log.period, rel=0.15)
+    assert "ms later than the positions" in found.report()
+
+
 def test_the_log_of_another_robot_is_doubted():
     log = recorded("ur5", duration=4.0)
     other = catalogue_robot("ur5").changed(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import cached_property
 from html import escape
@@ -77,6 +77,10 @@ class Errors(NamedTuple):
         """Return the errors of the held-out part before and after, in words."""
         both = self.described_held_out, self.learned_held_out
         return " -> ".join(f"{scale * rms(part):.3g}" for part in both)
+
+
+_CERTAIN = 5.0  # deviations of a lateness that is told; half: healthy logs are told of, double:
+# twice the lateness passes
 
 
 def rms(values: np.ndarray) -> float:
@@ -211,6 +215,38 @@ class Identification:
         return columns_rms(self._held_out.residual(self.online.at(self.split)))
 
     @cached_property
+    def late(self) -> tuple[float, float]:
+        """How much later the torques seem to be than the positions, and its deviation [s].
+
+        The torque's rate as one more column, beside which all parameters are fitted again.
+        """
+        averages = Averages(self.motion.t, self.log.period)
+        left = self.windows.residual(self.dynamic.estimate)
+        noise = np.sqrt(np.mean(left**2, axis=0)) + np.finfo(float).tiny
+        column = (-averages.derivative(self.motion.tau)[averages.whole] / noise).ravel()
+        rows = (self.windows.W / noise[:, None]).reshape(column.size, -1)
+        own = column - rows @ np.linalg.lstsq(rows, column, rcond=None)[0]
+        size = float(own @ own)
+        return float(own @ (left / noise).ravel()) / size, 1.0 / np.sqrt(size)
+
+    def _notes(self) -> Iterator[str]:
+        """Yield what a user should look at: another clock, bodies that became others."""
+        if not self.dynamic.names:
+            return
+        late, known = self.late
+        if abs(late) > _CERTAIN * known:
+            yield (
+                f"the torques seem to be {1e3 * late:.2g} +- {1e3 * known:.1g} ms later than the "
+                "positions; part of this is learned as friction and inertia."
+            )
+        names = self.dynamic.names
+        for name, old, now in zip(
+            names, self.described_parameters, self.dynamic.estimate, strict=True
+        ):
+            if name.endswith(".m") and not 0.5 * old <= now <= 2.0 * old:
+                yield f"the mass of {name[:-2]} changed from {old:.3g} to {now:.3g} kg."
+
+    @cached_property
     def position_errors(self) -> Errors | None:
         """Errors of the positions (m) [m], or None where no translation was estimated."""
         rows, start = self.rows, self.estimator.controller.kinematics.initial
@@ -294,6 +330,7 @@ class Identification:
             "windows": len(self.windows.t),
             "held_out_from": self.split,
             "tested": self.tested,
+            "notes": tuple(self._notes()),
             "check": None if self.check is None else self.check.summary(),
             "torque": self.torque_errors if self.dynamic.names else None,
             "torque_online_held_out": self.online_held_out,
@@ -324,6 +361,7 @@ class Identification:
         ]
         if self.position_errors is not None:
             rows.append(("held-out positions", f"{self.position_errors.change(1e3)} mm (rms)"))
+        rows += [("note", note) for note in of["notes"]]
         tables = [Table(rows)]
         if self.check is not None:
             tables.append(self.check.table())
