@@ -23,7 +23,7 @@ PRINTED = {
     "08_your_own_urdf": ["follows: ", "all limits kept", 'law = "separation"', "'flange'?"],
     "09_your_own_law": ["deg at the end", "largest rise in a sample -"],
     "12_a_thousand_runs": ["0 lost", "the same bits: True", "nothing ran again"],
-    "13_without_calibration": ["72 deg", "the same rotation: True", "within a pixel: True"],
+    "13_without_calibration": ["1.257", "the same rotation: True", "within a pixel: True"],
     "10_from_a_log": ["--torque-gain=13", "times less", "are swapped"],
     "11_behind_a_protocol": [
         "log: the time is over, running -> stopped",
