@@ -39,6 +39,8 @@ _DAMPING = 3.0  # K_v in bandwidths times inertia
 # [s] 4 ms: motors that are 10 ms late make unloaded wrists ring; 16 ms: an unknown load displaces a
 # UR10 by 33 mm at the start in place of 22
 _LAG = 8e-3
+_LOAD, _ARM = 0.1, 0.05  # load assumed for K_D: of the robot's mass, of its reach; half or twice:
+# docs/default_law.md
 _LEVER = 0.25  # of the reach; with all of it, late noisy frames disturb the start
 
 
@@ -367,8 +369,8 @@ def _turning(s: Signals, beta: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def assumed_load(robot: Robot) -> Payload:
     """Return a ball of a tenth of a robot's mass, whose radius is a twentieth of its reach."""
-    mass = 0.1 * robot.mass
-    turning = mass * (0.05 * robot.reach) ** 2
+    mass = _LOAD * robot.mass
+    turning = mass * (_ARM * robot.reach) ** 2
     return Payload(mass, (0.0, 0.0, 0.0), (turning, 0.0, turning, 0.0, 0.0, turning))
 
 
