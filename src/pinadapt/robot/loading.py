@@ -220,8 +220,9 @@ def _load_chain(
     keep = [joint for joint in chain if joint not in locks and not (weld and joint in floating)]
     check_joints(described, keep, () if whole else found.mimics)
     if not keep:
+        what = "anything" if frame is None else f"frame '{frame}'"
         raise RobotError(
-            f"no joint moves frame '{frame}' relative to the base.",
+            f"no joint moves {what} relative to the base.",
             where=found.name,
             hint="Choose a frame further from the base, or lock fewer joints.",
         )
