@@ -68,6 +68,9 @@ def test_a_free_base_is_six_joints_without_motors():
     pin.framesForwardKinematics(model, data, robot.q0)
     heights = [data.oMf[model.getFrameId(foot)].translation[2] for foot in FEET["a1"]]
     assert np.allclose(heights, 0.0, atol=1e-9)
+    shapes = robot.visual.createData()
+    pin.updateGeometryPlacements(model, data, robot.visual, shapes, robot.q0)
+    assert min(place.translation[2] for place in shapes.oMg) == pytest.approx(0.0, abs=1e-3)
     free = pin.buildModelFromUrdf(str(robot.origin.urdf.path), pin.JointModelFreeFlyer())
     assert np.isclose(robot.mass, pin.computeTotalMass(free), rtol=1e-12)
     rng = np.random.default_rng(0)

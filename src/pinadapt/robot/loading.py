@@ -26,7 +26,7 @@ from ..description.chain import (
     reduced,
 )
 from ..description.description import Description, Source, describe
-from ..description.floating_base import with_base_joints
+from ..description.floating_base import BASE_JOINTS, with_base_joints
 from ..description.missing_inertia import with_solid_points
 from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
@@ -263,7 +263,7 @@ def _load_chain(
         chosen,
         home,
         Friction.none(model.nv),
-        Visual(found.geometry, described, tuple(keep), reference),
+        Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
         ends=tuple(end for end in ends if end != frame),
         locked=tuple(
             str(described.names[joint])

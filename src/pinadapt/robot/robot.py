@@ -421,12 +421,14 @@ class Visual:
         whole: Pinocchio model of the whole robot.
         keep: indices of the joints of the chain in that model.
         q_reference: (nq) configuration at which the other joints are locked.
+        before: number of joints in front of the tree, those of a free base.
     """
 
     read: Callable[[pin.GeometryType], pin.GeometryModel | None]
     whole: pin.Model
     keep: tuple[int, ...]
     q_reference: np.ndarray
+    before: int = 0
 
     @cached_property
     def geometry(self) -> pin.GeometryModel | None:
@@ -444,11 +446,14 @@ class Visual:
 
     def _reduced(self, shapes: pin.GeometryModel) -> pin.GeometryModel:
         """Return the shapes of the chain, given those of the whole robot."""
-        return reduced(self.whole, self.keep, self.q_reference, shapes)[1][0]
+        found = reduced(self.whole, self.keep, self.q_reference, shapes)[1][0]
+        for shape in found.geometryObjects:
+            shape.parentJoint += self.before
+        return found
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without the meshes; the copy reads them again on demand."""
-        return type(self), (self.read, self.whole, self.keep, self.q_reference)
+        return type(self), (self.read, self.whole, self.keep, self.q_reference, self.before)
 
 
 def robot_sheet(robot: Robot) -> Sheet:
