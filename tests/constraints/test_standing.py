@@ -150,7 +150,7 @@ def test_lyapunov_equality_whatever_the_constraint_forces_are(name):
         pa.trajectories.Circle(np.zeros(3), 2e-3, 1.0), Swing((0.0, 1.0, 0.0), 0.02, 1.0)
     ).starting_at(true.position(true.q0))
     energy = energy_along(true, controller, path, seconds=8e-3, dt=2e-4)
-    assert energy.mismatch(after=5) <= 1e-4
+    assert energy.mismatch(after=5) <= 5e-5  # by what the solver misses
 
 
 @pytest.mark.slow
@@ -171,3 +171,45 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands(name, mass, worst, 
     trunk = true.model.inertias[6].mass
     assert max(errors) < worst and max(errors[-800:]) < end
     assert abs(samples[-1].state.a_d[0] / trunk - 1.0) < 0.02
+
+
+def test_what_does_not_hold_under_constraints_is_refused():
+    robot = standing("a1")
+    for refused in ({"law": "adaptive-inverse-dynamics"}, {"adaptation": "natural-memory"}):
+        with pytest.raises(pa.InputError, match="constraints"):
+            pa.make_controller(robot, unknown=TRUNK, **refused)
+    linkage = robot.changed()
+    object.__setattr__(linkage, "constraints", (pa.Loop("FL_foot", "FR_foot"), *robot.constraints))
+    with pytest.raises(pa.InputError, match="would simulate the robot without"):
+        pa.plants.MujocoPlant(linkage)
+
+
+def test_a_governed_reference_of_a_redundant_robot_obeys_the_constraints():
+    """Shortened null motions, and speeds of the path, with the rows of 12 constraints."""
+    robot = standing("talos")
+    limits = pa.Limits(governor=pa.Governor(speed=0.02))
+    controller = pa.make_controller(robot, unknown=TRUNK, limits=limits)
+    q = robot.q0.copy()
+    q[18:] += 0.1  # arms and torso are away from rest
+    plant = pa.plants.PinocchioPlant(robot)
+    measurement = plant.measurement(q, np.zeros(robot.model.nv))
+    state = controller.init(measurement)
+    signals = controller.observe(state, measurement, Swaying(robot).at(0.3))
+    A, _ = robot.constrained.at(q, np.zeros(robot.model.nv))
+    qd_r = -controller.law._reference_error(signals)
+    assert np.abs(qd_r).max() > 1e-3 and np.abs(A @ qd_r).max() < 1e-9
+    torque, _ = controller.step(state, measurement, Swaying(robot).at(0.3), 1e-3)
+    assert np.isfinite(torque).all() and not torque[:6].any()
+
+
+def test_an_announced_load_is_that_of_the_trunk_and_a_safe_torque_holds_the_robot():
+    robot, load = standing("a1"), pa.Payload(5.0, [0.05, 0.02, 0.08])
+    controller = pa.make_controller(robot, unknown=TRUNK)
+    plant = pa.plants.MujocoPlant(robot.changed(payload=load))
+    state = controller.announce(controller.init(plant.measure()), payload=load)
+    assert state.a_d[0] == pytest.approx(robot.model.inertias[6].mass + 5.0, rel=1e-12)
+    for _ in range(300):
+        torque, state = controller.safe(state, plant.measure())
+        assert not torque[:6].any()
+        plant.hold(torque, 1e-3)
+    assert np.abs(plant.measure().q - robot.q0).max() < 5e-3

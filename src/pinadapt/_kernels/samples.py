@@ -318,7 +318,7 @@ def path_rate(
         speed, now = 0.0, 0.0
         for j in range(m):
             transposed = 0.0
-            for k in range(m):
+            for k in range(len(J)):  # those of constraints too
                 transposed += J[k, i] * gram_inverse[k, j]
             velocity = xd_d[j] / rate
             now += transposed * velocity

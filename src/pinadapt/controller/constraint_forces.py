@@ -10,10 +10,11 @@ from ..exceptions import DivergedError, InputError, RobotError
 from ..robot.constraints import Contact
 from ..robot.robot import Robot
 
-_FORCES = 1e-4  # weight of squared forces [m^2]; half or double: the torques are as small to 1 %,
-# it only decides what no torque shows
-_SLACK = 1e6  # weight of a squared torque that is missed where there is no motor; half: misses
-# twice as much of what is infeasible, double: the solver needs more iterations
+# weight of squared forces [m^2], for a unique choice; half or double: the torques change by 1e-6
+_FORCES = 1e-4
+# weight of a squared torque that is missed where there is no motor; half: twice is missed, 7e-6 of
+# dV/dt on a1 in place of 4e-6; double: half; with twenty times the solver takes seconds
+_SLACK = 1e5
 _LEAST = 1e-9  # of the norm of the rows without motors, of a singular value that counts
 _NONE = 1e20  # what the solver takes for no limit
 
@@ -64,16 +65,13 @@ class ConstraintForces:
         motors, A = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m = len(A), len(idle)
-        H = np.zeros((k + m, k + m))  # of the forces, and of what is missed
-        H[:k, :k] = own.T @ own + _FORCES * np.eye(k)
-        H[k:, k:] = _SLACK * np.eye(m)
-        g = np.concatenate([-own.T @ asked, np.zeros(m)])
-        equal, right = np.hstack([idle, np.eye(m)]), wanted[~motors]
+        H, g, right = own.T @ own + _FORCES * np.eye(k), -own.T @ asked, wanted[~motors]
         if self._solver is None:
-            none = np.zeros((m, m))
-            KKT = np.block([[H, equal.T], [equal, none]])
+            KKT = np.block([[H, idle.T], [idle, np.zeros((m, m))]])
             f = np.linalg.solve(KKT, np.concatenate([-g, right]))[:k]
-        else:
+        else:  # with what is missed as further unknowns
+            H = np.block([[H, np.zeros((k, m))], [np.zeros((m, k)), _SLACK * np.eye(m)]])
+            g, equal = np.concatenate([g, np.zeros(m)]), np.hstack([idle, np.eye(m)])
             cones = self._cones(k)
             C = np.zeros((len(cones) + len(own), k + m))
             C[: len(cones), :k], C[len(cones) :, :k] = cones, own
@@ -104,7 +102,8 @@ def _pyramid(contact: Contact) -> np.ndarray:
     """Return the rows (., 3 or 6) that are positive for possible forces of a contact.
 
     Of a sole also those of its centre of pressure, and of the torque about its normal, which
-    friction bounds at half of the mean half width.
+    friction bounds at a lever of half of the mean half width: four corners bear that at least, double
+    they do not.
     """
     mu = contact.friction / np.sqrt(2.0)  # the pyramid inside of the cone
     rows = [[0.0, 0.0, 1.0]]

@@ -98,6 +98,13 @@ class Controller:
         self._position_error = law.uses_position_error
         bandwidth = adaptation_d.torque_bandwidth
         self._torque_filter, self._lead = None, None
+        if bandwidth is not None and kinematics.constraints is not None:
+            raise InputError(
+                "learns from the prediction error of the torque, in which the forces of the "
+                "constraints are missing.",
+                where="adaptation",
+                hint='Take "natural" or "gradient".',
+            )
         if bandwidth is not None:
             motors = None
             if self.limits.actuators.late:
@@ -487,6 +494,8 @@ class Controller:
                 displaced[:] = 0.0
             most = math.inf if limits is None else _SPRING * limits
             torque -= np.clip(0.25 * damping**2 * inertia * displaced, -most, most)
+            if self._forces is not None:
+                torque = self._forces.torque(sensed.q, torque)
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:

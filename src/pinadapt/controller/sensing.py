@@ -441,7 +441,8 @@ def make_guards(
         noise = sensors.deviation("q") + sensors.deviation("v") * math.sqrt(dt * kernels.MEMORY)
         bounds[kernels.TOLERANCE] = _WAY * lengths + 2.0 * counts + CERTAIN * noise
         bounds[kernels.LEAP] = 0.5 * fast + 2.0 * CERTAIN * quality.v  # half or double: as above
-        bounds[kernels.CLEAR] = _BRAKED * dt * lengths + CERTAIN * sensors.deviation("v")
+        if not robot.constraints:  # else forces that nobody measures stop joints at once
+            bounds[kernels.CLEAR] = _BRAKED * dt * lengths + CERTAIN * sensors.deviation("v")
     if on["limits"]:
         most = 8.0 * math.pi  # [rad or m] of joints without limits
         low, high = np.clip(position_limits(model), -most, most)
@@ -463,7 +464,8 @@ def make_guards(
     if on["gravity"]:
         deviation = np.broadcast_to(np.asarray(sensors.noise.get("tau", 0.0), float), n)
         torque = _STRONGER * effort_limits(model) + CERTAIN * deviation
-        first = make_first_samples(robot, unloaded, sensors, compensation, dt)
+        if not robot.constraints:
+            first = make_first_samples(robot, unloaded, sensors, compensation, dt)
     return Guards(
         bounds,
         none.places,

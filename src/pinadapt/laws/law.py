@@ -179,6 +179,8 @@ class Law(ABC):
             attribute ``speeds``. Else a governor stops the path before singularities of J_hat.
         joint_space: whether it is for joint tasks only.
         set_point: whether it needs a desired motion that comes to rest, see ``Trajectory.settles``.
+        constrained: whether its V holds under constraints, see ``robot.constraints``: its reference
+            is a velocity of the right inverse, and K_D s its feedback.
         learns_kinematics: whether it moves the kinematic estimate.
         approximate_regressor: whether its proof allows a regressor at the nominal lengths.
         learns_from_torque: whether nothing but the prediction error of the torque moves its dynamic
@@ -212,6 +214,7 @@ class Law(ABC):
     keeps_speeds: ClassVar[bool] = False
     joint_space: ClassVar[bool] = False
     set_point: ClassVar[bool] = False
+    constrained: ClassVar[bool] = False
     learns_kinematics: ClassVar[bool] = True
     approximate_regressor: ClassVar[bool] = False
     learns_from_torque: ClassVar[bool] = False

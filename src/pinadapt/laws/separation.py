@@ -154,6 +154,7 @@ class Separation(Law):
     sources = ("Wang2017",)
     uses_position_error = True
     uses_acceleration = False
+    constrained = True
     velocity_error = True
     keeps_speeds = True
     joint_effects = "all"
@@ -256,7 +257,7 @@ class Separation(Law):
         psi = self.posture.null_motion(s)[0]
         qd_r = s.inverse.solve(self._reference(s)[0], psi)
         if self.speeds is not None:
-            still, fixed = np.zeros(qd_r.size), np.zeros(s.inverse.J.shape)
+            still, fixed = np.zeros(qd_r.size), np.zeros(s.J.shape)
             none = None if psi is None else still
             qd_r = s.inverse.keeping(self.speeds, qd_r, still, psi, none, fixed)[0]
         return np.asarray(s.v - qd_r)

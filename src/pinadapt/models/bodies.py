@@ -134,10 +134,8 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
     Raises:
         RobotError: unknown joint.
     """
-    model = robot.model
-    carrier = model.frames[robot.frame_id].parentJoint - 1
     every = [i for i, name in enumerate(robot.joint_names) if name not in BASE_JOINTS[:-1]]
-    known = {ALL: every, PAYLOAD: [carrier], NONE: []}
+    known = {ALL: every, PAYLOAD: [robot.carrier], NONE: []}
     if isinstance(unknown, str) and unknown in known:
         return known[unknown]
     names = name_list(unknown, "unknown.bodies")
@@ -169,7 +167,7 @@ class BodyDynamics(InertialDynamics):
         super().__init__(robot, None if own.all() else np.eye(pi.size)[:, own], known)
         self.initial = pi[own]
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
-        self._last = robot.model.nv - 1
+        self._carrier = robot.carrier
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -199,14 +197,17 @@ class BodyDynamics(InertialDynamics):
         return replace(nominal, model=model)
 
     def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
-        """Return the estimate (p) whose last body is the nominal one with the new load.
+        """Return the estimate (p) in which the body of the frame is the nominal one with the load.
 
-        The estimate of the last body is replaced, because it may contain the previous load.
+        The estimate of that body is replaced, because it may contain the previous load.
         """
-        described = self.value(after)
-        if described is None or self._last not in self.bodies:
-            return None if described is None else a_d.copy()
-        return np.concatenate([a_d[:-PER_BODY], described[-PER_BODY:]])
+        described, found = self.value(after), a_d.copy()
+        if described is None:
+            return None
+        if self._carrier in self.bodies:
+            first = PER_BODY * self.bodies.index(self._carrier)
+            found[first : first + PER_BODY] = described[first : first + PER_BODY]
+        return found
 
 
 # The pseudo-inertia of a body, a matrix linear in its ten parameters:

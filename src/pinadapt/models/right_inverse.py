@@ -31,21 +31,33 @@ class RightInverse:
     IEEE T. Robot. Autom. 13 (1997) 398-410.
 
     Attributes:
-        J: the Jacobian (m, n).
+        J: the Jacobian (m, n), with the rows of A behind those of the task.
         gram_inverse: (J J^T + mu^2 I)^-1 (m, m).
+        size: number of rows of the task.
         damping: mu^2.
         conditioning: s.
         unique: whether J^+ is the inverse, so that there is no null space: J square, no damping.
     """
 
-    __slots__ = ("J", "conditioning", "damping", "gram_inverse", "unique")
+    __slots__ = ("J", "_A_rate", "conditioning", "damping", "gram_inverse", "size", "unique")
 
-    def __init__(self, J: np.ndarray, threshold: float = 0.0) -> None:
+    def __init__(
+        self,
+        J: np.ndarray,
+        threshold: float = 0.0,
+        constraints: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> None:
         """Invert the Jacobian (m, n); ``threshold`` is s_0, zero for no damping.
+
+        Under constraints A r = 0, A (k, n) and dA/dt (k, n), it is that of [J; A], with u zero in
+        the rows of A.
 
         Raises:
             DivergedError: J has lost rank without damping, or is not finite.
         """
+        self.size, self._A_rate = len(J), None
+        if constraints is not None:
+            J, self._A_rate = np.concatenate([J, constraints[0]]), constraints[1]
         m, n = J.shape
         self.J, self.gram_inverse = J, empty((m, m))
         self.conditioning, self.damping, lost = kernels.invert_gram(J, threshold, self.gram_inverse)
@@ -59,9 +71,15 @@ class RightInverse:
 
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
         """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique."""
+        if self._A_rate is not None:
+            u = self._padded(u)
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
         return psi + self.gram_inverse.dot(u - self.J.dot(psi)).dot(self.J)
+
+    def _padded(self, u: np.ndarray) -> np.ndarray:
+        """Return u (m) with zeros in the rows of the constraints."""
+        return np.concatenate([u, np.zeros(len(self.J) - self.size)])
 
     def solve_with_rate(
         self,
@@ -76,6 +94,12 @@ class RightInverse:
         With y = (J J^T + mu^2 I)^-1 (u - J psi), so that r = psi + J^T y,
         dr/dt = J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
+        if self._A_rate is not None:
+            u, ud, Jdot = (
+                self._padded(u), self._padded(ud), np.concatenate([Jdot, self._A_rate])
+            )  # fmt: skip
+            if psi is None or psid is None:
+                psi = psid = np.zeros(self.J.shape[1])
         if psi is None or psid is None:
             r = self.solve(u, None)
             return r, self.solve(ud - Jdot.dot(r), None)
@@ -105,7 +129,7 @@ class RightInverse:
         if psi is not None and psid is not None:
             null = self.null(psi)
             if kernels.largest_share(null, speeds) > _NULL[0]:
-                still = np.zeros(len(self.J))
+                still = np.zeros(self.size)
                 null, null_rate = self.solve_with_rate(still, psi, still, psid, Jdot)
                 kept, kept_rate = r - null, rate - null_rate
                 null, null_rate = bound_smoothly(speeds, *_NULL, null, null_rate)
@@ -130,43 +154,6 @@ class RightInverse:
         halves = np.diag(U.T @ Jdot @ self.J.T @ U)  # d(sigma_i^2)/dt / 2
         ratios = 1.0 / (sigma * sigma * np.sum(1.0 / (sigma * sigma)))  # (s / sigma_i)^2
         return float(-halves.dot(ratios * ratios))
-
-
-class ConstrainedInverse(RightInverse):
-    """The right inverse of J under constraints A r = 0: that of the stacked [A; J]."""
-
-    __slots__ = ("_A_rate", "_still")
-
-    def __init__(
-        self, J: np.ndarray, A: np.ndarray, A_rate: np.ndarray, threshold: float = 0.0
-    ) -> None:
-        """Invert the Jacobian J (m, n) under the constraints A (k, n), whose rate is given."""
-        super().__init__(np.concatenate([A, J]), threshold)
-        self._A_rate, self._still = A_rate, np.zeros(len(A))
-
-    def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
-        """Return r (n) with A r = 0 and J r = u (m), as near to psi (n) as these allow."""
-        return super().solve(np.concatenate([self._still, u]), psi)
-
-    def solve_with_rate(
-        self,
-        u: np.ndarray,
-        psi: np.ndarray | None,
-        ud: np.ndarray,
-        psid: np.ndarray | None,
-        Jdot: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return r = ``solve(u, psi)`` and dr/dt (n)."""
-        if psi is None or psid is None:
-            psi = psid = np.zeros(self.J.shape[1])
-        still = self._still
-        return super().solve_with_rate(
-            np.concatenate([still, u]),
-            psi,
-            np.concatenate([still, ud]),
-            psid,
-            np.concatenate([self._A_rate, Jdot]),
-        )
 
 
 def bound_smoothly(

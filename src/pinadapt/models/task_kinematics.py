@@ -13,7 +13,7 @@ from ..exceptions import ParameterError
 from ..robot.constraints import Constraints
 from ..robot.robot import Robot
 from ..tasks.task import JointTask, Task
-from .right_inverse import ConstrainedInverse, RightInverse
+from .right_inverse import RightInverse
 from .translations import Translation
 
 
@@ -83,7 +83,7 @@ class TaskKinematics(ABC):
         """
         if self.constraints is None:
             return RightInverse(self.J, threshold)
-        return ConstrainedInverse(self.J, *self.constraints.at(q, v), threshold)
+        return RightInverse(self.J, threshold, self.constraints.at(q, v))
 
     @abstractmethod
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:

@@ -11,7 +11,7 @@ from ..exceptions import InputError, RobotError
 from ..records import Measurement
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
-from .plant import SimulatedPlant, fitted_friction, refuse_special_friction
+from .plant import SimulatedPlant, fitted_friction, refuse_constraints, refuse_special_friction
 
 
 class ElasticPlant(SimulatedPlant):
@@ -65,6 +65,7 @@ class ElasticPlant(SimulatedPlant):
                 hint="Set it with Robot.changed(armature=...), in a scenario truth.armature.",
             )
         refuse_special_friction(robot, "elastic joints")
+        refuse_constraints(robot, "elastic joints")
         self.robot, self._B = robot, rotors
         self._model = robot.model.copy()
         self._model.armature = np.zeros(self.nv)

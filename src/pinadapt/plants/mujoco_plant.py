@@ -17,9 +17,10 @@ from ..description.chain import configuration_from_angles, frame_id, is_slide, p
 from ..description.urdf_writer import axis_of
 from ..exceptions import InputError
 from ..records import Measurement
+from ..robot.constraints import Contact
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PoseTask
-from .plant import LONGEST_STEP, SimulatedPlant, refuse_special_friction
+from .plant import LONGEST_STEP, SimulatedPlant, refuse_constraints, refuse_special_friction
 
 if TYPE_CHECKING:
     import mujoco
@@ -247,6 +248,7 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     without mass, and inertias that are not physical.
     """
     refuse_special_friction(robot, "MuJoCo")
+    refuse_constraints(robot, "MuJoCo", Contact)
     mj, chain = mujoco_module(), robot.model
     for i in range(1, chain.njoints):
         write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])

@@ -195,6 +195,21 @@ Its options are torque_limits, compensation, substeps, and actuators where these
 """
 
 
+def refuse_constraints(robot: Robot, simulator: str, *known: type) -> None:
+    """Refuse constraints that a simulator does not have, all but those of known kinds.
+
+    Raises:
+        InputError: there is one.
+    """
+    for part in robot.constraints:
+        if not isinstance(part, known):
+            raise InputError(
+                f"{simulator} would simulate the robot without {part}.",
+                where="engine",
+                hint='Take engine="pinocchio".',
+            )
+
+
 def refuse_special_friction(robot: Robot, simulator: str) -> None:
     """Raise an error for friction that a simulator does not have.
 

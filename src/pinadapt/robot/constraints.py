@@ -11,10 +11,11 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import instance, numbers, positive, vector
-from ..description.chain import frame_id
+from ..description.chain import angles_from_configuration, frame_id
 from ..exceptions import RobotError
 
-_ITERATIONS, _CLOSED = 30, 1e-12  # of Newton's method; [m, rad]
+_ITERATIONS = 30  # of Newton's method; half or twice: it converges in 10 or not at all
+_CLOSED = 1e-12  # [m, rad], rounding: half or twice change nothing
 
 Rows = tuple[np.ndarray, np.ndarray]
 """A (k, n) and its rate (k, n)."""
@@ -158,8 +159,9 @@ class Coupling(Constraint):
 
     def error(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
         """Return q_j - ratio q_i - offset."""
+        angles = angles_from_configuration(model, q)
         own, other = (
-            q[model.joints[model.getJointId(name)].idx_q] for name in (self.joint, self.leader)
+            angles[model.joints[model.getJointId(name)].idx_v] for name in (self.joint, self.leader)
         )
         return np.array([own - self.ratio * other - self.offset])
 

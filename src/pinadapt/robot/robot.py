@@ -100,6 +100,11 @@ class Robot:
         return frame_id(self.model, self.frame)
 
     @property
+    def carrier(self) -> int:
+        """Index, from 0, of the body that carries the task frame and a load."""
+        return int(self.model.frames[self.frame_id].parentJoint) - 1
+
+    @property
     def motors(self) -> np.ndarray:
         """Whether each joint (nv) has a motor."""
         follow = [part.joint for part in self.constraints if isinstance(part, Coupling)]

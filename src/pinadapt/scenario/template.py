@@ -115,6 +115,9 @@ class Template:
         if LAWS[law].joint_space and task is None:
             task = JOINT
         robot = load(source, xacro=xacro, mass=mass, frame=frame, task=None if filmed else task)
+        if robot.constraints and not LAWS[law].constrained:  # then the chain without them
+            frame = robot.frame
+            robot = load(source, xacro=xacro, mass=mass, frame=frame, task=task)
         path = find_circle(robot) if robot.task.positions else find_swing(robot)
         whole = frame is None and isinstance(robot.task, JointTask)
         return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed, whole)

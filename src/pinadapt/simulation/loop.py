@@ -365,14 +365,14 @@ class _Loop:
         if not np.isfinite(np.concatenate(self.desired)).all():
             raise InputError(f"the motion is not finite: {self.desired}.", where="desired")
         signals, command = controller.command(self.state, self.measurement, self.desired)
-        if self._ideal:
+        needed = self._ideal and controller.law.uses_acceleration
+        if needed:
             a = plant.acceleration_at(q, v, command.torque, command.feedthrough)
-        if self._ideal and controller.law.uses_acceleration:
             tau, drives = controller.respond(self.state, signals.replaced(a=a))
         else:
             tau, drives = controller.sent(signals, command)
         self.torque = plant.motors_at(q, tau)
-        if not self._ideal:
+        if not needed:
             a = plant.acceleration_at(q, v, self.torque)
         rate = controller.rate(self.state, signals, drives, self.torque)
         if rate.path is not None:

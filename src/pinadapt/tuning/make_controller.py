@@ -236,6 +236,12 @@ def _law_type(law: str | Law, robot: Robot) -> type[Law]:
             where="law",
             hint='Load the robot with task = "joint".',
         )
+    if robot.constraints and not chosen.constrained:
+        raise InputError(
+            f"the law '{chosen.name}' is for robots without constraints.",
+            where="law",
+            hint=f"Take '{DEFAULT}', or load one chain: name a frame.",
+        )
     return chosen
 
 

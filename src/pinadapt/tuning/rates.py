@@ -203,16 +203,16 @@ def _inertial_adaptation(
 
 
 def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.ndarray | None:
-    """Return relative rates, one per body, where the last one may carry more than it is; else None.
+    """Return relative rates, one per body, where that of the frame may carry a load; else None.
 
     Mass and thickness of a body scale how far its parameters may move in the metric, but an unknown
-    load may be on the last body whatever its description says: that body is learned as fast as if
-    it had a load, a share of the robot's mass, besides, or a thickness of a hundredth of the reach.
+    load may be on the body of the frame whatever its description says: that body is learned as fast
+    as if it had a load, a share of the robot's mass, besides, or a thickness of a hundredth of the
+    reach.
     """
-    last = robot.model.nv - 1
-    if not dynamics.per_body or last not in dynamics.bodies:
+    if not dynamics.per_body or robot.carrier not in dynamics.bodies:
         return None
-    index = list(dynamics.bodies).index(last)
+    index = list(dynamics.bodies).index(robot.carrier)
     P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
     mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
     square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
