@@ -101,9 +101,9 @@ class ConstraintForces:
 def _pyramid(contact: Contact) -> np.ndarray:
     """Return the rows (., 3 or 6) that are positive for possible forces of a contact.
 
-    Of a sole also those of its centre of pressure, and of the torque about its normal, which
-    friction bounds at a lever of half of the mean half width: four corners bear that at least, double
-    they do not.
+    Of a sole also those of its centre of pressure, and of the torque about its normal: friction at a
+    quarter of half the length and half the width together, a quarter to a third of what its corners
+    bear by themselves, as they bear forces along the ground too.
     """
     mu = contact.friction / np.sqrt(2.0)  # the pyramid inside of the cone
     rows = [[0.0, 0.0, 1.0]]
@@ -112,7 +112,7 @@ def _pyramid(contact: Contact) -> np.ndarray:
         return np.array(rows)
     length, width = contact.sole
     rows = [[*row, 0.0, 0.0, 0.0] for row in rows]
-    lever = 0.5 * contact.friction * 0.5 * (length + width)
+    lever = 0.25 * contact.friction * (length + width)
     for i, half in enumerate((width, length, lever)):
         rows += [[0.0, 0.0, half, *(sign * (j == i) for j in range(3))] for sign in (-1.0, 1.0)]
     return np.array(rows)

@@ -150,13 +150,7 @@ class AdaptiveJacobian(TaskFeedback):
         """Return the feedback at each state, joints in coordinates of unit mass."""
         n, found = motion.robot.model.nv, []
         D = np.eye(n) * (self.posture.damping if self.posture else 0.0)
-        for J, inverse, M, W in zip(
-            motion.jacobians,
-            motion.right_inverses,
-            motion.mass_matrices,
-            motion.unit_masses,
-            strict=True,
-        ):
+        for J, M, inverse, W in motion.instants:
             tracked, J_W = inverse @ J, J @ W.T
             null = np.eye(n) - tracked
             N = W @ null @ D @ null @ W.T

@@ -339,13 +339,7 @@ class Separation(Law):
         The null space follows its reference motion, which feels nothing of it.
         """
         found = []
-        for J, M, inverse, W in zip(
-            motion.jacobians,
-            motion.mass_matrices,
-            motion.right_inverses,
-            motion.unit_masses,
-            strict=True,
-        ):
+        for J, M, inverse, W in motion.instants:
             D, tracked = W @ self._limited(M) @ W.T, W @ M @ inverse @ J @ W.T
             null = self.posture.frequency * (np.eye(len(M)) - tracked)
             found.append(Feedback(self.alpha * D @ tracked, D + self.alpha * tracked, null, D))

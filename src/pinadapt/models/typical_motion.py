@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
@@ -113,6 +114,12 @@ class TypicalMotion:
     def right_inverses(self) -> np.ndarray:
         """J^+ (N, n, m) at each state, without directions that J hardly moves."""
         return np.linalg.pinv(self.jacobians, rcond=_SINGULAR)
+
+    @property
+    def instants(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """J (m, n), M (n, n), J^+ (n, m) and W (n, n), see ``unit_masses``, at each state."""
+        inverses, units = self.right_inverses, self.unit_masses
+        return zip(self.jacobians, self.mass_matrices, inverses, units, strict=True)
 
     @property
     def acceleration_effects(self) -> list[np.ndarray]:
