@@ -102,8 +102,8 @@ def _pyramid(contact: Contact) -> np.ndarray:
     """Return the rows (., 3 or 6) that are positive for possible forces of a contact.
 
     Of a sole also those of its centre of pressure, and of the torque about its normal: friction at
-    a quarter of half the length and half the width together. That is a quarter to a third of what its
-    corners bear by themselves, as they bear forces along the ground too.
+    a quarter of the sum of half the length and half the width. That is a quarter to a third of what
+    the corners bear by themselves, as they bear forces along the ground too.
     """
     mu = contact.friction / np.sqrt(2.0)  # the pyramid inside of the cone
     rows = [[0.0, 0.0, 1.0]]
