@@ -6,9 +6,10 @@ coefficients known and adapted, all under natural adaptation. The last row is th
 memory of all torques, beside natural adaptation of the same parameters. The floor is the sequence
 of raw calls, listed by name, with the arguments prepared: forward kinematics and Jacobian at the
 estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor; for separation
-the Jacobian's variation and the two regressors of which that of Slotine and Li is made. Step and
-floor run alternately in one process, so that both have the same state of caches and clock; the
-ratio is the median over pairs. The step is one of an arm that has moved.
+the Jacobian's variation, the two regressors of which that of Slotine and Li is made, and CRBA, as
+K_D is bounded by the mass matrix. Step and floor run alternately in one process, so that both have
+the same state of caches and clock; the ratio is the median over pairs. The step is one of an arm
+that has moved.
 
 The memory is timed along a motion, as it solves for an estimate at some of the samples only: two
 loops run alternately, a sample each. The mean is that of the medians of the two kinds of steps,
@@ -98,6 +99,7 @@ def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str = LAW) -
             ),
             "computeJointTorqueRegressor": regressor,
             "computeJointTorqueRegressor again": regressor,
+            "crba": lambda: pin.crba(model, data, q),  # K_D is bounded by the mass matrix
         }
     return {
         **first,

@@ -88,8 +88,6 @@ def _entry_point(
     )
     # no counting of references: an option of numba's that its documentation does not have
     counting: dict[str, Any] = {} if allocates else {"_nrt": False}
-    usual = vars(config)["OPT"]
-    vars(config)["OPT"] = type(usual)(1)  # LLVM's third level takes a third longer for no speed
     try:
         dispatcher = njit(typed, cache=True, error_model="numpy", boundscheck=True, **counting)(
             function
@@ -97,8 +95,6 @@ def _entry_point(
     except Exception:  # a cache that cannot be written, or a damaged one: errors of unpickling
         _empty_cache(function)
         dispatcher = njit(typed, error_model="numpy", boundscheck=True, **counting)(function)
-    finally:
-        vars(config)["OPT"] = usual
     if not dispatcher.stats.cache_hits and sys.stderr.isatty() and not any(map(_missed, kernels)):
         print(_NOTE, file=sys.stderr)
     kernels[f"{function.__module__}.{function.__name__}"] = dispatcher

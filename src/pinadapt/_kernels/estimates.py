@@ -129,43 +129,47 @@ def follow_geodesic(
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
     k, square = len(a) // p, 0.0
-    work, small = np.zeros((2, k, n, n)), np.empty((2, n, n))
+    P, A = np.zeros((k, n, n)), np.empty((k, n, n))
+    L, X, Y = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     for b in range(k):
-        P, A, L = work[0, b], work[1, b], small[0]
         for r in range(n):
             for s in range(n):
                 L[r, s] = 0.0
         for e in range(len(F)):
-            P[places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
+            P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for e in range(len(dual)):
             L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
                 x = 0.0
                 for t in range(n):
-                    x += P[r, t] * L[t, s]
-                A[r, s] = x
+                    x += P[b, r, t] * L[t, s]
+                A[b, r, s] = x
         for r in range(n):
             for s in range(n):
-                square += A[r, s] * A[s, r]
+                square += A[b, r, s] * A[b, s, r]
     length = h * math.sqrt(abs(square))
     h *= most / length if length > most else 1.0
     for b in range(k):
-        P, A, X = work[0, b], work[1, b], work[0, b]
+        for r in range(n):
+            for s in range(n):
+                X[r, s] = P[b, r, s]
         for order in range(4, 0, -1):  # P - h A / order X, symmetric
-            Y, share = small[order % 2], h / order
+            share = h / order
             for r in range(n):
                 for s in range(r + 1):
                     x = 0.0
                     for t in range(n):
-                        x += A[r, t] * X[t, s]
-                    Y[r, s] = Y[s, r] = P[r, s] - share * x
-            X = Y
+                        x += A[b, r, t] * X[s, t]
+                    Y[r, s] = P[b, r, s] - share * x
+            for r in range(n):
+                for s in range(r + 1):
+                    X[r, s] = X[s, r] = Y[r, s]
         for i in range(p):
             after[b * p + i] = a[b * p + i]
         for e in range(len(dual)):
             r, s = dual_places[e, 1], dual_places[e, 2]
-            after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[r, s])
+            after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[b, r, s])
 
 
 @compiled("void(f8[:], f8[:], f8[:], f8, f8, f8[:])")

@@ -181,7 +181,8 @@ class StackedDynamics(Dynamics):
         self.bodies, self.per_body = inertial.bodies, inertial.per_body
         self.translations = inertial.translations
         self._values = joints.known.copy()  # of all kinds and shafts, at the loaded estimate
-        self._n = len(joints.zero)
+        shafts = joints.tables[-1]
+        self._shafts = (shafts[:, :, None] * shafts[:, None, :]).reshape(len(shafts), -1)
         self._places = np.ravel_multi_index(joints.places, self._values.shape)
         self._values.put(self._places, joints.initial)
 
@@ -219,10 +220,8 @@ class StackedDynamics(Dynamics):
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return M (n, n), rotors included."""
-        M, rotors, n = self._inertial.mass_matrix(q), self._values[0], self._n
-        M.flat[:: n + 1] += rotors[:n]
-        for d, armature in zip(self.joints.tables[-1][n:], rotors[n:], strict=True):
-            M += armature * np.outer(d, d)
+        M = self._inertial.mass_matrix(q)
+        M += self._values[0].dot(self._shafts).reshape(M.shape)
         return M
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
