@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from numbers import Integral, Real
 from reprlib import Repr
 from types import UnionType
@@ -161,6 +162,22 @@ def whole(
         edge = f"at least {least}" if number < least else f"at most {most}"
         raise error(f"must be {edge}, got {shown(value)}.", where=name)
     return number
+
+
+def optional(module: str, extra: str, where: str, error: type[InputError] = InputError) -> Any:
+    """Return a module that only an extra of this package brings.
+
+    Raises:
+        error: it cannot be imported; the message says how it is installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as reason:
+        raise error(
+            f"{module.partition('.')[0]} is not installed ({reason}).",
+            where=where,
+            hint=f'Install it: pip install "pinadapt[{extra}]".',
+        ) from reason
 
 
 @contextmanager

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from types import ModuleType
-
 import numpy as np
 
-from ..exceptions import DivergedError, InputError, RobotError
+from .._checks import optional
+from ..exceptions import DivergedError, RobotError
 from ..robot.constraints import Contact
 from ..robot.robot import Robot
 
@@ -41,7 +40,9 @@ class ConstraintForces:
         """
         self.constraints, self._motors = robot.constrained, robot.motors
         self._contacts = [part for part in robot.constraints if isinstance(part, Contact)]
-        self._solver = _solver() if self._contacts else None
+        self._solver = (
+            optional("proxsuite.proxqp", "contacts", "contacts") if self._contacts else None
+        )
         self._limits = np.full(int(self._motors.sum()), _NONE)
         if limits is not None:
             self._limits = np.minimum(limits[self._motors], _NONE)
@@ -116,20 +117,3 @@ def _pyramid(contact: Contact) -> np.ndarray:
     for i, half in enumerate((width, length, lever)):
         rows += [[0.0, 0.0, half, *(sign * (j == i) for j in range(3))] for sign in (-1.0, 1.0)]
     return np.array(rows)
-
-
-def _solver() -> ModuleType:
-    """Return the module of the solver, imported at first use.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        from proxsuite import proxqp
-    except ImportError as error:
-        raise InputError(
-            "the solver of the contact forces, proxsuite, is not installed.",
-            where="contacts",
-            hint='Install it: pip install "pinadapt[contacts]".',
-        ) from error
-    return proxqp

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from .._checks import word
+from .._checks import optional, word
 from ..description.chain import configuration_from_angles, frame_id, is_slide, position_limits
 from ..description.urdf_writer import axis_of
 from ..exceptions import InputError
@@ -165,21 +165,7 @@ class MujocoChain(NamedTuple):
         return pin.Motion(turn @ twist[3:], turn @ twist[:3])
 
 
-def mujoco_module() -> ModuleType:
-    """Return the module mujoco, imported at first use.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise InputError(
-            "MuJoCo is not installed.",
-            where="engine",
-            hint='Install it: pip install "pinadapt[mujoco]".',
-        ) from error
-    return mujoco
+mujoco_module = partial(optional, "mujoco", "mujoco", "engine")
 
 
 def chain_of(robot: Robot) -> MujocoChain:

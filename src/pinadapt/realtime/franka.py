@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import vector
+from .._checks import optional, vector
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.changes import Payload
@@ -35,7 +35,6 @@ from .arm import Arm, ArmFacts
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
 COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
 FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
-_INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
     "FrankaArm(address, robot, recover=True), on the command line --recover."
@@ -75,17 +74,14 @@ class FrankaArm(Arm):
             InputError: pylibfranka is missing, no answer, a description of another arm, or another
                 number of thresholds.
         """
-        try:
-            import pylibfranka
-        except ImportError as error:
-            raise InputError(f"pylibfranka is missing: {error}.", hint=_INSTALL) from error
+        pylibfranka = optional("pylibfranka", "franka", "franka")
         if robot.model.nv != len(TORQUE):
             raise InputError(
                 f"a Franka has {len(TORQUE)} joints; the description has {robot.joint_names}.",
                 where="robot",
                 hint="Lock the fingers, and take a frame behind the seventh joint.",
             )
-        self._vendor: Any = pylibfranka
+        self._vendor = pylibfranka
         self._failures = (pylibfranka.FrankaException, RuntimeError)  # of which its others are
         self.address = address
         torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()

@@ -24,13 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, positive, vector, whole
+from .._checks import instance, optional, positive, vector, whole
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts
 
-_INSTALL = 'Install them: pip install "pinadapt[moteus]".'
 _MISSED = 3  # cycles without a reply after which a motor is lost
 _NOTHING = b"\x50"  # a command that does nothing, as padding
 
@@ -103,12 +102,7 @@ class MoteusArm(Arm):
             InputError: a package is missing, the bus cannot be opened, or the motors are not those
                 of the joints.
         """
-        try:
-            import can
-            import can.util
-            import moteus
-        except ImportError as error:
-            raise InputError(f"moteus or python-can is missing: {error}.", hint=_INSTALL) from error
+        can, moteus = (optional(name, "moteus", "moteus") for name in ("can", "moteus"))
         names = instance(robot, Robot, "robot").joint_names
         of = [motor.joint for motor in motors]
         if sorted(of) != sorted(names) or len({motor.id for motor in motors}) < len(names):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import positive, whole
+from .._checks import optional, positive, whole
 from .._output import Sheet, Table, percent
 from ..exceptions import InputError
 from ..simulation.simulate import watched
@@ -197,14 +197,7 @@ def _study(seed: int) -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
-        import optuna
-    except ImportError as error:
-        raise InputError(
-            "Optuna, which searches, is not installed.",
-            where="tune",
-            hint="Install it: pip install 'pinadapt[tune]'.",
-        ) from error
+    optuna = optional("optuna", "tune", "tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
 
