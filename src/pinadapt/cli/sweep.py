@@ -10,7 +10,7 @@ from .._output import check_writable
 from ..exceptions import InputError
 from ..rollout.summary import sheet
 from ..sweep.cases import COPY, METHODS, Plan
-from ..sweep.execution import ScenarioWork, claimed, run_plan, work_of
+from ..sweep.execution import claimed, run_plan, scenario_of, work_of
 from ..sweep.table import CaseTable, read
 from .command_line import (
     DONE,
@@ -118,15 +118,15 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
         raise InputError(
             f"there are {len(plan.cases)} cases, from 0 to {len(plan.cases) - 1}.", where="--case"
         )
-    case, work = plan.cases[number], work_of(plan)
+    case = plan.cases[number]
     for key, value in case.values.items():
         print(f"{key} = {value}")
-    if not isinstance(work, ScenarioWork):
-        print(CaseTable([{"case": number, "seed": case.seed, **dict(work(case))}]))
+    if plan.scenario is None:
+        print(CaseTable([{"case": number, "seed": case.seed, **work_of(plan)(case)}]))
         return DONE
     place = folder / f"case-{number}"
     check_writable(place, RUN_FILES)
-    rollout = work.scenario(case).run()
+    rollout = scenario_of(plan.scenario, plan.folder, case).run()
     write_run(rollout, place, html=True)
     print(f"{sheet(rollout, rollout.numbers)}\n\nwritten to {place}\n\n{rollout.verdict}")
     return status_of(rollout)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .._checks import optional
@@ -40,9 +42,9 @@ class ConstraintForces:
         """
         self.constraints, self._motors = robot.constrained, robot.motors
         self._contacts = [part for part in robot.constraints if isinstance(part, Contact)]
-        self._solver = (
-            optional("proxsuite.proxqp", "contacts", "contacts") if self._contacts else None
-        )
+        self._solver: Any = None
+        if self._contacts:
+            self._solver = optional("proxsuite", "contacts", "contacts").proxqp
         self._limits = np.full(int(self._motors.sum()), _NONE)
         if limits is not None:
             self._limits = np.minimum(limits[self._motors], _NONE)

@@ -35,10 +35,11 @@ from .._output import read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..scenario.scenario import described_robot
-from ..scenario.tables import at_folder, made, parts, put, setting, toml_value, with_values
+from ..scenario.tables import at_folder, made, parts, setting, toml_value, with_values
 from .table import flat, plain
 
 METHODS = ("random", "lhs", "sobol")
+DISTRIBUTIONS = ("uniform", "loguniform", "normal")
 COPY = "sweep.toml"
 SUCCESS = "follows"
 _HINT = (
@@ -108,13 +109,13 @@ class Values:
     @property
     def shape(self) -> tuple[int, ...]:
         """(n) where n numbers are drawn, () for a single value."""
-        return np.shape(self.arguments[0]) if self.kind in _DISTRIBUTIONS else ()
+        return np.shape(self.arguments[0]) if self.kind in DISTRIBUTIONS else ()
 
     def at(self, u: np.ndarray) -> Any:
         """Return the value at the quantiles u (n), or (1) for a single one."""
         if self.kind == "choice":
             return self.arguments[int(u[0] * len(self.arguments))]  # u < 1
-        found = _DISTRIBUTIONS[self.kind](*self.arguments, u).tolist()
+        found = _quantile(self.kind, *self.arguments, u).tolist()
         return found if self.shape else found[0]
 
     def by_joint(self, names: tuple[str, ...]) -> Values:
@@ -127,7 +128,7 @@ class Values:
         if key == self.key:
             return self
         arguments = self.arguments
-        if self.kind in _DISTRIBUTIONS:
+        if self.kind in DISTRIBUTIONS:
             if self.shape not in ((), (len(names),)):
                 raise InputError(f"has a number for each of {len(names)} joints.", where=self.key)
             arguments = tuple(np.broadcast_to(bound, len(names)) for bound in arguments)
@@ -143,26 +144,16 @@ class Values:
         return value
 
 
-def _uniform(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
-    return np.asarray(a + u * (b - a))
-
-
-def _loguniform(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
-    return np.asarray(np.exp(_uniform(np.log(a), np.log(b), u)))
-
-
-def _normal(mean: np.ndarray, deviation: np.ndarray, u: np.ndarray) -> np.ndarray:
+def _quantile(kind: str, low: np.ndarray, high: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Return the quantiles u of a distribution; of a normal one low and high are its moments."""
+    if kind == "uniform":
+        return low + u * (high - low)
+    if kind == "loguniform":
+        return np.exp(_quantile("uniform", np.log(low), np.log(high), u))
     from scipy.special import ndtri
 
     edge = np.finfo(float).epsneg  # at 0 and 1 it is infinite
-    return np.asarray(mean + deviation * ndtri(np.clip(u, edge, 1.0 - edge)))
-
-
-_DISTRIBUTIONS: dict[str, Callable[..., np.ndarray]] = {
-    "uniform": _uniform,
-    "loguniform": _loguniform,
-    "normal": _normal,
-}
+    return low + high * np.asarray(ndtri(np.clip(u, edge, 1.0 - edge)))
 
 
 def _parsed(text: str) -> tuple[str, list[Any]]:
@@ -184,7 +175,7 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     low, high = np.broadcast_arrays(*given)
     least = 0.0 if kind == "normal" else low
     possible = np.isfinite([low, high]).all() and (least < high).all()
-    if kind not in _DISTRIBUTIONS or not possible or (kind == "loguniform" and low.min() <= 0.0):
+    if kind not in DISTRIBUTIONS or not possible or (kind == "loguniform" and low.min() <= 0.0):
         raise ValueError
     return kind, [low.astype(float), high.astype(float)]
 
@@ -313,9 +304,7 @@ class Plan:
         tables = dict(tables)
         fixed, listed = tables.pop("set", {}), tables.get("case", [])
         if "scenario" in tables:
-            tables["scenario"] = deepcopy(dict(tables["scenario"]))
-            for key, value in fixed.items():
-                put(tables["scenario"], key, value)
+            tables["scenario"] = with_values(deepcopy(dict(tables["scenario"])), fixed)
             listed = [flat(case) for case in listed]
         elif fixed:
             listed = [fixed | case for case in listed or [{}]]

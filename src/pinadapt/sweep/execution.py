@@ -6,7 +6,6 @@ case that raises, diverges, hangs, or takes its process with it, is a row with i
 
 from __future__ import annotations
 
-import importlib
 import os
 import pickle
 import signal
@@ -16,13 +15,21 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from inspect import signature
+from itertools import islice, starmap
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from types import FrameType
@@ -64,50 +71,30 @@ Ended = tuple[Case, "Future[Row]"]
 # --- what is run ---
 
 
-@dataclass(frozen=True)
-class ScenarioWork:
-    """A scenario, run with other values.
+def scenario_of(tables: Mapping[str, Any], folder: str, case: Case) -> Scenario:
+    """Return the scenario of a case; its ``simulation.seed`` is the case's, unless varied.
 
-    Attributes:
-        raw: its tables.
-        folder: to which its paths are relative.
+    Raises:
+        InputError: the values cannot be used.
     """
-
-    raw: Mapping[str, Any]
-    folder: str
-
-    def scenario(self, case: Case) -> Scenario:
-        """Return the scenario of a case; its ``simulation.seed`` is the case's, unless varied.
-
-        Raises:
-            InputError: the values cannot be used.
-        """
-        values = {"simulation.seed": case.seed, **case.values}
-        return Scenario.build(with_values(deepcopy(dict(self.raw)), values), Path(self.folder))
-
-    def __call__(self, case: Case) -> Mapping[str, Any]:
-        """Return the numbers of a case."""
-        return numbers_of(self.scenario(case).run(progress=False))
+    values = {"simulation.seed": case.seed, **case.values}
+    return Scenario.build(with_values(deepcopy(dict(tables)), values), Path(folder))
 
 
-@dataclass(frozen=True)
-class FunctionWork:
-    """A function of the values of a case, and of its seed where it has an argument ``seed``.
+def run_scenario(tables: Mapping[str, Any], folder: str, case: Case) -> Mapping[str, Any]:
+    """Return the numbers of a case of a scenario, whose paths are relative to a folder."""
+    return numbers_of(scenario_of(tables, folder, case).run(progress=False))
 
-    Attributes:
-        function: it, or "module:name".
-        path: folder in which the module is, which workers import it from; empty: installed.
+
+def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> Mapping[str, Any]:
+    """Return what a function, or "module:name" in a folder, returns for the values of a case.
+
+    It gets the seed too, if it has an argument ``seed``. What is no table is called "result".
     """
-
-    function: Callable[..., Any] | str
-    path: str = ""
-
-    def __call__(self, case: Case) -> Mapping[str, Any]:
-        """Return what the function returns; what is no table is called "result"."""
-        function = resolved(self.function, self.path)
-        seed = {"seed": case.seed} if "seed" in signature(function).parameters else {}
-        found = function(**{**seed, **case.values})
-        return found if isinstance(found, Mapping) else {"result": found}
+    function = resolved(function, path)
+    seed = {"seed": case.seed} if "seed" in signature(function).parameters else {}
+    found = function(**{**seed, **case.values})
+    return found if isinstance(found, Mapping) else {"result": found}
 
 
 def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[..., Any]:
@@ -122,7 +109,7 @@ def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[...
     if path and path not in sys.path:
         sys.path.insert(0, path)
     try:
-        found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+        found: Callable[..., Any] = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"cannot be imported: {error}.",
@@ -133,16 +120,17 @@ def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[...
     return found
 
 
-def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
+def work_of(plan: Plan) -> Work:
     """Return what a sweep runs for each case.
 
     Raises:
         InputError: a function cannot be imported.
     """
-    if plan.function is None:
-        return ScenarioWork(plan.scenario or {}, plan.folder)
-    resolved(plan.function, plan.path)
-    return FunctionWork(plan.function, plan.path)
+    if plan.scenario is not None:
+        return partial(run_scenario, plan.scenario, plan.folder)
+    function: Any = plan.function
+    resolved(function, plan.path)
+    return partial(run_function, function, plan.path)
 
 
 # of ``summary.json``
@@ -250,83 +238,57 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-@contextmanager
-def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Yield new processes, which end with the block, whatever they do then.
+def _in_own_process(own: threading.local, task: Callable[[Case], Row], case: Case) -> Row:
+    """Run a case in the process of this thread, which is started at first, and when it has died.
 
     Raises:
-        InputError: none can be started.
+        InputError: no process can be started.
+        BrokenProcessPool: the process died with the case.
     """
-    others = set(active_children())
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
     try:
-        pool.submit(os.getpid).result()
-        yield pool
-    except BrokenProcessPool as error:
-        raise InputError(
-            "no process could be started.",
-            where="executor",
-            hint='In a script, put the call below `if __name__ == "__main__":`, because every '
-            "process imports the script.",
-        ) from error
+        own.pool.submit(os.getpid).result()
+    except (AttributeError, BrokenProcessPool):
+        own.pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+        try:
+            own.pool.submit(os.getpid).result()
+        except BrokenProcessPool as error:
+            raise InputError(
+                "no process could be started.",
+                where="executor",
+                hint='In a script, put the call below `if __name__ == "__main__":`, because every '
+                "process imports the script.",
+            ) from error
+    return own.pool.submit(task, case).result()
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield threads; processes that they start end with the block, whatever they do then."""
+    others, threads = set(active_children()), ThreadPoolExecutor(count)
+    try:
+        yield threads
     finally:
+        threads.shutdown(wait=False, cancel_futures=True)
         for process in set(active_children()) - others:
             process.kill()
-        pool.shutdown(cancel_futures=True)
-
-
-def _in_processes(
-    task: Callable[[Case], Row], cases: Iterable[Case], count: int
-) -> Iterator[Ended]:
-    """Yield cases with their results as they end.
-
-    A process that dies takes its pool with it. What was in that pool runs again, each case in a
-    pool of its own, so that the one that kills its process is known.
-    """
-    coming = iter(cases)
-    while True:
-        again: list[Case] = []
-        with _pool(count) as pool:
-            for case, future in _as_ended(pool, task, coming, count):
-                if isinstance(future.exception(), BrokenProcessPool):
-                    again.append(case)
-                else:
-                    yield case, future
-        if not again:
-            return
-        for case in again:
-            with _pool(1) as pool:
-                yield from _as_ended(pool, task, iter([case]), 1)
 
 
 def _as_ended(
-    executor: Executor, task: Callable[[Case], Row], coming: Iterator[Case], ahead: int
+    executor: Executor, task: Callable[[Case], Row], cases: Iterable[Case], ahead: int
 ) -> Iterator[Ended]:
-    """Yield cases with their results as they end, until there are no more or the pool is broken."""
-    running: dict[Future[Row], Case] = {}
-    broken = False
+    """Yield cases with their results as they end; so many are given to the executor at a time."""
+    coming, running = iter(cases), dict[Future[Row], Case]()
     try:
         while True:
-            while not broken and len(running) < ahead and (case := next(coming, None)) is not None:
-                running[_submitted(executor, task, case)] = case
+            for case in islice(coming, ahead - len(running)):
+                running[executor.submit(task, case)] = case
             if not running:
                 return
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                broken = broken or isinstance(future.exception(), BrokenProcessPool)
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
                 yield running.pop(future), future
     finally:
         for future in running:
             future.cancel()
-
-
-def _submitted(executor: Executor, task: Callable[[Case], Row], case: Case) -> Future[Row]:
-    try:
-        return executor.submit(task, case)
-    except BrokenProcessPool as error:  # a process died while it had nothing to do
-        future: Future[Row] = Future()
-        future.set_exception(error)
-        return future
 
 
 # --- all cases ---
@@ -359,17 +321,18 @@ def rows(
         if isinstance(executor, Executor):
             # two cases for each worker: with one it would wait for the next
             ahead = 2 * getattr(executor, "_max_workers", cores())
-            ended = _as_ended(executor, task, iter(cases), ahead)
-        else:
-            ended = _in_processes(task, cases, executor or cores())
-        for case, future in ended:
-            yield _row(case, future)
+            yield from starmap(_row, _as_ended(executor, task, cases, ahead))
+            return
+        count = executor or cores()
+        with _threads(count) as threads:
+            own = partial(_in_own_process, threading.local(), task)
+            yield from starmap(_row, _as_ended(threads, own, cases, count))
 
 
 def _row(case: Case, future: Future[Row]) -> Row:
     """Return the row of a case that has ended, or was lost with its process."""
     error = future.exception()
-    if error is None:
+    if error is None or isinstance(error, InputError):  # no process can be started
         return future.result()
     reason = f"lost by the executor: {type(error).__name__}: {error}"
     if isinstance(error, BrokenProcessPool):

@@ -31,7 +31,7 @@ from ..rollout.summary import ACCURATE, BETTER
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..sweep.cases import Plan
-from ..sweep.execution import FunctionWork, rows
+from ..sweep.execution import rows, work_of
 from ..sweep.table import DONE
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
@@ -242,7 +242,7 @@ def run_zoo(
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     fixed = {"law": law, "task": task, "case_seed": seed}
     plan = Plan(function=zoo_numbers, case=[{"robot": name, **fixed} for name in longest_first])
-    for row in rows(FunctionWork(zoo_numbers), plan.cases, processes):
+    for row in rows(work_of(plan), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
         yield {key: row.get(key) for key in ("robot", "law", "task", *_MEASURED, "verdict")}
