@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
 import re
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from html import escape
 from inspect import getdoc
@@ -90,10 +91,15 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         raise
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str | bytes) -> None:
     """Write a file in UTF-8, completely or not at all; lone surrogates become question marks."""
     with whole_file(path) as file:
-        file.write(text.encode("utf-8", errors="replace"))
+        file.write(text.encode("utf-8", errors="replace") if isinstance(text, str) else text)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file, completely or not at all."""
+    write_text(path, json.dumps(content, indent=2) + "\n")
 
 
 @contextmanager
@@ -203,6 +209,36 @@ class Table(NamedTuple):
         return f"{title}<table>{head}{''.join(row('td', cells) for cells in self.rows)}</table>"
 
 
+def records_table(
+    records: Sequence[Mapping[str, Any]],
+    texts: Mapping[str, str],
+    numbers: Mapping[str, tuple[str, float, int]],
+    last: str,
+) -> Table:
+    """Return a table with a row for each record; numbers that no record has are left out.
+
+    Args:
+        records: its rows.
+        texts: title -> key of the first columns.
+        numbers: title -> key, scale and digits of the columns after them.
+        last: key and title of the last column.
+    """
+    there = {
+        title: (key, scale, digits)
+        for title, (key, scale, digits) in numbers.items()
+        if any(record.get(key) is not None for record in records)
+    }
+    rows = [
+        [
+            *(str(record.get(key, "-")) for key in texts.values()),
+            *(number(record.get(key), scale=s, digits=d) for key, s, d in there.values()),
+            str(record.get(last, "")),
+        ]
+        for record in records
+    ]
+    return Table(rows, [*texts, *there, last])
+
+
 class Sheet(NamedTuple):
     """Tables below a common title.
 
@@ -260,12 +296,17 @@ def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: i
     return f"{'< ' * small}{least if small else value * scale:.{digits}f} {unit}".rstrip()
 
 
-def percent(share: float, digits: int = 2) -> str:
-    """Return a share as a percentage with some significant digits, without an exponent."""
-    value = 100.0 * share
+def short(value: float, digits: int = 3) -> str:
+    """Return a number with some significant digits, without an exponent up to a million."""
     if 0.0 < value < 1e-3:
-        return "< 0.001 %"
-    return f"{value:.0f} %" if value >= 10.0**digits else f"{float(f'{value:.{digits}g}'):g} %"
+        return "< 0.001"
+    whole = 10.0**digits <= value < 1e6
+    return f"{value:.0f}" if whole else f"{float(f'{value:.{digits}g}'):g}"
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """Return a share as a percentage with some significant digits."""
+    return f"{short(100.0 * share, digits)} %"
 
 
 def meanings(make: Callable[..., Any]) -> dict[str, str]:

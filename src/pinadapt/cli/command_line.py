@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -228,20 +228,10 @@ def add_unadapted(parser: argparse.ArgumentParser) -> None:
 
 def add_description(parser: argparse.ArgumentParser) -> None:
     """Add ``--xacro`` and ``--mass``, which complete a robot description."""
-    parser.add_argument(
-        "--xacro",
-        type=assignment,
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="an argument of a xacro file; may be repeated",
-    )
-    parser.add_argument(
-        "--mass",
-        type=float,
-        metavar="KG",
-        help="total mass of a robot that has links without inertia in its description",
-    )
+    from ..robot.loading import load
+
+    several = {"type": assignment, "action": "append", "default": [], "metavar": "NAME=VALUE"}
+    add_arguments_of(parser, load, {"xacro": several, "mass": float})
 
 
 def add_arguments_of(
@@ -252,18 +242,26 @@ def add_arguments_of(
     Args:
         parser: of the command.
         make: the class or function.
-        types: of its arguments, by name: what makes a value of a text, ``bool``, or the choices.
-            An option that is not given is None.
+        types: of its arguments, by name: what makes a value of a text, ``bool``, the choices, or
+            options of ``add_argument``. An option that is not given is None.
     """
     from .._output import meanings  # here, because commands without such options need it not
 
     about = meanings(make)
     for name, kind in types.items():
-        option: dict[str, Any] = {"choices": kind} if isinstance(kind, tuple) else {"type": kind}
-        if kind is bool:
+        option = {"choices": kind} if isinstance(kind, tuple) else {"type": kind}
+        if isinstance(kind, dict):
+            option = kind
+        elif kind is bool:
             option = {"action": "store_true", "default": None}
         words = about[name].replace("%", "%%")
         parser.add_argument(f"--{name.replace('_', '-')}", help=words, **option)
+
+
+def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+    """Return the values of those of some options that are given."""
+    values = {name: getattr(options, name) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def check_new(file: Path, *, force: bool) -> None:
@@ -305,29 +303,11 @@ def assignment(text: str) -> tuple[str, str]:
     return name.strip(), value
 
 
-def at_least(least: int) -> Callable[[str], int]:
-    """Return what makes an integer of a text.
-
-    Raises:
-        ArgumentTypeError: it is too small or not an integer.
-    """
-
-    def integer(text: str) -> int:
-        number = int(text) if text.strip().lstrip("+-").isdecimal() else least - 1
-        if number < least:
-            raise argparse.ArgumentTypeError(
-                f"a whole number of at least {least} is expected, got {text}"
-            )
-        return number
-
-    return integer
-
-
 def add_processes(parser: argparse.ArgumentParser) -> None:
     """Add ``--processes``."""
     parser.add_argument(
         "--processes",
-        type=at_least(0),
+        type=int,
         metavar="N",
         help="number of processes, 0 for none besides this one (default: one per core)",
     )

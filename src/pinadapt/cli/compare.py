@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import warnings
 from pathlib import Path
 
-from .._output import check_writable, one_run, write_text
+from .._output import check_writable, one_run, write_json
 from ..description.catalogue import robots_folder
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
@@ -71,7 +70,7 @@ def compare(options: argparse.Namespace) -> int:
                     break
             (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
             summaries = [rollout.summary() for rollout in rollouts]
-            write_text(beside / TABLE, json.dumps(summaries, indent=2) + "\n")
+            write_json(beside / TABLE, summaries)
     finally:
         print(comparison_table(rollouts))
     print(f"\nwritten to {folder}")

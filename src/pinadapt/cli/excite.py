@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import tomlkit
 
@@ -22,8 +21,8 @@ from ..tuning.unknowns import Unknown
 from .command_line import (
     add_arguments_of,
     add_out_file,
-    at_least,
     check_new,
+    given,
     names,
 )
 from .init import warn_of_findings
@@ -32,7 +31,7 @@ _SCENARIO = ".toml"
 _SEARCH = {
     **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
     "srdf": Path,
-    "seed": at_least(0),
+    "seed": int,
 }
 
 
@@ -55,11 +54,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help="unknown joint coefficients: armature, viscous, coulomb, all or none (default: all)",
     )
-    parser.add_argument(
-        "--frame",
-        metavar="LINK",
-        help="end of the chain (default: the likeliest link at the robot's end)",
-    )
+    add_arguments_of(parser, load, {"frame": str})
     add_arguments_of(parser, find, _SEARCH)
     add_out_file(parser, "the robot's name and _excited.toml")
 
@@ -97,7 +92,7 @@ def _of_scenario(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     if controller.nominal is not None:  # collisions are checked with the shapes
         unloaded = replace(controller.nominal.unloaded, drawn=drawn)
         controller.nominal = replace(controller.nominal, unloaded=unloaded)
-    return read_toml(path), find(controller, **_found(options))
+    return read_toml(path), find(controller, **given(options, _SEARCH))
 
 
 def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
@@ -119,13 +114,7 @@ def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
             "effects": list(unknown.effects),
         },
     }
-    return tables, find(robot, unknown=unknown, **_found(options))
-
-
-def _found(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the search that are given."""
-    given = {name: getattr(options, name) for name in _SEARCH}
-    return {name: value for name, value in given.items() if value is not None}
+    return tables, find(robot, unknown=unknown, **given(options, _SEARCH))
 
 
 def _words(names: Sequence[str]) -> str | list[str]:

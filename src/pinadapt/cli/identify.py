@@ -40,7 +40,7 @@ _SCENARIO = ".toml"
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``identify``."""
     _add_log_and_robot(parser)
-    parser.add_argument("--task", metavar="TASK", help="xyz, xy, xz, yz, pose or joint")
+    add_arguments_of(parser, load, {"task": str})
     for option, what in (
         (
             "--kinematic",
@@ -66,21 +66,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default="natural-memory",
         help="adaptation of the online estimator (default: %(default)s)",
     )
-    parser.add_argument(
-        "--test",
-        type=Path,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="LOG",
-        help="logs whose torques are predicted, in place of the last quarter",
-    )
-    parser.add_argument(
-        "--empty",
-        type=Path,
-        metavar="LOG",
-        help="a log of the arm without its load: the load is the difference to it",
-    )
+    several = {"type": Path, "nargs": "+", "action": "extend", "default": [], "metavar": "LOG"}
+    add_arguments_of(parser, identify_log, {"test": several, "empty": Path})
     parser.add_argument(
         "--compare",
         type=Path,
@@ -114,14 +101,7 @@ def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
         help="placements: base, joints, tool, names of joints; or offsets, of the encoders alone "
         "(default: base,joints,tool)",
     )
-    parser.add_argument(
-        "--tracker",
-        action="store_true",
-        help=(
-            "x is in the axes of a tracker at an unknown pose (default: in those of the "
-            "robot's base)"
-        ),
-    )
+    add_arguments_of(parser, calibration.calibrate, {"tracker": {"action": "store_true"}})
     _add_import_options(parser)
     add_description(parser)
     add_out(parser, "out/ and the log's name and -calibrated")
@@ -143,7 +123,7 @@ def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
         metavar="ROBOT",
         help="URDF, xacro or MJCF file, a name as for `init`, or a scenario: its initial model",
     )
-    parser.add_argument("--frame", metavar="LINK", help="task frame (default: as for `init`)")
+    add_arguments_of(parser, load, {"frame": str})
     parser.add_argument(
         "--lock",
         type=names,

@@ -22,7 +22,6 @@ from .command_line import (
     add_scenario,
     add_settings,
     add_unadapted,
-    at_least,
     status_of,
 )
 
@@ -81,7 +80,7 @@ def view_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
     parser.add_argument(
         "--attach",
-        type=at_least(1),
+        type=int,
         metavar="PORT",
         help="show a running `pinadapt drive` of this scenario, which prints its port",
     )

@@ -19,10 +19,18 @@ from .command_line import (
     add_out,
     add_processes,
     add_scenario,
-    at_least,
+    given,
     status_of,
 )
 from .run import RUN_FILES, write_run
+
+_OWN = {
+    **dict.fromkeys(("samples", "repeat"), int),
+    "method": METHODS,
+    "seed": int,
+    "timeout": float,
+    "success": str,
+}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,14 +49,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUES",
         help="a dotted key of the scenario and its values; several keys are combined",
     )
-    types = {
-        **dict.fromkeys(("samples", "repeat"), at_least(1)),
-        "method": METHODS,
-        "seed": at_least(0),
-        "timeout": float,
-        "success": str,
-    }
-    add_arguments_of(parser, Plan, types)
+    add_arguments_of(parser, Plan, _OWN)
     add_processes(parser)
     parser.add_argument(
         "--column", default="", metavar="NAME", help="the result in ranking and figures"
@@ -59,7 +60,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="with --resume, run what crashed, failed or took too long again",
     )
-    parser.add_argument("--case", type=at_least(0), metavar="N", help="run one case alone")
+    parser.add_argument("--case", type=int, metavar="N", help="run one case alone")
     parser.add_argument("--force", action="store_true", help="remove another sweep in the folder")
     add_out(parser, "out/ and the file's name and -sweep")
 
@@ -70,13 +71,13 @@ def sweep(options: argparse.Namespace) -> int:
     A folder in place of a file: with ``--resume`` its missing cases are run, with ``--case`` one of
     them alone, else its report is made anew.
     """
-    given: Path = options.scenario
+    path: Path = options.scenario
     plan, folder = _plan(options)
     if options.case is not None:
         return _alone(plan, options.case, folder)
-    if given.is_dir() and not (options.resume or options.retry):
+    if path.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    if not given.is_dir():
+    if not path.is_dir():
         claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
     try:
         table = run_plan(plan, options.processes, folder, retry=options.retry)
@@ -97,12 +98,10 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
         InputError: a folder holds no sweep, or something is varied that the folder has fixed.
     """
     path: Path = options.scenario
-    names = ("samples", "method", "repeat", "seed", "timeout", "success")
-    own = {name: getattr(options, name) for name in names}
     if not path.is_dir():
-        plan = Plan.read(path, options.vary, options.set, **own)
+        plan = Plan.read(path, options.vary, options.set, **given(options, _OWN))
         return plan, options.out or Path("out") / f"{path.stem}-sweep"
-    fixed = [name for name in (*names, "vary", "set") if getattr(options, name) not in (None, [])]
+    fixed = [name for name, value in given(options, (*_OWN, "vary", "set")).items() if value != []]
     if fixed:
         raise InputError(
             f"{', '.join(fixed)}: the folder holds a sweep, which says this.",
@@ -114,7 +113,7 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
 
 def _alone(plan: Plan, number: int, folder: Path) -> int:
     """Run one case in this process: of a scenario with all outputs, of a function with its row."""
-    if number >= len(plan.cases):
+    if not 0 <= number < len(plan.cases):
         raise InputError(
             f"there are {len(plan.cases)} cases, from 0 to {len(plan.cases) - 1}.", where="--case"
         )

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .._output import Table, check_writable, write_text
+from .._output import check_writable, records_table, write_json
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
-from ..zoo.experiment import CONVERGED, POSE, run_zoo, zoo_names
-from .command_line import DONE, INTERRUPTED, add_out, add_processes, at_least, names
+from ..tasks.task import DISPLAYS
+from ..zoo.experiment import CONVERGED, run_zoo, zoo_names
+from .command_line import DONE, INTERRUPTED, add_out, add_processes, names
 
 TABLE = "zoo.json"
 
@@ -47,7 +46,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed",
-        type=at_least(0),
+        type=int,
         default=0,
         metavar="N",
         help="random seed of friction, tools and model errors (default: %(default)s)",
@@ -74,7 +73,7 @@ def zoo(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         status = INTERRUPTED
     rows.sort(key=lambda row: names.index(row["robot"]))
-    write_text(folder / TABLE, json.dumps(rows, indent=2) + "\n")
+    write_json(folder / TABLE, rows)
     converged = sum(row["verdict"] == CONVERGED for row in rows)
     print(zoo_table(rows))
     print(f"\n{converged} of {len(rows)} converged; written to {folder / TABLE}")
@@ -83,34 +82,15 @@ def zoo(options: argparse.Namespace) -> int:
     return status
 
 
-_COLUMNS = {  # key -> title
-    "radius": "radius [m]",
-    "unadapted": "unadapted [mm]",
-    "adapted": "adapted [mm]",
-    "unadapted_angle": "unadapted [deg]",
-    "adapted_angle": "adapted [deg]",
-    "min_eig_M_hat": "min eig M_hat",
-    "min_singular_J_hat": "min sing J_hat",
-}
-
-
 def zoo_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a row for each robot; errors are the largest of the last 10 % of the duration."""
-    posed = any(row.get("task") == POSE for row in rows)
-    titles = {key: title for key, title in _COLUMNS.items() if posed or "angle" not in key}
-    cells = [
-        [
-            row["robot"],
-            str(row.get("joints") or "-"),
-            *(_shown(row.get(key), title) for key, title in titles.items()),
-            row.get("verdict", ""),
-        ]
-        for row in rows
-    ]
-    return str(Table(cells, ["robot", "joints", *titles.values(), "verdict"]))
-
-
-def _shown(value: float | None, title: str) -> str:
-    """Return a number in SI units in the unit of its column."""
-    scale = 1e3 if "[mm]" in title else 180.0 / math.pi if "[deg]" in title else 1.0
-    return "-" if value is None else f"{scale * value:.3g}"
+    columns = {
+        "radius [m]": ("radius", 1.0, 3),
+        "unadapted [mm]": ("unadapted", 1e3, 3),
+        "adapted [mm]": ("adapted", 1e3, 3),
+        "unadapted [deg]": ("unadapted_angle", DISPLAYS["rad"].scale, 3),
+        "adapted [deg]": ("adapted_angle", DISPLAYS["rad"].scale, 3),
+        "min eig M_hat": ("min_eig_M_hat", 1.0, 5),
+        "min sing J_hat": ("min_singular_J_hat", 1.0, 5),
+    }
+    return str(records_table(rows, {"robot": "robot", "joints": "joints"}, columns, "verdict"))

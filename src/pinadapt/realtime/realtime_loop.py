@@ -99,7 +99,7 @@ class Scheduling:
                     former = os.sched_getscheduler(0), os.sched_getparam(0)
                     back.callback(os.sched_setscheduler, 0, *former)
                     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
-            except (OSError, AttributeError) as error:
+            except (OSError, ValueError, OverflowError, AttributeError) as error:
                 notes.append(
                     f"no core of its own or real-time priority ({error}): other programs will make "
                     "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "

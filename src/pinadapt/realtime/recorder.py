@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._checks import whole
 from .._output import read_as_data
 from .._version import __version__
 from ..exceptions import InputError, LogError, PinadaptError
@@ -134,6 +135,8 @@ class Recorder:
         """
         tick, kinematics = tick_of(controller), controller.kinematics
         self.path, self.trouble = Path(path), ""
+        if port is not None:
+            whole(port, "port", 0, most=2**16 - 1)
         server = None if port is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             if server is not None:
@@ -389,6 +392,7 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
     Raises:
         InputError: no loop answers there, or the command is refused.
     """
+    whole(port, "port", 1, most=2**16 - 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.settimeout(timeout)
         try:

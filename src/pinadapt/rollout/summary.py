@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._output import Sheet, Table, percent, read_as_data, whole_file, write_text
+from .._output import Sheet, Table, percent, read_as_data, short, whole_file, write_json
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
@@ -131,7 +131,7 @@ def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
 
 def _size(value: float | None, shown: Display) -> str:
     """Return a number in the unit in which it is shown, a dash for None."""
-    return "-" if value is None else f"{_short(shown.scale * value)} {shown.unit}".rstrip()
+    return "-" if value is None else f"{short(shown.scale * value)} {shown.unit}".rstrip()
 
 
 def _prediction_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
@@ -168,7 +168,7 @@ def save(run: Recording, numbers: Callable[[], dict[str, Any]], folder: Path) ->
         arrays = {name: getattr(run, name) for name in names}
         with whole_file(folder / "rollout.npz") as file:
             np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
-    write_text(folder / "summary.json", json.dumps(numbers(), indent=2) + "\n")
+    write_json(folder / "summary.json", numbers())
 
 
 def load(folder: Path, kind: type[Run]) -> Run:
@@ -250,8 +250,8 @@ def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
     if run.slowed:
         longest = max(run.slowed, key=lambda each: each.end - each.start)
         parts.append(
-            f"path slowed {len(run.slowed)} times, longest from {_short(longest.start)} to "
-            f"{_short(longest.end)} s by {longest.cause}"
+            f"path slowed {len(run.slowed)} times, longest from {short(longest.start)} to "
+            f"{short(longest.end)} s by {longest.cause}"
         )
     parts.append(str(run.limits))
     if found is not None and run.diverged is None:
@@ -280,7 +280,7 @@ def _error(run: Recording, numbers: dict[str, Any]) -> str:
     if run.unadapted and error:
         times = run.unadapted / error
         better = times * BETTER > 1.0
-        ratio = f"{_short(times, 2)} times less than" if better else f"{percent(1.0 / times)} of"
+        ratio = f"{short(times, 2)} times less than" if better else f"{percent(1.0 / times)} of"
         text += f", {ratio} the {_size(run.unadapted, shown)} without adaptation"
     return text
 
@@ -298,11 +298,3 @@ def ringing_words(ringing: Ringing, law: str) -> str:
         "of its rms: declare the motors' delay or the joints' stiffness (limits.actuators), or "
         f"{slower}"
     )
-
-
-def _short(value: float, digits: int = 3) -> str:
-    """Return a number with some significant digits, without an exponent up to a million."""
-    if 0.0 < value < 1e-3:
-        return "< 0.001"
-    whole = 10.0**digits <= value < 1e6
-    return f"{value:.0f}" if whole else f"{value:.{digits}g}"

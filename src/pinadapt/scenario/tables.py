@@ -249,13 +249,22 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
 
 
 def with_values(tables: Tables, values: Mapping[str, Any]) -> Tables:
-    """Return tables after writing values by dotted keys into them.
+    """Return tables after writing values by dotted keys into them; tables of a list are numbered.
 
     Raises:
         ScenarioError: a key has an empty part, or a part of it is not a table.
     """
     for key, value in values.items():
-        put(tables, key, value)
+        table: Any = tables
+        *way, last = names = key.split(".")
+        for part in way:
+            if isinstance(table, list) and part.isdigit() and int(part) < len(table):
+                table = table[int(part)]
+            else:
+                table = table.setdefault(part, {}) if isinstance(table, dict) else None
+        if not all(names) or not isinstance(table, dict):
+            raise ScenarioError(f"'{key}' is not the key of a table.", where="--set")
+        table[last] = value
     return tables
 
 
@@ -274,24 +283,6 @@ def setting(text: str, where: str = "--set") -> tuple[str, Any]:
     return key, found
 
 
-def put(tables: Tables, key: str, value: Any) -> None:
-    """Write one value into tables, by its dotted key; tables of a list are numbered, from 0.
-
-    Raises:
-        ScenarioError: the key has an empty part, or a part of it is not a table.
-    """
-    table: Any = tables
-    *way, last = names = key.split(".")
-    for part in way:
-        if isinstance(table, list) and part.isdigit() and int(part) < len(table):
-            table = table[int(part)]
-        else:
-            table = table.setdefault(part, {}) if isinstance(table, dict) else None
-    if not all(names) or not isinstance(table, dict):
-        raise ScenarioError(f"'{key}' is not the key of a table.", where="--set")
-    table[last] = value
-
-
 def toml_value(text: str) -> Any:
     """Return the value of a TOML expression; text that is not TOML is taken as a string."""
     try:
@@ -303,12 +294,7 @@ def toml_value(text: str) -> Any:
 
 
 def at_folder(tables: Tables, folder: Path) -> Tables:
-    """Return tables with the paths in them relative to a folder made absolute or usable here."""
-    return moved(tables, lambda name: str(folder / name))
-
-
-def moved(tables: Tables, move: Callable[[str], str]) -> Tables:
-    """Return a copy of tables with another path wherever they name a file."""
+    """Return a copy of tables with the paths in them, relative to a folder, usable here."""
     found = deepcopy(tables)
     for path in _PATHS:
         *way, last = path.split(".")
@@ -317,5 +303,5 @@ def moved(tables: Tables, move: Callable[[str], str]) -> Tables:
             table = table.get(key) if isinstance(table, Mapping) else None
         name = table.get(last) if isinstance(table, Mapping) else None
         if isinstance(name, str) and (path != "robot.source" or is_path(name)):
-            table[last] = move(name)
+            table[last] = str(folder / name)
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import textwrap
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, cos, sin
@@ -25,7 +25,7 @@ from ..laws.law import NAMES, SYMBOLS
 from ..models.joint_effects import typical_coefficients
 from ..robot.loading import JOINT, load
 from ..robot.robot import Robot
-from ..robot.workspace import JointSwing, WorkspaceCircle, find_circle, find_swing
+from ..robot.workspace import TOOL_ERROR, JointSwing, WorkspaceCircle, find_circle, find_swing
 from ..tasks.frame import IMAGE, pinhole_camera
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_controller
@@ -33,10 +33,8 @@ from ..tuning.unknowns import Unknown
 from .tables import KEYS, MOTIONS
 
 # The unknown of the example, which users replace: half or twice is an easier or a harder one.
-_SHARE = 0.05  # length of the tool, relative to the reach; mass of the payload, to the moving mass
-_FRICTION = 0.5  # relative to what is typical for a robot of this size
+FRICTION = 0.5  # relative to what is typical for a robot of this size
 _FOCAL = 1000.0  # [pixels] of the camera; half: a picture of half the resolution
-_SHOWN = 12  # names in a comment; half: more are left out, twice: longer comments
 
 
 class View(NamedTuple):
@@ -95,7 +93,15 @@ class Template:
     ) -> Template:
         """Load a robot, with the choices of ``load`` for what is not given, and find a motion.
 
-        A law of joint space gets the joint task.
+        Args:
+            source: a path or a name of a robot.
+            frame: task frame (default: the likeliest link at the robot's end).
+            task: xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: xyz,
+                or a plane if the chain is planar).
+            xacro: arguments of a xacro file.
+            mass: of the whole robot [kg], if links are described without inertia.
+            law: an adaptive law, those of joint space get the task joint (default: separation).
+            tracker: whether x is measured in the axes of an uncalibrated tracker.
 
         Raises:
             RobotError: as ``load``, ``find_circle`` and ``find_swing``.
@@ -141,7 +147,7 @@ class Template:
         frame, out = robot.placement(robot.q0), np.zeros(3)
         place = robot.frame_task.place if robot.task.positions else slice(None)
         out[place] = frame.translation[place]
-        length = _SHARE * robot.reach
+        length = TOOL_ERROR * robot.reach
         tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
         return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
@@ -225,9 +231,9 @@ class Template:
 
     def _truth(self) -> dict[str, Any]:
         robot = self.robot
-        mass, radius = _SHARE * robot.mass, _SHARE * robot.reach
+        mass, radius = TOOL_ERROR * robot.mass, TOOL_ERROR * robot.reach
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
-        _, viscous, coulomb = _FRICTION * typical_coefficients(robot)
+        _, viscous, coulomb = FRICTION * typical_coefficients(robot)
         found: dict[str, Any] = {}
         if robot.task.positions:
             found["tool_translation"] = _numbers(self.tool)
@@ -274,8 +280,8 @@ class Template:
         """Return what the robot adds to the meaning of keys."""
         robot = self.robot
         return {
-            "robot.frame": f"Other ends of chains: {_names(robot.ends)}.",
-            "robot.locked": f"Always locked, off the chain: {_names(robot.locked)}.",
+            "robot.frame": f"Other ends of chains: {', '.join(robot.ends) or 'none'}.",
+            "robot.locked": f"Always locked, off the chain: {', '.join(robot.locked) or 'none'}.",
             "robot.q0": f"Joints: {', '.join(robot.joint_names)}.",
         }
 
@@ -284,14 +290,15 @@ class Template:
         law: Any = self.controller.law
         for key in NAMES:
             gain = getattr(law, SYMBOLS.get(key, key), None)
-            follows = key == "Kp" and not law.units[1]  # from the other gains
-            if follows or isinstance(gain, bool) or not isinstance(gain, int | float | np.ndarray):
+            if isinstance(gain, bool) or not isinstance(gain, int | float | np.ndarray):
                 continue
-            numbers = np.asarray(gain, dtype=float)
-            if numbers.ndim == 2 and np.count_nonzero(numbers - np.diag(np.diag(numbers))):
-                continue  # a full matrix is too long for a comment
-            values = _numbers(np.diag(numbers) if numbers.ndim == 2 else numbers.flat, 3)
-            if values and np.isfinite(values).all():
+            if np.ndim(gain) == 2:
+                if np.any(gain - np.diag(np.diag(gain))):
+                    continue  # a full matrix is too long for a comment
+                gain = np.diag(gain)
+            values = _numbers(np.ravel(gain), 3)
+            follows = key == "Kp" and not law.units[1]  # from the other gains
+            if values and np.isfinite(values).all() and not follows:
                 yield key, values[0] if len(set(values)) == 1 else values
 
 
@@ -354,8 +361,3 @@ def _rounded(value: float, digits: int) -> float:
 
 def _numbers(values: Any, digits: int = 6) -> list[float]:
     return [_rounded(value, digits) + 0.0 for value in values]
-
-
-def _names(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more if names else "none"

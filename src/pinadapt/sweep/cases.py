@@ -115,7 +115,8 @@ class Values:
         """Return the value at the quantiles u (n), or (1) for a single one."""
         if self.kind == "choice":
             return self.arguments[int(u[0] * len(self.arguments))]  # u < 1
-        found = _quantile(self.kind, *self.arguments, u).tolist()
+        low, high = self.arguments
+        found = _quantile(self.kind, low, high, u).tolist()
         return found if self.shape else found[0]
 
     def by_joint(self, names: tuple[str, ...]) -> Values:

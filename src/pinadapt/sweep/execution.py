@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import mapping
+from .._checks import mapping, whole
 from .._output import check_writable, collect_seldom, read_toml
 from ..exceptions import InputError
 from ..rollout.recording import extreme
@@ -312,6 +312,8 @@ def rows(
     Raises:
         InputError: no process can be started.
     """
+    if executor is not None and not isinstance(executor, Executor):
+        executor = whole(executor, "executor", 0)
     with threadpool_limits(1, "blas"):
         if executor == 0:  # nothing is pickled: any function will do
             for case in cases:

@@ -5,7 +5,6 @@ A lost case has no number and counts as worse than any.
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Sheet, Table, html_page, percent, whole_file, write_text
+from .._output import Sheet, Table, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal
@@ -260,9 +259,8 @@ class SweepReport:
         for name in FIGURES:
             (folder / name).unlink(missing_ok=True)
         for name, drawn in self._pictures.items():
-            with whole_file(folder / name) as file:
-                file.write(drawn)
-        write_text(folder / NUMBERS, json.dumps(self.summary(), indent=2) + "\n")
+            write_text(folder / name, drawn)
+        write_json(folder / NUMBERS, self.summary())
         write_text(folder / PAGE, self.page())
 
     @cached_property
@@ -310,9 +308,8 @@ def _axes(x: str, y: str) -> tuple[Picture, Any]:
 
 
 def _classes(column: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return places (k) on an axis and the cases of each: single values, or classes of as many."""
-    distinct = np.unique(column)
-    if len(distinct) <= _CLASSES:
-        return distinct, [np.flatnonzero(column == each) for each in distinct]
-    groups = np.array_split(np.argsort(column, kind="stable"), _CLASSES)
+    """Return places (k) on an axis and the cases of each: single values, or classes of them."""
+    distinct, which = np.unique(column, return_inverse=True)
+    which = which * _CLASSES // max(len(distinct), _CLASSES)
+    groups = [np.flatnonzero(which == k) for k in np.unique(which)]
     return np.array([float(np.median(column[g])) for g in groups]), groups

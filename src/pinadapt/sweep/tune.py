@@ -60,11 +60,9 @@ class Tuned:
             [
                 words,
                 *(_amount(numbers[on][of]) for on in ("search", "validation")),
-                str(Rate(**rate)),
+                str(Rate(**numbers["success"][of])),
             ]
-            for (of, rate), words in zip(
-                numbers["success"].items(), ("defaults", "found"), strict=True
-            )
+            for of, words in {"default": "defaults", "best": "found"}.items()
         ]
         header = ["gains", "in the search", "on other seeds", "success on other seeds"]
         chosen = [(key, f"{value}") for key, value in numbers["gains"].items()]
@@ -119,30 +117,27 @@ def tune(
         rows_ = rows(work_of(plan), changed, executor, plan.timeout)
         return _judged(chosen, CaseTable(rows_), objective, share)
 
-    study = _study(plan.seed)
-    default, tried = judge({}, plan), []
+    optuna = optional("optuna", "tune", "tune")
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=plan.seed))
+    before, tried = judge({}, plan), []
     for _ in watched(range(trials), None, "tune"):
         trial = study.ask()
         tried.append(judge(_suggested(trial, found), plan))
         study.tell(trial, tried[-1].objective)
     best = min(tried, key=lambda each: each.objective)
     other = replace(plan, seed=plan.seed + 1, **more)
-    pairs = {"search": (default, best), "validation": (judge({}, other), judge(best.gains, other))}
-    words, better = verdict(*pairs["validation"])
+    default, chosen = judge({}, other), judge(best.gains, other)
+    words, better = verdict(default, chosen)
     numbers = {
         "verdict": words,
         "better": better,
         "objective": f"{share:.0%} percentile of {objective}",
-        "cases": {name: len(one.errors) for name, (one, _) in pairs.items()},
+        "cases": {"search": len(best.errors), "validation": len(chosen.errors)},
         "gains": best.gains,
-        **{
-            name: {"default": one.objective, "best": two.objective}
-            for name, (one, two) in pairs.items()
-        },
-        "success": {
-            name: each.success._asdict()
-            for name, each in zip(("default", "best"), pairs["validation"], strict=True)
-        },
+        "search": {"default": before.objective, "best": best.objective},
+        "validation": {"default": default.objective, "best": chosen.objective},
+        "success": {"default": default.success._asdict(), "best": chosen.success._asdict()},
         "trials": [{"gains": each.gains, "objective": each.objective} for each in tried],
     }
     return Tuned(numbers)
@@ -189,17 +184,6 @@ def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
             hint="Name some: controller.alpha=loguniform(5, 100).",
         )
     return found
-
-
-def _study(seed: int) -> Any:
-    """Return a search by Optuna.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    optuna = optional("optuna", "tune", "tune")
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
 
 
 def _suggested(trial: Any, gains: Mapping[str, Values]) -> dict[str, Any]:

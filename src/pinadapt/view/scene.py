@@ -8,6 +8,7 @@ import meshcat
 import numpy as np
 import pinocchio as pin
 from meshcat.geometry import Cylinder, Material, Sphere
+from scipy.spatial.transform import Rotation
 
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
@@ -124,16 +125,13 @@ class Viewpoint(NamedTuple):
             points: (N, 3) points that must be in the picture [m].
             path: (M, 3) the tool's path [m].
         """
-        front = path.mean(axis=0)
-        azimuth, elevation = np.arctan2(front[1], front[0]) - np.radians(35.0), np.radians(30.0)
-        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        level = np.array([right[1], -right[0], 0.0])
-        direction = np.cos(elevation) * level + np.sin(elevation) * np.eye(3)[2]
-        axes = np.stack([right, np.cross(direction, right), direction], axis=1)
+        azimuth = np.arctan2(*path.mean(axis=0)[1::-1]) - np.radians(35.0)
+        towards = Rotation.from_euler("ZY", [azimuth, -np.radians(30.0)]).as_matrix()
+        axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
         low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
         half = 0.5 * (high - low)
         margin = 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
-        return cls(axes @ (0.5 * (low + high)), direction, half + margin)
+        return cls(axes @ (0.5 * (low + high)), axes[:, 2], half + margin)
 
 
 class DrawnRobot:
@@ -165,9 +163,11 @@ class DrawnRobot:
 
     def place(self, motion: ChainMotion, poses: Keyframes) -> None:
         """Move all nodes to their places in a motion."""
-        for index in range(motion.joints.shape[1]):
-            poses.move_rigidly(self.joint(index), motion.joints[:, index])
-        points = [*motion.joints[:, :, :3, 3].swapaxes(0, 1), motion.tip]
+        joints = motion.joints.swapaxes(0, 1)
+        for index, place in enumerate(joints):
+            turn = Rotation.from_matrix(place[:, :3, :3])
+            poses.move(self.joint(index), place[:, :3, 3], turn)
+        points = [*joints[:, :, :3, 3], motion.tip]
         for node, start, end in self._rods:
             poses.move(node, *rod(points[start], points[end], 0.025 * self.size))
         poses.move(self.node["tip"], motion.tip)
@@ -210,30 +210,36 @@ class Scene:
         robots: the true robot, and what it changes to.
         kinematics: of the estimated robot.
         poses: moves the nodes.
+        traced: (L, 3) path of the true tip [m].
+        units: of the curves that were noted, by label.
     """
 
     def __init__(
         self,
         robots: Succession,
         kinematics: TaskKinematics,
-        motion: ChainMotion,
-        path: np.ndarray,
         t: np.ndarray,
+        q: np.ndarray,
+        x_d: np.ndarray,
+        moments: np.ndarray,
     ) -> None:
         """Draw everything that does not move, and what moves where it is at first.
 
         Args:
             robots: the true robot, and what it changes to.
             kinematics: of the estimated robot.
-            motion: places that must be in the picture.
-            path: (L, 3) desired positions of the tip [m].
-            t: (F) moments that are shown [s].
+            t: (L) times of the run [s].
+            q: (L, nq) configurations that must be in the picture, or (1, nq) the first.
+            x_d: (L, .) desired task coordinates.
+            moments: (F) that are shown [s].
         """
-        self.window, self.poses = Window(), Keyframes(t)
+        self.window, self.poses = Window(), Keyframes(moments)
         self.root = meshcat.Visualizer(window=self.window)
+        self.robots, self.kinematics, true = robots, kinematics, robots.robots[0]
+        motion = motion_in_time(robots, t[: len(q)], q)
+        self.traced, path = motion.tip, desired_tip(true, x_d, motion.tip)
         self.viewpoint = Viewpoint.of(np.vstack([motion.points, path]), path)
         self.size = size = float(self.viewpoint.box[:2].max())
-        self.robots, self.kinematics, true = robots, kinematics, robots.robots[0]
         self._solid = DrawnRobot(self.root["true"], true, size, solid(TRUE))
         self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
         if true.visual is not None and len(true.visual.geometryObjects) > 0:
@@ -261,13 +267,16 @@ class Scene:
         }
         return legend | ({"load": LOAD} if any(r.loads for r in self.robots.robots) else {})
 
-    def show(self, t: np.ndarray, q: np.ndarray, x_d: np.ndarray, a_k: np.ndarray) -> ChainMotion:
-        """Move everything to F moments and return where the true robot is.
+    def show(
+        self, t: np.ndarray, q: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
+    ) -> np.ndarray:
+        """Move everything to F moments, note the curves, and return the true tip (F, 3) [m].
 
         Args:
             t: (F) time [s].
             q: (F, nq) configurations.
-            x_d: (F, .) desired task coordinates.
+            x: (F, .) true task coordinates.
+            x_d: (F, .) desired ones.
             a_k: (F, p) estimates.
         """
         kinematics, poses, robots = self.kinematics, self.poses, self.robots.robots
@@ -280,7 +289,31 @@ class Scene:
             shown = np.where(carrying == number, 1.0, 1e-4)  # a ball too small to be seen
             scale = np.column_stack([shown] * 3)
             poses.move(self._solid.load(number), np.zeros((len(t), 3)), None, scale)
-        return motion
+        for moment, *values in zip(
+            t.round(4).tolist(), *self.curves(t, x, x_d, a_k).values(), strict=True
+        ):
+            read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
+            self.window.note(("reading", moment), reading={"t": moment, "values": read})
+        return motion.tip
+
+    def curves(
+        self, t: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Return the errors (F) of task and estimated translations, by label."""
+        robots, kinematics, curves = self.robots.robots, self.kinematics, dict[str, np.ndarray]()
+        task, self.units = robots[0].task, dict[str, str]()
+        error = np.array([task.error(*both) for both in zip(x, x_d, strict=True)])
+        for group in task.groups:
+            label = f"{group.name} error"
+            self.units[label], scale = group.shown
+            curves[label] = scale * np.linalg.norm(error[:, group.rows], axis=1)
+        truths = [kinematics.value(robot) for robot in robots]
+        known = not any(truth is None for truth in truths)
+        if known and kinematics.size and kinematics.calibrated:
+            off = np.linalg.norm(a_k - np.array(truths)[self.robots.index(t)], axis=1)
+            label = "error of tool and length estimates"
+            self.units[label], curves[label] = "mm", 1e3 * off
+        return curves
 
     def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> None:
         """Draw a path (L, 3) [m]; fewer than two points are not drawn."""

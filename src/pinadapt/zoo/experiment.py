@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import whole
 from ..controller.limits import Limits
 from ..description.catalogue import catalogue, catalogue_entry
 from ..description.chain import effort_limits
@@ -28,6 +29,8 @@ from ..robot.workspace import WorkspaceCircle, find_circle
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
 from ..rollout.summary import ACCURATE, BETTER
+from ..rollout.summary import TURN as SWING
+from ..scenario.template import FRICTION
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..sweep.cases import Plan
@@ -42,8 +45,6 @@ from ..tuning.unknowns import Unknown
 PERIOD = 1e-3  # [s], sampling period of the controller
 INERTIA_ERROR = 0.3  # relative, of the mass and inertia of each body of the model
 LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
-FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
-SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
 # [s]; its last 10 % is a whole turn of the fastest circle, 3 s; half: less time to converge
 LEAST_DURATION = 30.0
 
@@ -154,10 +155,6 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
-_MEASURED = (
-    *("joints", "radius", "unadapted", "adapted", "min_eig_M_hat", "min_singular_J_hat"),
-    *("unadapted_angle", "adapted_angle"),
-)
 
 
 def zoo_names(task: str = POSITION) -> list[str]:
@@ -179,7 +176,7 @@ def zoo_numbers(
     ``unadapted_angle`` and ``adapted_angle`` those of the orientation of a pose [rad];
     ``min_eig_M_hat`` and ``min_singular_J_hat`` are the smallest eigenvalue of the estimated mass
     matrix and singular value of the estimated Jacobian over the adapted run. None where there is
-    none.
+    none. A robot that is refused has a verdict alone.
 
     Args:
         robot: name in the catalogue.
@@ -188,7 +185,7 @@ def zoo_numbers(
         adaptation: name of an adaptation; "" is the default.
         case_seed: seed of tool, friction and model errors.
     """
-    row: dict[str, Any] = {"robot": robot, "law": law, "task": task, **dict.fromkeys(_MEASURED)}
+    row: dict[str, Any] = {"robot": robot, "law": law, "task": task}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
@@ -203,17 +200,16 @@ def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None)
     case = zoo_case(name, seed, POSE if task == POSE else None)
     adapted = _run(case, law, adaptation, case.duration)
     unadapted = _run(case, law, "none", case.repeating)
-    values = (
-        case.true.model.nv,
-        case.radius,
-        _last(case, unadapted, unadapted.distance),
-        _last(case, adapted, adapted.distance),
-        extreme(np.min, adapted.min_eig_M_hat),
-        extreme(np.min, adapted.min_singular_J_hat),
-        _last(case, unadapted, unadapted.angle),
-        _last(case, adapted, adapted.angle),
-    )
-    found = dict(zip(_MEASURED, values, strict=True))
+    found = {
+        "joints": case.true.model.nv,
+        "radius": case.radius,
+        "unadapted": _last(case, unadapted, unadapted.distance),
+        "adapted": _last(case, adapted, adapted.distance),
+        "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
+        "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
+        "unadapted_angle": _last(case, unadapted, unadapted.angle),
+        "adapted_angle": _last(case, adapted, adapted.angle),
+    }
     return {**found, "verdict": _verdict(case, found, adapted)}
 
 
@@ -239,13 +235,14 @@ def run_zoo(
     Raises:
         RobotError: a name is not in the catalogue.
     """
+    whole(seed, "seed", 0)
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     fixed = {"law": law, "task": task, "case_seed": seed}
     plan = Plan(function=zoo_numbers, case=[{"robot": name, **fixed} for name in longest_first])
     for row in rows(work_of(plan), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
-        yield {key: row.get(key) for key in ("robot", "law", "task", *_MEASURED, "verdict")}
+        yield row
 
 
 def _run(case: ZooCase, law: str, adaptation: str | None, duration: float) -> Rollout:
