@@ -97,9 +97,14 @@ def write_text(path: Path, text: str | bytes) -> None:
         file.write(text.encode("utf-8", errors="replace") if isinstance(text, str) else text)
 
 
+def as_json(content: Any) -> Any:
+    """Return what a JSON file holds of some content: lists, and None for what is not finite."""
+    return json.loads(json.dumps(content), parse_constant=lambda _: None)
+
+
 def write_json(path: Path, content: Any) -> None:
     """Write a JSON file, completely or not at all."""
-    write_text(path, json.dumps(content, indent=2) + "\n")
+    write_text(path, json.dumps(as_json(content), indent=2) + "\n")
 
 
 @contextmanager

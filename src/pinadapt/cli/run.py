@@ -49,19 +49,31 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run a scenario, write its outputs, print its table and, as the last line, its verdict.
-
-    Return 3 if the loop diverged, 130 if it was interrupted, else 0.
-    """
+    """Run a scenario as ``run_into`` does."""
     scenario = Scenario.read(options.scenario, options.set)
     without = None
     if options.unadapted:
         without = Scenario.read(options.scenario, [*options.set, NOT_ADAPTED])
     folder = options.out or Path("out") / options.scenario.stem
+    return run_into(folder, scenario, without, html=not options.no_html, live=options.live)
+
+
+def run_into(
+    folder: Path,
+    scenario: Scenario,
+    without: Scenario | None = None,
+    *,
+    html: bool = True,
+    live: bool = False,
+) -> int:
+    """Run a scenario, write its outputs, print its table and, as the last line, its verdict.
+
+    Return 3 if the loop diverged, 130 if it was interrupted, else 0.
+    """
     check_writable(folder, RUN_FILES)
-    rollout = run_beside(scenario, without, live=options.live)
+    rollout = run_beside(scenario, without, live=live)
     try:
-        write_run(rollout, folder, html=not options.no_html)
+        write_run(rollout, folder, html=html)
     finally:
         print(sheet(rollout, rollout.numbers))  # even if it could not be written
     print(f"\nwritten to {folder}\n\n{rollout.verdict}")
@@ -131,7 +143,7 @@ def _show(folder: Path) -> int:
     address = page.resolve().as_uri()
     print(address)
     open_in_browser(address)
-    return 0
+    return DONE
 
 
 def cite_arguments(parser: argparse.ArgumentParser) -> None:
@@ -155,8 +167,9 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
         rollout.save,
         rollout.plot,
         partial(_keep_learned, rollout),
-        *([partial(_animate, rollout)] if html else []),
     ]
+    if html:
+        steps.append(lambda beside: rollout.animate().save(beside / "animation.html"))
     try:
         with one_run(folder, RUN_FILES) as beside:
             for k in watched(range(len(steps)), None, f"{rollout.title}: outputs"):
@@ -164,10 +177,6 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
     except OSError as error:
         words = f"{folder}: not all could be written: {error.strerror or error}."
         raise OSError(words) from error
-
-
-def _animate(rollout: Rollout, folder: Path) -> None:
-    rollout.animate().save(folder / "animation.html")
 
 
 def _keep_learned(rollout: Rollout, folder: Path) -> None:

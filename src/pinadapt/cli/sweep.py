@@ -6,9 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .._output import check_writable
 from ..exceptions import InputError
-from ..rollout.summary import sheet
 from ..sweep.cases import COPY, METHODS, Plan
 from ..sweep.execution import claimed, run_plan, scenario_of, work_of
 from ..sweep.table import CaseTable, read
@@ -20,9 +18,8 @@ from .command_line import (
     add_processes,
     add_scenario,
     given,
-    status_of,
 )
-from .run import RUN_FILES, write_run
+from .run import run_into
 
 _OWN = {
     **dict.fromkeys(("samples", "repeat"), int),
@@ -123,12 +120,7 @@ def _alone(plan: Plan, number: int, folder: Path) -> int:
     if plan.scenario is None:
         print(CaseTable([{"case": number, "seed": case.seed, **work_of(plan)(case)}]))
         return DONE
-    place = folder / f"case-{number}"
-    check_writable(place, RUN_FILES)
-    rollout = scenario_of(plan.scenario, plan.folder, case).run()
-    write_run(rollout, place, html=True)
-    print(f"{sheet(rollout, rollout.numbers)}\n\nwritten to {place}\n\n{rollout.verdict}")
-    return status_of(rollout)
+    return run_into(folder / f"case-{number}", scenario_of(plan.scenario, plan.folder, case))
 
 
 def _show(table: CaseTable, plan: Plan, column: str, folder: Path) -> int:

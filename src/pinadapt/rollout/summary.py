@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._output import Sheet, Table, percent, read_as_data, short, whole_file, write_json
+from .._output import Sheet, Table, as_json, percent, read_as_data, short, whole_file, write_json
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
@@ -79,7 +79,7 @@ def summary(run: Recording) -> dict[str, Any]:
     if isinstance(run.task, ImageTask):
         numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
-    plain: dict[str, Any] = json.loads(json.dumps(numbers))  # as it is read again
+    plain: dict[str, Any] = as_json(numbers)
     return plain
 
 

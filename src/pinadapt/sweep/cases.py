@@ -116,8 +116,16 @@ class Values:
         if self.kind == "choice":
             return self.arguments[int(u[0] * len(self.arguments))]  # u < 1
         low, high = self.arguments
-        found = _quantile(self.kind, low, high, u).tolist()
-        return found if self.shape else found[0]
+        if self.kind == "normal":
+            from scipy.special import ndtri
+
+            edge = np.finfo(float).epsneg  # at 0 and 1 it is infinite
+            found = low + high * ndtri(np.clip(u, edge, 1.0 - edge))
+        elif self.kind == "loguniform":
+            found = np.exp(np.log(low) + u * (np.log(high) - np.log(low)))
+        else:
+            found = low + u * (high - low)
+        return found.tolist() if self.shape else float(found[0])
 
     def by_joint(self, names: tuple[str, ...]) -> Values:
         """Return "KEY.*" as KEY with a number of its own for each of n joints; others as they are.
@@ -145,18 +153,6 @@ class Values:
         return value
 
 
-def _quantile(kind: str, low: np.ndarray, high: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return the quantiles u of a distribution; of a normal one low and high are its moments."""
-    if kind == "uniform":
-        return low + u * (high - low)
-    if kind == "loguniform":
-        return np.exp(_quantile("uniform", np.log(low), np.log(high), u))
-    from scipy.special import ndtri
-
-    edge = np.finfo(float).epsneg  # at 0 and 1 it is infinite
-    return low + high * np.asarray(ndtri(np.clip(u, edge, 1.0 - edge)))
-
-
 def _parsed(text: str) -> tuple[str, list[Any]]:
     """Return kind and arguments that a text stands for.
 
@@ -179,12 +175,6 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     if kind not in DISTRIBUTIONS or not possible or (kind == "loguniform" and low.min() <= 0.0):
         raise ValueError
     return kind, [low.astype(float), high.astype(float)]
-
-
-def _case_seed(seed: int, number: int) -> int:
-    """Return the seed of a case, below 2**63."""
-    child = np.random.SeedSequence(seed, spawn_key=(0, number))
-    return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
 def _design(method: str, seed: int, count: int, d: int) -> np.ndarray:
@@ -361,14 +351,14 @@ class Plan:
             if not each.drawn
         ]
         points: Any = product(self.case or [{}], *axes, samples, range(self.repeat))
-        return [
-            Case(
-                number,
-                _case_seed(self.seed, number),
-                {key: value for part in parts for key, value in part.items()},
+        found = []
+        for number, (*chosen, _) in enumerate(points):
+            (drawn,) = np.random.SeedSequence(self.seed, spawn_key=(0, number)).generate_state(
+                1, np.uint64
             )
-            for number, (*parts, _) in enumerate(points)
-        ]
+            values = {key: value for part in chosen for key, value in part.items()}
+            found.append(Case(number, int(drawn) >> 1, values))  # below 2**63
+        return found
 
     def text(self) -> str:
         """Return the sweep file that says the same, with the version of the library."""

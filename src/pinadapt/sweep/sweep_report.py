@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._checks import word
 from .._output import Sheet, Table, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
-from ..plots.style import RC, Picture, legend, literal
+from ..plots.style import RC, Picture, legend, literal, matplotlib
 from .cases import Plan, condition
 from .table import DONE, FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
 
@@ -153,13 +154,10 @@ class SweepReport:
         Raises:
             InputError: there is none of that name, or no number at all.
         """
-        if self.column:
-            if self.table[self.column].dtype != float:
-                raise InputError("is not a column of numbers.", where=self.column)
-            return self.column
-        if not self.results:
+        results = sorted(self.results, key=lambda name: name not in _MAIN)
+        if not results:
             raise InputError("no case has a number to report.", where="table")
-        return next((name for name in _MAIN if name in self.results), self.results[0])
+        return word(self.column or results[0], results, "column")
 
     def values(self, name: str) -> np.ndarray:
         """Return a column of numbers (N), infinite where a case has none."""
@@ -195,14 +193,13 @@ class SweepReport:
     @property
     def worst(self) -> list[int]:
         """Rows of the cases with the largest result, without the lost ones."""
-        rows = np.flatnonzero(~self.table.lost)
-        order = np.argsort(-self.values(self.main)[rows], kind="stable")
-        return [int(i) for i in rows[order][: PRINTED_ROWS // 2]]
+        order = np.argsort(-self.values(self.main), kind="stable").tolist()
+        return [i for i in order if not self.table.lost[i]][: PRINTED_ROWS // 2]
 
     @property
     def lost(self) -> list[int]:
         """Rows of the lost cases, of many the first."""
-        return [int(i) for i in np.flatnonzero(self.table.lost)[:PRINTED_ROWS]]
+        return np.flatnonzero(self.table.lost)[:PRINTED_ROWS].tolist()
 
     def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""
@@ -236,7 +233,7 @@ class SweepReport:
         return html_page(self.title, [self.sheet().html(), *pictures])
 
     def summary(self) -> dict[str, Any]:
-        """Return the numbers of the report; None stands for what is not finite."""
+        """Return the numbers of the report."""
         return {
             "title": self.title,
             "verdict": self.verdict(),
@@ -245,11 +242,7 @@ class SweepReport:
             "lost": int(self.table.lost.sum()),
             "success": None if self.success is None else self.success._asdict(),
             "percentiles": {
-                name: [
-                    {k: x if np.isfinite(x) else None for k, x in each._asdict().items()}
-                    for each in found
-                ]
-                for name, found in self.percentiles.items()
+                name: [each._asdict() for each in found] for name, found in self.percentiles.items()
             },
             "version": __version__,
         }
@@ -276,12 +269,11 @@ class SweepReport:
 
     def map(self, x: str, y: str) -> Picture:
         """Return a map of the main result over two parameters, lost cases marked."""
-        a, b, values = self.table[x], self.table[y], self.values(self.main)
-        finite = np.isfinite(values)
-        figure, ax = _axes(x, y)
-        drawn = ax.scatter(a[finite], b[finite], c=values[finite], s=18)
-        ax.scatter(a[~finite], b[~finite], marker="x", color="C3", s=28, label="lost")
-        if not finite.all():
+        places, values = np.array([self.table[x], self.table[y]]), self.values(self.main)
+        lost, (figure, ax) = np.isinf(values), _axes(x, y)
+        drawn = ax.scatter(*places[:, ~lost], c=values[~lost], s=18)
+        ax.scatter(*places[:, lost], marker="x", color="C3", s=28, label="lost")
+        if lost.any():
             legend(ax)
         figure.colorbar(drawn, ax=ax, label=literal(self.main), format="%g")
         return figure
@@ -300,8 +292,6 @@ class SweepReport:
 
 def _axes(x: str, y: str) -> tuple[Picture, Any]:
     """Return a figure with labelled axes."""
-    import matplotlib
-
     with matplotlib.rc_context(RC):
         figure = Picture(figsize=(7.0, 4.6), layout="constrained")
         return figure, figure.add_subplot(xlabel=literal(x), ylabel=literal(y))

@@ -40,7 +40,7 @@ def page(
         live: whether the page asks its server for messages, in place of containing them.
     """
     settings = {
-        "viewpoint": {name: part.tolist() for name, part in scene.viewpoint._asdict().items()},
+        "viewpoint": scene.viewpoint,
         "ghost": ghost().lower({}),
         "curves": [{"label": label, "unit": unit} for label, unit in scene.units.items()],
         "duration": duration,

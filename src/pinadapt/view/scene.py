@@ -104,34 +104,25 @@ def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
     return np.asarray((path - tracker.translation) @ tracker.rotation)
 
 
-class Viewpoint(NamedTuple):
-    """Where the scene is seen from.
+def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
+    """Return a view from where the path is, somewhat from the side and from above.
 
-    Attributes:
-        target: (3) centre of the box that is in the picture [m], world axes.
-        direction: (3) unit vector from the centre towards the eye, world axes.
-        box: (3) half the box's extent to the right, upwards and towards the eye [m].
+    ``target`` is the centre of the box that is in the picture [m], ``direction`` the unit vector
+    from there towards the eye, in world axes, and ``box`` half the box's extent to the right,
+    upwards and towards the eye [m].
+
+    Args:
+        points: (N, 3) points that must be in the picture [m].
+        path: (M, 3) the tool's path [m].
     """
-
-    target: np.ndarray
-    direction: np.ndarray
-    box: np.ndarray
-
-    @classmethod
-    def of(cls, points: np.ndarray, path: np.ndarray) -> Viewpoint:
-        """Return a view from where the path is, somewhat from the side and from above.
-
-        Args:
-            points: (N, 3) points that must be in the picture [m].
-            path: (M, 3) the tool's path [m].
-        """
-        azimuth = np.arctan2(*path.mean(axis=0)[1::-1]) - np.radians(35.0)
-        towards = Rotation.from_euler("ZY", [azimuth, -np.radians(30.0)]).as_matrix()
-        axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
-        low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
-        half = 0.5 * (high - low)
-        margin = 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
-        return cls(axes @ (0.5 * (low + high)), axes[:, 2], half + margin)
+    azimuth = np.arctan2(*path.mean(axis=0)[1::-1]) - np.radians(35.0)
+    towards = Rotation.from_euler("ZY", [azimuth, -np.radians(30.0)]).as_matrix()
+    axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
+    low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
+    half = 0.5 * (high - low)
+    box = half + 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
+    found = {"target": axes @ (0.5 * (low + high)), "direction": axes[:, 2], "box": box}
+    return {name: part.tolist() for name, part in found.items()}
 
 
 class DrawnRobot:
@@ -205,7 +196,7 @@ class Scene:
     Attributes:
         window: that holds the messages.
         root: node of the scene.
-        viewpoint: where it is seen from.
+        viewpoint: where it is seen from, see the function of this name.
         size: half the larger side of the picture [m].
         robots: the true robot, and what it changes to.
         kinematics: of the estimated robot.
@@ -238,8 +229,8 @@ class Scene:
         self.robots, self.kinematics, true = robots, kinematics, robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
         self.traced, path = motion.tip, desired_tip(true, x_d, motion.tip)
-        self.viewpoint = Viewpoint.of(np.vstack([motion.points, path]), path)
-        self.size = size = float(self.viewpoint.box[:2].max())
+        self.viewpoint = viewpoint(np.vstack([motion.points, path]), path)
+        self.size = size = max(self.viewpoint["box"][:2])
         self._solid = DrawnRobot(self.root["true"], true, size, solid(TRUE))
         self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
         if true.visual is not None and len(true.visual.geometryObjects) > 0:
