@@ -259,9 +259,8 @@ class Sheet(NamedTuple):
 
     def __str__(self) -> str:
         """Return the sheet as text."""
-        first, *others = map(str, self.tables)
-        head = f"{self.title}\n{'-' * len(self.title)}\n{first}"
-        return "\n\n".join([head, *others, *filter(None, [self.note])])
+        parts = [*map(str, self.tables), *filter(None, [self.note])]
+        return f"{self.title}\n{'-' * len(self.title)}\n" + "\n\n".join(parts)
 
     def html(self) -> str:
         """Return the sheet as HTML, without scripts, style sheets or external resources."""

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..rollout.rollout import Rollout
 
 DONE, REFUSED, DIVERGED, INCOMPLETE, INTERRUPTED = 0, 2, 3, 4, 130
+SCENARIO = ".toml"
 
 # Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
 # function of the same name runs the command and returns the exit status. A command that shares a
@@ -289,6 +290,11 @@ def names(text: str) -> list[str]:
     if not found:
         raise argparse.ArgumentTypeError("at least one name is expected")
     return found
+
+
+def one_word(found: list[str] | None) -> str | list[str] | None:
+    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
+    return found[0] if found is not None and len(found) == 1 else found
 
 
 def assignment(text: str) -> tuple[str, str]:

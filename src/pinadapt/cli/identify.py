@@ -26,15 +26,16 @@ from .command_line import (
     DONE,
     INCOMPLETE,
     REFUSED,
+    SCENARIO,
     add_arguments_of,
     add_description,
     add_out,
     assignment,
+    given,
     names,
+    one_word,
 )
 from .run import RUN_FILES
-
-_SCENARIO = ".toml"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -214,10 +215,10 @@ def _import_options(options: argparse.Namespace) -> ImportOptions | None:
     Raises:
         InputError: options for several logs, of which others than the first have such a file.
     """
-    given = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
-    given["columns"] = dict(given["columns"]) or None
+    said = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
+    said["columns"] = dict(said["columns"]) or None
     logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
-    if options.intake is None and all(value is None for value in given.values()):
+    if options.intake is None and all(value is None for value in said.values()):
         return None
     beside = [place for log in logs[1:] if (place := ImportOptions.beside(log)) is not None]
     if options.intake is None and beside:
@@ -229,7 +230,7 @@ def _import_options(options: argparse.Namespace) -> ImportOptions | None:
     place = options.intake or ImportOptions.beside(logs[0])
     if options.write_intake and place is not None and not place.is_file():
         place = None  # it is to be written
-    return ImportOptions.of(place).updated(**given)
+    return ImportOptions.of(place).updated(**said)
 
 
 def identify(options: argparse.Namespace) -> int:
@@ -247,7 +248,7 @@ def identify(options: argparse.Namespace) -> int:
         path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
         for path in options.compare
     }
-    named = {name: _words(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
+    named = {name: one_word(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
     try:
         found = identify_log(
             options.log,
@@ -343,16 +344,11 @@ def _check_place(folder: Path, files: Sequence[str]) -> None:
 
 def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, Unknown]:
     """Return the robot and what is unknown; a scenario gives its estimated model and [unknown]."""
-    chosen = {name: getattr(options, name) for name in ("frame", "task", "mass")}
+    chosen = given(options, ("frame", "task", "mass"))
     chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}
-    if Path(options.robot).suffix != _SCENARIO:
+    if Path(options.robot).suffix != SCENARIO:
         return load(options.robot, **chosen), Unknown()
     if any(chosen.values()):
         raise InputError("the scenario says which frame, task and joints.", where="robot")
     scenario = Scenario.read(Path(options.robot))
     return scenario.estimated, parts(scenario.tables)["unknown"]
-
-
-def _words(given: list[str] | None) -> str | list[str] | None:
-    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
-    return given[0] if given is not None and len(given) == 1 else given

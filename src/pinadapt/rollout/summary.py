@@ -79,8 +79,7 @@ def summary(run: Recording) -> dict[str, Any]:
     if isinstance(run.task, ImageTask):
         numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
-    plain: dict[str, Any] = as_json(numbers)
-    return plain
+    return dict(as_json(numbers))
 
 
 def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
@@ -123,9 +122,9 @@ def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
         words = f"not back under {near}" if back is None else f"under {near} after {back:.3f} s"
         worst = f"worst {_size(change['max_error'], shown)}, {words}"
         rows.append((f"{change['what']} at {change['at']:g} s", worst))
-    if any(run.bridged):
-        found = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
-        rows.append(("samples bridged by prediction", ", ".join(found)))
+    bridged = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
+    if bridged:
+        rows.append(("samples bridged by prediction", ", ".join(bridged)))
     return Sheet(run.title, [Table(rows)])
 
 
@@ -144,13 +143,15 @@ def _prediction_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
     words = f"{found['identifiable']} combinations of {len(numbers['dynamic_names'])} parameters"
     if found["identifiable_error"] is not None:
         words += f", error {percent(found['identifiable_error'])} of that at the start"
-    still = wrap(names_together(found["not_excited"]), break_long_words=False)
-    labels = ["not excited by this motion", *[""] * len(still)]
-    return [
+    rows = [
         ("predicted torque (rms error)", f"{errors}, {shares}"),
         ("identifiable by this motion", words),
-        *zip(labels, still, strict=False),
     ]
+    label = "not excited by this motion"
+    for line in wrap(names_together(found["not_excited"]), break_long_words=False):
+        rows.append((label, line))
+        label = ""
+    return rows
 
 
 def save(run: Recording, numbers: Callable[[], dict[str, Any]], folder: Path) -> None:
@@ -184,11 +185,11 @@ def load(folder: Path, kind: type[Run]) -> Run:
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         kept, ringing, run = numbers["recorded"], numbers["ringing"], object.__new__(kind)
-        fields = run.__dict__
-        for name, value in {**{name: numbers[name] for name in _NAMED}, **kept}.items():
-            fields[name] = tuple(value) if isinstance(value, list) else value
-        fields.update({name: file.get(name) for name in RECORDED + COMPUTED})
-        fields.update(
+        fields = {**{name: numbers[name] for name in _NAMED}, **kept}
+        lists = {name: tuple(each) for name, each in fields.items() if isinstance(each, list)}
+        vars(run).update(
+            **fields | lists,
+            **{name: file.get(name) for name in RECORDED + COMPUTED},
             numbers=numbers,
             ringing=None if ringing is None else Ringing(**ringing),
             bridged=Bridged(**numbers["bridged"]),
@@ -266,21 +267,21 @@ def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
 
 def _error(run: Recording, numbers: dict[str, Any]) -> str:
     """Return the error in the last 10 %: absolute, relative, and against no adaptation."""
-    error, share = numbers["max_error_last"], numbers["error_share"]
+    error, shown = numbers["max_error_last"], run.task.groups[0].shown
     if error is None:
         return "nothing was measured"
-    shown = run.task.groups[0].shown
     text = f"error of the last 10 % up to {_size(error, shown)}"
-    if share is not None:
+    if (share := numbers["error_share"]) is not None:
         text += f", {percent(share)} of the path's {_size(run.extent, shown)}"
     if (tool := numbers.get("max_tool_error_last")) is not None:
         text += f", {_size(tool, DISPLAYS['m'])} at the tool"
     if (angle := numbers.get("max_angle_last")) is not None:
         text += f", and {_size(angle, DISPLAYS['rad'])}"
     if run.unadapted and error:
-        times = run.unadapted / error
-        better = times * BETTER > 1.0
-        ratio = f"{short(times, 2)} times less than" if better else f"{percent(1.0 / times)} of"
+        share = error / run.unadapted
+        ratio = (
+            f"{short(1.0 / share, 2)} times less than" if share < BETTER else f"{percent(share)} of"
+        )
         text += f", {ratio} the {_size(run.unadapted, shown)} without adaptation"
     return text
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import located
+from .._checks import located, positive
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..exceptions import MeasurementError, ScenarioError
@@ -251,12 +251,10 @@ def _in_time(events: Sequence[Mapping[str, Any]], name: str) -> dict[float, dict
     found: dict[float, dict[str, Any]] = {}
     for number, event in enumerate(events):
         others = dict(event)
-        at = others.pop("at", None)
-        if not isinstance(at, int | float) or isinstance(at, bool) or at in found:
-            raise ScenarioError(
-                "expected a time [s] at which there is no other event.",
-                where=f"events.{name}.{number}.at",
-            )
+        place = f"events.{name}.{number}.at"
+        at = positive(others.pop("at", None), place, zero=True, error=ScenarioError)
+        if at in found:
+            raise ScenarioError("there is another event at this time.", where=place)
         found[at] = others
     return dict(sorted(found.items()))
 

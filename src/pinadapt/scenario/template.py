@@ -225,7 +225,7 @@ class Template:
             "pixel": self.view.pixel if self.filmed else None,
             "weld_root": True if robot.welded else None,
             "locked": [],
-            "q0": _numbers(robot.home_angles, digits=12),
+            "q0": significant(robot.home_angles, digits=12),
         }
         return {key: value for key, value in given.items() if value is not None}
 
@@ -236,19 +236,22 @@ class Template:
         _, viscous, coulomb = FRICTION * typical_coefficients(robot)
         found: dict[str, Any] = {}
         if robot.task.positions:
-            found["tool_translation"] = _numbers(self.tool)
+            found["tool_translation"] = significant(self.tool)
         if self.tracker:  # the base as the tracker sees it
-            place = _numbers(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
+            place = significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
             found["tracker"] = {"rotation": [0.0, 0.0, 2.0], "translation": place}
         if self.filmed:
-            found["camera"] = [{"position": _numbers(self.view.position), "focal": _FOCAL}]
+            found["camera"] = [{"position": significant(self.view.position), "focal": _FOCAL}]
         found["payload"] = {
             "mass": _rounded(mass, 3),
-            "com": _numbers(self.tool),
+            "com": significant(self.tool),
             "inertia": [moment, 0.0, moment, 0.0, 0.0, moment],
         }
         if not self.rests:  # Coulomb friction would hold the arm beside its set point
-            found["friction"] = {"viscous": _numbers(viscous, 2), "coulomb": _numbers(coulomb, 2)}
+            found["friction"] = {
+                "viscous": significant(viscous, 2),
+                "coulomb": significant(coulomb, 2),
+            }
         return found
 
     def _motion(self) -> dict[str, Any]:
@@ -256,7 +259,7 @@ class Template:
         if self.rests:
             return self._set_point()
         if isinstance(path, JointSwing):
-            sizes = {"amplitude": _numbers(path.amplitude), "period": _numbers(path.period)}
+            sizes = {"amplitude": significant(path.amplitude), "period": significant(path.period)}
             return {"kind": "sinusoid", **sizes}
         if self.filmed:
             seen = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
@@ -273,7 +276,7 @@ class Template:
         else:
             motion, half = path.motion(self.robot.task.positions), 0.5 * path.period
             across = motion.at(half).x_d - motion.at(0.0).x_d
-        way = {"points": [_numbers(across.round(6))], "segment": _rounded(half, 3)}
+        way = {"points": [significant(across.round(6))], "segment": _rounded(half, 3)}
         return {"kind": "waypoints", "relative": True, **way}
 
     def remarks(self) -> dict[str, str]:
@@ -296,7 +299,7 @@ class Template:
                 if np.any(gain - np.diag(np.diag(gain))):
                     continue  # a full matrix is too long for a comment
                 gain = np.diag(gain)
-            values = _numbers(np.ravel(gain), 3)
+            values = significant(np.ravel(gain), 3)
             follows = key == "Kp" and not law.units[1]  # from the other gains
             if values and np.isfinite(values).all() and not follows:
                 yield key, values[0] if len(set(values)) == 1 else values
@@ -359,5 +362,6 @@ def _rounded(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _numbers(values: Any, digits: int = 6) -> list[float]:
+def significant(values: Any, digits: int = 6) -> list[float]:
+    """Return numbers with so many significant digits."""
     return [_rounded(value, digits) + 0.0 for value in values]

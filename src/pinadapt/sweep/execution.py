@@ -203,9 +203,8 @@ def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
         status, reason = FAILED, f"{type(error).__name__}: {error} ({place})"
-    row = {"case": case.number, "seed": case.seed, **case.values}
-    row |= {"status": status, "reason": reason, **found}
-    return {**row, "seconds": time.perf_counter() - started}
+    ended = {"status": status, "reason": reason, **found, "seconds": time.perf_counter() - started}
+    return {"case": case.number, "seed": case.seed, **case.values, **ended}
 
 
 def _run(packed: bytes, timeout: float | None, case: Case) -> Row:
@@ -392,8 +391,7 @@ def sweep(
         what["vary"] = dict(cases)
     else:
         what["case"] = [mapping(each, "cases") for each in cases]
-    options: dict[str, Any] = {"method": method, "repeat": repeat, "seed": seed}
-    plan = Plan(**what, **options, samples=samples, timeout=timeout)
+    plan = Plan(**what, samples=samples, method=method, repeat=repeat, seed=seed, timeout=timeout)
     place = None if folder is None else claimed(Path(folder), plan, resume=True)
     return run_plan(plan, executor, place, shown=progress)
 

@@ -21,7 +21,7 @@ from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
 from .cases import Plan, condition
-from .table import DONE, FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
+from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = FIGURES = ("map.png", "bands.png")
@@ -178,7 +178,7 @@ class SweepReport:
         parts = [f"{len(self.table)} of {len(self.plan.cases)} cases"]
         if self.success is not None:
             parts.append(f"success ({self.plan.success or condition('')[0]}) {self.success}")
-        kinds = Counter(each for each in self.table["status"].tolist() if each != DONE)
+        kinds = Counter(self.table["status"][self.table.lost].tolist())
         words = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         parts.append(f"{kinds.total()} lost: {words}" if kinds else "none lost")
         return "; ".join(parts) + "."
@@ -203,9 +203,8 @@ class SweepReport:
 
     def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""
-        columns = {name: self.table[name].tolist() for name in ("case", *self.parameters, *names)}
-        cells = [[cell(column[i]) for column in columns.values()] for i in rows]
-        return Table(cells, list(columns), title)
+        columns, table = ["case", *self.parameters, *names], self.table.rows()
+        return Table([[cell(table[i][name]) for name in columns] for i in rows], columns, title)
 
     def sheet(self) -> Sheet:
         """Return percentiles, worst and lost cases, the verdict and how to run a case alone."""
@@ -222,7 +221,7 @@ class SweepReport:
         if self.folder is not None and chosen:
             number = self.table["case"][chosen[0]]
             note += f" Run a case alone: pinadapt sweep {self.folder} --case {number}"
-        return Sheet(self.title, tables or [Table([("cases", str(len(self.table)))])], note)
+        return Sheet(self.title, tables, note)
 
     def page(self) -> str:
         """Return the report as one page without external resources."""
