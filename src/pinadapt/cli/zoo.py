@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
 from ..tasks.task import DISPLAYS
 from ..zoo.experiment import CONVERGED, run_zoo, zoo_names
-from .command_line import DONE, INTERRUPTED, add_out, add_processes, names
+from .command_line import add_out, add_processes, names
 
 TABLE = "zoo.json"
 
@@ -66,12 +67,9 @@ def zoo(options: argparse.Namespace) -> int:
         names, options.law, seed=options.seed, processes=options.processes, task=options.task
     )
     rows: list[Mapping[str, Any]] = []
-    status = DONE
-    try:
+    with suppress(KeyboardInterrupt):
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
             rows.append(row)
-    except KeyboardInterrupt:
-        status = INTERRUPTED
     rows.sort(key=lambda row: names.index(row["robot"]))
     write_json(folder / TABLE, rows)
     converged = sum(row["verdict"] == CONVERGED for row in rows)
@@ -79,7 +77,8 @@ def zoo(options: argparse.Namespace) -> int:
     print(f"\n{converged} of {len(rows)} converged; written to {folder / TABLE}")
     if len(rows) < len(names):
         print(f"interrupted, {len(names) - len(rows)} have not run")
-    return status
+        return INTERRUPTED
+    return DONE
 
 
 def zoo_table(rows: Sequence[Mapping[str, Any]]) -> str:

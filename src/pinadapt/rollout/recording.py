@@ -170,23 +170,19 @@ def ringing(
     if len(t) < _FEWEST:
         return None
     rate = 1.0 / float(np.median(np.diff(t)))
-    length = min(len(t), max(_FEWEST, round(rate)))
-    tau = tau[min(len(t) // 2, len(t) - length) :]
-    f, power = welch(tau, rate, nperseg=length, detrend="linear", axis=0)
+    length = max(_FEWEST, round(rate))
+    tau = tau[-max(len(t) // 2, length) :]
+    f, power = welch(tau, rate, nperseg=min(len(tau), length), detrend="linear", axis=0)
     step, fast = f[1], f >= slowest
-    f, power = f[fast, None], step * power[fast]  # the sum over f is the mean square
-    if len(f) < 3:
-        return None
-    peak, total = f[np.argmax(power, axis=0), 0], power.sum(axis=0)
-    near = np.abs(f - peak) <= np.maximum(0.15 * peak, 2.0 * step)
-    share = np.sqrt(total / np.maximum(np.mean(tau**2, axis=0), np.finfo(float).tiny))
-    # not at the edge of the motion's own spectrum
-    rings = (near * power).sum(axis=0) > _PURE * total
-    rings &= (share > _RINGS) & (peak >= f[2])
-    if not rings.any():
-        return None
-    j = int(np.argmax(rings * share))
-    return Ringing(joints[j], float(peak[j]), float(share[j]))
+    found = []
+    for name, own, size in zip(joints, power[fast].T, np.mean(tau**2, axis=0), strict=True):
+        peak = int(np.argmax(own)) if own.size else 0
+        near = np.abs(f[fast] - f[fast][peak]) <= max(0.15 * f[fast][peak], 2.0 * step)
+        share = float(np.sqrt(step * own.sum() / size))  # the sum over f is the mean square
+        # not at the edge of the motion's own spectrum
+        if peak >= 2 and own[near].sum() > _PURE * own.sum() and share > _RINGS:
+            found.append(Ringing(name, float(f[fast][peak]), share))
+    return max(found, key=lambda each: each.share, default=None)
 
 
 def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringing | None:
@@ -330,11 +326,11 @@ class Recording:
             part = (self.t >= at - EARLY) & (self.t < end - EARLY)
             if not part.any():
                 continue
-            error, after = self.distance[part], [0.0, *(self.t[part][1:] - at), np.nan]
-            (far,) = np.nonzero(~(error < CLOSE))  # NaN is far
-            back = float(after[far[-1] + 1]) if far.size else 0.0
-            ends_back = None if np.isnan(back) else round(back, 6)
-            found.append(Transient(at, what, extreme(np.max, error), ends_back))
+            error = self.distance[part]
+            # the times at which it may be back: the mark, and each sample after one; NaN is far
+            backs = [0.0, *(self.t[part][1:] - at).round(6).tolist(), None]
+            back = backs[np.flatnonzero([True, *~(error < CLOSE)])[-1]]
+            found.append(Transient(at, what, extreme(np.max, error), back))
         return found
 
     @cached_property

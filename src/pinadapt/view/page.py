@@ -124,10 +124,9 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     true = robots.robots[0]
     t, q, x, x_d, a_k = rollout.t, rollout.q, rollout.x, rollout.x_d, rollout.a_k
     if not len(t):  # it diverged at once
-        home, here = true.q0, true.position(true.q0)
-        t, q, x, x_d, a_k = (
-            np.array([each]) for each in (0.0, home, here, here, kinematics.initial)
-        )
+        here = true.position(true.q0)
+        first = (0.0, true.q0, here, here, kinematics.initial)
+        t, q, x, x_d, a_k = (np.array([each]) for each in first)
     line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
     wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, _MOST - 1)) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))

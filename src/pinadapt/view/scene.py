@@ -275,11 +275,11 @@ class Scene:
         self._solid.place(motion, poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
         poses.move(self.root["desired point"], desired_tip(robots[0], x_d, motion.tip))
-        carrying = self.robots.index(t)
+        still = np.zeros((len(t), 3))
         for number in range(len(robots)):
-            shown = np.where(carrying == number, 1.0, 1e-4)  # a ball too small to be seen
-            scale = np.column_stack([shown] * 3)
-            poses.move(self._solid.load(number), np.zeros((len(t), 3)), None, scale)
+            carrying = self.robots.index(t)[:, None] == number
+            scale = np.where(carrying, still + 1.0, 1e-4)  # a ball too small to be seen
+            poses.move(self._solid.load(number), still, None, scale)
         for moment, *values in zip(
             t.round(4).tolist(), *self.curves(t, x, x_d, a_k).values(), strict=True
         ):
@@ -299,7 +299,7 @@ class Scene:
             self.units[label], scale = group.shown
             curves[label] = scale * np.linalg.norm(error[:, group.rows], axis=1)
         truths = [kinematics.value(robot) for robot in robots]
-        known = not any(truth is None for truth in truths)
+        known = all(truth is not None for truth in truths)
         if known and kinematics.size and kinematics.calibrated:
             off = np.linalg.norm(a_k - np.array(truths)[self.robots.index(t)], axis=1)
             label = "error of tool and length estimates"
