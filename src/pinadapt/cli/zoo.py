@@ -14,7 +14,7 @@ from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
 from ..tasks.task import DISPLAYS
 from ..zoo.experiment import CONVERGED, run_zoo, zoo_names
-from .command_line import add_out, add_processes, names
+from .command_line import DONE, INTERRUPTED, add_out, add_processes, names
 
 TABLE = "zoo.json"
 
