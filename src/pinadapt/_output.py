@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from html import escape
 from inspect import getdoc
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
 from .exceptions import InputError, PinadaptError, ScenarioError
 
@@ -23,6 +23,8 @@ if sys.version_info >= (3, 11):
     import tomllib as toml
 else:
     import tomli as toml
+
+Record: TypeAlias = Mapping[str, Any]  # values by name
 
 UNFINISHED = ".unfinished-"  # prefix of files and folders that are being written
 _ABANDONED = 3600.0  # [s] of age; half or twice: what killed processes left stays as long
@@ -215,7 +217,7 @@ class Table(NamedTuple):
 
 
 def records_table(
-    records: Sequence[Mapping[str, Any]],
+    records: Sequence[Record],
     texts: Mapping[str, str],
     numbers: Mapping[str, tuple[str, float, int]],
     last: str,

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-from .._output import check_writable, records_table, write_json
+from .._output import Record, check_writable, records_table, write_json
 from ..description.catalogue import catalogue_entry
 from ..laws import DEFAULT, LAWS
 from ..simulation.simulate import watched
@@ -66,7 +65,7 @@ def zoo(options: argparse.Namespace) -> int:
     coming = run_zoo(
         names, options.law, seed=options.seed, processes=options.processes, task=options.task
     )
-    rows: list[Mapping[str, Any]] = []
+    rows: list[Record] = []
     with suppress(KeyboardInterrupt):
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
             rows.append(row)
@@ -81,7 +80,7 @@ def zoo(options: argparse.Namespace) -> int:
     return DONE
 
 
-def zoo_table(rows: Sequence[Mapping[str, Any]]) -> str:
+def zoo_table(rows: Sequence[Record]) -> str:
     """Return a row for each robot; errors are the largest of the last 10 % of the duration."""
     columns = {
         "radius [m]": ("radius", 1.0, 3),

@@ -64,11 +64,11 @@ class Rollout(Recording):
         return str(self.numbers["verdict"])
 
     @cached_property
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> summary.Numbers:
         """The numbers of ``summary.json``; None stands for what is not finite."""
         return summary.summary(self)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> summary.Numbers:
         """Return a copy of ``numbers``."""
         return dict(self.numbers)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from .recording import CLOSE, Recording, Ringing, Slowdown, extreme, window
 
 Run = TypeVar("Run", bound=Recording)
 
+Numbers: TypeAlias = dict[str, Any]  # those of ``summary.json``
+
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
 COMPUTED = (
@@ -37,7 +39,7 @@ _NAMED = (
 _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_identified")
 
 
-def summary(run: Recording) -> dict[str, Any]:
+def summary(run: Recording) -> Numbers:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
     found = run.prediction
     prediction = None
@@ -92,7 +94,7 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
     }
 
 
-def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
+def sheet(run: Recording, numbers: Numbers) -> Sheet:
     """Return a table of the main numbers, which ``summary`` has made; zeros are left out."""
     shown, angle = run.task.groups[0].shown, DISPLAYS["rad"]
     cells = [
@@ -133,7 +135,7 @@ def _size(value: float | None, shown: Display) -> str:
     return "-" if value is None else f"{short(shown.scale * value)} {shown.unit}".rstrip()
 
 
-def _prediction_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
+def _prediction_rows(numbers: Numbers) -> list[tuple[str, str]]:
     """Return rows for the predicted torques, for what was identifiable, and for what was not."""
     found = numbers["torque_prediction"]
     if found is None:
@@ -154,7 +156,7 @@ def _prediction_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def save(run: Recording, numbers: Callable[[], dict[str, Any]], folder: Path) -> None:
+def save(run: Recording, numbers: Callable[[], Numbers], folder: Path) -> None:
     """Write ``rollout.npz`` and ``summary.json`` into a folder, which is created if missing.
 
     Each is written atomically. The recorded arrays are saved first, then again with those that are
@@ -200,7 +202,7 @@ def load(folder: Path, kind: type[Run]) -> Run:
         return run
 
 
-def _task(numbers: dict[str, Any], coordinates: int) -> Task:
+def _task(numbers: Numbers, coordinates: int) -> Task:
     """Return the task of a run; of a picture with so many coordinates without the cameras."""
     name = numbers["task"]
     if name == IMAGE:
@@ -244,7 +246,7 @@ def grade(run: Recording) -> str:
     return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
 
-def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
+def _verdict(run: Recording, numbers: Numbers) -> str:
     """Return the verdict in one line."""
     found = numbers["torque_prediction"]
     parts = [str(run.reason or "").rstrip("."), _error(run, numbers)]
@@ -265,7 +267,7 @@ def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
     return f"{grade(run)}: {'; '.join(part for part in parts if part)}."
 
 
-def _error(run: Recording, numbers: dict[str, Any]) -> str:
+def _error(run: Recording, numbers: Numbers) -> str:
     """Return the error in the last 10 %: absolute, relative, and against no adaptation."""
     error, shown = numbers["max_error_last"], run.task.groups[0].shown
     if error is None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import located, positive
+from .._output import Record
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..exceptions import MeasurementError, ScenarioError
@@ -60,7 +61,7 @@ class Scenario:
     sensors: Sensors
     events: Events
     engine: Engine
-    start: Mapping[str, Any] | None = None
+    start: Record | None = None
     duration: float = 10.0
     seed: int = 0
     record_every: int = 1
@@ -198,7 +199,7 @@ def described_robot(tables: Tables) -> Robot:
     return robot
 
 
-def true_robot(described: Robot, truth: Mapping[str, Any]) -> Robot:
+def true_robot(described: Robot, truth: Record) -> Robot:
     """Return the true robot: the described one with the changes of [truth].
 
     Raises:
@@ -223,9 +224,7 @@ def true_robot(described: Robot, truth: Mapping[str, Any]) -> Robot:
         return true.seen_from(**read(truth["tracker"], "tracker", Robot.seen_from))
 
 
-def _changes(
-    described: Robot, truth: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]
-) -> dict[float, Robot]:
+def _changes(described: Robot, truth: Record, changes: Sequence[Record]) -> dict[float, Robot]:
     """Return the true robot after each change, by its time [s].
 
     A change replaces the keys that it names. The others keep their value of the previous change,
@@ -242,13 +241,13 @@ def _changes(
     return robots
 
 
-def _in_time(events: Sequence[Mapping[str, Any]], name: str) -> dict[float, dict[str, Any]]:
+def _in_time(events: Sequence[Record], name: str) -> dict[float, Tables]:
     """Return what happens at each time [s], in order.
 
     Raises:
         ScenarioError: an event without a time, or two at the same one.
     """
-    found: dict[float, dict[str, Any]] = {}
+    found: dict[float, Tables] = {}
     for number, event in enumerate(events):
         others = dict(event)
         place = f"events.{name}.{number}.at"

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from .._checks import instance, located, shown, word
-from .._output import read_toml, toml
+from .._output import Record, read_toml, toml
 from ..controller.limits import Limits
 from ..description.description import is_robot_name
 from ..description.urdf import is_path
@@ -90,7 +90,7 @@ TABLES = ("title", *KEYS, "trajectory")
 
 
 @cache
-def _hints(make: Callable[..., Any]) -> dict[str, Any]:
+def _hints(make: Callable[..., Any]) -> Tables:
     """Return the types of the arguments of a class or function."""
     plain_class = isinstance(make, type) and "__init__" in vars(make) and not is_dataclass(make)
     if make in (dict, load):  # in which no table stands for an object
@@ -105,7 +105,7 @@ def _classes(hint: Any) -> list[type]:
     return [each for part in get_args(hint) for each in _classes(part)]
 
 
-def checked(table: Any, path: str, names: Iterable[str]) -> Mapping[str, Any]:
+def checked(table: Any, path: str, names: Iterable[str]) -> Record:
     """Return a table if it is one, with keys of these names.
 
     Raises:
@@ -125,7 +125,7 @@ def checked(table: Any, path: str, names: Iterable[str]) -> Mapping[str, Any]:
 
 def read(
     table: Any, path: str, make: Callable[..., Any], names: Iterable[str] | None = None
-) -> dict[str, Any]:
+) -> Tables:
     """Return the arguments of a class or function that a table holds, tables in it as objects.
 
     Raises:
@@ -179,7 +179,7 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     return found.as_given() if given else found
 
 
-def parts(tables: Tables) -> dict[str, Any]:
+def parts(tables: Tables) -> Tables:
     """Return objects of the tables that are classes, and arguments of those that are functions.
 
     Raises:
@@ -187,7 +187,7 @@ def parts(tables: Tables) -> dict[str, Any]:
     """
     checked(tables, "", TABLES)
     title = instance(tables.get("title", ""), str, "title", ScenarioError)
-    found: dict[str, Any] = {"title": title, "trajectory": motion(tables.get("trajectory", {}))}
+    found: Tables = {"title": title, "trajectory": motion(tables.get("trajectory", {}))}
     for name, (make, names) in KEYS.items():
         table = tables.get(name, {})
         if name in ("unknown", "engine") and not isinstance(table, Mapping):
@@ -216,7 +216,7 @@ def parts(tables: Tables) -> dict[str, Any]:
     return found
 
 
-def _listed(table: Mapping[str, Any], key: str, path: str) -> list[Any]:
+def _listed(table: Record, key: str, path: str) -> list[Any]:
     """Return a list of tables, an empty one where there is none."""
     found: list[Any] = instance(table.get(key, []), list, f"{path}.{key}", ScenarioError)
     return found
@@ -248,7 +248,7 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
     return with_values(read_toml(path), dict(setting(text) for text in settings))
 
 
-def with_values(tables: Tables, values: Mapping[str, Any]) -> Tables:
+def with_values(tables: Tables, values: Record) -> Tables:
     """Return tables after writing values by dotted keys into them; tables of a list are numbered.
 
     Raises:

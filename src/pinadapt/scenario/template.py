@@ -30,7 +30,7 @@ from ..tasks.frame import IMAGE, pinhole_camera
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
-from .tables import KEYS, MOTIONS
+from .tables import KEYS, MOTIONS, Tables
 
 # The unknown of the example, which users replace: half or twice is an easier or a harder one.
 FRICTION = 0.5  # relative to what is typical for a robot of this size
@@ -178,7 +178,7 @@ class Template:
         return View(position, _rounded(covered, 1), _rounded(path.radius / covered, 2), phase)
 
     @property
-    def unknown(self) -> dict[str, Any]:
+    def unknown(self) -> Tables:
         """The table [unknown]."""
         if self.rests:
             return {"bodies": "all"}
@@ -191,7 +191,7 @@ class Template:
         """Whether the law regulates to a set point; it is the opposite point of the motion."""
         return LAWS[self.law].set_point
 
-    def tables(self, folder: Path) -> dict[str, dict[str, Any]]:
+    def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
         turns = 2.0 * float(np.max(self.path.period))
         found = {
@@ -211,7 +211,7 @@ class Template:
             found["sensors"] = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
         return found
 
-    def _robot(self, folder: Path) -> dict[str, Any]:
+    def _robot(self, folder: Path) -> Tables:
         robot, source = self.robot, self.source
         if is_path(source) and not Path(source).is_absolute():
             parent = os.path.relpath(Path(source).resolve().parent, folder.resolve())
@@ -229,12 +229,12 @@ class Template:
         }
         return {key: value for key, value in given.items() if value is not None}
 
-    def _truth(self) -> dict[str, Any]:
+    def _truth(self) -> Tables:
         robot = self.robot
         mass, radius = TOOL_ERROR * robot.mass, TOOL_ERROR * robot.reach
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
         _, viscous, coulomb = FRICTION * typical_coefficients(robot)
-        found: dict[str, Any] = {}
+        found: Tables = {}
         if robot.task.positions:
             found["tool_translation"] = significant(self.tool)
         if self.tracker:  # the base as the tracker sees it
@@ -254,7 +254,7 @@ class Template:
             }
         return found
 
-    def _motion(self) -> dict[str, Any]:
+    def _motion(self) -> Tables:
         path = self.path
         if self.rests:
             return self._set_point()
@@ -268,7 +268,7 @@ class Template:
         given = {"radius": path.radius, "period": path.period, "plane": plane}
         return {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
 
-    def _set_point(self) -> dict[str, Any]:
+    def _set_point(self) -> Tables:
         """Return the way to the opposite point of the motion."""
         path = self.path
         if isinstance(path, JointSwing):

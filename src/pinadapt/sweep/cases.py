@@ -20,7 +20,7 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -31,12 +31,12 @@ from typing import Any
 import numpy as np
 
 from .._checks import instance, mapping, positive, shown, whole, word
-from .._output import read_toml, write_text
+from .._output import Record, read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..scenario.scenario import described_robot
 from ..scenario.tables import at_folder, made, parts, setting, toml_value, with_values
-from .table import flat, plain
+from .table import Row, flat, plain
 
 METHODS = ("random", "lhs", "sobol")
 DISTRIBUTIONS = ("uniform", "loguniform", "normal")
@@ -62,7 +62,7 @@ class Case:
 
     number: int
     seed: int
-    values: dict[str, Any]
+    values: Row
 
 
 @dataclass(frozen=True)
@@ -214,12 +214,12 @@ class Plan:
     """
 
     title: str = ""
-    scenario: Mapping[str, Any] | None = None
+    scenario: Record | None = None
     folder: str = ""
     function: Callable[..., Any] | str | None = None
     path: str = ""
-    vary: Mapping[str, Any] = field(default_factory=dict)
-    case: Sequence[Mapping[str, Any]] = ()
+    vary: Record = field(default_factory=dict)
+    case: Sequence[Record] = ()
     samples: int | None = None
     method: str = "random"
     repeat: int = 1
@@ -284,7 +284,7 @@ class Plan:
         return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 
     @classmethod
-    def of(cls, tables: Mapping[str, Any]) -> Plan:
+    def of(cls, tables: Record) -> Plan:
         """Return a sweep from the keys of a sweep file, whose scenario is a table.
 
         Its table [set] becomes part of the scenario, or of each case of a function.
@@ -304,12 +304,12 @@ class Plan:
         found: Plan = made(cls, tables, "sweep file")
         return found
 
-    def _tables(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def _tables(self, values: Record) -> Row:
         """Return the tables of the scenario with other values."""
         tables = deepcopy(dict(self.scenario or {}))
         return at_folder(with_values(tables, values), Path(self.folder))
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: Record) -> None:
         """Check that the scenario, if it is one, has such keys and values.
 
         Raises:
@@ -399,7 +399,7 @@ class Plan:
         return cls.of(tables)
 
 
-def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _expanded(case: Record) -> list[Row]:
     """Return the cases of a table [[case]]: one for each value of a text that is a list or range.
 
     The text is written as on the command line, "[1, 2]" or "lin(0, 1, 5)"; a list itself is one

@@ -39,7 +39,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .._checks import mapping, whole
-from .._output import check_writable, collect_seldom, read_toml
+from .._output import Record, check_writable, collect_seldom, read_toml
 from ..exceptions import InputError
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
@@ -58,20 +58,20 @@ from .table import (
     TABLE,
     TIMEOUT,
     CaseTable,
+    Row,
     append,
     join,
     read,
 )
 
-Work = Callable[[Case], Mapping[str, Any]]
-Row = dict[str, Any]
+Work = Callable[[Case], Record]
 Ended = tuple[Case, "Future[Row]"]
 
 
 # --- what is run ---
 
 
-def scenario_of(tables: Mapping[str, Any], folder: str, case: Case) -> Scenario:
+def scenario_of(tables: Record, folder: str, case: Case) -> Scenario:
     """Return the scenario of a case; its ``simulation.seed`` is the case's, unless varied.
 
     Raises:
@@ -81,12 +81,12 @@ def scenario_of(tables: Mapping[str, Any], folder: str, case: Case) -> Scenario:
     return Scenario.build(with_values(deepcopy(dict(tables)), values), Path(folder))
 
 
-def run_scenario(tables: Mapping[str, Any], folder: str, case: Case) -> Mapping[str, Any]:
+def run_scenario(tables: Record, folder: str, case: Case) -> Record:
     """Return the numbers of a case of a scenario, whose paths are relative to a folder."""
     return numbers_of(scenario_of(tables, folder, case).run(progress=False))
 
 
-def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> Mapping[str, Any]:
+def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> Record:
     """Return what a function, or "module:name" in a folder, returns for the values of a case.
 
     It gets the seed too, if it has an argument ``seed``. What is no table is called "result".
@@ -140,7 +140,7 @@ _KEPT = (
 )
 
 
-def numbers_of(rollout: Rollout) -> dict[str, Any]:
+def numbers_of(rollout: Rollout) -> Row:
     """Return the numbers of a run that a sweep keeps; None where there is none.
 
     ``follows``: whether the verdict is "follows"; ``torque_use``: largest torque over its limit;
@@ -148,7 +148,7 @@ def numbers_of(rollout: Rollout) -> dict[str, Any]:
     """
     numbers, limits = rollout.numbers, rollout.effort_limits
     used = np.abs(rollout.tau) / limits
-    found: dict[str, Any] = {
+    found: Row = {
         "follows": rollout.grade == FOLLOWS,
         **{name: numbers[name] for name in _KEPT if name in numbers},
         "torque_use": extreme(np.max, used[:, np.isfinite(limits)]),
@@ -347,7 +347,7 @@ def _row(case: Case, future: Future[Row]) -> Row:
 
 def sweep(
     work: Path | str | Callable[..., Any],
-    cases: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    cases: Record | Sequence[Record],
     *,
     samples: int | None = None,
     method: str = "random",
@@ -384,7 +384,7 @@ def sweep(
         InputError: a value or a key is not allowed, the folder holds another sweep, or no case can
             run.
     """
-    what: dict[str, Any] = {"function": work}
+    what: Row = {"function": work}
     if not callable(work):
         what = {"scenario": read_toml(Path(work)), "folder": str(Path(work).resolve().parent)}
     if isinstance(cases, Mapping):

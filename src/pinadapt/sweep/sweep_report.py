@@ -21,7 +21,7 @@ from .._version import __version__
 from ..exceptions import InputError
 from ..plots.style import RC, Picture, legend, literal, matplotlib
 from .cases import Plan, condition
-from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
+from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, Row, cell, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = FIGURES = ("map.png", "bands.png")
@@ -231,7 +231,7 @@ class SweepReport:
         )
         return html_page(self.title, [self.sheet().html(), *pictures])
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Row:
         """Return the numbers of the report."""
         return {
             "title": self.title,

@@ -12,11 +12,11 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from .._output import Table, read_as_data, write_text
+from .._output import Record, Table, read_as_data, write_text
 from ..exceptions import InputError, did_you_mean
 
 JOURNAL, TABLE = "journal.jsonl", "table.csv"
@@ -25,6 +25,7 @@ DONE, DIVERGED, REFUSED = "done", "diverged", "refused"
 FAILED, CRASHED, TIMEOUT = "failed", "crashed", "timeout"
 AGAIN = (CRASHED, FAILED, TIMEOUT)  # may end otherwise when they run again
 PRINTED_ROWS = 20  # of a list; half or twice: a shorter or longer text
+Row: TypeAlias = dict[str, Any]  # values of a case by column
 _WORDS = {"": None, "True": True, "False": False}
 
 
@@ -39,18 +40,18 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | str | None) else str(value)
 
 
-def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flat(table: Record, prefix: str = "") -> Row:
     """Return the entries of nested tables by dotted keys."""
-    found: dict[str, Any] = {}
+    found: Row = {}
     for key, value in table.items():
         inside = isinstance(value, Mapping)
         found |= flat(value, f"{prefix}{key}.") if inside else {f"{prefix}{key}": value}
     return found
 
 
-def flat_row(row: Mapping[str, Any]) -> dict[str, Any]:
+def flat_row(row: Record) -> Row:
     """Return a row as a CSV file has it, a column for each entry of a table or number of a list."""
-    found: dict[str, Any] = {}
+    found: Row = {}
     for key, value in flat(row).items():
         value = plain(value)
         if isinstance(value, list) and value and all(map(_is_number, value)):
@@ -83,9 +84,9 @@ class CaseTable:
         names: of the columns.
     """
 
-    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
+    def __init__(self, rows: Iterable[Record]) -> None:
         """Take rows, each with its ``case``; of several of one case the first counts."""
-        by_case: dict[int, dict[str, Any]] = {}
+        by_case: dict[int, Row] = {}
         for row in rows:
             by_case.setdefault(row["case"], flat_row(row))
         ordered = [by_case[case] for case in sorted(by_case)]
@@ -121,7 +122,7 @@ class CaseTable:
         numeric = there and all(map(_is_number, there))
         return np.array(values, dtype=float if numeric else object)  # None becomes NaN
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """Return the rows; None where a case has no value."""
         return [dict(row) for row in self._rows]
 
@@ -188,7 +189,7 @@ def read(folder: Path) -> CaseTable:
         return CaseTable(rows)
 
 
-def append(folder: Path, row: Mapping[str, Any]) -> None:
+def append(folder: Path, row: Record) -> None:
     """Append a row to the journal of a folder.
 
     Raises:

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from .._checks import optional, positive, whole
-from .._output import Sheet, Table, percent
+from .._output import Record, Sheet, Table, percent
 from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
 from .execution import rows, work_of
 from .sweep_report import Rate, percentile, rate
-from .table import DONE, CaseTable
+from .table import DONE, CaseTable, Row
 
 _PENALTY = 1e6  # objective where lost cases reach the percentile, times 1 + their share
 
@@ -34,7 +34,7 @@ class Judged:
         success: share of the cases that ran to their end with a verdict "follows".
     """
 
-    gains: dict[str, Any]
+    gains: Row
     objective: float
     errors: np.ndarray
     success: Rate
@@ -51,7 +51,7 @@ class Tuned:
             another seed, their ``success`` there, the number of ``cases`` and all ``trials``.
     """
 
-    numbers: dict[str, Any]
+    numbers: Row
 
     def __str__(self) -> str:
         """Return gains, objectives and verdict as text."""
@@ -72,9 +72,9 @@ class Tuned:
 
 def tune(
     work: Plan | Path | str,
-    gains: Mapping[str, Any],
+    gains: Record,
     *,
-    vary: Mapping[str, Any] | None = None,
+    vary: Record | None = None,
     samples: int | None = None,
     trials: int = 40,
     objective: str = "error_share",
@@ -107,11 +107,11 @@ def tune(
     found = searched(gains, plan)
     positive(share, "share", most=1.0, error=InputError)
     trials = whole(trials, "trials", 1)
-    more: dict[str, Any] = {}
+    more: Row = {}
     if validation is not None:
         more["samples" if plan.samples else "repeat"] = validation
 
-    def judge(chosen: Mapping[str, Any], plan: Plan) -> Judged:
+    def judge(chosen: Record, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
         rows_ = rows(work_of(plan), changed, executor, plan.timeout)
@@ -143,7 +143,7 @@ def tune(
     return Tuned(numbers)
 
 
-def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: float) -> Judged:
+def _judged(gains: Record, table: CaseTable, column: str, share: float) -> Judged:
     """Return how the cases of a table ended.
 
     Raises:
@@ -159,7 +159,7 @@ def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: floa
     return Judged(dict(gains), value, errors, rate((follows == 1) & ~lost))
 
 
-def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
+def searched(gains: Record, plan: Plan) -> dict[str, Values]:
     """Return what is searched, by key.
 
     Raises:
@@ -186,7 +186,7 @@ def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
     return found
 
 
-def _suggested(trial: Any, gains: Mapping[str, Values]) -> dict[str, Any]:
+def _suggested(trial: Any, gains: Mapping[str, Values]) -> Row:
     """Return the gains of a trial."""
     return {
         key: trial.suggest_categorical(key, values.arguments)

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from .._checks import whole
+from .._output import Record
 from ..controller.limits import Limits
 from ..description.catalogue import catalogue, catalogue_entry
 from ..description.chain import effort_limits
@@ -35,7 +35,7 @@ from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..sweep.cases import Plan
 from ..sweep.execution import rows, work_of
-from ..sweep.table import DONE
+from ..sweep.table import DONE, Row
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
@@ -169,7 +169,7 @@ def zoo_numbers(
     task: str = POSITION,
     adaptation: str = "",
     case_seed: int = 0,
-) -> dict[str, Any]:
+) -> Row:
     """Run one robot of the catalogue, with and without adaptation, as a case of a sweep.
 
     ``unadapted`` and ``adapted`` are the largest errors in the last 10 % of the duration [m],
@@ -185,7 +185,7 @@ def zoo_numbers(
         adaptation: name of an adaptation; "" is the default.
         case_seed: seed of tool, friction and model errors.
     """
-    row: dict[str, Any] = {"robot": robot, "law": law, "task": task}
+    row: Row = {"robot": robot, "law": law, "task": task}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
@@ -195,7 +195,7 @@ def zoo_numbers(
     return {**row, "converged": row["verdict"] == CONVERGED}
 
 
-def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None) -> dict[str, Any]:
+def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None) -> Row:
     """Return what both runs of a robot gave, with the verdict."""
     case = zoo_case(name, seed, POSE if task == POSE else None)
     adapted = _run(case, law, adaptation, case.duration)
@@ -220,7 +220,7 @@ def run_zoo(
     seed: int = 0,
     processes: int | None = None,
     task: str = POSITION,
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Row]:
     """Run robots as a sweep and yield their numbers as they finish, see ``zoo_numbers``.
 
     Robots with most joints start first, so that the processes finish at about the same time.
@@ -273,7 +273,7 @@ def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray | None) -> float |
     return None if errors is None else extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
 
 
-def _verdict(case: ZooCase, found: Mapping[str, Any], adapted: Rollout) -> str:
+def _verdict(case: ZooCase, found: Record, adapted: Rollout) -> str:
     """Return "converged", or how the run ended."""
     error, without, angle = found["adapted"], found["unadapted"], found["adapted_angle"]
     if adapted.diverged is not None:
