@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 import warnings
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -94,9 +95,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = shown
 
 
-def _options(arguments: Sequence[str]) -> argparse.Namespace:
+def _options(arguments: Sequence[str]) -> Namespace:
     """Return the parsed arguments; only the module of the chosen command is imported."""
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="pinadapt", description="Adaptive control of robots whose model is wrong."
     )
     parser.add_argument("--version", action="version", version=f"pinadapt {__version__}")
@@ -113,11 +114,11 @@ def _module(command: str) -> ModuleType:
     return import_module(f".{_SHARED.get(command, command)}", __package__)
 
 
-def robots_arguments(parser: argparse.ArgumentParser) -> None:
+def robots_arguments(parser: ArgumentParser) -> None:
     """Add nothing: the command has no arguments."""
 
 
-def robots(options: argparse.Namespace) -> int:
+def robots(options: Namespace) -> int:
     """Print the catalogue: name, number of joints, task, frame, source of the model, remark."""
     from .._output import Table  # here, because no other command needs them at once
     from ..description.catalogue import catalogue
@@ -181,13 +182,13 @@ def stopped_by_signals() -> Iterator[None]:
 # Arguments that several commands share, and the types of arguments
 
 
-def add_scenario(parser: argparse.ArgumentParser) -> None:
+def add_scenario(parser: ArgumentParser) -> None:
     """Add a scenario file and ``--set``, which overrides its keys."""
     parser.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
     add_settings(parser)
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
+def add_settings(parser: ArgumentParser) -> None:
     """Add ``--set``."""
     parser.add_argument(
         "--set",
@@ -199,7 +200,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_out(parser: argparse.ArgumentParser, default: Path | str) -> None:
+def add_out(parser: ArgumentParser, default: Path | str) -> None:
     """Add ``--out``, a folder; a default that is not a path describes it in words."""
     parser.add_argument(
         "--out",
@@ -210,7 +211,7 @@ def add_out(parser: argparse.ArgumentParser, default: Path | str) -> None:
     )
 
 
-def add_out_file(parser: argparse.ArgumentParser, default: str) -> None:
+def add_out_file(parser: ArgumentParser, default: str) -> None:
     """Add ``--out``, a scenario file, and ``--force``."""
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help=f"scenario file to write (default: {default})"
@@ -218,7 +219,7 @@ def add_out_file(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
-def add_unadapted(parser: argparse.ArgumentParser) -> None:
+def add_unadapted(parser: ArgumentParser) -> None:
     """Add ``--unadapted``."""
     parser.add_argument(
         "--unadapted",
@@ -227,7 +228,7 @@ def add_unadapted(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_description(parser: argparse.ArgumentParser) -> None:
+def add_description(parser: ArgumentParser) -> None:
     """Add ``--xacro`` and ``--mass``, which complete a robot description."""
     from ..robot.loading import load
 
@@ -259,7 +260,7 @@ def add_arguments_of(
         parser.add_argument(f"--{name.replace('_', '-')}", help=words, **option)
 
 
-def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+def given(options: Namespace, names: Iterable[str]) -> dict[str, Any]:
     """Return the values of those of some options that are given."""
     values = {name: getattr(options, name) for name in names}
     return {name: value for name, value in values.items() if value is not None}
@@ -288,7 +289,7 @@ def names(text: str) -> list[str]:
     """
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
-        raise argparse.ArgumentTypeError("at least one name is expected")
+        raise ArgumentTypeError("at least one name is expected")
     return found
 
 
@@ -305,11 +306,11 @@ def assignment(text: str) -> tuple[str, str]:
     """
     name, equals, value = text.partition("=")
     if not (equals and name.strip()):
-        raise argparse.ArgumentTypeError(f"name=value is expected, got {text}")
+        raise ArgumentTypeError(f"name=value is expected, got {text}")
     return name.strip(), value
 
 
-def add_processes(parser: argparse.ArgumentParser) -> None:
+def add_processes(parser: ArgumentParser) -> None:
     """Add ``--processes``."""
     parser.add_argument(
         "--processes",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import warnings
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -31,7 +31,7 @@ TABLE, FIGURE = "compare.json", "compare.png"
 _FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     add_out(parser, "out/ and the scenario's name and -compare")
@@ -44,7 +44,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_unadapted(parser)
 
 
-def compare(options: argparse.Namespace) -> int:
+def compare(options: Namespace) -> int:
     """Run a scenario under several laws, print one table, write outputs, table and one figure.
 
     The table is ``compare.json``, the figure with the errors of all laws ``compare.png``. Files of
@@ -94,12 +94,12 @@ SHOWCASE = {
 }
 
 
-def demo_arguments(parser: argparse.ArgumentParser) -> None:
+def demo_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``demo``."""
     add_out(parser, Path("out/demo"))
 
 
-def demo(options: argparse.Namespace) -> int:
+def demo(options: Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
     folders = [options.out / name for name in SHOWCASE]
     for folder in folders:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import runpy
 import time
+from argparse import ArgumentParser, Namespace
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
@@ -56,7 +56,7 @@ _FRANKA = {
 }
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``drive``."""
     parser.add_argument(
         "kind",
@@ -111,7 +111,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def drive(options: argparse.Namespace) -> int:
+def drive(options: Namespace) -> int:
     """Drive an arm, print the histogram of its cycles, and save what was learned beside the log.
 
     Return 3 if a finding ended it, 130 after Ctrl-C, else 0.
@@ -164,7 +164,7 @@ def drive(options: argparse.Namespace) -> int:
     return DIVERGED if ending.failed else DONE
 
 
-def _tables(options: argparse.Namespace) -> tuple[Tables, Path]:
+def _tables(options: Namespace) -> tuple[Tables, Path]:
     """Return the tables of the scenario, and the folder that its paths are relative to."""
     if options.file is not None:
         return read_tables(options.file, options.set), options.file.parent
@@ -179,7 +179,7 @@ def _tables(options: argparse.Namespace) -> tuple[Tables, Path]:
     return deepcopy(_FRANKA), Path()
 
 
-def _check_arm(options: argparse.Namespace) -> None:
+def _check_arm(options: Namespace) -> None:
     """Refuse an arm that does not exist, and options that it has not.
 
     Raises:
@@ -202,7 +202,7 @@ def _check_arm(options: argparse.Namespace) -> None:
         )
 
 
-def _connect(options: argparse.Namespace, scenario: Scenario, load: Payload | None) -> Arm:
+def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Arm:
     """Return the arm of the options.
 
     Raises:
@@ -286,13 +286,13 @@ def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajector
 # --- replay -------------------------------------------------------------------------------------
 
 
-def replay_arguments(parser: argparse.ArgumentParser) -> None:
+def replay_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``replay``."""
     parser.add_argument("log", type=Path, metavar="LOG", help="MCAP file of `pinadapt drive`")
     add_settings(parser)
 
 
-def replay(options: argparse.Namespace) -> int:
+def replay(options: Namespace) -> int:
     """Print the torques of a log beside those that its controller, or another one, computes.
 
     Return 3 if the same controller computes others, else 0.
@@ -332,14 +332,14 @@ def replay(options: argparse.Namespace) -> int:
 # --- tell ---------------------------------------------------------------------------------------
 
 
-def tell_arguments(parser: argparse.ArgumentParser) -> None:
+def tell_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``tell``."""
     parser.add_argument("port", type=int, metavar="PORT", help="of the running loop")
     parser.add_argument("what", choices=COMMANDS, metavar="COMMAND", help=", ".join(COMMANDS))
     parser.add_argument("value", nargs="?", metavar="JSON", help='such as true, or {"mass": 1.0}')
 
 
-def tell(options: argparse.Namespace) -> int:
+def tell(options: Namespace) -> int:
     """Send a command to a running loop and print its answer.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,7 +36,7 @@ _SEARCH = {
 }
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "source",
@@ -60,7 +60,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_out_file(parser, "the robot's name and _excited.toml")
 
 
-def excite(options: argparse.Namespace) -> int:
+def excite(options: Namespace) -> int:
     """Find an exciting motion for a robot or a scenario, print it and write a scenario with it.
 
     Raises:
@@ -83,7 +83,7 @@ def excite(options: argparse.Namespace) -> int:
     return 0
 
 
-def _of_scenario(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
+def _of_scenario(options: Namespace) -> tuple[Tables, ExcitingMotion]:
     """Return the tables of a scenario and a motion for its unknown parameters."""
     if options.unknown or options.joint:
         raise InputError(
@@ -99,7 +99,7 @@ def _of_scenario(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     return read_toml(path), find(controller, **given(options, _SEARCH))
 
 
-def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
+def _of_robot(options: Namespace) -> tuple[Tables, ExcitingMotion]:
     """Return tables of a scenario for a robot and a motion for the given unknown parameters."""
     robot = load(options.source, frame=options.frame)
     bodies, joint = one_word(options.unknown) or "all", one_word(options.joint) or "all"

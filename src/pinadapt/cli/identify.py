@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import partial
@@ -38,7 +39,7 @@ from .command_line import (
 from .run import RUN_FILES
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``identify``."""
     _add_log_and_robot(parser)
     add_arguments_of(parser, load, {"task": str})
@@ -55,20 +56,16 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         ),
     ):
         parser.add_argument(option, type=names, metavar="A,B", help=what)
-    parser.add_argument(
-        "--adaptation",
-        choices=(
-            "natural-memory",
-            "natural-composite",
-            "composite-memory",
-            "composite",
-            "least-squares",
-        ),
-        default="natural-memory",
-        help="adaptation of the online estimator (default: %(default)s)",
-    )
     several = {"type": Path, "nargs": "+", "action": "extend", "default": [], "metavar": "LOG"}
-    add_arguments_of(parser, identify_log, {"test": several, "empty": Path})
+    adaptations = (
+        "natural-memory",
+        "natural-composite",
+        "composite-memory",
+        "composite",
+        "least-squares",
+    )
+    of_log = {"adaptation": adaptations, "test": several, "empty": Path}
+    add_arguments_of(parser, identify_log, of_log)
     parser.add_argument(
         "--compare",
         type=Path,
@@ -91,25 +88,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/ and the log's name and -identified")
 
 
-def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
+def calibrate_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``calibrate``."""
     _add_log_and_robot(parser)
-    parser.add_argument(
-        "--unknown",
-        type=names,
-        default=calibration.ALL,
-        metavar="A,B",
-        help="placements: base, joints, tool, names of joints; or offsets, of the encoders alone "
-        "(default: base,joints,tool)",
-    )
-    add_arguments_of(parser, calibration.calibrate, {"tracker": {"action": "store_true"}})
+    placements = {"type": names, "metavar": "A,B"}
+    add_arguments_of(parser, calibration.calibrate, {"unknown": placements, "tracker": bool})
     _add_import_options(parser)
     add_description(parser)
     add_out(parser, "out/ and the log's name and -calibrated")
     parser.set_defaults(task=None, test=[], empty=None, write_intake=False)
 
 
-def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
+def _add_log_and_robot(parser: ArgumentParser) -> None:
     """Add the logs, the robot, its frame and its locked joints."""
     parser.add_argument(
         "log",
@@ -133,7 +123,7 @@ def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_import_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+def _add_import_options(parser: ArgumentParser) -> argparse._ArgumentGroup:
     """Add a group of options that say how a log is to be read, see ``ImportOptions``; return it."""
     group = parser.add_argument_group(
         "how the log is read",
@@ -202,14 +192,14 @@ def _listed(text: str) -> Any:
     """
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if not parts:
-        raise argparse.ArgumentTypeError("at least one value is expected")
+        raise ArgumentTypeError("at least one value is expected")
     if "=" in text:
         return {name: toml_value(value) for name, value in map(assignment, parts)}
     values = [toml_value(part) for part in parts]
     return values[0] if len(values) == 1 else values
 
 
-def _import_options(options: argparse.Namespace) -> ImportOptions | None:
+def _import_options(options: Namespace) -> ImportOptions | None:
     """Return how the logs are to be read; None: each by the file beside it.
 
     Raises:
@@ -233,7 +223,7 @@ def _import_options(options: argparse.Namespace) -> ImportOptions | None:
     return ImportOptions.of(place).updated(**said)
 
 
-def identify(options: argparse.Namespace) -> int:
+def identify(options: Namespace) -> int:
     """Estimate a robot's parameters from a log, write the outputs and print report and verdict.
 
     Nothing is written before the estimation is complete.
@@ -253,11 +243,9 @@ def identify(options: argparse.Namespace) -> int:
         found = identify_log(
             options.log,
             robot,
-            test=options.test,
-            empty=options.empty,
-            adaptation=options.adaptation,
             intake=intake,
             unknown=unknown.with_names(**named),
+            **given(options, ("adaptation", "test", "empty")),
         )
     except TorqueMismatchError as error:
         print(error.check.sheet())
@@ -284,7 +272,7 @@ def identify(options: argparse.Namespace) -> int:
     return (INCOMPLETE if missing else DONE) if found.trusted else REFUSED
 
 
-def calibrate(options: argparse.Namespace) -> int:
+def calibrate(options: Namespace) -> int:
     """Calibrate a robot's placements from a log, write the outputs and print the report.
 
     Nothing is written before the calibration is complete.
@@ -295,9 +283,8 @@ def calibrate(options: argparse.Namespace) -> int:
     found = calibration.calibrate(
         options.log,
         robot,
-        unknown=options.unknown,
-        tracker=options.tracker,
         intake=_import_options(options),
+        **given(options, ("unknown", "tracker")),
     )
     try:
         with one_run(folder, calibration.FILES) as beside:
@@ -308,9 +295,7 @@ def calibrate(options: argparse.Namespace) -> int:
     return DONE if found.trusted else REFUSED
 
 
-def _write_import_options(
-    options: argparse.Namespace, source: Path, intake: ImportOptions | None
-) -> int:
+def _write_import_options(options: Namespace, source: Path, intake: ImportOptions | None) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
     place = options.intake or place_beside(source)
     robot, _ = _robot_and_unknown(options)
@@ -342,7 +327,7 @@ def _check_place(folder: Path, files: Sequence[str]) -> None:
         )
 
 
-def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, Unknown]:
+def _robot_and_unknown(options: Namespace) -> tuple[Robot, Unknown]:
     """Return the robot and what is unknown; a scenario gives its estimated model and [unknown]."""
     chosen = given(options, ("frame", "task", "mass"))
     chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import warnings
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from .._output import write_text
@@ -20,7 +20,7 @@ _CHOICES = {
 }
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "source",
@@ -33,7 +33,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_out_file(parser, "the robot's name and .toml")
 
 
-def init(options: argparse.Namespace) -> int:
+def init(options: Namespace) -> int:
     """Write a scenario for a robot description or a robot's name, ready to run, and check it.
 
     Raises:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -37,7 +37,7 @@ RUN_FILES = (
 )
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``run``."""
     add_scenario(parser)
     add_out(parser, "out/ and the scenario's name")
@@ -48,7 +48,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_unadapted(parser)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: Namespace) -> int:
     """Run a scenario as ``run_into`` does."""
     scenario = Scenario.read(options.scenario, options.set)
     without = None
@@ -80,7 +80,7 @@ def run_into(
     return status_of(rollout)
 
 
-def view_arguments(parser: argparse.ArgumentParser) -> None:
+def view_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``view``."""
     parser.add_argument(
         "scenario",
@@ -98,7 +98,7 @@ def view_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def view(options: argparse.Namespace) -> int:
+def view(options: Namespace) -> int:
     """Show the animation in a folder, or run a scenario live and print its table.
 
     The address of the page is printed; without a display, nothing else happens. Return 3 if the
@@ -146,12 +146,12 @@ def _show(folder: Path) -> int:
     return DONE
 
 
-def cite_arguments(parser: argparse.ArgumentParser) -> None:
+def cite_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``cite``."""
     add_scenario(parser)
 
 
-def cite(options: argparse.Namespace) -> int:
+def cite(options: Namespace) -> int:
     """Print the BibTeX entries of what a scenario's controller uses."""
     print(citation(Scenario.read(options.scenario, options.set).controller), end="")
     return 0

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from ..exceptions import InputError
@@ -30,7 +30,7 @@ _OWN = {
 }
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     parser.epilog = (
@@ -62,7 +62,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/ and the file's name and -sweep")
 
 
-def sweep(options: argparse.Namespace) -> int:
+def sweep(options: Namespace) -> int:
     """Run the cases of a sweep, print its report and write table, figures and page.
 
     A folder in place of a file: with ``--resume`` its missing cases are run, with ``--case`` one of
@@ -88,7 +88,7 @@ def sweep(options: argparse.Namespace) -> int:
     return _show(table, plan, options.column, folder)
 
 
-def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
+def _plan(options: Namespace) -> tuple[Plan, Path]:
     """Return the sweep and its folder.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from .._output import check_writable, write_json
@@ -21,7 +21,7 @@ from .command_line import (
 FILE = "tune.json"
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     parser.epilog = (
@@ -54,7 +54,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/ and the file's name and -tune")
 
 
-def tune(options: argparse.Namespace) -> int:
+def tune(options: Namespace) -> int:
     """Search gains, validate them on other seeds, and say whether the defaults are as good.
 
     Writes ``tune.json`` with all trials.

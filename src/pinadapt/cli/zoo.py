@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from .._output import Record, check_writable, records_table, write_json
 from ..description.catalogue import catalogue_entry
-from ..laws import DEFAULT, LAWS
+from ..laws import LAWS
 from ..simulation.simulate import watched
 from ..tasks.task import DISPLAYS
-from ..zoo.experiment import CONVERGED, run_zoo, zoo_names
-from .command_line import DONE, INTERRUPTED, add_out, add_processes, names
+from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo, zoo_names
+from .command_line import DONE, INTERRUPTED, add_arguments_of, add_out, add_processes, given, names
 
 TABLE = "zoo.json"
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "--robots",
@@ -26,45 +26,22 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help="names from `pinadapt robots` (default: all that fit the task)",
     )
-    parser.add_argument(
-        "--law",
-        choices=[
-            name
-            for name, law in LAWS.items()
-            if law.adapts and not (law.joint_space or law.set_point)
-        ],
-        default=DEFAULT,
-        metavar="NAME",
-        help="an adaptive law: %(choices)s (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--task",
-        choices=("position", "pose"),
-        default="position",
-        help="position: a circle; pose: a circle with a swinging tool, for chains of six and more "
-        "joints (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="random seed of friction, tools and model errors (default: %(default)s)",
-    )
+    laws = [law for law in LAWS.values() if law.adapts and not (law.joint_space or law.set_point)]
+    types = {"law": tuple(law.name for law in laws), "task": (POSITION, POSE), "seed": int}
+    add_arguments_of(parser, run_zoo, types)
     add_processes(parser)
     add_out(parser, Path("out/zoo"))
 
 
-def zoo(options: argparse.Namespace) -> int:
+def zoo(options: Namespace) -> int:
     """Run the zoo, print one table and write ``zoo.json``; a failure is a row of the table."""
-    names = zoo_names(options.task)
+    names = zoo_names(options.task or POSITION)
     if options.robots:
         names = [catalogue_entry(name).name for name in options.robots]
     folder: Path = options.out
     check_writable(folder, [TABLE])
-    coming = run_zoo(
-        names, options.law, seed=options.seed, processes=options.processes, task=options.task
-    )
+    chosen = given(options, ("law", "task", "seed", "processes"))
+    coming = run_zoo(names, **chosen)
     rows: list[Record] = []
     with suppress(KeyboardInterrupt):
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):

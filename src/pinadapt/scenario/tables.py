@@ -37,6 +37,7 @@ from ..tuning.rates import ADAPTATIONS, KINEMATIC_ADAPTATIONS, RATES
 from ..tuning.unknowns import Unknown
 
 Tables = dict[str, Any]
+Make = Callable[..., Any]  # a class or function that takes the keys of a table as arguments
 
 MOTIONS: dict[str, type[Trajectory]] = {
     "circle": Circle,
@@ -59,14 +60,14 @@ _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engi
 
 
 @cache
-def arguments(make: Callable[..., Any]) -> tuple[str, ...]:
+def arguments(make: Make) -> tuple[str, ...]:
     """Return the names of the arguments that a class or function has, in order."""
     several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
     parameters = signature(make).parameters.values()
     return tuple(each.name for each in parameters if each.kind not in several)
 
 
-def _keys() -> dict[str, tuple[Callable[..., Any], tuple[str, ...]]]:
+def _keys() -> dict[str, tuple[Make, tuple[str, ...]]]:
     """Return what each table is made of: a class or function, and those of its arguments."""
     changes = tuple(name for name in arguments(Robot.changed) if name != "self")
     own = ("robot", "unknown", "sensors", "limits")
@@ -90,7 +91,7 @@ TABLES = ("title", *KEYS, "trajectory")
 
 
 @cache
-def _hints(make: Callable[..., Any]) -> Tables:
+def _hints(make: Make) -> Tables:
     """Return the types of the arguments of a class or function."""
     plain_class = isinstance(make, type) and "__init__" in vars(make) and not is_dataclass(make)
     if make in (dict, load):  # in which no table stands for an object
@@ -123,9 +124,7 @@ def checked(table: Any, path: str, names: Iterable[str]) -> Record:
     return table
 
 
-def read(
-    table: Any, path: str, make: Callable[..., Any], names: Iterable[str] | None = None
-) -> Tables:
+def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) -> Tables:
     """Return the arguments of a class or function that a table holds, tables in it as objects.
 
     Raises:
@@ -145,7 +144,7 @@ def _value(hint: Any, value: Any, path: str) -> Any:
     return value
 
 
-def made(make: Callable[..., Any], table: Any, path: str) -> Any:
+def made(make: Make, table: Any, path: str) -> Any:
     """Return what a class or function makes of a table.
 
     Raises:

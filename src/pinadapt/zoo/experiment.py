@@ -215,7 +215,7 @@ def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None)
 
 def run_zoo(
     names: Sequence[str],
-    law: str,
+    law: str = DEFAULT,
     *,
     seed: int = 0,
     processes: int | None = None,
@@ -227,10 +227,11 @@ def run_zoo(
 
     Args:
         names: names in the catalogue.
-        law: name of a law.
-        seed: seed of the cases.
+        law: an adaptive law (default: separation).
+        seed: of friction, tools and model errors (default: 0).
         processes: number of processes, 0 for none besides this one; None: one per core.
-        task: "position", or "pose" for robots with six and more joints.
+        task: position, a circle (default), or pose, a circle with a swinging tool, for chains of
+            six and more joints.
 
     Raises:
         RobotError: a name is not in the catalogue.
