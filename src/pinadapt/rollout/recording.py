@@ -174,14 +174,15 @@ def ringing(
     tau = tau[-max(len(t) // 2, length) :]
     f, power = welch(tau, rate, nperseg=min(len(tau), length), detrend="linear", axis=0)
     step, fast = f[1], f >= slowest
-    found = []
+    f, found = f[fast], []
     for name, own, size in zip(joints, power[fast].T, np.mean(tau**2, axis=0), strict=True):
         peak = int(np.argmax(own)) if own.size else 0
-        near = np.abs(f[fast] - f[fast][peak]) <= max(0.15 * f[fast][peak], 2.0 * step)
+        if peak < 2:  # no edge of the motion's own spectrum
+            continue
+        near = np.abs(f - f[peak]) <= max(0.15 * f[peak], 2.0 * step)
         share = float(np.sqrt(step * own.sum() / size))  # the sum over f is the mean square
-        # not at the edge of the motion's own spectrum
-        if peak >= 2 and own[near].sum() > _PURE * own.sum() and share > _RINGS:
-            found.append(Ringing(name, float(f[fast][peak]), share))
+        if own[near].sum() > _PURE * own.sum() and share > _RINGS:
+            found.append(Ringing(name, float(f[peak]), share))
     return max(found, key=lambda each: each.share, default=None)
 
 

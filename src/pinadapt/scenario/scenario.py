@@ -28,7 +28,7 @@ from ..tasks.frame import ImageTask, pinhole_camera
 from ..trajectories.pose import placed_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
-from .tables import KEYS, TABLES, Tables, at_folder, motion, parts, read, read_tables
+from .tables import KEYS, TABLES, Tables, at_folder, in_table, motion, parts, read, read_tables
 
 _OF_PICTURES = ("center", "radius", "amplitude", "points", "point", "cosine", "sine")
 
@@ -91,10 +91,10 @@ class Scenario:
         given, described = parts(tables), described_robot(tables)
         sensors = _scaled(given["sensors"], getattr(described.task, "pixel", None) or 1.0)
         truth, model = given["truth"], given["model"]
-        with located("truth", KEYS["truth"][1], TABLES):
+        with in_table("truth"):
             true = true_robot(described, truth)
         learned = model.pop("learned", None)
-        with located("model", KEYS["model"][1], TABLES):
+        with in_table("model"):
             unloaded = described.changed(**model)
             if learned is not None:
                 learned = LearnedParameters.load(learned)
@@ -110,14 +110,14 @@ class Scenario:
             with located("controller.compensated"):
                 compensation = read(changes, "controller.compensated", Robot.changed)
                 options["compensated"] = Gravity(described.changed(**compensation))
-        with located("controller", KEYS["controller"][1], TABLES):
+        with in_table("controller"):
             controller = make_controller(
                 unloaded, unknown=unknown, sensors=sensors, limits=given["limits"], **options
             )
         if learned is not None:
             with located("model.learned"):
                 start = learned.start(controller)
-        with located("trajectory", (), TABLES):
+        with in_table("trajectory"):
             trajectory = trajectory_of(tables.get("trajectory", {}), true)
         events = Events(
             _changes(described, truth, given["events"]["changes"]),
@@ -163,7 +163,7 @@ class Scenario:
         of_run = KEYS["simulation"][1]
         try:
             with (
-                located("simulation", of_run, TABLES),
+                in_table("simulation"),
                 located("engine", KEYS["engine"][1], (*TABLES, *of_run, "changes")),
             ):
                 return simulate(
@@ -191,7 +191,7 @@ def described_robot(tables: Tables) -> Robot:
         InputError: it cannot be loaded.
     """
     given = parts(tables)
-    with located("robot", KEYS["robot"][1]):
+    with in_table("robot"):
         robot = load(**given["robot"])
     cameras = len(given["truth"]["camera"])
     if cameras > 1 and isinstance(robot.task, ImageTask):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import is_dataclass
 from functools import cache
@@ -88,6 +89,11 @@ def _keys() -> dict[str, tuple[Make, tuple[str, ...]]]:
 
 KEYS = _keys()
 TABLES = ("title", *KEYS, "trajectory")
+
+
+def in_table(name: str) -> AbstractContextManager[None]:
+    """Let errors raised inside name their place in a table of this name."""
+    return located(name, KEYS[name][1] if name in KEYS else (), TABLES)
 
 
 @cache

@@ -16,12 +16,11 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
-    FIRST_COMPLETED,
     Executor,
     Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
-    wait,
+    as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -29,7 +28,6 @@ from copy import deepcopy
 from functools import partial
 from importlib import import_module
 from inspect import signature
-from itertools import islice, starmap
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from types import FrameType
@@ -65,7 +63,6 @@ from .table import (
 )
 
 Work = Callable[[Case], Record]
-Ended = tuple[Case, "Future[Row]"]
 
 
 # --- what is run ---
@@ -273,20 +270,15 @@ def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
 
 
 def _as_ended(
-    executor: Executor, task: Callable[[Case], Row], cases: Iterable[Case], ahead: int
-) -> Iterator[Ended]:
-    """Yield cases with their results as they end; so many are given to the executor at a time."""
-    coming, running = iter(cases), dict[Future[Row], Case]()
+    executor: Executor, task: Callable[[Case], Row], cases: Iterable[Case]
+) -> Iterator[Row]:
+    """Yield the rows of cases as they end."""
+    futures = {executor.submit(task, case): case for case in cases}
     try:
-        while True:
-            for case in islice(coming, ahead - len(running)):
-                running[executor.submit(task, case)] = case
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future
+        for future in as_completed(futures):
+            yield _row(futures[future], future)
     finally:
-        for future in running:
+        for future in futures:
             future.cancel()
 
 
@@ -299,7 +291,7 @@ def rows(
     executor: Executor | int | None = None,
     timeout: float | None = None,
 ) -> Iterator[Row]:
-    """Yield the rows of cases as they end; few cases are in work at a time.
+    """Yield the rows of cases as they end.
 
     Args:
         work: what is run.
@@ -320,14 +312,11 @@ def rows(
             return
         task = partial(_run, pickle.dumps(work), timeout)
         if isinstance(executor, Executor):
-            # two cases for each worker: with one it would wait for the next
-            ahead = 2 * getattr(executor, "_max_workers", cores())
-            yield from starmap(_row, _as_ended(executor, task, cases, ahead))
+            yield from _as_ended(executor, task, cases)
             return
-        count = executor or cores()
-        with _threads(count) as threads:
+        with _threads(executor or cores()) as threads:
             own = partial(_in_own_process, threading.local(), task)
-            yield from starmap(_row, _as_ended(threads, own, cases, count))
+            yield from _as_ended(threads, own, cases)
 
 
 def _row(case: Case, future: Future[Row]) -> Row:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -120,10 +118,18 @@ def tune(
     optuna = optional("optuna", "tune", "tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=plan.seed))
+    spaces = {
+        key: optuna.distributions.CategoricalDistribution(values.arguments)
+        if values.kind == "choice"
+        else optuna.distributions.FloatDistribution(
+            *map(float, values.arguments), log=values.kind == "loguniform"
+        )
+        for key, values in found.items()
+    }
     before, tried = judge({}, plan), []
     for _ in watched(range(trials), None, "tune"):
-        trial = study.ask()
-        tried.append(judge(_suggested(trial, found), plan))
+        trial = study.ask(spaces)
+        tried.append(judge(trial.params, plan))
         study.tell(trial, tried[-1].objective)
     best = min(tried, key=lambda each: each.objective)
     other = replace(plan, seed=plan.seed + 1, **more)
@@ -184,18 +190,6 @@ def searched(gains: Record, plan: Plan) -> dict[str, Values]:
             hint="Name some: controller.alpha=loguniform(5, 100).",
         )
     return found
-
-
-def _suggested(trial: Any, gains: Mapping[str, Values]) -> Row:
-    """Return the gains of a trial."""
-    return {
-        key: trial.suggest_categorical(key, values.arguments)
-        if values.kind == "choice"
-        else trial.suggest_float(
-            key, *map(float, values.arguments), log=values.kind == "loguniform"
-        )
-        for key, values in gains.items()
-    }
 
 
 def verdict(default: Judged, best: Judged) -> tuple[str, bool]:
