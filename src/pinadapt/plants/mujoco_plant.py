@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -165,7 +165,7 @@ class MujocoChain(NamedTuple):
         return pin.Motion(turn @ twist[3:], turn @ twist[:3])
 
 
-mujoco_module = partial(optional, "mujoco", "mujoco", "engine")
+mujoco_module = cache(partial(optional, "mujoco", "mujoco", "engine"))
 
 
 def chain_of(robot: Robot) -> MujocoChain:
