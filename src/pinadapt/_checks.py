@@ -25,7 +25,7 @@ from .exceptions import (
 )
 
 LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be positive
-MOST_SAMPLES, MOST_PARAMETERS = 100_000, 10_000  # that are drawn, or adapted
+MOST_PARAMETERS = 10_000  # that are adapted; half or twice: where a mistyped number is refused
 
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = 60

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import MOST_SAMPLES, instance, numbers, positive, whole
+from .._checks import MOST_PARAMETERS, instance, numbers, positive, whole
 from .._output import Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
@@ -86,7 +86,7 @@ def excite(
     """
     nominal, dynamics = _nominal_and_dynamics(robot, unknown)
     duration = positive(duration, "duration", error=InputError)
-    harmonics = whole(harmonics, "harmonics", 2, most=MOST_SAMPLES)
+    harmonics = whole(harmonics, "harmonics", 2, most=MOST_PARAMETERS)
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))
     shapes = Shapes.of(nominal, srdf, level)
     allowed = Allowance.of(nominal, excursion, load, shapes, level)

@@ -156,26 +156,26 @@ class Artist(MeshcatVisualizer):
 TEXTURED = "<color>0.8 0.8 0.8 1</color>"  # in place of an image
 
 
-def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None:
-    """Draw each shape k of joint i at ``joint i/shape k`` below a node; equal meshes once."""
+def draw_shapes(root: Node, twin: Node, visual: pin.GeometryModel, model: pin.Model) -> None:
+    """Draw each shape k of joint i at ``joint i/shape k`` below a node; equal meshes once.
+
+    Below its twin each is drawn as a ghost.
+    """
     visual, first = visual.copy(), dict[Any, Node]()
     artist = Artist(model, None, visual)
     artist.initViewer(viewer=root)
     for number, shape in enumerate(visual.geometryObjects):
         joint, shape.name = f"joint {shape.parentJoint}", f"shape {number}"
-        place = root[joint][shape.name]
-        place.set_transform(scaled_placement(shape))
+        place, shadow = root[joint][shape.name], twin[joint][shape.name]
+        for node in (place, shadow):
+            node.set_transform(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
         mesh = shape.meshPath, tuple(shape.meshColor), shape.overrideMaterial
         if shape.meshPath and mesh in first:
             root.window.copy(first[mesh], place)
-            continue
-        first[mesh], artist.viewerVisualGroupName = place, joint
-        artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
-
-
-def scaled_placement(shape: pin.GeometryObject) -> np.ndarray:
-    """Return the placement of a shape in its joint's axes, times its scale (4, 4) [m]."""
-    return np.asarray(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
+        else:
+            first[mesh], artist.viewerVisualGroupName = place, joint
+            artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
+        root.window.copy(place, shadow, as_ghost=True)
 
 
 Node: TypeAlias = meshcat.Visualizer

@@ -25,7 +25,6 @@ from .drawing import (
     draw_shapes,
     ghost,
     rod,
-    scaled_placement,
     solid,
     tube,
 )
@@ -234,11 +233,7 @@ class Scene:
         self._solid = DrawnRobot(self.root["true"], true, size, solid(TRUE))
         self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
         if true.visual is not None and len(true.visual.geometryObjects) > 0:
-            draw_shapes(self._solid.node, true.visual, true.model)
-            for number, shape in enumerate(true.visual.geometryObjects):  # stored only once
-                place = f"joint {shape.parentJoint}/shape {number}"
-                self._ghost.node[place].set_transform(scaled_placement(shape))
-                self.window.copy(self._solid.node[place], self._ghost.node[place], as_ghost=True)
+            draw_shapes(self._solid.node, self._ghost.node, true.visual, true.model)
         else:
             self._solid.stick_figure(solid(BONES))
             self._ghost.stick_figure(ghost())
