@@ -223,7 +223,7 @@ class Template:
             "frame": None if self.whole else robot.frame,
             "task": self.task,
             "pixel": self.view.pixel if self.filmed else None,
-            "weld_root": True if robot.welded else None,
+            "weld_root": robot.welded or None,
             "locked": [],
             "q0": significant(robot.home_angles, digits=12),
         }

@@ -147,16 +147,12 @@ class DrawnRobot:
         self._rods: list[tuple[Node, int, int]] = []
         node["tip"].set_object(Sphere(0.024 * size), tip)
 
-    def joint(self, index: int) -> Node:
-        """Return the node that moves with a joint; joint 0 is the base."""
-        return self.node[f"joint {index}"]
-
     def place(self, motion: ChainMotion, poses: Keyframes) -> None:
         """Move all nodes to their places in a motion."""
         joints = motion.joints.swapaxes(0, 1)
         for index, place in enumerate(joints):
             turn = Rotation.from_matrix(place[:, :3, :3])
-            poses.move(self.joint(index), place[:, :3, 3], turn)
+            poses.move(self.node[f"joint {index}"], place[:, :3, 3], turn)
         points = [*joints[:, :, :3, 3], motion.tip]
         for node, start, end in self._rods:
             poses.move(node, *rod(points[start], points[end], 0.025 * self.size))
@@ -167,14 +163,14 @@ class DrawnRobot:
         parents = [*map(int, self.robot.model.parents), self.carrier]
         for end, start in enumerate(parents):
             if end < len(parents) - 1:
-                self.joint(end)["ball"].set_object(Sphere(0.04 * self.size), material)
+                self.node[f"joint {end}"]["ball"].set_object(Sphere(0.04 * self.size), material)
             if end:
                 self._rods.append((self.node[f"rod {end}"], start, end))
                 self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
     def load(self, number: int) -> Node:
         """Return the node of the loads of the robot of this number in the succession."""
-        return self.joint(self.carrier)[f"load {number}"]
+        return self.node[f"joint {self.carrier}"][f"load {number}"]
 
     def add_loads(self, number: int, robot: Robot) -> None:
         """Draw each load of a robot as a ball of steel of the same mass."""
