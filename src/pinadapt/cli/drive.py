@@ -186,8 +186,8 @@ def _check_arm(options: Namespace) -> None:
         InputError: it is refused.
     """
     kind = options.kind
-    for name in ("load", *_COLLISION):
-        if kind != "franka" and getattr(options, name) is not None:
+    for name in given(options, ("load", *_COLLISION)):
+        if kind != "franka":
             raise InputError("is set on a Franka only.", where=f"--{name}")
     if kind == "franka" and options.address is None:
         raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")

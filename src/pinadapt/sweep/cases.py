@@ -97,9 +97,9 @@ class Values:
                 raise InputError(
                     f"cannot be read: {shown(given)}.", where=key, hint=_HINT
                 ) from error
-        listed = isinstance(given, np.ndarray | range | tuple | list)
-        arguments = tuple(plain(given) if kind == "list" else given) if listed else (given,)
-        return cls(key, kind, arguments)
+        if kind == "list":
+            given = plain(given)
+        return cls(key, kind, tuple(given) if isinstance(given, list) else (given,))
 
     @property
     def drawn(self) -> bool:

@@ -134,7 +134,7 @@ class SweepReport:
     def parameters(self) -> list[str]:
         """The columns of what is varied, with more than one value."""
         there = [name for name in self._varied if name in self.table.names]
-        return [name for name in there if len(set(self.table[name].astype(str))) > 1]
+        return [name for name in there if len(set(map(str, self.table[name]))) > 1]
 
     @cached_property
     def results(self) -> list[str]:

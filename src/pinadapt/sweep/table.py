@@ -16,8 +16,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from .._checks import word
 from .._output import Record, Table, read_as_data, write_text
-from ..exceptions import InputError, did_you_mean
+from ..exceptions import InputError
 
 JOURNAL, TABLE = "journal.jsonl", "table.csv"
 FIRST, LAST = ("case", "seed"), ("seconds",)
@@ -109,13 +110,7 @@ class CaseTable:
         Raises:
             InputError: there is none of this name; the nearest is suggested.
         """
-        if name not in self.names:
-            raise InputError(
-                f"there is no column '{name}' among {', '.join(self.names)}."
-                f"{did_you_mean(name, self.names)}",
-                where="table",
-            )
-        values = [row[name] for row in self._rows]
+        values = [row[word(name, self.names, "column")] for row in self._rows]
         if name in FIRST:
             return np.array(values, dtype=np.int64)
         there = [value for value in values if value is not None]
