@@ -92,23 +92,29 @@ def is_free_flyer(joint: pin.JointModel) -> bool:
 # Reducing a model to the chain
 
 
-def reduced(
-    model: pin.Model, keep: Sequence[int], q_reference: np.ndarray, *shapes: pin.GeometryModel
-) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
-    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes.
-
-    ``pin.buildReducedModel`` refuses links that share their name with a joint: they are renamed
-    meanwhile.
-    """
-    lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
-    model = model.copy()
-    times = Counter(frame.name for frame in model.frames)
+def with_unique_names(model: pin.Model) -> pin.Model:
+    """Return a copy whose links share no name with a joint, which Pinocchio asks for sometimes."""
+    model, times = model.copy(), Counter(frame.name for frame in model.frames)
     for frame in model.frames:
         if frame.type == pin.FrameType.BODY and times[frame.name] > 1:
             frame.name = _LINK_MARK + frame.name
-    chain, geometries = pin.buildReducedModel(model, list(shapes), lock, q_reference)
-    for frame in chain.frames:
+    return model
+
+
+def restore_names(model: pin.Model) -> None:
+    """Undo ``with_unique_names`` in a model that was made from its copy."""
+    for frame in model.frames:
         frame.name = frame.name.removeprefix(_LINK_MARK)
+
+
+def reduced(
+    model: pin.Model, keep: Sequence[int], q_reference: np.ndarray, *shapes: pin.GeometryModel
+) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
+    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes."""
+    lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
+    unique = with_unique_names(model)
+    chain, geometries = pin.buildReducedModel(unique, list(shapes), lock, q_reference)
+    restore_names(chain)
     return chain, geometries
 
 

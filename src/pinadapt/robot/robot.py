@@ -346,7 +346,7 @@ class Robot:
 
         What changed of a body is written to its first link; links that are fixed or locked to it
         keep their inertia as long as that of the first link remains physical. A moved task frame is
-        written as its own fixed joint if it is a last link, else as a new link,
+        written as its own fixed joint if it is a last link without mass, else as a new link,
         ``<frame>_learned``.
 
         A URDF does not contain gravity or the placement of the base. Rotor inertias and effects of
