@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -35,8 +35,7 @@ def frame_id(model: pin.Model, name: str) -> int:
             f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}",
             where="frame",
         )
-    links = [i for i in found if model.frames[i].type == pin.FrameType.BODY]
-    return (links or found)[0]
+    return max(found, key=lambda i: model.frames[i].type == pin.FrameType.BODY)
 
 
 def links_of(model: pin.Model, joint: int) -> list[str]:
@@ -60,18 +59,9 @@ def is_physical(pi: np.ndarray) -> bool:
     This holds if the pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018). The bound on
     its eigenvalues is relative: rows and columns are scaled to a unit diagonal.
     """
-    return bool(are_physical(pi[None])[0])
-
-
-def are_physical(tens: np.ndarray) -> np.ndarray:
-    """Return of each of k bodies, ten parameters (k, 10), whether they are physical (k)."""
-    P = np.array([pin.PseudoInertia.FromDynamicParameters(pi).toMatrix() for pi in tens])
-    squares = np.diagonal(P.reshape(-1, 4, 4), axis1=1, axis2=2)
-    found = (tens[:, 0] > 0.0) & (squares > 0.0).all(axis=1)
-    scale = np.sqrt(squares[found])
-    relative = P.reshape(-1, 4, 4)[found] / (scale[:, :, None] * scale[:, None, :])
-    found[found] = np.linalg.eigvalsh(relative)[:, 0] > 1e-9
-    return found
+    P = pin.PseudoInertia.FromDynamicParameters(pi).toMatrix()
+    scale = np.sqrt(np.maximum(np.diag(P), 0.0))
+    return bool(scale.all() and np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > 1e-9)
 
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
@@ -140,20 +130,18 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     URDF files write 0, 1.8e308 or infinity for "no limit". A range that is empty or wider than two
     turns therefore counts as no limit.
     """
-    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
-    for joint, low, high in _stated_limits(model):
-        if low < high and high - low <= 4 * np.pi:
-            lower[model.idx_vs[joint]], upper[model.idx_vs[joint]] = low, high
-    return lower, upper
+    low, high = _stated_limits(model)
+    limited = (low < high) & (high <= low + 4.0 * np.pi)
+    return np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
 
 
-def _stated_limits(model: pin.Model) -> Iterator[tuple[int, float, float]]:
-    """Yield index and lower and upper limit of each joint of one coordinate."""
-    for joint in model.joints[1:]:
-        if joint.nq == 1:
-            at = joint.idx_q
-            low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
-            yield joint.id, float(low), float(high)
+def _stated_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return lower and upper limits (nv) of the description; NaN for joints of two coordinates."""
+    joints = model.joints[1:]
+    at, turns = [joint.idx_q for joint in joints], [joint.nq > 1 for joint in joints]
+    limits = model.lowerPositionLimit[at], model.upperPositionLimit[at]
+    low, high = (np.where(turns, np.nan, limit) for limit in limits)
+    return low, high
 
 
 def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
@@ -165,14 +153,16 @@ def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
 
 def effort_limits(model: pin.Model) -> np.ndarray:
     """Return the effort limits (nv) [N m or N]; inf if the description has 0, 1.8e308 or inf."""
-    limits = np.array(model.effortLimit, dtype=float)
-    return np.where((limits > 0.0) & (limits < LARGEST), limits, np.inf)
+    return _limits(model.effortLimit)
 
 
 def velocity_limits(model: pin.Model) -> np.ndarray:
     """Return the velocity limits (nv) [rad/s or m/s]; inf if it has 0, 1.8e308 or inf."""
-    limits = np.array(model.velocityLimit, dtype=float)
-    return np.where((limits > 0.0) & (limits < LARGEST), limits, np.inf)
+    return _limits(model.velocityLimit)
+
+
+def _limits(stated: np.ndarray) -> np.ndarray:
+    return np.where((stated > 0.0) & (stated < LARGEST), stated, np.inf)
 
 
 def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
@@ -292,11 +282,10 @@ def check_position_limits(model: pin.Model) -> None:
     Raises:
         RobotError: there is one; the message names the joint and both numbers.
     """
-    for joint, low, high in _stated_limits(model):
+    for name, low, high in zip(model.names[1:], *_stated_limits(model), strict=True):
         if low > high:
             raise RobotError(
-                f"the lower limit of joint '{model.names[joint]}', {low:g}, is above its upper "
-                f"limit, {high:g}.",
+                f"the lower limit of joint '{name}', {low:g}, is above its upper limit, {high:g}.",
                 where=model.name,
                 hint="Swap them in the description, or set both to 0 for no limit.",
             )

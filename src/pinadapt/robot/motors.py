@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, instance, numbers, word
+from .._checks import instance, joint_numbers, word
 from ..description.chain import effort_limits
 from ..exceptions import GainError, InputError, did_you_mean
 from .robot import Robot
@@ -59,7 +59,7 @@ class Actuators:
 
     Raises:
         InputError: a negative delay or damping, a bandwidth or stiffness that is not positive, NaN,
-            no numbers, or another word for ``encoders``; lists of different sizes.
+            no numbers, or another word for ``encoders``.
     """
 
     delay: ArrayLike = 0.0
@@ -72,25 +72,13 @@ class Actuators:
 
     def __post_init__(self) -> None:
         """Check the actuators, and keep numbers or tuples of them."""
-        sizes = set()
         for name in JointActuators._fields:
-            where, zero = f"actuators.{name}", name in ("delay", "damping")
-            array = numbers(getattr(self, name), where, infinite=not zero)
-            low = array < 0.0 if zero else array <= 0.0
-            if array.ndim > 1 or low.any() or (array[np.isfinite(array)] > LARGEST).any():
-                raise InputError(
-                    f"must {'not be negative' if zero else 'be positive'} and at most {LARGEST:g}, "
-                    f"one number or one per joint, got {array.tolist()}.",
-                    where=where,
-                )
-            sizes |= {array.size} if array.ndim else set()
+            zero = name in ("delay", "damping")
+            array = joint_numbers(
+                getattr(self, name), f"actuators.{name}", zero=zero, infinite=not zero
+            )
             kept = tuple(array.tolist()) if array.ndim else float(array)
             object.__setattr__(self, name, kept)
-        if len(sizes) > 1:
-            raise InputError(
-                f"expected lists of one size, one number per joint, got sizes {sorted(sizes)}.",
-                where="actuators",
-            )
         if self.elastic and np.isinf(self.stiffness).any():
             raise InputError(
                 f"expected springs at all joints or at none, got {self.stiffness}.",
@@ -243,12 +231,9 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
         return None
     n = robot.model.nv
     given = effort_limits(robot.model) if limits is True else limits
-    bounds = numbers(given, "limits.torque", error=GainError, infinite=True)
-    if bounds.shape not in ((), (n,)) or not (bounds > 0.0).all():
-        raise GainError(
-            f"expected True, a positive number or {n} of them, got {bounds.tolist()}.",
-            where="limits.torque",
-        )
+    bounds = joint_numbers(given, "limits.torque", zero=False, infinite=True, error=GainError)
+    if bounds.shape not in ((), (n,)):
+        raise GainError(f"expected {n} numbers, got {bounds.tolist()}.", where="limits.torque")
     return np.broadcast_to(bounds, n).copy() if np.isfinite(bounds).any() else None
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, mapping, numbers, positive, vector, whole
+from .._checks import flag, instance, joint_numbers, mapping, numbers, positive, vector, whole
 from .._output import Sheet, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
@@ -256,17 +256,13 @@ class Robot:
             shift = vector(tool_translation, 3, where, error=RobotError, fills=False)
             frame.placement.translation += frame.placement.rotation @ shift
         if armature is not None:
-            model.armature = self._coefficients(armature, "armature")
-        own = {
-            name: self._coefficients(value, f"friction.{name}")
-            for name, value in (("viscous", viscous), ("coulomb", coulomb))
-            if value is not None
-        }
-        if friction is None:
-            friction = self.friction
-        else:
-            friction = instance(friction, Friction, "friction", RobotError).of(model)
-        return replace(self, model=model, friction=replace(friction, **own), loads=loads)
+            rotors = joint_numbers(armature, "armature", error=RobotError)
+            model.armature = vector(rotors, model.nv, "armature", error=RobotError)
+        own = {"viscous": viscous, "coulomb": coulomb}
+        own = {name: value for name, value in own.items() if value is not None}
+        friction = self.friction if friction is None else friction
+        friction = replace(instance(friction, Friction, "friction", RobotError), **own).of(model)
+        return replace(self, model=model, friction=friction, loads=loads)
 
     def seen_from(self, rotation: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Return this robot with x in the axes of a tracker that stands somewhere.
@@ -408,13 +404,6 @@ class Robot:
         return self.friction.under(
             pin.computeGeneralizedGravity(self.model, self.model.createData(), q)
         )
-
-    def _coefficients(self, given: ArrayLike, where: str) -> np.ndarray:
-        """Return coefficients (nv), one per joint; negative ones are refused."""
-        numbers = vector(given, self.model.nv, where, names=self.joint_names, error=RobotError)
-        if (numbers < 0.0).any():
-            raise RobotError(f"must not be negative, got {numbers.tolist()}.", where=where)
-        return numbers
 
 
 @dataclass(frozen=True, eq=False)
