@@ -64,6 +64,21 @@ def is_physical(pi: np.ndarray) -> bool:
     return bool(scale.all() and np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > 1e-9)
 
 
+def check_physical(body: pin.Inertia, link: str, where: str) -> None:
+    """Refuse the inertia of a link that no distribution of mass has.
+
+    Raises:
+        RobotError: it is not physical.
+    """
+    if not is_physical(np.array(body.toDynamicParameters())):
+        raise RobotError(
+            f"the inertia of the body of link '{link}' is not physical: no distribution of mass "
+            "has it.",
+            where=where,
+            hint='The adaptation "natural" keeps all bodies physical.',
+        )
+
+
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
     """Return the indices of the joints from the base to a frame, in this order."""
     return [int(joint) for joint in model.supports[model.frames[frame].parentJoint] if joint > 0]
@@ -188,10 +203,14 @@ def reach(model: pin.Model, frame: int) -> float:
     slides = [is_slide(joint) for joint in model.joints[1:]]
     lower, upper = (limit[slides] for limit in position_bounds(model))
     limited = np.isfinite(position_limits(model)[0][slides])
-    steps = [placement.translation for placement in model.jointPlacements[2:]]
-    steps.append(model.frames[frame].placement.translation)
-    length = sum(map(np.linalg.norm, steps)) + (upper - lower)[limited].sum()
+    length = sum(map(np.linalg.norm, _steps(model, frame))) + (upper - lower)[limited].sum()
     return float(length or (upper - lower).sum())
+
+
+def _steps(model: pin.Model, frame: int) -> list[np.ndarray]:
+    """Return the way (3) [m] from each joint to the next, and from the last one to a frame."""
+    placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
+    return [placement.translation for placement in placements]
 
 
 def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarray]:
@@ -211,13 +230,11 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
     low, high = position_limits(model)
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     stroke = np.where(slides, np.maximum(np.abs(low), np.abs(high)), 0.0)
-    tip = model.frames[frame].placement.translation
-    steps = [model.jointPlacements[i].translation for i in range(2, model.njoints)] + [tip]
-    lengths = np.array([np.linalg.norm(step) for step in steps])
-    linear = np.ones(model.nv)
-    for i in np.flatnonzero(~slides):
-        first = np.linalg.norm(np.cross(axes[:, i], data.oMi[int(i) + 1].rotation @ steps[i]))
-        linear[i] = first + lengths[i + 1 :].sum() + stroke[i + 1 :].sum()
+    steps, linear = _steps(model, frame), np.ones(model.nv)
+    for i in np.flatnonzero(~slides).tolist():
+        first = np.linalg.norm(np.cross(axes[:, i], data.oMi[i + 1].rotation @ steps[i]))
+        rest = sum(map(np.linalg.norm, steps[i + 1 :]))
+        linear[i] = first + rest + stroke[i + 1 :].sum()
     return linear, np.where(slides, 0.0, 1.0)
 
 

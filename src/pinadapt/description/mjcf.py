@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
-from .chain import Mimics, effort_limits, is_physical, is_slide, links_of, position_limits
+from .chain import Mimics, check_physical, effort_limits, is_slide, links_of, position_limits
 from .urdf import check_numbers, xml_text
 from .urdf_writer import axis_of, digits, first_comment, free_name
 
@@ -187,12 +187,7 @@ def _write_inertia(body: ElementTree.Element, inertia: pin.Inertia) -> None:
     Raises:
         RobotError: the inertia is not physical.
     """
-    if not is_physical(np.array(inertia.toDynamicParameters())):
-        raise RobotError(
-            f"the inertia of body '{body.get('name')}' is not physical: no distribution of mass "
-            "has it, and MuJoCo refuses it.",
-            where="mjcf",
-        )
+    check_physical(inertia, body.get("name", ""), "mjcf")
     full = [*np.diag(inertia.inertia), *inertia.inertia[np.triu_indices(3, 1)]]
     written = {"pos": inertia.lever, "mass": inertia.mass, "fullinertia": full}
     texts = {name: digits(numbers) for name, numbers in written.items()}

@@ -11,8 +11,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._version import __version__
-from ..exceptions import RobotError
 from .chain import (
+    check_physical,
     effort_limits,
     frame_id,
     is_physical,
@@ -139,13 +139,7 @@ class _Edited:
         if np.allclose(now, before, rtol=_SAME, atol=_SAME * np.abs(now).max()):
             return
         names = links_of(self.described, index)
-        if not is_physical(now):
-            raise RobotError(
-                f"the inertia of the body of link '{names[0]}' is not physical: no distribution of "
-                "mass has it.",
-                where="urdf",
-                hint='The adaptation "natural" keeps all bodies physical.',
-            )
+        check_physical(self.robot.model.inertias[index], names[0], "urdf")
         first, placement = self.links[names[0]], self._placement(names[0])
         changed = placement.act(_read_inertia(first)).toDynamicParameters() + now - before
         if not is_physical(changed):

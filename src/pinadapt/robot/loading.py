@@ -286,12 +286,12 @@ def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:
 
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
-    model, stated = robot.model, dict[str, dict[str, float]]()
-    for name in ("armature", *FRICTION_ATTRIBUTES) if robot.origin else ():
-        every = robot.origin.urdf.joint_effects(name).items()
-        stated[name] = {joint: x for joint, x in every if joint in robot.joint_names}
+    model, origin, stated = robot.model, robot.origin, dict[str, Any]()
+    for name in ("armature", *FRICTION_ATTRIBUTES):
+        every = {} if origin is None else origin.urdf.joint_effects(name)
+        stated[name] = {joint: x for joint, x in every.items() if joint in robot.joint_names}
     armature = np.array(model.armature)
-    for joint, value in stated.pop("armature", {}).items():
+    for joint, value in stated.pop("armature").items():
         armature[robot.joint_names.index(joint)] = value
     friction = Friction(np.array(model.damping), np.array(model.friction), **stated)
     return robot.changed(armature=armature, friction=friction)

@@ -209,10 +209,7 @@ class LateTorque:
     ) -> tuple[np.ndarray, CommandsUnderway]:
         """Return the mean torque (n) over the next dt [s], and what is left; see ``after``."""
         pieces, left = self.after(before, command, dt)
-        total = np.zeros(command.size)
-        for torque, h in pieces:
-            total += h * torque
-        return total / dt, left
+        return np.asarray(sum(h * torque for torque, h in pieces)) / dt, left
 
 
 def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray | None:
