@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from math import ceil, exp, floor, log10, pi, sqrt
+from math import ceil, floor, log10, pi, sqrt
 
 import numpy as np
 import pinocchio as pin
@@ -30,9 +30,6 @@ _RATIO, _SIZES = 0.8, 18
 _STEPS = 40  # of the inverse kinematics a turn; 20, 80: the same radii of all robots
 # relative to the smallest singular value at home; 0.25: three of 129 robots get larger circles
 _LEAST_SINGULAR = 0.5
-# [rad/s], bandwidth of the return to the home pose in the null space, as in the laws; half, twice:
-# the same radii, another plane for three robots and none
-_RETURN = 4.0
 # [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing; half: twice as
 # fast, four times the accelerations
 _PERIOD = 3.0
@@ -212,7 +209,6 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         return arms[:, None] * J[task.rows]
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
-    home_share = 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
     at = [path.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
     least, places, fastest = np.inf, [q], np.zeros(model.nv)
     start = tool.position(q)
@@ -226,7 +222,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         offset[:m] = position - at[0]
         x = task.at(model, data, tool.frame_id, q)
         to_go = arms * task.error(task.moved(start, offset), x)
-        psi = home_share * pin.difference(model, q, robot.q0)
+        psi = 10.0 / _STEPS * pin.difference(model, q, robot.q0)  # half, twice: the same radii
         step = psi + V.T @ (U.T @ (to_go - J @ psi) / singular)
         fastest = np.maximum(fastest, np.abs(step))
         q = pin.integrate(model, q, step)
