@@ -229,7 +229,9 @@ def _load_chain(
     parts = [described.joints[joint] for joint in keep]
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
     tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
-    plane = None if welded or found.weld_root or whole else MountingPlane.of(model, tip, shown)
+    plane = MountingPlane()
+    if not (welded or found.weld_root or whole):
+        plane = MountingPlane.of(model, tip, shown)
     if whole:
         names = {str(described.names[joint]) for joint in keep}
         follow = [Coupling(name, *found.mimics[name]) for name in found.mimics if name in names]
@@ -351,7 +353,7 @@ def choose_task(
     frame: int,
     task: str | None,
     poses: Sequence[np.ndarray],
-    plane: MountingPlane | None,
+    plane: MountingPlane,
 ) -> tuple[Task, np.ndarray]:
     """Return the task and a home pose (nq) for it.
 
@@ -362,7 +364,7 @@ def choose_task(
         frame: index of the task frame.
         task: name of the task, or None.
         poses: (nq) poses of the description, preferred as home.
-        plane: the mounting plane, from which the home pose keeps a distance, or None.
+        plane: the mounting plane, from which the home pose keeps a distance.
 
     Raises:
         RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
@@ -385,7 +387,7 @@ def _with_home(
     frame: int,
     name: str,
     poses: Sequence[np.ndarray],
-    plane: MountingPlane | None,
+    plane: MountingPlane,
 ) -> tuple[float, Task, np.ndarray]:
     """Return conditioning, task and home pose (nq) for the name of a task."""
     task = task_named(name, model)

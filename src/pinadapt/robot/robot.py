@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
@@ -60,7 +60,7 @@ class Robot:
         ends: other frames of the description at which the chain could end, best candidate first.
         locked: joints of the description that are not part of the chain.
         welded: whether the description has a floating base, which is fixed here.
-        mounting: the plane that the chain is mounted on; None for a floating base and for robots of
+        mounting: the plane that the chain is mounted on; none for a floating base and for robots of
             the catalogue.
         loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
         tracker: the placement of the base in the axes in which x is measured, which the model has,
@@ -81,7 +81,7 @@ class Robot:
     ends: tuple[str, ...] = ()
     locked: tuple[str, ...] = ()
     welded: bool = False
-    mounting: MountingPlane | None = None
+    mounting: MountingPlane = field(default_factory=MountingPlane)
     loads: tuple[pin.Inertia, ...] = ()
     tracker: pin.SE3 | None = None
     origin: Origin | None = None
@@ -260,9 +260,10 @@ class Robot:
             model.armature = vector(rotors, model.nv, "armature", error=RobotError)
         own = {"viscous": viscous, "coulomb": coulomb}
         own = {name: value for name, value in own.items() if value is not None}
-        friction = self.friction if friction is None else friction
-        friction = replace(instance(friction, Friction, "friction", RobotError), **own).of(model)
-        return replace(self, model=model, friction=friction, loads=loads)
+        drag = self.friction if friction is None else friction
+        if friction is not None or own:
+            drag = replace(instance(drag, Friction, "friction", RobotError), **own).of(model)
+        return replace(self, model=model, friction=drag, loads=loads)
 
     def seen_from(self, rotation: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Return this robot with x in the axes of a tracker that stands somewhere.
@@ -281,7 +282,7 @@ class Robot:
         model = self.model.copy()
         changes.move_base(model, tracker)
         before = pin.SE3.Identity() if self.tracker is None else self.tracker
-        return replace(self, model=model, tracker=tracker * before, mounting=None)
+        return replace(self, model=model, tracker=tracker * before, mounting=MountingPlane())
 
     def filmed_by(self, *cameras: ArrayLike, pixel: float | None = None, count: int = 1) -> Robot:
         """Return this robot with the task "image": the picture of the frame in one or two cameras.

@@ -227,10 +227,9 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         fastest = np.maximum(fastest, np.abs(step))
         q = pin.integrate(model, q, step)
         places.append(q)
-    if robot.mounting is not None:
-        distances = robot.mounting.distances(model, tool.frame_id, places)
-        if distances[0] >= 0.0 > distances.min():
-            return None
+    distances = robot.mounting.distances(model, tool.frame_id, places)
+    if distances[0] >= 0.0 > distances.min():
+        return None
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
     speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
     return least, fastest * _STEPS / speeds
