@@ -210,6 +210,7 @@ def vector(
 def joint_numbers(
     value: ArrayLike,
     name: str,
+    size: int | None = None,
     *,
     zero: bool = True,
     infinite: bool = False,
@@ -217,8 +218,10 @@ def joint_numbers(
 ) -> np.ndarray:
     """Return one number for all joints, or one per joint, as an array of no or one dimension.
 
+    With a size it is the vector (size) of all joints.
+
     Raises:
-        error: not numbers, negative ones, or zero where that is not allowed.
+        error: not numbers, another size, negative ones, or zero where that is not allowed.
     """
     array = numbers(value, name, error=error, infinite=infinite)
     if array.ndim > 1 or (array < 0.0).any() or not (zero or array.all()):
@@ -227,7 +230,11 @@ def joint_numbers(
             f"got {array.tolist()}.",
             where=name,
         )
-    return array
+    if size is None:
+        return array
+    if array.shape not in ((), (size,)):
+        raise error(f"expected a number or {size} numbers, got {array.tolist()}.", where=name)
+    return np.broadcast_to(array, size).copy()
 
 
 def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:

@@ -121,16 +121,12 @@ class Actuators:
         Raises:
             InputError: numbers for another number of joints.
         """
-        values, names = [], robot.joint_names
-        for part in JointActuators._fields:
-            array = np.asarray(getattr(self, part), dtype=float)
-            if array.ndim and array.size != len(names):
-                raise InputError(
-                    f"expected a number or {len(names)} numbers {names}, got {array.size}.",
-                    where=f"actuators.{part}",
-                )
-            values.append(np.broadcast_to(array, len(names)).copy())
-        return JointActuators(*values)
+        n = robot.model.nv
+        parts = [
+            joint_numbers(getattr(self, name), f"actuators.{name}", n, infinite=True)
+            for name in JointActuators._fields
+        ]
+        return JointActuators(*parts)
 
 
 class CommandsUnderway(NamedTuple):
@@ -228,10 +224,8 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
         return None
     n = robot.model.nv
     given = effort_limits(robot.model) if limits is True else limits
-    bounds = joint_numbers(given, "limits.torque", zero=False, infinite=True, error=GainError)
-    if bounds.shape not in ((), (n,)):
-        raise GainError(f"expected {n} numbers, got {bounds.tolist()}.", where="limits.torque")
-    return np.broadcast_to(bounds, n).copy() if np.isfinite(bounds).any() else None
+    bounds = joint_numbers(given, "limits.torque", n, zero=False, infinite=True, error=GainError)
+    return bounds if np.isfinite(bounds).any() else None
 
 
 def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") -> str | None:

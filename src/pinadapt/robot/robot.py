@@ -256,8 +256,7 @@ class Robot:
             shift = vector(tool_translation, 3, where, error=RobotError, fills=False)
             frame.placement.translation += frame.placement.rotation @ shift
         if armature is not None:
-            rotors = joint_numbers(armature, "armature", error=RobotError)
-            model.armature = vector(rotors, model.nv, "armature", error=RobotError)
+            model.armature = joint_numbers(armature, "armature", model.nv, error=RobotError)
         own = {"viscous": viscous, "coulomb": coulomb}
         own = {name: value for name, value in own.items() if value is not None}
         drag = self.friction if friction is None else friction
