@@ -224,6 +224,36 @@ def vector(
     return array
 
 
+def joint_numbers(
+    value: ArrayLike,
+    name: str,
+    size: int | None = None,
+    *,
+    zero: bool = True,
+    infinite: bool = False,
+    error: type[InputError] = InputError,
+) -> np.ndarray:
+    """Return one number for all joints, or one per joint, as an array of no or one dimension.
+
+    With a size it is the vector (size) of all joints.
+
+    Raises:
+        error: not numbers, another size, negative ones, or zero where that is not allowed.
+    """
+    array = numbers(value, name, error=error, infinite=infinite)
+    if array.ndim > 1 or (array < 0.0).any() or not (zero or array.all()):
+        raise error(
+            f"must {'not be negative' if zero else 'be positive'}, one number or one per joint, "
+            f"got {array.tolist()}.",
+            where=name,
+        )
+    if size is None:
+        return array
+    if array.shape not in ((), (size,)):
+        raise error(f"expected a number or {size} numbers, got {array.tolist()}.", where=name)
+    return np.broadcast_to(array, size).copy()
+
+
 def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:
     """Return a scalar, list or matrix as a symmetric positive definite matrix (size, size).
 

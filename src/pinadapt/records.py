@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._checks import flag, instance, mapping, numbers, positive, vector
+from ._checks import flag, instance, joint_numbers, mapping, positive, vector
 from .exceptions import InputError, did_you_mean
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
@@ -226,12 +226,7 @@ def _any(noise: Mapping[str, Deviation]) -> bool:
 
 def _deviation(value: ArrayLike, where: str) -> Deviation:
     """Return a number that is not negative, or a tuple of them."""
-    array = numbers(value, where)
-    if array.ndim > 1 or (array < 0.0).any():
-        raise InputError(
-            f"must not be negative, one number or one per joint, got {array.tolist()}.",
-            where=where,
-        )
+    array = joint_numbers(value, where)
     return tuple(array.tolist()) if array.ndim else float(array)
 
 

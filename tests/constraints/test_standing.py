@@ -61,6 +61,11 @@ class Swaying:
         )
 
 
+def test_links_may_share_names_with_joints_under_a_free_base():
+    robot = pa.load("anymal_c", base="free")
+    assert robot.frame == "base" and robot.model.nv == 18
+
+
 def test_a_free_base_is_six_joints_without_motors():
     robot = standing("a1")
     assert robot.model.nv == 18 and robot.motors.tolist() == [False] * 6 + [True] * 12

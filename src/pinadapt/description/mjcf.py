@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
-from .chain import Mimics, effort_limits, is_physical, is_slide, links_of, position_limits
+from .chain import Mimics, check_physical, effort_limits, is_slide, links_of, position_limits
 from .urdf import check_numbers, xml_text
 from .urdf_writer import axis_of, digits, first_comment, free_name
 
@@ -142,7 +142,7 @@ def mjcf_text(robot: Any) -> str:
     root.append(first_comment(robot, f"The chain alone, without shapes.{lost}"))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
-    body, taken = ElementTree.SubElement(root, "worldbody"), {robot.frame, "world"}
+    bodies, taken = [ElementTree.SubElement(root, "worldbody")], {robot.frame, "world"}
     motors = ElementTree.Element("actuator")
     limits, efforts = np.transpose(position_limits(model)), effort_limits(model)
     effects = {
@@ -152,10 +152,9 @@ def mjcf_text(robot: Any) -> str:
     }
     for index, name in enumerate(names, 1):
         link, joint = free_name(links_of(model, index)[0], taken), model.joints[index]
-        body = ElementTree.SubElement(
-            body, "body", {"name": link, **_at(model.jointPlacements[index])}
-        )
-        _write_inertia(body, model.inertias[index])
+        place = {"name": link, **_at(model.jointPlacements[index])}
+        bodies.append(ElementTree.SubElement(bodies[model.parents[index]], "body", place))
+        _write_inertia(bodies[-1], model.inertias[index])
         written = {
             "name": name,
             "type": "slide" if is_slide(joint) else "hinge",
@@ -164,13 +163,13 @@ def mjcf_text(robot: Any) -> str:
         }
         if np.isfinite(limits[index - 1]).all():
             written["range"] = digits(limits[index - 1])
-        ElementTree.SubElement(body, "joint", written)
+        ElementTree.SubElement(bodies[-1], "joint", written)
         motor = ElementTree.SubElement(motors, "motor", name=f"{name}_motor", joint=name)
         if np.isfinite(effort := efforts[index - 1]):
             motor.set("ctrlrange", digits([-effort, effort]))
-    ElementTree.SubElement(
-        body, "site", {"name": robot.frame, **_at(model.frames[robot.frame_id].placement)}
-    )
+    frame = model.frames[robot.frame_id]
+    site = {"name": robot.frame, **_at(frame.placement)}
+    ElementTree.SubElement(bodies[frame.parentJoint], "site", site)
     root.append(motors)
     ElementTree.indent(root)
     return xml_text(root) + "\n"
@@ -188,12 +187,7 @@ def _write_inertia(body: ElementTree.Element, inertia: pin.Inertia) -> None:
     Raises:
         RobotError: the inertia is not physical.
     """
-    if not is_physical(np.array(inertia.toDynamicParameters())):
-        raise RobotError(
-            f"the inertia of body '{body.get('name')}' is not physical: no distribution of mass "
-            "has it, and MuJoCo refuses it.",
-            where="mjcf",
-        )
+    check_physical(inertia, body.get("name", ""), "mjcf")
     full = [*np.diag(inertia.inertia), *inertia.inertia[np.triu_indices(3, 1)]]
     written = {"pos": inertia.lever, "mass": inertia.mass, "fullinertia": full}
     texts = {name: digits(numbers) for name, numbers in written.items()}

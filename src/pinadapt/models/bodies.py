@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from .._checks import instance, name_list
-from ..description.chain import are_physical
+from ..description.chain import is_physical
 from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ParameterError, RobotError
 from ..robot.changes import joint_id
@@ -263,5 +263,5 @@ def nearest_physical(
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
     """Return the names of the bodies with unphysical parameters, stacked in a_d (10 k)."""
-    physical = are_physical(a_d.reshape(-1, PER_BODY))
-    return [name for name, is_one in zip(names, physical, strict=True) if not is_one]
+    bodies = zip(names, a_d.reshape(-1, PER_BODY), strict=True)
+    return [name for name, pi in bodies if not is_physical(pi)]

@@ -13,6 +13,7 @@ import pinocchio as pin
 from .._checks import instance, numbers, positive, vector
 from ..description.chain import angles_from_configuration, frame_id
 from ..exceptions import RobotError
+from .changes import joint_id
 
 _ITERATIONS = 30  # of Newton's method; half or twice: it converges in 10 or not at all
 _CLOSED = 1e-12  # [m, rad], rounding: half or twice change nothing
@@ -147,22 +148,23 @@ class Coupling(Constraint):
     def check(self, model: pin.Model) -> None:
         """Refuse joints that the model does not have."""
         for name in (self.joint, self.leader):
-            if not model.existJointName(name):
-                raise RobotError(f"there is no joint '{name}'.", where="mimic")
+            joint_id(model, name, "mimic")
+
+    def _dofs(self, model: pin.Model) -> list[int]:
+        """Return the places in v of the joint and of the one that it follows."""
+        joints = model.joints
+        return [joints[model.getJointId(name)].idx_v for name in (self.joint, self.leader)]
 
     def at(self, model: pin.Model, data: pin.Data) -> Rows:
         """Return one constant row."""
         A = np.zeros((1, model.nv))
-        A[0, model.joints[model.getJointId(self.joint)].idx_v] = 1.0
-        A[0, model.joints[model.getJointId(self.leader)].idx_v] = -self.ratio
+        own, leader = self._dofs(model)
+        A[0, own], A[0, leader] = 1.0, -self.ratio
         return A, np.zeros(A.shape)
 
     def error(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
         """Return q_j - ratio q_i - offset."""
-        angles = angles_from_configuration(model, q)
-        own, other = (
-            angles[model.joints[model.getJointId(name)].idx_v] for name in (self.joint, self.leader)
-        )
+        own, other = angles_from_configuration(model, q)[self._dofs(model)]
         return np.array([own - self.ratio * other - self.offset])
 
 

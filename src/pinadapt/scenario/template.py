@@ -25,9 +25,10 @@ from ..laws.law import NAMES, SYMBOLS
 from ..models.joint_effects import typical_coefficients
 from ..robot.loading import JOINT, load
 from ..robot.robot import Robot
-from ..robot.workspace import TOOL_ERROR, JointSwing, WorkspaceCircle, find_circle, find_swing
+from ..robot.workspace import TOOL_ERROR, find_circle, find_swing
 from ..tasks.frame import IMAGE, pinhole_camera
 from ..tasks.task import JointTask
+from ..trajectories.periodic import Circle, Sinusoid
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
 from .tables import KEYS, MOTIONS, Tables
@@ -71,7 +72,7 @@ class Template:
 
     source: str
     robot: Robot
-    path: WorkspaceCircle | JointSwing
+    path: Circle | Sinusoid
     xacro: XacroArguments
     mass: float | None
     law: str = DEFAULT
@@ -166,8 +167,9 @@ class Template:
     def view(self) -> View:
         """A camera two reaches before the circle's plane and somewhat aside."""
         path, p = self.path, self.robot.placement(self.robot.q0).translation
-        assert isinstance(path, WorkspaceCircle)
-        first, second = (np.eye(3)["xyz".index(axis)] for axis in path.plane)
+        assert isinstance(path, Circle)
+        axes = np.eye(3)[self.robot.frame_task.place]
+        first, second = (axes["xyz".index(axis)] for axis in path.plane)
         normal = np.cross(first, second)
         away = np.copysign(1.0, p @ normal) * normal + 0.25 * first + 0.2 * second
         position = np.round(p + 2.0 * self.robot.reach * away / np.linalg.norm(away), 2)
@@ -258,24 +260,21 @@ class Template:
         path = self.path
         if self.rests:
             return self._set_point()
-        if isinstance(path, JointSwing):
+        if isinstance(path, Sinusoid):
             sizes = {"amplitude": significant(path.amplitude), "period": significant(path.period)}
             return {"kind": "sinusoid", **sizes}
         if self.filmed:
             seen = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
             return {"kind": "circle", **seen}
-        plane = path.motion(self.robot.task.positions).plane
-        given = {"radius": path.radius, "period": path.period, "plane": plane}
+        given = {"radius": path.radius, "period": path.period, "plane": path.plane}
         return {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
 
     def _set_point(self) -> Tables:
         """Return the way to the opposite point of the motion."""
-        path = self.path
-        if isinstance(path, JointSwing):
-            across, half = 2.0 * path.amplitude, 0.5 * float(path.period.max())
-        else:
-            motion, half = path.motion(self.robot.task.positions), 0.5 * path.period
-            across = motion.at(half).x_d - motion.at(0.0).x_d
+        path, half = self.path, 0.5 * float(np.max(self.path.period))
+        across = 2.0 * path.amplitude
+        if isinstance(path, Circle):
+            across = path.at(half).x_d - path.at(0.0).x_d
         way = {"points": [significant(across.round(6))], "segment": _rounded(half, 3)}
         return {"kind": "waypoints", "relative": True, **way}
 

@@ -200,7 +200,8 @@ class Sinusoid(_Sines):
         parts = _alike(center=center, **given)
         for each in parts["period"]:
             positive(each, "trajectory.period", error=InputError)
-        w = 2.0 * math.pi / parts["period"]
+        self.period = parts["period"]
+        w = 2.0 * math.pi / self.period
         self._take(parts.get("center"), parts["amplitude"], w, parts["phase"], given)
 
 

@@ -25,7 +25,7 @@ from ..robot.loading import load
 from ..robot.motors import overloaded
 from ..robot.robot import Robot
 from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
-from ..robot.workspace import WorkspaceCircle, find_circle
+from ..robot.workspace import find_circle
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
 from ..rollout.summary import ACCURATE, BETTER
@@ -36,6 +36,7 @@ from ..simulation.simulate import simulate
 from ..sweep.cases import Plan
 from ..sweep.execution import rows, work_of
 from ..sweep.table import DONE, Row
+from ..trajectories.periodic import Circle
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
@@ -131,12 +132,12 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
     )
 
 
-def _motion(robot: Robot, found: WorkspaceCircle, rng: np.random.Generator) -> Trajectory:
+def _motion(robot: Robot, found: Circle, rng: np.random.Generator) -> Trajectory:
     """Return the circle through the robot's home position, in task coordinates.
 
     In a pose task the tool swings once per turn about a random axis.
     """
-    motion: Trajectory = found.motion(robot.task.positions)
+    motion: Trajectory = found
     if robot.task.size > robot.task.positions:
         motion = PoseTrajectory(motion, Swing(rng.standard_normal(3), SWING, found.period))
     return motion.starting_at(robot.position(robot.q0))
