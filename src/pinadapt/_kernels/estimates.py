@@ -58,22 +58,18 @@ def fit(
             x[i] *= L[i, i]
 
     m, p = W.shape
-    L, W_P, S, R = np.empty((p, p)), np.empty((m, p)), np.empty((m, m)), np.zeros((m, m))
+    L, R = information.copy(), R_0.copy()
     for k in range(p):
         slope[k] = -g[k]
     if rate > 0.0:
-        for k in range(p):
-            for t in range(p):
-                L[k, t] = information[k, t]
+        W_P, S = W.copy(), np.zeros((m, m))
         factorise(L)
         for i in range(m):
-            for k in range(p):
-                W_P[i, k] = W[i, k]
             solve(L, W_P[i])
+            S[i, i] = floor[i % len(floor)]
         for i in range(m):
-            R[i, i] = rate
             for j in range(m):
-                S[i, j] = floor[i % len(floor)] if i == j else 0.0
+                R[i, j] = rate if i == j else 0.0
                 for k in range(p):
                     S[i, j] += W[i, k] * W_P[j, k]
         factorise(S)
@@ -84,10 +80,6 @@ def fit(
                 x += (R[i, j] - R_0[i, j]) * r[j]
             for k in range(p):
                 slope[k] -= W[i, k] * x
-    else:
-        for i in range(m):
-            for j in range(m):
-                R[i, j] = R_0[i, j]
     for k in range(p):
         for t in range(p):
             L[k, t] = information[k, t]
@@ -129,44 +121,35 @@ def follow_geodesic(
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
     k, square = len(a) // p, 0.0
-    P, A = np.zeros((k, n, n)), np.empty((k, n, n))
-    L, X, Y = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    P, A, both = np.zeros((k, n, n)), np.zeros((k, n, n)), np.empty((2, n, n))
     for b in range(k):
-        for r in range(n):
-            for s in range(n):
-                L[r, s] = 0.0
+        L = np.zeros((n, n))
         for e in range(len(F)):
             P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for e in range(len(dual)):
             L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
-                x = 0.0
                 for t in range(n):
-                    x += P[b, r, t] * L[t, s]
-                A[b, r, s] = x
+                    A[b, r, s] += P[b, r, t] * L[t, s]
         for r in range(n):
             for s in range(n):
                 square += A[b, r, s] * A[b, s, r]
     length = h * math.sqrt(abs(square))
     h *= most / length if length > most else 1.0
+    for i in range(len(a)):
+        after[i] = a[i]
     for b in range(k):
-        for r in range(n):
-            for s in range(n):
-                X[r, s] = P[b, r, s]
-        for order in range(4, 0, -1):  # P - h A / order X, symmetric
-            share = h / order
+        X = P[b]
+        for order in range(4, 0, -1):  # P - h A / order X
+            Y, share = both[order % 2], h / order
             for r in range(n):
-                for s in range(r + 1):
+                for s in range(n):
                     x = 0.0
                     for t in range(n):
-                        x += A[b, r, t] * X[s, t]
+                        x += A[b, r, t] * X[t, s]
                     Y[r, s] = P[b, r, s] - share * x
-            for r in range(n):
-                for s in range(r + 1):
-                    X[r, s] = X[s, r] = Y[r, s]
-        for i in range(p):
-            after[b * p + i] = a[b * p + i]
+            X = Y
         for e in range(len(dual)):
             r, s = dual_places[e, 1], dual_places[e, 2]
             after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[b, r, s])

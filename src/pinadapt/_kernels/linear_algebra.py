@@ -57,49 +57,29 @@ def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[f
     return s, mu_2, lost
 
 
-@compiled("b1(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:,::1], f8[:], f8[:])", fills=3)
-def gradient_through_inverse(
-    M: np.ndarray,
-    J: np.ndarray,
-    e: np.ndarray,
-    Y: np.ndarray,
-    L: np.ndarray,
-    solution: np.ndarray,
-    gradient: np.ndarray,
-) -> bool:
-    """Write M^-1 J^T e (n) and Phi^T e = Y^T M^-1 J^T e (p), Phi = J M^-1 Y.
+@compiled("b1(f8[:,:], f8[:,::1], f8[:])", fills=2)
+def solve_definite(M: np.ndarray, L: np.ndarray, x: np.ndarray) -> bool:
+    """Write M^-1 x over x (n) by Cholesky, M = L L^T; False if M is not positive definite.
 
-    By Cholesky, M = L L^T; of M and L (n, n) only the lower triangles are read and written, and on
-    the diagonal of L stand the inverses of its entries. Return False, without the gradient, if M is
-    not positive definite.
+    Of M and L (n, n) only the lower triangles are read and written, and on the diagonal of L stand
+    the inverses of its entries.
     """
-    m, n = J.shape
+    n = len(x)
     for i in range(n):
         for j in range(i + 1):
-            x = M[i, j]
+            y = M[i, j]
             for t in range(j):
-                x -= L[i, t] * L[j, t]
-            if i == j and not x > 0.0:
+                y -= L[i, t] * L[j, t]
+            if i == j and not y > 0.0:
                 return False
-            L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
-    for i in range(n):  # L y = J^T e
-        y = 0.0
-        for t in range(m):
-            y += J[t, i] * e[t]
+            L[i, j] = 1.0 / math.sqrt(y) if i == j else y * L[j, j]
         for t in range(i):
-            y -= L[i, t] * solution[t]
-        solution[i] = y * L[i, i]
-    for i in range(n - 1, -1, -1):  # L^T x = y
-        x = solution[i]
+            x[i] -= L[i, t] * x[t]
+        x[i] *= L[i, i]
+    for i in range(n - 1, -1, -1):
         for t in range(i + 1, n):
-            x -= L[t, i] * solution[t]
-        solution[i] = x * L[i, i]
-    for j in range(len(gradient)):
-        gradient[j] = 0.0
-    for i in range(n):
-        x = solution[i]
-        for j in range(len(gradient)):
-            gradient[j] += Y[i, j] * x
+            x[i] -= L[t, i] * x[t]
+        x[i] *= L[i, i]
     return True
 
 
@@ -157,13 +137,9 @@ def right_inverse_and_rate(
 def largest_share(x: np.ndarray, limits: np.ndarray) -> float:
     """Return the norm of x / limits with the eighth power, slightly above its largest entry.
 
-    Zero where that is not finite.
+    Zero where the power is not finite.
     """
-    largest, total = 0.0, 0.0
+    total = 0.0
     for i in range(len(x)):
-        largest = max(largest, abs(x[i] / limits[i]))
-    if not 0.0 < largest < math.inf:
-        return 0.0
-    for i in range(len(x)):
-        total += (x[i] / limits[i] / largest) ** 8
-    return largest * total**0.125
+        total += (x[i] / limits[i]) ** 8
+    return total**0.125 if total < math.inf else 0.0

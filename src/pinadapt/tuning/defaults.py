@@ -217,11 +217,16 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
     return np.diag(1.0 / np.maximum(excitation, 1e-6 * excitation.max(initial=1e-12)))
 
 
-def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
-    """Return the typical parameters, moved into the adaptation's domain, as at a start."""
+def quiet_start(adaptation: Adaptation, value: np.ndarray) -> Estimate:
+    """Return a value (p) moved into the adaptation's domain, as at a start, without a warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the start of a run warns of bodies outside of the cone
-        return adaptation.init(motion.dynamics.typical)
+        return adaptation.init(value)
+
+
+def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
+    """Return the typical parameters, moved into the adaptation's domain, as at a start."""
+    return quiet_start(adaptation, motion.dynamics.typical)
 
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
