@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -283,12 +283,18 @@ class Wrapper(Adaptation):
 
     def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
+        if not self._parts:
+            return estimate
         return Estimate(estimate.value, estimate.memory[self._parts :])
+
+    def _outer(self, own: tuple, inner: Estimate) -> Estimate:
+        """Return an inner adaptation's estimate with these own parts before its memory."""
+        return Estimate(inner.value, (*own, *inner.memory)) if self._parts else inner
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the inner adaptation's start, with this one's parts before its memory."""
         inner = self.inner.init(value, information)
-        return _after(self._own(inner.value), inner)
+        return self._outer(self._own(inner.value), inner)
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the inner adaptation's domain."""
@@ -305,7 +311,8 @@ class Wrapper(Adaptation):
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record keeps: this one's parts and those of the inner adaptation."""
-        return _after(estimate.memory[: self._parts], self.inner.recorded(self._inner(estimate)))
+        inner = self.inner.recorded(self._inner(estimate))
+        return self._outer(estimate.memory[: self._parts], inner)
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive of the inner adaptation."""
@@ -320,12 +327,18 @@ class Wrapper(Adaptation):
         rate = self.inner.rate(self._inner(estimate), self._driven(estimate, drive))
         still = tuple(np.zeros(part.shape) for part in estimate.memory[: self._parts])
         added = self._added(estimate, drive)
-        return _after(still, rate if added is None else rate.with_value(rate.value + added))
+        return self._outer(still, rate if added is None else rate.with_value(rate.value + added))
+
+    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return the value (p) of ``rate``."""
+        driven, added = self._driven(estimate, drive), self._added(estimate, drive)
+        rate = self.inner.value_rate(self._inner(estimate), driven)
+        return rate if added is None else rate + added
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
         inner = self.inner.step(self._inner(estimate), self._driven(estimate, drive), dt)
-        return _after(estimate.memory[: self._parts], inner)
+        return self._outer(estimate.memory[: self._parts], inner)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
@@ -345,11 +358,6 @@ class Wrapper(Adaptation):
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""
         return self.inner.gain_times(self._inner(estimate), X)
-
-
-def _after(own: tuple, inner: Estimate) -> Estimate:
-    """Return an inner adaptation's estimate with a wrapper's own parts before its memory."""
-    return Estimate(inner.value, (*own, *inner.memory))
 
 
 class Stacked(Adaptation):
@@ -385,7 +393,7 @@ class Stacked(Adaptation):
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the estimate to start from; its memory holds one memory a block."""
-        return _joined([part.init(value[block]) for part, block in self.parts])
+        return self._joined([part.init(value[block]) for part, block in self.parts])
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether each block of a value (p) is in the domain of its adaptation."""
@@ -393,34 +401,23 @@ class Stacked(Adaptation):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) to use at q (nq), each block projected by its adaptation."""
-        split = list(self._split(estimate))
-        blocks = [part.project(own, q) for part, _, own in split]
-        kept = all(block is own.value for block, (_, _, own) in zip(blocks, split, strict=True))
-        return estimate.value if kept else np.concatenate(blocks)
+        return np.concatenate([part.project(own, q) for part, _, own in self._split(estimate)])
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
         split = self._split(estimate)
-        return _joined([part.rate(own, drive.columns(block)) for part, block, own in split])
+        return self._joined([part.rate(own, drive.columns(block)) for part, block, own in split])
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        value, memories = np.empty(estimate.value.size), []
-        for part, block, own in self._split(estimate):
-            after = part.step(own, drive.columns(block), dt)
-            value[block] = after.value
-            memories.append(after.memory)
-        return Estimate(value, tuple(memories))
+        split = self._split(estimate)
+        return self._joined([part.step(own, drive.columns(b), dt) for part, b, own in split])
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        total = 0.0
-        for part, block, own in self._split(estimate):
-            stored = part.storage(own, truth[block])
-            if stored is None:
-                return None
-            total += stored
-        return total
+        split = self._split(estimate)
+        stored = [part.storage(own, truth[block]) for part, block, own in split]
+        return None if None in stored else sum(filter(None, stored))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return the sum of what the blocks' adaptations add to dV/dt."""
@@ -432,14 +429,13 @@ class Stacked(Adaptation):
         split = self._split(estimate)
         return np.concatenate([part.gain_times(own, X[block]) for part, block, own in split])
 
-    def _split(self, estimate: Estimate) -> Iterator[tuple[Adaptation, slice, Estimate]]:
+    def _split(self, estimate: Estimate) -> list[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""
-        memories = estimate.memory or self._empty
-        for (part, block), memory in zip(self.parts, memories, strict=True):
-            yield part, block, Estimate(estimate.value[block], memory)
+        value, memories = estimate.value, estimate.memory or self._empty
+        pairs = zip(self.parts, memories, strict=True)
+        return [(part, block, Estimate(value[block], own)) for (part, block), own in pairs]
 
-
-def _joined(blocks: Sequence[Estimate]) -> Estimate:
-    """Return the estimates of all blocks as one."""
-    value = np.concatenate([block.value for block in blocks])
-    return Estimate(value, tuple([block.memory for block in blocks]))
+    def _joined(self, blocks: Sequence[Estimate]) -> Estimate:
+        """Return the estimates of all blocks as one."""
+        value = np.concatenate([block.value for block in blocks])
+        return Estimate(value, tuple([block.memory for block in blocks]))

@@ -108,14 +108,10 @@ class BoxProjection(Wrapper):
         """Return what keeps the rate of a value on the boundary from pointing out of the box."""
         if kernels.inside(estimate.value, self.low, self.high):
             return None
-        free = self.inner.rate(estimate, drive).value
-        return self._inward(free, estimate) - free
-
-    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
-        """Return the value (p) of ``rate``."""
-        rate = self.inner.value_rate(estimate, drive)
-        inside = kernels.inside(estimate.value, self.low, self.high)
-        return rate if inside else self._inward(rate, estimate)
+        low = np.where(estimate.value <= self.low, 0.0, -np.inf)
+        high = np.where(estimate.value >= self.high, 0.0, np.inf)
+        free = self.inner.value_rate(estimate, drive)
+        return self._nearest(free, low, high, estimate) - free
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
@@ -125,12 +121,6 @@ class BoxProjection(Wrapper):
         updated = after.with_value(estimate.value)  # with the gain that V has after the step
         nearest = self._nearest(after.value, self.low, self.high, updated)
         return after.with_value(self._within_domain(estimate.value, nearest))
-
-    def _inward(self, rate: np.ndarray, at: Estimate) -> np.ndarray:
-        """Return the rate (p) nearest to a given one that does not point out of the box."""
-        low = np.where(at.value <= self.low, 0.0, -np.inf)
-        high = np.where(at.value >= self.high, 0.0, np.inf)
-        return self._nearest(rate, low, high, at)
 
     def _nearest(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, at: Estimate
