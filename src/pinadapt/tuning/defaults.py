@@ -17,7 +17,7 @@ about the 0.05 that Wang and Xie took for their arm.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -34,10 +34,10 @@ from ..robot.robot import Robot
 
 def frequency(effects: Sequence[np.ndarray], Gamma: np.ndarray) -> float:
     """Return the median over the states of sqrt of the largest eigenvalue of Phi Gamma Phi^T."""
-    squares = [Phi @ Gamma @ Phi.T for Phi in effects if len(Phi)]
-    if not squares:
+    Phi = np.array(effects)
+    if not Phi.size:
         return 0.0
-    largest = np.linalg.eigvalsh(np.array(squares))[:, -1]
+    largest = np.linalg.eigvalsh(Phi @ Gamma @ Phi.swapaxes(1, 2))[:, -1]
     return float(np.sqrt(max(np.median(largest), 0.0)))
 
 
@@ -167,17 +167,8 @@ def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
         InputError: actuators of another number of joints.
     """
     own = actuators.of(robot)
-    late = float(2.0 * np.max(dt + own.delay + 1.0 / own.bandwidth))
-    return late + 1.0 / elastic_mode(robot, actuators)
-
-
-def slowest_share(robot: Robot, actuators: Actuators, mode: float) -> float:
-    """Return the share of a mode of adaptation [rad/s] that springs leave.
-
-    The mode stays below half of ``elastic_mode``: a faster adaptation learns wrong inertias from
-    links that swing on their springs.
-    """
-    return min(1.0, 0.5 * elastic_mode(robot, actuators) / mode)
+    late = 2.0 * np.max(dt + own.delay + 1.0 / own.bandwidth)
+    return float(late) + 1.0 / elastic_mode(robot, actuators)
 
 
 def elastic_mode(robot: Robot, actuators: Actuators) -> float:
@@ -236,9 +227,10 @@ def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray
 
 
 def mean_diagonal(
-    adaptation: Adaptation, motion: TypicalMotion, regressors: Iterable[np.ndarray]
+    adaptation: Adaptation, motion: TypicalMotion, regressors: Sequence[np.ndarray]
 ) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
-    start = typical_start(adaptation, motion)
-    squares = [np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0) for Y in regressors]
-    return np.asarray(np.mean(squares, axis=0))
+    Y = np.array(regressors)
+    X = Y.reshape(-1, Y.shape[-1]).T
+    squares = np.sum(X * adaptation.gain_times(typical_start(adaptation, motion), X), axis=0)
+    return squares.reshape(Y.shape[:2]).mean(axis=0)
