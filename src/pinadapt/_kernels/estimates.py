@@ -36,65 +36,55 @@ def fit(
     and positive definite, P^-1 is the information.
     """
 
-    def factorise(A: np.ndarray) -> None:
-        """Write L over the lower triangle of A = L L^T, on its diagonal 1 / L_ii."""
-        for i in range(len(A)):
-            for j in range(i + 1):
-                x = A[i, j]
-                for t in range(j):
-                    x -= A[i, t] * A[j, t]
-                A[i, j] = 1.0 / math.sqrt(x) if i == j else x * A[j, j]
-
-    def solve(L: np.ndarray, x: np.ndarray) -> None:
-        """Write A^-1 x over x, of A as factorised."""
-        n = len(x)
-        for i in range(n):
-            for t in range(i):
-                x[i] -= L[i, t] * x[t]
-            x[i] *= L[i, i]
-        for i in range(n - 1, -1, -1):
-            for t in range(i + 1, n):
-                x[i] -= L[t, i] * x[t]
-            x[i] *= L[i, i]
+    def solve(A: np.ndarray, X: np.ndarray) -> None:
+        """Write A^-1 x over each row x of X, and what elimination leaves over A's upper triangle."""
+        n = len(A)
+        for k in range(n):
+            for i in range(k + 1, n):
+                factor = A[k, i] / A[k, k]
+                for j in range(i, n):
+                    A[i, j] -= factor * A[k, j]
+                for row in range(len(X)):
+                    X[row, i] -= factor * X[row, k]
+        for row in range(len(X)):
+            for k in range(n - 1, -1, -1):
+                for j in range(k + 1, n):
+                    X[row, k] -= A[k, j] * X[row, j]
+                X[row, k] /= A[k, k]
 
     m, p = W.shape
-    L, R = information.copy(), R_0.copy()
-    for k in range(p):
-        slope[k] = -g[k]
+    R, P_W, S, total, gradient = R_0.copy(), W.copy(), np.zeros((m, m)), information.copy(), g.copy()
     if rate > 0.0:
-        W_P, S = W.copy(), np.zeros((m, m))
-        factorise(L)
+        solve(total, P_W)
         for i in range(m):
-            solve(L, W_P[i])
             S[i, i] = floor[i % len(floor)]
-        for i in range(m):
             for j in range(m):
                 R[i, j] = rate if i == j else 0.0
                 for k in range(p):
-                    S[i, j] += W[i, k] * W_P[j, k]
-        factorise(S)
+                    S[i, j] += W[i, k] * P_W[j, k]
+        solve(S, R)
         for i in range(m):
-            solve(S, R[i])
             x = 0.0
             for j in range(m):
                 x += (R[i, j] - R_0[i, j]) * r[j]
             for k in range(p):
-                slope[k] -= W[i, k] * x
+                gradient[k] += W[i, k] * x
     for k in range(p):
         for t in range(p):
-            L[k, t] = information[k, t]
+            total[k, t] = information[k, t]
     for i in range(m):
         for k in range(p):
             x = 0.0
             for j in range(m):
                 x += dt * R[i, j] * W[j, k]
             for t in range(p):
-                L[k, t] += x * W[i, t]
+                total[k, t] += x * W[i, t]
     for k in range(p):
         for t in range(p):
-            after[k, t] = kept * L[k, t] + restored * prior[k, t]
-    factorise(L)
-    solve(L, slope)
+            after[k, t] = kept * total[k, t] + restored * prior[k, t]
+    solve(total, gradient.reshape(1, p))
+    for k in range(p):
+        slope[k] = -gradient[k]
 
 
 @compiled(

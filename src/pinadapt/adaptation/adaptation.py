@@ -108,11 +108,9 @@ class Drive:
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
-        W = None if self.W is None else self.W[:, block]
+        Y, W = self.Y[:, block], None if self.W is None else self.W[:, block]
         gradient = self.gradient[block]
-        return Drive(
-            self.Y[:, block], self.e, W, self.residual, self.weight, gradient, self.observed
-        )
+        return Drive(Y, self.e, W, self.residual, self.weight, gradient, self.observed)
 
     @classmethod
     def none(cls, size: int) -> Drive:
@@ -410,8 +408,12 @@ class Stacked(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        split = self._split(estimate)
-        return self._joined([part.step(own, drive.columns(b), dt) for part, b, own in split])
+        before, value, after = estimate.value, np.empty(estimate.value.size), []
+        for (part, block), own in zip(self.parts, estimate.memory or self._empty, strict=True):
+            moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
+            value[block] = moved.value
+            after.append(moved.memory)
+        return Estimate(value, tuple(after))
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""

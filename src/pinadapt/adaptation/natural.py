@@ -229,7 +229,6 @@ class Natural(Adaptation):
         self,
         gamma: float,
         cone: MatrixInequality,
-        name: str = "gamma_d",
         *,
         shares: ArrayLike | None = None,
     ) -> None:
@@ -238,23 +237,19 @@ class Natural(Adaptation):
         Args:
             gamma: the gain.
             cone: the set of the parameters.
-            name: of the gain, for messages.
             shares: (k) relative rates of the cone's matrices; None: all one.
 
         Raises:
             GainError: gamma is not positive.
             InputError: not a cone, or shares that are not k positive numbers.
         """
-        self.gamma = positive(gamma, name)
+        self.gamma = positive(gamma, "gamma_d")
         self.cone = instance(cone, MatrixInequality, "cone")
-        self.shares, self._scale = None, None
-        self._gammas = np.full(cone.blocks, self.gamma)
-        if shares is not None:
-            self.shares = vector(shares, cone.blocks, "shares")
-            if not (self.shares > 0.0).all():
-                raise InputError("expected positive numbers.", where="shares")
-            self._scale = np.repeat(self.shares, cone.size // cone.blocks)
-            self._gammas = self.gamma * self.shares
+        self.shares = None if shares is None else vector(shares, cone.blocks, "shares")
+        c = np.ones(cone.blocks) if self.shares is None else self.shares
+        if not (c > 0.0).all():
+            raise InputError("expected positive numbers.", where="shares")
+        self._gammas, self._scale = self.gamma * c, np.repeat(c, cone.size // max(cone.blocks, 1))
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the estimate to start from, inside the cone; see ``MatrixInequality.validate``."""
@@ -270,7 +265,7 @@ class Natural(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
-        g = drive.gradient if self._scale is None else self._scale * drive.gradient
+        g = drive.gradient if self.shares is None else self._scale * drive.gradient
         return Estimate(self.cone.step(estimate.value, g, self.gamma * dt, _LONGEST))
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
@@ -316,16 +311,16 @@ class ExponentiatedGradient(Adaptation):
     name = "natural"
     sources = ("BoffiSlotine2021",)
 
-    def __init__(self, gamma: float, scale: ArrayLike, name: str = "gamma_joint") -> None:
-        """Choose the gain and the scales (p); ``name`` is the gain's, for messages.
+    def __init__(self, gamma: float, scale: ArrayLike) -> None:
+        """Choose the gain and the scales (p).
 
         Raises:
             GainError: one of them is not positive.
         """
-        self.gamma = positive(gamma, name)
-        self.scale = vector(scale, None, f"{name}: scale", error=GainError)
+        self.gamma = positive(gamma, "gamma_joint")
+        self.scale = vector(scale, None, "gamma_joint: scale", error=GainError)
         if not (self.scale > 0.0).all():
-            raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
+            raise GainError(f"scales must be positive, got {self.scale}.", where="gamma_joint")
         self._rates = self.gamma * self.scale
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:

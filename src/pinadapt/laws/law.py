@@ -92,7 +92,7 @@ class EstimatedModel:
         if not self.stop_on_divergence:
             return Drive(Y, np.linalg.solve(M, e.dot(J)))
         solution = e.dot(J)
-        if not kernels.solve_definite(M, empty(M.shape), solution):
+        if not kernels.solve_definite(M.copy(), solution):
             raise DivergedError(
                 "the estimated mass matrix is no longer positive definite, and this law inverts "
                 "it. Natural and projected adaptation keep it positive definite; with plain "

@@ -160,7 +160,7 @@ def _of_joints(gamma: float, typical: np.ndarray, signed: int) -> list[tuple[Ada
     """Return the adaptations of coefficients (p), the last ``signed`` of which may be negative."""
     count, gamma = typical.size - signed, positive(gamma, "gamma_joint")
     parts = [
-        (ExponentiatedGradient(gamma, typical[:count], "gamma_joint"), count),
+        (ExponentiatedGradient(gamma, typical[:count]), count),
         (Gradient(gamma * typical[count:] ** 2, signed, "gamma_joint"), signed),
     ]
     return [part for part in parts if part[1]]
