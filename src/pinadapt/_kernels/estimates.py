@@ -37,7 +37,7 @@ def fit(
     """
 
     def solve(A: np.ndarray, X: np.ndarray) -> None:
-        """Write A^-1 x over each row x of X, and what elimination leaves over A's upper triangle."""
+        """Write A^-1 x over each row x of X, and what elimination leaves over A."""
         n = len(A)
         for k in range(n):
             for i in range(k + 1, n):
@@ -53,7 +53,13 @@ def fit(
                 X[row, k] /= A[k, k]
 
     m, p = W.shape
-    R, P_W, S, total, gradient = R_0.copy(), W.copy(), np.zeros((m, m)), information.copy(), g.copy()
+    R, P_W, S, total, gradient = (
+        R_0.copy(),
+        W.copy(),
+        np.zeros((m, m)),
+        information.copy(),
+        g.copy(),
+    )
     if rate > 0.0:
         solve(total, P_W)
         for i in range(m):

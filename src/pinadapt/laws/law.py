@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, positive

@@ -21,6 +21,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from ..adaptation.adaptation import Adaptation, Estimate
 from ..adaptation.natural import BodyInequality
@@ -32,7 +33,7 @@ from ..robot.motors import Actuators
 from ..robot.robot import Robot
 
 
-def frequency(effects: Sequence[np.ndarray], Gamma: np.ndarray) -> float:
+def frequency(effects: ArrayLike, Gamma: np.ndarray) -> float:
     """Return the median over the states of sqrt of the largest eigenvalue of Phi Gamma Phi^T."""
     Phi = np.array(effects)
     if not Phi.size:
@@ -41,7 +42,7 @@ def frequency(effects: Sequence[np.ndarray], Gamma: np.ndarray) -> float:
     return float(np.sqrt(max(np.median(largest), 0.0)))
 
 
-def rate_for(mode: float, effects: Sequence[np.ndarray], unit: Adaptation, at: Estimate) -> float:
+def rate_for(mode: float, effects: ArrayLike, unit: Adaptation, at: Estimate) -> float:
     """Return the rate gamma at which the ``frequency`` is ``mode`` [rad/s].
 
     Args:
@@ -186,7 +187,7 @@ def elastic_mode(robot: Robot, actuators: Actuators) -> float:
     return float(np.linalg.eigvalsh(soft[:, None] * M * soft)[-1] ** -0.5)
 
 
-def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarray]) -> np.ndarray:
+def gradient_shape(robot: Robot, dynamics: Dynamics, effects: ArrayLike) -> np.ndarray:
     """Return a constant Gamma_d (p, p) up to a factor, which follows from the fastest mode.
 
     It is the covariance of the parameters' errors when inertias are off by 30 % and lengths by
@@ -204,7 +205,7 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
     covariance = prior_covariance(robot, dynamics)
     if covariance is not None:
         return covariance
-    excitation = np.mean([np.sum(Phi * Phi, axis=0) for Phi in effects], axis=0)
+    excitation = np.mean(np.sum(np.square(effects), axis=1), axis=0)
     return np.diag(1.0 / np.maximum(excitation, 1e-6 * excitation.max(initial=1e-12)))
 
 
@@ -227,7 +228,7 @@ def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray
 
 
 def mean_diagonal(
-    adaptation: Adaptation, motion: TypicalMotion, regressors: Sequence[np.ndarray]
+    adaptation: Adaptation, motion: TypicalMotion, regressors: ArrayLike
 ) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
     Y = np.array(regressors)

@@ -287,7 +287,9 @@ class LinearisedJoints:
             self._right = self._left.swapaxes(1, 2)
         own, moved = actuators.of(motion.robot), np.diagonal(M, axis1=1, axis2=2).min(axis=0)
         motor = np.where(rotors > 0.0, rotors, _ROTOR * moved)
-        parts = zip(*(_actuated(each, each - np.diag(rotors), motor, own) for each in M), strict=True)
+        parts = zip(
+            *(_actuated(each, each - np.diag(rotors), motor, own) for each in M), strict=True
+        )
         self._A, self._B, motors = (np.array(part) for part in parts)
         self._C, self._fast, n = motors, np.zeros(motors.shape), M.shape[-1]
         if actuators.elastic and actuators.encoders == "link":
@@ -311,9 +313,7 @@ class LinearisedJoints:
         gains = np.concatenate([K_D @ self._C + self._fast, K_P], axis=2)
         return _median_radius(Phi - Gamma @ gains)
 
-    def adaptation_radius(
-        self, S: np.ndarray, E: np.ndarray, dt: float, factor: float
-    ) -> float:
+    def adaptation_radius(self, S: np.ndarray, E: np.ndarray, dt: float, factor: float) -> float:
         """Return the median spectral radius of de/dt = -E e + z, dz/dt = -S e, z = Phi da, held.
 
         ``factor`` multiplies S, which has its margin; S and E are those at the states.
@@ -357,7 +357,11 @@ def _actuated(
     if np.isfinite(K).all():
         D = np.where(D > 0.0, D, 2.0 * 0.01 * np.sqrt(K * motor))
         links, drive = np.linalg.inv(M_l), np.diag(1.0 / motor)
-        rows = [none, -one, one], [links * K, -links * D, links * D], [-drive * K, drive * D, -drive * D]
+        rows = (
+            [none, -one, one],
+            [links * K, -links * D, links * D],
+            [-drive * K, drive * D, -drive * D],
+        )
         A = np.block([*rows])
         B, C = np.vstack([none, none, drive]), np.hstack([none, none, one])
     if np.isfinite(joints.bandwidth).any():

@@ -166,9 +166,7 @@ def _of_joints(gamma: float, typical: np.ndarray, signed: int) -> list[tuple[Ada
     return [part for part in parts if part[1]]
 
 
-def _inertial_adaptation(
-    kind: str, tuning: Tuning, effects: np.ndarray, mode: float
-) -> Adaptation:
+def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: float) -> Adaptation:
     """Return the adaptation of the inertial parameters; by default its fastest mode is ``mode``."""
     dynamics, gamma_d = tuning.motion.dynamics.inertial, tuning.rates.get("gamma_d")
     robot = tuning.motion.dynamics.bare(tuning.motion.robot)
