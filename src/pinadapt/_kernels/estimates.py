@@ -155,16 +155,9 @@ def follow_geodesic(
 def exponentiate(
     a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, most: float, after: np.ndarray
 ) -> None:
-    """Write a exp(-h scale g) (p); exponents are cut to ``most`` where their norm is larger."""
-    square = 0.0
+    """Write a exp(-h scale g) (p), exponents cut to ``most``."""
     for i in range(len(a)):
-        after[i] = -h * scale[i] * g[i]
-        square += after[i] * after[i]
-    for i in range(len(a)):
-        exponent = after[i]
-        if square > most * most:
-            exponent = min(max(exponent, -most), most)
-        after[i] = a[i] * math.exp(exponent)
+        after[i] = a[i] * math.exp(min(max(-h * scale[i] * g[i], -most), most))
 
 
 @compiled("b1(f8[:], f8[:], f8[:])", fills=0)

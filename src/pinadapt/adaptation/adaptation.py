@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .._checks import instance, whole
-from ..exceptions import InputError
+from .._checks import instance, numbers, whole
+from ..exceptions import GainError, InputError
 
 
 @dataclass(slots=True, eq=False)
@@ -217,11 +218,6 @@ class Adaptation(ABC):
         """Return what the adaptation adds to the law's dV/dt, zero without a prediction error."""
         return 0.0
 
-    def power(self, estimate: Estimate, change: np.ndarray, truth: np.ndarray) -> float:
-        """Return what a change (p) of the rate of the value adds to dV/dt, da^T Gamma^-1 change."""
-        error = estimate.value - truth
-        return float(error @ np.linalg.solve(self.gain(estimate), change))
-
     def gain(self, estimate: Estimate) -> np.ndarray:
         """Return Gamma (p, p) at an estimate; its inverse is the metric of V."""
         return self.gain_times(estimate, np.eye(estimate.value.size))
@@ -238,6 +234,18 @@ def _moved(part: Any, rate: Any, dt: float) -> Any:
     if isinstance(part, tuple):
         return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
     return part + dt * rate
+
+
+def positive_numbers(given: ArrayLike, where: str) -> np.ndarray:
+    """Return a positive number or a list of them as an array.
+
+    Raises:
+        GainError: one of them is not positive, or no number.
+    """
+    array = numbers(given, where, error=GainError)
+    if array.ndim > 1 or not (array > 0.0).all():
+        raise GainError("expected a positive number, or a list of them.", where=where)
+    return array
 
 
 class Frozen(Adaptation):
@@ -348,10 +356,11 @@ class Wrapper(Adaptation):
         That is da^T (g - g') for the drive g' of the inner one, and the power of what is added.
         """
         inner, driven = self._inner(estimate), self._driven(estimate, drive)
-        total = self.inner.dissipation(inner, driven, truth)
-        total += float((estimate.value - truth) @ (drive.gradient - driven.gradient))
-        added = self._added(estimate, drive)
-        return total if added is None else total + self.inner.power(inner, added, truth)
+        error, added = estimate.value - truth, self._added(estimate, drive)
+        changed = error @ (drive.gradient - driven.gradient)
+        if added is not None:
+            changed += error @ np.linalg.solve(self.inner.gain(inner), added)
+        return self.inner.dissipation(inner, driven, truth) + float(changed)
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""

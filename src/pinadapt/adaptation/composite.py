@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
 from ..exceptions import GainError
-from .adaptation import Adaptation, Drive, Estimate, Wrapper
+from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .least_squares import PredictionWeight
 
 # name of the inner adaptation -> of its composite, and of that with a memory
@@ -182,9 +182,7 @@ class CompositeMemory(Wrapper):
         self.name = _NAMES.get(inner.name, (inner.name,))[-1]
         self.torque_bandwidth = self._bandwidth = positive(bandwidth, "prediction_filter")
         self.speed = positive(rate, "prediction_rate")
-        self.noise = numbers(noise, "noise", error=GainError)
-        if self.noise.ndim > 1 or not (self.noise > 0.0).all():
-            raise GainError("expected a positive number, or one per joint.", where="noise")
+        self.noise = positive_numbers(noise, "noise")
         self.forgetting = positive(forgetting, "forgetting", zero=True)
         self.share = positive(share, "share")
         self.doubt = positive(doubt, "doubt", zero=True)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._checks import MOST_PARAMETERS, definite_matrix, flag, numbers, positive, whole
 from .._kernels import estimates as kernels
 from ..exceptions import GainError
-from .adaptation import Adaptation, Drive, Estimate
+from .adaptation import Adaptation, Drive, Estimate, positive_numbers
 
 
 class PredictionWeight:
@@ -42,9 +42,7 @@ class PredictionWeight:
             definite_matrix(self.constant, len(np.atleast_1d(self.constant)), "weight")
         if rate is not None:
             self.rate = positive(rate, "prediction_rate")
-            self.floor = np.atleast_1d(numbers(floor, "floor", error=GainError))
-            if not (self.floor > 0.0).all():
-                raise GainError("must be positive; at rest it bounds the weight.", where="floor")
+            self.floor = np.atleast_1d(positive_numbers(floor, "floor"))
 
     def at(self, drive: Drive, times_Gamma: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Return R (n, n) for a drive with W (n, p), by a function that multiplies by Gamma."""

@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, instance, name_list, numbers, positive, vector, whole
 from .._kernels import estimates as kernels
-from ..exceptions import GainError, InputError, ParameterError
+from ..exceptions import ParameterError
 from ..models.basis import read_matrix
 from ..models.bodies import COEFFICIENTS, nearest_physical, unphysical_bodies
 from ..models.regressor import PER_BODY
-from .adaptation import Adaptation, Drive, Estimate
+from .adaptation import Adaptation, Drive, Estimate, positive_numbers
 
 # Of a sampled step in the metric, that is relative to the estimate. A load on a light wrist is many
 # lengths away from the wrist, so that it falls for 0.1 s at the start: 0.01: 23 mm on a UR10 at
@@ -240,16 +240,15 @@ class Natural(Adaptation):
             shares: (k) relative rates of the cone's matrices; None: all one.
 
         Raises:
-            GainError: gamma is not positive.
-            InputError: not a cone, or shares that are not k positive numbers.
+            GainError: gamma is not positive, or shares are not.
+            InputError: not a cone, or shares that are not k numbers.
         """
         self.gamma = positive(gamma, "gamma_d")
         self.cone = instance(cone, MatrixInequality, "cone")
         self.shares = None if shares is None else vector(shares, cone.blocks, "shares")
         c = np.ones(cone.blocks) if self.shares is None else self.shares
-        if not (c > 0.0).all():
-            raise InputError("expected positive numbers.", where="shares")
-        self._gammas, self._scale = self.gamma * c, np.repeat(c, cone.size // max(cone.blocks, 1))
+        self._gammas = self.gamma * positive_numbers(c, "shares")
+        self._scale = np.repeat(c, cone.size // max(cone.blocks, 1))
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the estimate to start from, inside the cone; see ``MatrixInequality.validate``."""
@@ -318,9 +317,7 @@ class ExponentiatedGradient(Adaptation):
             GainError: one of them is not positive.
         """
         self.gamma = positive(gamma, "gamma_joint")
-        self.scale = vector(scale, None, "gamma_joint: scale", error=GainError)
-        if not (self.scale > 0.0).all():
-            raise GainError(f"scales must be positive, got {self.scale}.", where="gamma_joint")
+        self.scale = vector(positive_numbers(scale, "gamma_joint: scale"), None, "gamma_joint")
         self._rates = self.gamma * self.scale
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:

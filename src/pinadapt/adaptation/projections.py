@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from .._checks import vector
 from .._kernels import estimates as kernels
-from ..exceptions import DivergedError, GainError, ParameterError
+from ..exceptions import DivergedError, ParameterError
 from ..models.bodies import InertialModel
 from ..models.dynamics import Dynamics
 from ..robot.robot import Robot
-from .adaptation import Adaptation, Drive, Estimate, Wrapper
+from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .gradient import Gradient
 
 _BOX = "limits.box"
@@ -260,9 +260,7 @@ class GravityProjection(Wrapper):
             GainError: bounds that are not positive.
         """
         super().__init__(inner)
-        self.bound = vector(bound, None, "gravity", error=GainError)
-        if not (self.bound > 0.0).all():
-            raise GainError(f"must be positive, got {self.bound.tolist()}.", where="gravity")
+        self.bound = vector(positive_numbers(bound, "gravity"), None, "gravity")
         self._dynamics, self._rest = dynamics, np.zeros(self.bound.size)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:

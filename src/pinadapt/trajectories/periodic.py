@@ -15,7 +15,6 @@ from ..records import Desired
 from .trajectory import Trajectory
 
 PLANES = ("xy", "yz", "xz")
-FROM_REST = -math.pi / 2.0  # [rad] phase of a sine that starts at rest, at its lowest
 
 _Motion = TypeVar("_Motion", bound="_Harmonic")
 
@@ -188,7 +187,7 @@ class Sinusoid(_Sines):
         center: ArrayLike | None = None,
         amplitude: ArrayLike = 0.1,
         period: ArrayLike = 3.0,
-        phase: ArrayLike = FROM_REST,
+        phase: ArrayLike = -math.pi / 2.0,
     ) -> None:
         """Take centres, amplitudes, periods and phases, each (m) or one number for all.
 

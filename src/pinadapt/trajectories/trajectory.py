@@ -19,7 +19,6 @@ _START, _LOOKS = 5.0, 250
 # Share of its largest speed and acceleration at which a motion starts at rest; half or twice of it
 # changes nothing for the motions of this package, which start at rest or at full speed.
 _RESTS = 1e-3
-_AT_REST = 1e-6  # the same in SI units, above the rounding of numbers near 1
 _SHORTEST = 0.1  # [s], of a ramp; a motion faster than any arm's reaches it
 
 
@@ -77,7 +76,7 @@ class Trajectory(ABC):
         v, a = float(speeds.max()), float(rates.max())
         if not np.isfinite(v + a):
             raise InputError(f"is not finite within the first {span:g} s.", where="trajectory")
-        if speeds[0] <= max(_AT_REST, _RESTS * v) and rates[0] <= max(_AT_REST, _RESTS * a):
+        if speeds[0] <= _RESTS * v and rates[0] <= _RESTS * a:
             return self
         if ramp is None:
             ramp = _START if 1.875 * v > _START * a else max(1.875 * v / a, _SHORTEST)
@@ -228,6 +227,8 @@ class Quintic(Trajectory):
         t: (N) the times [s].
         x: (N, m) positions at these [m or rad].
     """
+
+    settles: float
 
     def __init__(self, t: np.ndarray, x: np.ndarray, xd: np.ndarray, xdd: np.ndarray) -> None:
         """Take times (N) and positions, velocities and accelerations (N, m) at these."""

@@ -232,6 +232,6 @@ def mean_diagonal(
 ) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
     Y = np.array(regressors)
-    X = Y.reshape(-1, Y.shape[-1]).T
+    X = Y.reshape(len(Y) * Y.shape[1], -1).T
     squares = np.sum(X * adaptation.gain_times(typical_start(adaptation, motion), X), axis=0)
     return squares.reshape(Y.shape[:2]).mean(axis=0)

@@ -213,10 +213,8 @@ def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) 
         start = quiet_start(controller.adaptation_d, motion.dynamics.initial)
         Gamma_d = controller.adaptation_d.gain(start)
         if Gamma_d.any():
-            effects, E = (
-                np.array(law.parameter_effects(motion)),
-                np.array([at.E for at in feedback]),
-            )
+            effects = np.array(law.parameter_effects(motion))
+            E = np.array([at.E for at in feedback])
             S = effects @ Gamma_d @ effects.swapaxes(1, 2)
             powers = {"gamma_d": 1.0, "gamma_joint": 1.0}
             yield _DYNAMICS, powers, partial(joints.adaptation_radius, S, E)
@@ -357,12 +355,13 @@ def _actuated(
     if np.isfinite(K).all():
         D = np.where(D > 0.0, D, 2.0 * 0.01 * np.sqrt(K * motor))
         links, drive = np.linalg.inv(M_l), np.diag(1.0 / motor)
-        rows = (
-            [none, -one, one],
-            [links * K, -links * D, links * D],
-            [-drive * K, drive * D, -drive * D],
+        A = np.block(
+            [
+                [none, -one, one],
+                [links * K, -links * D, links * D],
+                [-drive * K, drive * D, -drive * D],
+            ]
         )
-        A = np.block([*rows])
         B, C = np.vstack([none, none, drive]), np.hstack([none, none, one])
     if np.isfinite(joints.bandwidth).any():
         w = np.diag(np.minimum(joints.bandwidth, 1e4))
