@@ -43,6 +43,7 @@ class MatrixInequality:
     Attributes:
         F: (p, n, n) coefficient matrices of one block, symmetric and linearly independent.
         blocks: k.
+        size: number of parameters of all blocks.
         complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
     """
 
@@ -67,6 +68,7 @@ class MatrixInequality:
             )
         self.blocks = whole(blocks, "blocks", 0, most=MOST_PARAMETERS)
         self._p, self._n, _ = F.shape
+        self.size = self.blocks * self._p
         flat = F.reshape(self._p, -1)
         self.complete = self._p == self._n * (self._n + 1) // 2
         self._flat, self._dual = flat, np.linalg.solve(flat @ flat.T, flat)  # rows F_i and D_i
@@ -87,11 +89,6 @@ class MatrixInequality:
                 f"each row must hold n x n numbers, got {rows.shape[1]}.", where=str(path)
             )
         return cls(rows.reshape(-1, n, n))
-
-    @property
-    def size(self) -> int:
-        """Number of parameters of all blocks."""
-        return self.blocks * self._p
 
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, n, n) at parameters a (k p)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -134,7 +135,8 @@ class Spline(Quintic):
         still = [(order, np.zeros(x.shape[1])) for order in (1, 2)]
         with arithmetic("trajectory.t"):
             spline = make_interp_spline(t, x, 5, bc_type=(still, still))
-            super().__init__(t, x, spline(t, 1), spline(t, 2))
+            power = [spline(t[:-1], order) / math.factorial(order) for order in range(5, -1, -1)]
+            super().__init__(t, x, np.array(power))
 
 
 def _quaternion_spline(t: ArrayLike, x: ArrayLike) -> Callable[[float], np.ndarray]:

@@ -215,6 +215,7 @@ class FourierSeries(_Harmonic):
         center: (m) mean [rad or m].
         cosine, sine: (m, K) coefficients [rad or m], the slowest first.
         period: [s].
+        harmonics: their number K.
     """
 
     def __init__(
@@ -240,11 +241,7 @@ class FourierSeries(_Harmonic):
                 where="trajectory.cosine",
             )
         self.period = positive(period, "trajectory.period")
-        w = 2.0 * math.pi / self.period * np.arange(1.0, self.cosine.shape[1] + 1.0)
+        self.harmonics = self.cosine.shape[1]
+        w = 2.0 * math.pi / self.period * np.arange(1.0, self.harmonics + 1.0)
         given = {"cosine": cosine, "sine": sine, "period": period}
         self._take(center, w, self.cosine, self.sine, given)
-
-    @property
-    def harmonics(self) -> int:
-        """Number K of harmonics."""
-        return self.cosine.shape[1]

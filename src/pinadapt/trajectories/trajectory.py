@@ -230,13 +230,11 @@ class Quintic(Trajectory):
 
     settles: float
 
-    def __init__(self, t: np.ndarray, x: np.ndarray, xd: np.ndarray, xdd: np.ndarray) -> None:
-        """Take times (N) and positions, velocities and accelerations (N, m) at these."""
-        from scipy.interpolate import BPoly, PPoly  # not needed to load a robot
+    def __init__(self, t: np.ndarray, x: np.ndarray, power: np.ndarray) -> None:
+        """Take times (N), positions (N, m) and coefficients (6, N - 1, m), those of t^5 first."""
+        from scipy.interpolate import PPoly  # not needed to load a robot
 
         self.t, self.x, self.extent, self.settles = t, x, half_diagonal(x), float(t[-1])
-        given = BPoly.from_derivatives(t, np.stack([x, xd, xdd], axis=1))
-        power = PPoly.from_bernstein_basis(given).c  # that of t^5 first
         derivative = np.diag(np.arange(5.0, 0.0, -1.0), -1)  # of these six
         speed = np.tensordot(derivative, power, 1)
         rate = np.tensordot(derivative, speed, 1)
@@ -284,8 +282,11 @@ class Waypoints(Quintic):
                 where="trajectory.points",
             )
         self.segment = positive(segment, "trajectory.segment")
-        still = np.zeros(self.points.shape)
-        super().__init__(self.segment * np.arange(len(still)), self.points, still, still)
+        of_move = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])  # minimum jerk
+        of_move /= self.segment ** np.arange(5.0, -1.0, -1.0)
+        power = np.multiply.outer(of_move, np.diff(self.points, axis=0))
+        power[5] = self.points[:-1]
+        super().__init__(self.segment * np.arange(len(self.points)), self.points, power)
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion that begins at ``start`` (m), if its points are offsets."""
