@@ -335,12 +335,6 @@ class Wrapper(Adaptation):
         added = self._added(estimate, drive)
         return self._outer(still, rate if added is None else rate.with_value(rate.value + added))
 
-    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
-        """Return the value (p) of ``rate``."""
-        driven, added = self._driven(estimate, drive), self._added(estimate, drive)
-        rate = self.inner.value_rate(self._inner(estimate), driven)
-        return rate if added is None else rate + added
-
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
         inner = self.inner.step(self._inner(estimate), self._driven(estimate, drive), dt)

@@ -113,6 +113,11 @@ class BoxProjection(Wrapper):
         free = self.inner.value_rate(estimate, drive)
         return self._nearest(free, low, high, estimate) - free
 
+    def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
+        """Return the value (p) of ``rate``."""
+        rate, added = self.inner.value_rate(estimate, drive), self._added(estimate, drive)
+        return rate if added is None else rate + added
+
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
         after = self.inner.step(estimate, drive, dt)
