@@ -290,15 +290,12 @@ class Approach(Derived):
             InputError: coordinates of another number than the motion has, or not finite; or a
                 duration that is not positive.
         """
-        self.motion, self._task, self._first = motion, task, motion.at(0.0).x_d
+        super().__init__(motion)
+        self._task, self._first = task, motion.at(0.0).x_d
         self.duration = positive(duration, "duration", error=InputError)
+        if self.settles is not None:
+            self.settles += self.duration
         self.way = task.error(vector(start, self._first.size, "start"), self._first)
-
-    @property
-    def settles(self) -> float | None:
-        """When the motion that follows comes to rest [s], or None."""
-        settled = self.motion.settles
-        return None if settled is None else self.duration + settled
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
@@ -321,6 +318,8 @@ class Wiggle(Trajectory):
         amplitudes: (n) A [rad or m].
     """
 
+    settles: float
+
     def __init__(self, robot: Robot, duration: float = 2.0) -> None:
         """Choose amplitudes that move the frame by a twentieth of the reach each.
 
@@ -335,7 +334,7 @@ class Wiggle(Trajectory):
             InputError: a duration that is not positive.
         """
         model, n = robot.model, robot.model.nv
-        self.duration = positive(duration, "duration")
+        self.duration = self.settles = positive(duration, "duration")
         home, size = robot.home_angles, 0.05 * robot.reach
         J = pin.computeFrameJacobian(
             model, model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
@@ -352,11 +351,6 @@ class Wiggle(Trajectory):
             sine[j, j : j + 5 : 2] = amplitude * np.array([-0.25, 0.5, -0.25])
         sine = sine[:, 1:]
         self._moving = FourierSeries(home, np.zeros_like(sine), sine, 2.0 * self.duration)
-
-    @property
-    def settles(self) -> float:
-        """T [s]."""
-        return self.duration
 
     def at(self, t: float) -> Desired:
         """Return joint positions, velocities and accelerations (n) at time t [s]."""
