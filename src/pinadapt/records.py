@@ -51,6 +51,23 @@ class Measurement(NamedTuple):
     w: np.ndarray | None = None
 
 
+class Feet(NamedTuple):
+    """Which of a robot's c point contacts stand, and how the others move, at one instant.
+
+    Attributes:
+        stands: (c) bools.
+        x_d: (c, 3) desired positions of the contacts' frames in world axes [m]; read of those that
+            do not stand, as are the derivatives.
+        xd_d: (c, 3) velocities [m/s].
+        xdd_d: (c, 3) accelerations [m/s^2].
+    """
+
+    stands: np.ndarray
+    x_d: np.ndarray
+    xd_d: np.ndarray
+    xdd_d: np.ndarray
+
+
 class Desired(NamedTuple):
     """The desired task motion at one instant, in world axes.
 
@@ -63,6 +80,47 @@ class Desired(NamedTuple):
     x_d: np.ndarray
     xd_d: np.ndarray
     xdd_d: np.ndarray
+
+    @property
+    def feet(self) -> Feet | None:
+        """How the contacts move, see ``DesiredSteps``; None: all stand."""
+        return None
+
+    def at_rate(self, rate: float, acceleration: float) -> Desired:
+        """Return the motion at another time law s(t), by the chain rule.
+
+        Args:
+            rate: ds/dt.
+            acceleration: d^2s/dt^2 [1/s].
+        """
+        if rate == 1.0 and acceleration == 0.0:
+            return self
+        x_d, xd_d, xdd_d = self
+        return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
+
+
+class DesiredSteps(Desired):
+    """The desired motion of a robot whose contacts change."""
+
+    _feet: Feet
+
+    @classmethod
+    def of(cls, desired: Desired, feet: Feet) -> DesiredSteps:
+        """Return a desired motion of the task with that of the feet."""
+        made = cls(*desired)
+        made._feet = feet
+        return made
+
+    @property
+    def feet(self) -> Feet:
+        """How the contacts move."""
+        return self._feet
+
+    def at_rate(self, rate: float, acceleration: float) -> Desired:
+        """Return both motions at another time law, see ``Desired``."""
+        stands, x_d, xd_d, xdd_d = self.feet
+        feet = Feet(stands, *Desired(x_d, xd_d, xdd_d).at_rate(rate, acceleration))
+        return DesiredSteps.of(super().at_rate(rate, acceleration), feet)
 
 
 @dataclass(frozen=True)
