@@ -12,7 +12,7 @@ from tests.constraints.test_standing import FEET, TRUNK, standing
 
 @pytest.mark.parametrize("slowness", [1.0, 1.7])
 def test_velocities_of_a_crawl_are_those_of_differences(slowness):
-    crawl, h = Crawl(standing("a1"), steps=3), 1e-4
+    crawl, h = Crawl(steps=3).on(standing("a1")), 1e-4
     motion = Retimed(crawl, SlowedTime(slowness))
     for t in np.linspace(0.05, slowness * crawl.settles - 0.05, 40).tolist():
         before, now, after = (motion.at(t + sign * h) for sign in (-1.0, 0.0, 1.0))
@@ -26,7 +26,7 @@ def test_velocities_of_a_crawl_are_those_of_differences(slowness):
 
 def test_the_centre_of_mass_is_above_the_feet_that_stand():
     robot = standing("a1")
-    crawl, model = Crawl(robot, steps=8), robot.model
+    crawl, model = Crawl(steps=8).on(robot), robot.model
     offset = pin.centerOfMass(model, model.createData(), robot.q0) - robot.q0[:3]
     for k in range(8):
         desired = crawl.at(k * (crawl.shift + crawl.swing) + crawl.shift + 0.5 * crawl.swing)
@@ -43,7 +43,7 @@ def test_the_centre_of_mass_is_above_the_feet_that_stand():
 def test_a_load_is_found_while_walking():
     robot = standing("a1")
     true = robot.changed(payload=pa.Payload(mass=6.0, com=(0.05, 0.02, 0.08)))
-    controller, crawl = pa.make_controller(robot, unknown=TRUNK), Crawl(robot, steps=3)
+    controller, crawl = pa.make_controller(robot, unknown=TRUNK), Crawl(steps=3).on(robot)
     rollout = pa.simulate(true, controller, crawl, duration=3.4, engine="mujoco", progress=False)
     assert rollout.distance.max() < 2e-3 and rollout.distance[-500:].max() < 2e-4
     model, data = robot.model, robot.model.createData()
@@ -75,11 +75,11 @@ def test_forces_of_feet_in_the_air_are_zero():
 
 def test_what_cannot_crawl_is_refused():
     with pytest.raises(pa.exceptions.InputError, match="four point feet"):
-        Crawl(standing("talos"))
+        Crawl().on(standing("talos"))
     with pytest.raises(pa.exceptions.InputError, match="pose of the trunk"):
-        Crawl(standing("a1", task="joint"))
+        Crawl().on(standing("a1", task="joint"))
     with pytest.raises(pa.exceptions.InputError, match="steps"):
-        Crawl(standing("a1"), steps=0)
+        Crawl(steps=0)
 
 
 @pytest.mark.parametrize(

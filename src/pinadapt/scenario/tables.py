@@ -29,6 +29,7 @@ from ..robot.loading import load
 from ..robot.robot import Robot
 from ..simulation.engine import Engine
 from ..tasks.frame import pinhole_camera
+from ..trajectories.crawl import Crawl
 from ..trajectories.periodic import Circle, FourierSeries, Lissajous, Sinusoid
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Hold, Trajectory, Waypoints
@@ -39,6 +40,7 @@ from ..tuning.unknowns import Unknown
 Tables = dict[str, Any]
 
 MOTIONS: dict[str, type[Trajectory]] = {
+    "crawl": Crawl,
     "circle": Circle,
     "lissajous": Lissajous,
     "sinusoid": Sinusoid,

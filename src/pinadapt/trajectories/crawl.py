@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from copy import copy
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, positive, whole
+from .._checks import positive, vector, whole
 from ..exceptions import InputError
 from ..records import Desired, DesiredSteps, Feet
-from ..robot.robot import Robot
 from .trajectory import Trajectory, minimum_jerk
+
+if TYPE_CHECKING:
+    from ..robot.robot import Robot
 
 # of the largest possible distance to the edges of the triangle of support; half: a load beside the
 # trunk's middle tips the robot, twice: legs reach their limits
@@ -28,24 +33,25 @@ class Crawl(Trajectory):
     Attributes:
         steps: how many.
         shift, swing: durations of the parts [s].
-        height: by which a foot is lifted [m].
+        length, height: of a step [m].
     """
 
     exact = True
+    _start: np.ndarray
+    _order: list[int]
+    _trunk: list[np.ndarray]
 
     def __init__(
         self,
-        robot: Robot,
         steps: int = 12,
         length: float = 0.06,
         height: float = 0.04,
         shift: float = 0.6,
         swing: float = 0.4,
     ) -> None:
-        """Plan the steps from a robot's home pose.
+        """Take the steps; ``on`` a robot they begin at its home pose.
 
         Args:
-            robot: that stands on four point feet, with the pose of its trunk as task.
             steps: how many.
             length: of a step, along the axis x of the world; negative: backwards [m].
             height: by which a foot is lifted [m].
@@ -53,32 +59,40 @@ class Crawl(Trajectory):
             swing: time for the foot [s].
 
         Raises:
-            InputError: a robot with other contacts or another task, or numbers that are not
-                positive.
+            InputError: numbers that are not finite, or not positive.
         """
-        contacts = instance(robot, Robot, "robot").contacts
+        self.steps, self.height = whole(steps, "steps", 1), positive(height, "height")
+        self.length = float(vector(length, 1, "length")[0])
+        self.shift, self.swing = positive(shift, "shift"), positive(swing, "swing")
+        self._footholds: list[np.ndarray] = []
+
+    def on(self, robot: Robot) -> Crawl:
+        """Return the crawl of a robot that stands on four point feet, its task the trunk's pose.
+
+        Raises:
+            InputError: a robot with other contacts or another task.
+        """
+        contacts = robot.contacts
         if len(contacts) != 4 or any(contact.sole is not None for contact in contacts):
             raise InputError("a crawl is for four point feet.", where="robot.contacts")
         if robot.task.coordinates != 7:
             raise InputError("a crawl needs the pose of the trunk as task.", where="robot.task")
-        self.steps, self.height = whole(steps, "steps", 1), positive(height, "height")
-        self.shift, self.swing = positive(shift, "shift"), positive(swing, "swing")
-        model, data = robot.model, robot.model.createData()
+        model, data, planned = robot.model, robot.model.createData(), copy(self)
         pin.framesForwardKinematics(model, data, robot.q0)
         feet = np.array([data.oMf[model.getFrameId(part.frame)].translation for part in contacts])
-        self._start = robot.position(robot.q0)
-        offset = pin.centerOfMass(model, data, robot.q0)[:2] - self._start[:2]
-        order = _order(feet[:, :2])
-        self._footholds, self._order = [feet], [order[i % 4] for i in range(self.steps)]
-        self._trunk = [self._start[:3]]
-        for foot in self._order:
+        planned._start = start = robot.position(robot.q0)
+        offset, order = pin.centerOfMass(model, data, robot.q0)[:2] - start[:2], _order(feet[:, :2])
+        planned._order = [order[i % 4] for i in range(self.steps)]
+        planned._footholds, planned._trunk = [feet], [start[:3]]
+        for foot in planned._order:
             above = _inside(np.delete(feet[:, :2], foot, axis=0)) - offset
-            self._trunk.append(np.append(above, self._start[2]))
+            planned._trunk.append(np.append(above, start[2]))
             feet = feet.copy()
-            feet[foot, 0] += length
-            self._footholds.append(feet)
-        middle = feet[:, :2].mean(axis=0) - self._footholds[0][:, :2].mean(axis=0)
-        self._trunk.append(self._start[:3] + np.append(middle, 0.0))
+            feet[foot, 0] += self.length
+            planned._footholds.append(feet)
+        way = (planned._footholds[-1] - planned._footholds[0]).mean(axis=0)
+        planned._trunk.append(start[:3] + way)
+        return planned
 
     def shifted(self, by: ArrayLike) -> Trajectory:
         """Refuse: the steps begin where the robot stands.
@@ -99,7 +113,13 @@ class Crawl(Trajectory):
         return np.array(self._footholds)
 
     def at(self, t: float) -> Desired:
-        """Return the pose of the trunk and the motion of the feet at time t [s]."""
+        """Return the pose of the trunk and the motion of the feet at time t [s].
+
+        Raises:
+            InputError: it is on no robot yet.
+        """
+        if not self._footholds:
+            raise InputError("give it a robot first, by on(robot).", where="trajectory")
         period = self.shift + self.swing
         k = min(int(max(t, 0.0) / period), self.steps)
         t -= k * period
