@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,8 +58,15 @@ class ConstraintForces:
                 hint="A free base is held by one sole or three point feet, not in a line.",
             )
 
-    def torque(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    def torque(
+        self, q: np.ndarray, wanted: np.ndarray, stands: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return the torques (n), zero where there is no motor, for a wanted torque (n).
+
+        Args:
+            q: (nq) configuration.
+            wanted: (n) torque of the law [N m or N].
+            stands: (c) which contacts bear a force, points all of them; None: all.
 
         Raises:
             DivergedError: the wanted torque is not finite.
@@ -66,6 +74,10 @@ class ConstraintForces:
         if not np.isfinite(wanted).all():
             raise DivergedError("the torque is no longer finite.")
         motors, A = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
+        contacts = self._contacts
+        if stands is not None:
+            A = np.delete(A, len(A) - 3 * len(stands) + _rows(~stands), axis=0)
+            contacts = [part for part, bears in zip(contacts, stands, strict=True) if bears]
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m = len(A), len(idle)
         H, g, right = own.T @ own + _FORCES * np.eye(k), -own.T @ asked, wanted[~motors]
@@ -75,7 +87,7 @@ class ConstraintForces:
         else:  # with what is missed as further unknowns
             H = np.block([[H, np.zeros((k, m))], [np.zeros((m, k)), _SLACK * np.eye(m)]])
             g, equal = np.concatenate([g, np.zeros(m)]), np.hstack([idle, np.eye(m)])
-            cones = self._cones(k)
+            cones = self._cones(contacts, k)
             C = np.zeros((len(cones) + len(own), k + m))
             C[: len(cones), :k], C[len(cones) :, :k] = cones, own
             low = np.concatenate([np.zeros(len(cones)), asked - self._limits])
@@ -86,19 +98,24 @@ class ConstraintForces:
         torque[motors] = np.clip(asked - own @ f, -self._limits, self._limits)
         return torque
 
-    def _cones(self, k: int) -> np.ndarray:
-        """Return the rows (., k) that are positive for possible forces of the contacts.
+    def _cones(self, contacts: Sequence[Contact], k: int) -> np.ndarray:
+        """Return the rows (., k) that are positive for possible forces of contacts.
 
         The contacts are the last of the constraints.
         """
-        rows, first = [], k - sum(contact.size for contact in self._contacts)
-        for contact in self._contacts:
+        rows, first = [], k - sum(contact.size for contact in contacts)
+        for contact in contacts:
             own, last = _pyramid(contact), first + contact.size
             if contact.sole is not None:  # stated in the axes of the sole
                 own = own @ np.kron(np.eye(2), self.constraints.axes(contact.frame).T)
             rows.append(np.zeros((len(own), k)))
             rows[-1][:, first:last], first = own, last
         return np.concatenate(rows)
+
+
+def _rows(points: np.ndarray) -> np.ndarray:
+    """Return the rows of those point contacts (c) that are true, three each."""
+    return np.flatnonzero(np.repeat(points, 3))
 
 
 def _pyramid(contact: Contact) -> np.ndarray:

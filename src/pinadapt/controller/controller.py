@@ -592,7 +592,7 @@ class Controller:
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
-            torque = self._forces.torque(s.q, torque)
+            torque = self._forces.torque(s.q, torque, s.stands)
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
@@ -647,6 +647,11 @@ class Controller:
         self.dynamics.load(s.a_d)
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
+        feet = desired.feet
+        s.stands = None if feet is None else feet.stands
+        if feet is not None and kinematics.constraints is not None:
+            alpha = float(getattr(self.law, "alpha", 0.0))
+            s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))
         s.xd_hat, s.xd_d, s.xdd_d = kinematics.xd_hat, xd_d, xdd_d
         s.dx, s.xd, s.delta = kinematics.task.errors(s.x, x_d, sample.xd, s.xd_hat, xd_d)
         s.epsilon, s.X_k = sensed.epsilon, sensed.X_k

@@ -53,12 +53,7 @@ class PathTime(NamedTuple):
 
     def desired(self, motion: Trajectory, t: float) -> Desired:
         """Return x_d(s(t)) with its derivatives by the chain rule."""
-        desired = motion.at(t - self.lag)
-        rate, acceleration = self.rate, self.acceleration
-        if rate == 1.0 and acceleration == 0.0:
-            return desired
-        x_d, velocity, curvature = desired
-        return Desired(x_d, rate * velocity, rate * rate * curvature + acceleration * velocity)
+        return motion.at(t - self.lag).at_rate(self.rate, self.acceleration)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from .._checks import instance, positive, vector, whole
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
+from ..robot.base_from_legs import BaseFromLegs
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
 
@@ -72,7 +73,7 @@ class SimulatedSensors:
         self._dt, self._camera = dt, sensors.camera or Camera()
         rate = self._camera.rate
         self._spacing = 1.0 if rate is None else max(1.0, 1.0 / (rate * dt))
-        self._late = round(self._camera.delay / dt)
+        self._late, self._robot = round(self._camera.delay / dt), robot
         self.reset()
 
     def reset(self) -> None:
@@ -83,6 +84,11 @@ class SimulatedSensors:
         self._of_frames = np.random.default_rng([self._seed, 1])
         self._sample, self._frames = 0, deque[Measurement]()
         self._last: np.ndarray | None = None
+        if self.sensors.imu is not None:
+            self._of_imu = np.random.default_rng([self._seed, 4])
+            way = self._of_imu.standard_normal(2)
+            self._tilt = self.sensors.imu.tilt * way / np.linalg.norm(way)
+            self._base = BaseFromLegs(self._robot)
 
     def measure(self, truth: Measurement, torque: np.ndarray | None = None) -> Measurement:
         """Return the next measurement.
@@ -104,7 +110,16 @@ class SimulatedSensors:
             q, v = self._read(q, v)
             step = self._count / self._dt
             w = None if w is None else np.where(self._counted, np.rint(w / step) * step, w)
-        return self._seen(truth)._replace(q=q, v=v, w=w)
+        seen = self._seen(truth)._replace(q=q, v=v, w=w)
+        return seen if self.sensors.imu is None else self._from_legs(seen, truth)
+
+    def _from_legs(self, seen: Measurement, truth: Measurement) -> Measurement:
+        """Return a measurement with the base, and x, by the IMU and the legs."""
+        imu, noise = self.sensors.imu, self._of_imu.standard_normal((2, 2))
+        assert imu is not None
+        tilt = truth.q[4:6] + self._tilt + imu.noise * noise[0]
+        q, v = self._base(seen.q, seen.v, tilt, truth.v[4:6] + imu.rate_noise * noise[1])
+        return seen._replace(q=q, v=v, x=self._robot.position(q), x_time=None, xd=None)
 
     def _read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) of the next sample as measured by the encoders."""

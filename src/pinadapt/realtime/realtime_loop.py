@@ -336,6 +336,8 @@ class RealtimeLoop:
         self._path = Hold(controller.kinematics.task.measured(m.x, m.q))
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
             self._path = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
+            if self._path.at(0.0).feet is not None:
+                raise InputError("steps are not recorded, so not replayed.", where="motion")
             if self.stage is Stage.SLOW:
                 self._path = Retimed(self._path, SlowedTime(_SLOWNESS))
         self._warm_up(state, m)

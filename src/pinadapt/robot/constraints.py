@@ -13,6 +13,7 @@ import pinocchio as pin
 from .._checks import instance, numbers, positive, vector
 from ..description.chain import angles_from_configuration, frame_id
 from ..exceptions import RobotError
+from ..records import Feet
 from .changes import joint_id
 
 _ITERATIONS = 30  # of Newton's method; half or twice: it converges in 10 or not at all
@@ -232,7 +233,9 @@ class Constraints:
     def __init__(self, model: pin.Model, parts: Sequence[Constraint]) -> None:
         """Take the model of a robot, and its constraints."""
         self._model, self.data, self.parts = model.copy(), model.createData(), tuple(parts)
-        self._none = np.zeros((0, model.nv))
+        self._none = self._A = np.zeros((0, model.nv))
+        feet = [part.frame for part in self.parts if isinstance(part, Contact)]
+        self._feet = [frame_id(model, foot) for foot in feet]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -245,12 +248,35 @@ class Constraints:
         pin.updateFramePlacements(model, data)
         found = [part.at(model, data) for part in self.parts]
         A, A_rate = zip((self._none, self._none), *found, strict=True)
-        return np.concatenate(A), np.concatenate(A_rate)
+        self._A = np.concatenate(A)
+        return self._A, np.concatenate(A_rate)
 
     def free(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the projection (n, n) of torques onto what no constraint force changes."""
         A, _ = self.at(q, v)
         return np.asarray(np.eye(v.size) - np.linalg.pinv(A) @ A)
+
+    def references(self, feet: Feet, v: np.ndarray, alpha: float) -> Rows:
+        """Return what A v_r (k) shall be, and its rate (k): zero where the robot stands.
+
+        That of a foot in the air is xd_d - alpha (x - x_d). All contacts are points, and they are
+        the last of the constraints. State and frames are those of the last ``at``.
+
+        Args:
+            feet: their motion.
+            v: (n) velocity.
+            alpha: [1/s].
+        """
+        rows, rate = np.zeros((2, len(self._A)))
+        x = np.array([self.data.oMf[foot].translation for foot in self._feet])
+        first, velocity = len(rows) - x.size, (self._A @ v)[len(rows) - x.size :].reshape(x.shape)
+        air = ~feet.stands
+        u, ud = (
+            feet.xd_d - alpha * (x - feet.x_d),
+            feet.xdd_d - alpha * (velocity - feet.xd_d),
+        )
+        rows[first:].reshape(x.shape)[air], rate[first:].reshape(x.shape)[air] = u[air], ud[air]
+        return rows, rate
 
     def axes(self, frame: str) -> np.ndarray:
         """Return the axes (3, 3) of a frame in the world, of the last ``at``."""

@@ -276,4 +276,4 @@ def trajectory_of(table: Any, robot: Robot) -> Trajectory:
         lengths = {key: table[key] for key in _OF_PICTURES if key in table}
         scaled = {key: (pixel * np.array(each)).tolist() for key, each in lengths.items()}
         table = {**table, **scaled}
-    return placed_trajectory(motion(table), robot.task, robot.position(robot.q0))
+    return placed_trajectory(motion(table), robot)

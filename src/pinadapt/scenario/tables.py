@@ -30,6 +30,7 @@ from ..robot.loading import load
 from ..robot.robot import Robot
 from ..simulation.engine import Engine
 from ..tasks.frame import pinhole_camera
+from ..trajectories.crawl import Crawl
 from ..trajectories.periodic import Circle, FourierSeries, Lissajous, Sinusoid
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Hold, Trajectory, Waypoints
@@ -41,6 +42,7 @@ Tables = dict[str, Any]
 Make = Callable[..., Any]  # a class or function that takes the keys of a table as arguments
 
 MOTIONS: dict[str, type[Trajectory]] = {
+    "crawl": Crawl,
     "circle": Circle,
     "lissajous": Lissajous,
     "sinusoid": Sinusoid,

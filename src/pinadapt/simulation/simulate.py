@@ -151,7 +151,7 @@ def simulate(
             "the robot of a model file does not change while it moves.", where="changes"
         )
     indices = sample_indices(duration, dt, ends=engine.continuous)
-    trajectory = placed_trajectory(trajectory, true.task, true.position(true.q0))
+    trajectory = placed_trajectory(trajectory, true)
     given: Any = {"a_k": None} if start is None else start
     named = isinstance(given, Mapping) and given.get("a_k", ()) is None
     if named and not controller.kinematics.calibrated:

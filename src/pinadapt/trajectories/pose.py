@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,10 +13,13 @@ from .._checks import positive, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import matrix, rotation_between, turned
-from ..tasks.task import Task
+from .crawl import Crawl
 from .given import TrajectoryLike, as_trajectory, converted
 from .periodic import Circle
 from .trajectory import Hold, Trajectory
+
+if TYPE_CHECKING:
+    from ..robot.robot import Robot
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -158,20 +161,22 @@ class PoseTrajectory(Trajectory):
         return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
 
 
-def placed_trajectory(given: TrajectoryLike, task: Task, start: np.ndarray) -> Trajectory:
+def placed_trajectory(given: TrajectoryLike, robot: Robot) -> Trajectory:
     """Return a user's motion as ``as_trajectory``, placed where it has no place of its own.
 
     A ``Circle`` without a centre begins where the robot is; a motion of three coordinates holds
-    the initial orientation in a pose task.
+    the initial orientation in a pose task; a ``Crawl`` begins at the feet.
 
     Args:
         given: as in ``as_trajectory``.
-        task: of the coordinates.
-        start: coordinates of the robot at the start.
+        robot: at whose home pose it starts.
 
     Raises:
-        InputError: as ``as_trajectory``.
+        InputError: as ``as_trajectory`` and ``Crawl.on``.
     """
+    task, start = robot.task, robot.position(robot.q0)
+    if isinstance(given, Crawl):
+        given = given.on(robot)
     if isinstance(given, Trajectory):
         exact = given.exact
         if task.coordinates > task.size and given.at(0.0).x_d.size == 3:

@@ -186,10 +186,7 @@ class Retimed(Derived):
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         s, rate, acceleration = self.law.at(t)
-        if rate == 1.0 and acceleration == 0.0:
-            return self.motion.at(s)
-        x_d, xd_d, xdd_d = self.motion.at(s)
-        return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
+        return self.motion.at(s).at_rate(rate, acceleration)
 
 
 class Hold(Trajectory):
