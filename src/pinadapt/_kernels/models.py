@@ -155,18 +155,42 @@ def observed_motion(
         X[i, j], Y[i, j] = share * Phi[c, n], share * Phid[c, n]
 
 
-@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:], f8[:,:])")
+@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:,:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:])")
 def add_map_rates(
-    rate: np.ndarray, entries: np.ndarray, motion: np.ndarray, z: np.ndarray, Jdot: np.ndarray
+    rate: np.ndarray,
+    entries: np.ndarray,
+    motion: np.ndarray,
+    maps: np.ndarray,
+    G: np.ndarray,
+    z: np.ndarray,
+    y: np.ndarray,
+    yd: np.ndarray,
+    Jdot: np.ndarray,
 ) -> None:
-    """Add dN/dt dphi/dq / z to dJ/dt (m, n), for the rates (p) of N's parameters.
+    """Add what the rates (p) of the parameters change of dJ/dt (m, n), and of y and z by any rate.
 
-    The others are as in ``observed_motion``.
+    It is (dN/dt - y dD/dt - dy/dt D - dz/dt G) / z dphi/dq. yd (m) is the rate of y at constant
+    parameters; the others are as in ``observed_motion``.
     """
-    for k in range(len(entries)):
-        j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
-        for t in range(Jdot.shape[1] if entries[k, 1] == 0 else 0):
-            Jdot[i, t] += rate[j] * motion[0, c, t] / z[i]
+    Phi, Phid, n = motion[0], motion[1], Jdot.shape[1]
+    for i in range(len(z)):
+        D, total, zd = maps[1, i], yd[i], 0.0
+        for c in range(len(D)):
+            zd += D[c] * Phid[c, n]
+        for k in range(len(entries)):
+            if entries[k, 2] != i:
+                continue
+            change, c, share = rate[entries[k, 0]], entries[k, 3], 1.0
+            if entries[k, 1] == 1:
+                zd += change * Phi[c, n]
+                share = -y[i]
+            total += share * change * Phi[c, n] / z[i]
+            for t in range(n):
+                Jdot[i, t] += share * change * Phi[c, t] / z[i]
+        for c in range(len(D)):
+            less = (total * D[c] + zd * G[i, c]) / z[i]
+            for t in range(n if less != 0.0 else 0):
+                Jdot[i, t] -= less * Phi[c, t]
 
 
 @compiled(
@@ -240,49 +264,42 @@ def momentum_columns(
     before angular, in their own axes. J and Jdot (6, n) are the joints' axes as motions at the
     world's origin. Joint coordinate ``columns[k]`` moves body ``bodies[k]``; gravity (3) in world
     axes. With the row s = (l, r) in the body's axes and its velocity (v, w), s^T h = m l^T v +
-    mc^T (l x w + v x r) + r^T I w.
+    mc^T (l x w + v x r) + r^T I w; the weight is that with -gravity for v.
     """
-    for i in range(Y_M.shape[0]):
-        for j in range(Y_M.shape[1]):
-            Y_M[i, j] = Y_0[i, j] = 0.0
-    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 3))
-    for b in range(len(R)):
+
+    def turn_into(b: int, axes: np.ndarray, c: int, s: np.ndarray) -> None:
+        """Write the motion of body b at its origin, in its axes, that is column c of axes (6, n)."""
         for t in range(3):
+            s[t] = s[t + 3] = 0.0
             for e in range(3):
-                weights[b, t] -= R[b, e, t] * gravity[e]
-    for k in range(len(bodies)):
-        b, c = bodies[k], columns[k]
-        for t in range(3):  # axes of the body; the linear part at its origin
-            s[t] = s[t + 3] = d[t] = d[t + 3] = 0.0
-        for e in range(3):
-            f, h = (e + 1) % 3, (e + 2) % 3
-            moving = J[e, c] + J[f + 3, c] * o[b, h] - J[h + 3, c] * o[b, f]
-            rate = Jdot[e, c] + Jdot[f + 3, c] * o[b, h] - Jdot[h + 3, c] * o[b, f]
-            for t in range(3):
+                f, h = (e + 1) % 3, (e + 2) % 3
+                moving = axes[e, c] + axes[f + 3, c] * o[b, h] - axes[h + 3, c] * o[b, f]
                 s[t] += R[b, e, t] * moving
-                s[t + 3] += R[b, e, t] * J[e + 3, c]
-                d[t] += R[b, e, t] * rate
-                d[t + 3] += R[b, e, t] * Jdot[e + 3, c]
-        g = weights[b]
-        v, w, i = V[b, :3], V[b, 3:], 10 * b
-        Y_M[c, i] = s[0] * v[0] + s[1] * v[1] + s[2] * v[2]
-        Y_0[c, i] = s[0] * g[0] + s[1] * g[1] + s[2] * g[2]
-        Y_0[c, i] -= d[0] * v[0] + d[1] * v[1] + d[2] * v[2]
+                s[t + 3] += R[b, e, t] * axes[e + 3, c]
+
+    def add(Y: np.ndarray, s: np.ndarray, v: np.ndarray, sign: float) -> None:
+        """Add sign s^T h of a body with velocity v (6) to the columns Y (10) of its parameters."""
+        Y[0] += sign * (s[0] * v[0] + s[1] * v[1] + s[2] * v[2])
+        j = 4
         for t in range(3):
             f, h = (t + 1) % 3, (t + 2) % 3
-            Y_M[c, i + 1 + t] = s[f] * w[h] - s[h] * w[f] + v[f] * s[h + 3] - v[h] * s[f + 3]
-            Y_0[c, i + 1 + t] = (
-                g[f] * s[h + 3]
-                - g[h] * s[f + 3]
-                - (d[f] * w[h] - d[h] * w[f] + v[f] * d[h + 3] - v[h] * d[f + 3])
-            )
-        j = i + 4
-        for t in range(3):  # xx, xy, yy, xz, yz, zz
-            for e in range(t + 1):
-                if e == t:
-                    Y_M[c, j] = s[t + 3] * w[t]
-                    Y_0[c, j] = -d[t + 3] * w[t]
-                else:
-                    Y_M[c, j] = s[t + 3] * w[e] + s[e + 3] * w[t]
-                    Y_0[c, j] = -d[t + 3] * w[e] - d[e + 3] * w[t]
+            Y[1 + t] += sign * (s[f] * v[h + 3] - s[h] * v[f + 3])
+            Y[1 + t] += sign * (v[f] * s[h + 3] - v[h] * s[f + 3])
+            for e in range(t + 1):  # xx, xy, yy, xz, yz, zz
+                Y[j] += sign * s[t + 3] * v[e + 3]
+                if e != t:
+                    Y[j] += sign * s[e + 3] * v[t + 3]
                 j += 1
+
+    Y_M[:], Y_0[:] = 0.0, 0.0
+    s, d, g = np.empty(6), np.empty(6), np.zeros(6)
+    for k in range(len(bodies)):
+        b, c = bodies[k], columns[k]
+        turn_into(b, J, c, s)
+        turn_into(b, Jdot, c, d)
+        for t in range(3):
+            g[t] = -(R[b, 0, t] * gravity[0] + R[b, 1, t] * gravity[1] + R[b, 2, t] * gravity[2])
+        own = slice(PER_BODY * b, PER_BODY * (b + 1))
+        add(Y_M[c, own], s, V[b], 1.0)
+        add(Y_0[c, own], s, g, 1.0)
+        add(Y_0[c, own], d, V[b], -1.0)

@@ -247,7 +247,6 @@ class LinearKinematics(TaskKinematics):
             turning = [(j, of, m + i, one + 1 + c) for j, of, i, c in entries if c < 3]
             entries = [*entries, *turning]
         self._entries = np.array(entries, dtype=np.int64).reshape(-1, 4)
-        self._depths = bool(self._entries[:, 1].any())
         self._now, self._past = (
             _ObservedChain(self.robot, self.columns, constants, self._entries) for _ in range(2)
         )
@@ -289,7 +288,7 @@ class LinearKinematics(TaskKinematics):
 
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return X (m_p, p) with p_hat - x = X da_k, exactly, for measured coordinates x."""
-        if not self._depths:
+        if self.affine:
             return self.X_k
         return self._regressor(self._now.motion[0, :, -1], x, self._now)
 
@@ -299,7 +298,7 @@ class LinearKinematics(TaskKinematics):
         The estimate is that of the last update. The attributes do not change.
         """
         y, _, _, _, X, _ = self._past.update(self.a_k, q, self._still)
-        if self._depths and seen is not None:
+        if not self.affine and seen is not None:
             X = self._regressor(self._past.motion[0, :, -1], seen, self._past)
         m = self.positions
         return self._coordinates(y[:m], self._past), X[:m]
@@ -310,23 +309,17 @@ class LinearKinematics(TaskKinematics):
         Without the second part (17) of Wang and Xie does not hold.
         """
         chain, found = self._now, self._now.Jdot.copy()
-        kernels.add_map_rates(a_k_rate, self._entries, chain.motion, chain.z, found)
-        if self._depths:
-            (Phi, Phid), D = chain.motion, chain.maps[1]
-            j, _, i, c = self._entries[self._entries[:, 1] == 1].T
-            D_rate = np.zeros(D.shape)
-            D_rate[i, c] = a_k_rate[j]
-            yd = self.xd_hat + self.X_k.dot(a_k_rate)
-            zd = D.dot(Phid[:, -1]) + D_rate.dot(Phi[:, -1])
-            less = yd[:, None] * D + self.p_hat[:, None] * D_rate + zd[:, None] * chain.G
-            found -= (less[:, :-1] / chain.z[:, None]).dot(Phi[:-1, :-1])
+        kernels.add_map_rates(
+            a_k_rate, self._entries, chain.motion, chain.maps, chain.G, chain.z,
+            self._y, self.xd_hat, found,
+        )  # fmt: skip
         return found
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
         chain, (Phi, Phid) = self._now, self._now.motion
         found = self._regressor(Phi[:, :-1].dot(a) + Phid[:, :-1].dot(self._v), self._y, chain)
-        if self._depths:  # what the rate of y adds
+        if not self.affine:  # what the rate of y adds
             rate = Phid[:, -1]
             found += self._regressor(rate, 2.0 * self.xd_hat, chain)
             found -= self._regressor(rate, 0.0 * self._y, chain)
