@@ -40,8 +40,8 @@ from .task_kinematics import TaskKinematics
 from .translations import (
     FIRST,
     TOOL,
-    PlacedTranslations,
     Translation,
+    placed_values,
     placement_of,
     unknown_translations,
 )
@@ -100,22 +100,24 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
     By default a length lies between a fifth and five times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
     """
-    placed = PlacedTranslations(robot.model, robot.frame_id, translations)
-    initial, bounds = placed.read(), np.zeros((2, placed.size))
-    joints = np.zeros(placed.size, dtype=np.int64)
-    for part, window in zip(translations, placed.windows, strict=True):
-        joints[window] = part.joint or robot.model.njoints
-        margin = (_WIDE_BASE if part.joint == FIRST else _WIDE) * robot.reach
-        bounds[:, window] = initial[window] + margin * np.array([[-1.0], [1.0]])
-        if part.size == 1:
-            bounds[:, window] = initial[window] * np.array([[_SHORTEST], [_LONGEST]])
+    values = placed_values(robot.model, robot.frame_id, translations)
+    sizes = [part.size for part in translations]
+    initial = np.concatenate([np.zeros(0), *values])
+    joints = [part.joint or robot.model.njoints for part in translations]
+    margins = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in translations]
+    margin, length = (np.repeat(each, sizes) for each in (margins, np.equal(sizes, 1)))
+    shifts = np.concatenate([np.zeros((3, 0)), *(part.directions for part in translations)], axis=1)
     return Columns(
         tuple(label for part in translations for label in part.labels),
-        joints,
-        np.concatenate([placed.directions, np.zeros((3, placed.size))]),
+        np.repeat(joints, sizes).astype(np.int64),
+        np.concatenate([shifts, np.zeros(shifts.shape)]),
         initial,
-        np.ones(placed.size),
-        bounds,
+        np.ones(initial.size),
+        np.where(
+            length,
+            np.outer([_SHORTEST, _LONGEST], initial),
+            initial + np.outer([-robot.reach, robot.reach], margin),
+        ),
     )
 
 

@@ -23,7 +23,7 @@ from .basis import TorqueFit, independent_columns
 from .bodies import InertialDynamics
 from .dynamics import Dynamics
 from .regressor import LABELS, PER_BODY, Momentum, Regressor, random_states
-from .translations import LENGTHS, PlacedTranslations, Translation, unknown_translations
+from .translations import LENGTHS, Translation, place, unknown_translations
 
 
 def lumped_base(
@@ -42,12 +42,11 @@ def lumped_base(
     model, rng = robot.model, np.random.default_rng(0)
     states = random_states(model, 40 + 10 * model.nv)
     models, columns, base = [], [], np.zeros((len(states) * model.nv, 0))
-    without_news = 0
+    without_news, size = 0, sum(part.size for part in translations)
     while without_news < 2:
         node = model.copy()
         node.armature = np.zeros(model.nv)
-        placed = PlacedTranslations(node, 0, translations)
-        placed.write(rng.uniform(-1.0, 1.0, placed.size))
+        place(node, 0, translations, rng.uniform(-1.0, 1.0, size))
         regressor = Regressor(node)
         both = np.hstack([base, np.vstack([regressor(*state) for state in states])])
         chosen, _ = independent_columns(both)

@@ -36,6 +36,7 @@ _STEPS = 2000  # of Newton's method, at most
 _FEW = 10  # from the minimum for similar rows, or else gamma falls in steps
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 _ON_THE_WAY = 1e-2  # the same, at larger gamma: there Newton's method converges quadratically
+_LEAST = 1e-3  # of a typical coefficient: what stands for one that is not positive
 _COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # P, row by row, of each of the ten parameters
 
 
@@ -134,19 +135,27 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
             where="identify",
             hint="An estimator takes any dynamics: see pinadapt.Estimator.",
         )
-    least_mass, least_radius = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
-    inertial, rest = np.split(dynamics.initial, [dynamics.inertial.size])
+    margins = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
+    return around(dynamics, dynamics.initial, *margins)
+
+
+def around(
+    dynamics: Dynamics, a: np.ndarray, least_mass: float = 1e-6, least_radius: float = 1e-3
+) -> PhysicalSet:
+    """Return the physical parameters of bodies and joints, centred at a (p) or close by.
+
+    Bodies without the margins of ``nearest_physical`` are replaced, and coefficients that are not
+    positive, by a thousandth of the typical ones.
+    """
+    size, typical = dynamics.inertial.size, dynamics.typical
+    first = a.size - (0 if dynamics.joints is None else dynamics.joints.signed)
     tens = [
         nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
-        for pi in inertial.reshape(-1, PER_BODY)
+        for pi in a[:size].reshape(-1, PER_BODY)
     ]
-    return PhysicalSet(len(tens), np.concatenate([*tens, rest]), scales=signed_scales(dynamics))
-
-
-def signed_scales(dynamics: Dynamics) -> np.ndarray:
-    """Return typical values of the coefficients that may be negative, the last parameters."""
-    signed = 0 if dynamics.joints is None else dynamics.joints.signed
-    return dynamics.typical[dynamics.size - signed :]
+    positive = np.where(a > 0.0, a, _LEAST * typical)[size:first]
+    center = np.concatenate([*tens, positive, a[first:]])
+    return PhysicalSet(len(tens), center, scales=typical[first:])
 
 
 def physical_fit(
