@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +15,7 @@ from ..exceptions import ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .inertial_model import InertialModel as InertialModel
+from .inertial_model import InertialModel, VirtualChains
 from .regressor import (
     LABELS,
     PER_BODY,
@@ -45,18 +44,13 @@ class InertialDynamics(Dynamics):
     ) -> None:
         """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
         instance(robot, Robot, "robot", RobotError)
-        self._model = InertialModel(robot.model)
-        self._regressor = Regressor(robot.model)
+        self._model: InertialModel | VirtualChains = InertialModel(robot.model)
+        self._regressor: Regressor | VirtualChains = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
         self._rotors = bool(self._armature.any())
         self._pi = inertial_parameters(robot.model)
         self.B, self._known = B, known
         self.size = self._pi.size if B is None else B.shape[1]
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore from a copy, whose model has to load the estimate again."""
-        self.__dict__.update(state)
-        self._model.load(self._pi)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot's bodies; None if other torques differ too.

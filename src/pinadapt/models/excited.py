@@ -18,11 +18,10 @@ import numpy as np
 
 from .bodies import UNCERTAINTY
 from .dynamics import Dynamics
-from .physical_fit import around
+from .physical_fit import LEAST, around
 from .regressor import LABELS
 
 TOLD_APART = 0.01  # share of the torques from which a combination is identifiable in practice
-_LEAST = 1e-3  # of the largest typical parameter: the least scale of one
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +143,7 @@ def scales(dynamics: Dynamics, a: np.ndarray) -> np.ndarray:
     combinations by 30 % of their typical values.
     """
     typical, size = np.abs(dynamics.typical), dynamics.inertial.size
-    typical = np.maximum(typical, _LEAST * typical.max(initial=0.0) or 1.0)
+    typical = np.maximum(typical, LEAST * typical.max(initial=0.0) or 1.0)
     L = np.diag(np.concatenate([UNCERTAINTY * typical[:size], typical[size:]]))
     if dynamics.per_body:
         bodies = around(dynamics, a)

@@ -103,14 +103,11 @@ class JointEffects:
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
         at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
         self._shape, self._directions = _shape(friction), friction.directions
-        self._values = coefficients(robot)
-        typical = typical_coefficients(robot)
-        start = np.where(self._values > 0.0, self._values, 0.1 * _all_shafts(robot, typical))
-        start[_SIGNED:] = self._values[_SIGNED:]
-        self._values[at] = start[at]
-        self.known = self._values.copy()
-        self.known[at] = 0.0
-        columns = np.full(self._values.shape, -1, dtype=np.int64)
+        self.known, typical = coefficients(robot), typical_coefficients(robot)
+        start = np.where(self.known > 0.0, self.known, 0.1 * _all_shafts(robot, typical))
+        start[_SIGNED:] = self.known[_SIGNED:]
+        self.initial, self.known[at] = start[at], 0.0
+        columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
         shafts = np.concatenate([np.eye(self._n), self._directions])
         self.places, self.tables = at, (columns, self._shape, shafts)
@@ -120,15 +117,10 @@ class JointEffects:
         slides = list(robot.slides.values())
         slides += [slides[part.joints[0]] for part in friction.shafts]
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
-        self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
         self._bodies = InertialModel(robot.model) if loaded else None
-
-    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
-        return self.added(self.known, q, v, a, 1.0, self.nothing, self.zero)[0]
 
     def added(
         self,
@@ -157,13 +149,12 @@ class JointEffects:
         )
         return Y, tau
 
-    def momentum(self, q: np.ndarray, v: np.ndarray, bodies: Momentum | None = None) -> Momentum:
-        """Return momentum and rest of the joints, added to those of the bodies if there are any.
+    def momentum(self, q: np.ndarray, v: np.ndarray, bodies: Momentum) -> Momentum:
+        """Return momentum and rest of the joints, added to those of the bodies.
 
         Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
-        zero = self.zero
-        Y_M, Y_0, p_0, tau_0 = bodies or (self.nothing, self.nothing, zero, zero)
+        (Y_M, Y_0, p_0, tau_0), zero = bodies, self.zero
         Y_M, p_0 = self.added(self.known, q, zero, v, 0.0, Y_M, p_0)
         Y_0, tau_0 = self.added(self.known, q, v, zero, 1.0, Y_0, tau_0)
         return Momentum(Y_M, Y_0, p_0, tau_0)
@@ -187,21 +178,13 @@ class JointEffects:
         """Return the nominal robot with the coefficients a_j (p)."""
         values, n = coefficients(nominal), self._n
         values[self.places] = a_j
-        armature, viscous, coulomb, geared, asymmetry, offset = values[:, :n]
+        joints = dict(zip(KINDS[1:], values[1:, :n], strict=True))
         shafts = tuple(
-            replace(part, armature=own[0], viscous=own[1], coulomb=own[2])
+            replace(part, **dict(zip(USUAL, own, strict=False)))
             for part, own in zip(nominal.friction.shafts, values[:, n:].T.tolist(), strict=True)
         )
-        friction = replace(
-            nominal.friction,
-            viscous=viscous,
-            coulomb=coulomb,
-            gear_friction=geared,
-            asymmetry=asymmetry,
-            offset=offset,
-            shafts=shafts,
-        )
-        return nominal.changed(armature=armature, friction=friction)
+        friction = replace(nominal.friction, **joints, shafts=shafts)
+        return nominal.changed(armature=values[0, :n], friction=friction)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of a robot; None if those of a known kind differ."""
@@ -209,9 +192,9 @@ class JointEffects:
             return None
         true = coefficients(robot)
         a_j = true[self.places]
-        true[self.places] = self._values[self.places]
+        true[self.places] = 0.0
         same = np.allclose(_shape(robot.friction), self._shape, atol=0.0)
-        return a_j if same and np.allclose(true, self._values) else None
+        return a_j if same and np.allclose(true, self.known) else None
 
 
 def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
@@ -257,11 +240,13 @@ def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
 
 def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
-    friction, zero = robot.friction, [0.0] * (len(KINDS) - _OF_SHAFTS)
-    joints = (friction.viscous, friction.coulomb, friction.gear_friction, friction.asymmetry)
-    own = np.array([robot.model.armature, *joints, friction.offset], dtype=float)
-    shafts = [[part.armature, part.viscous, part.coulomb, *zero] for part in friction.shafts]
-    return np.column_stack([own, *shafts])
+    friction = robot.friction
+    joints = [robot.model.armature, *(getattr(friction, kind) for kind in KINDS[1:])]
+    values = np.zeros((len(KINDS), robot.model.nv + len(friction.shafts)))
+    values[:, : robot.model.nv] = joints
+    for own, part in zip(values.T[robot.model.nv :], friction.shafts, strict=True):
+        own[:_OF_SHAFTS] = part.armature, part.viscous, part.coulomb
+    return values
 
 
 def without_joint_effects(robot: Robot) -> Robot:

@@ -33,10 +33,8 @@ GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL = 3.0  # of gamma, from one value to the next
 _FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
 _STEPS = 2000  # of Newton's method, at most
-_FEW = 10  # from the minimum for similar rows, or else gamma falls in steps
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
-_ON_THE_WAY = 1e-2  # the same, at larger gamma: there Newton's method converges quadratically
-_LEAST = 1e-3  # of a typical coefficient: what stands for one that is not positive
+LEAST = 1e-3  # of a typical parameter: what stands for one that is not positive
 _COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # P, row by row, of each of the ten parameters
 
 
@@ -153,7 +151,7 @@ def around(
         nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
         for pi in a[:size].reshape(-1, PER_BODY)
     ]
-    positive = np.where(a > 0.0, a, _LEAST * typical)[size:first]
+    positive = np.where(a > 0.0, a, LEAST * typical)[size:first]
     center = np.concatenate([*tens, positive, a[first:]])
     return PhysicalSet(len(tens), center, scales=typical[first:])
 
@@ -171,16 +169,13 @@ def physical_fit(
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
     R, z = _square(A, b)
-    if near is not None:
-        a, reached = _newton(R, z, physical, near, gamma, most=_FEW)
-        if reached:
-            return a
-    a = physical.center
-    weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
+    a, weight = physical.center if near is None else near, gamma
+    if near is None:
+        weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
     while weight > gamma:
-        a, _ = _newton(R, z, physical, a, weight, _ON_THE_WAY)
+        a = _newton(R, z, physical, a, weight)
         weight = max(weight / _FALL, gamma)
-    return _newton(R, z, physical, a, gamma)[0]
+    return _newton(R, z, physical, a, gamma)
 
 
 def nearest_with(
@@ -210,7 +205,7 @@ def nearest_with(
             return x
         if 0.5 * (left**2 - tolerance**2) / weight + physical.divergence(x) > _FARTHEST:
             break
-        x, _ = _newton(rows, target, physical, x, 0.1 * weight)
+        x = _newton(rows, target, physical, x, 0.1 * weight)
     return None
 
 
@@ -228,23 +223,21 @@ def _newton(
     physical: PhysicalSet,
     a: np.ndarray,
     gamma: float,
-    decrement: float = _DECREMENT,
-    most: int = _STEPS,
-) -> tuple[np.ndarray, bool]:
-    """Return the minimum of |R a - z|^2 / 2 + gamma D(a), and whether ``most`` steps reached it."""
+) -> np.ndarray:
+    """Return the minimum of |R a - z|^2 / 2 + gamma D(a)."""
 
     def objective(x: np.ndarray) -> float:
         return float(0.5 * np.sum((R @ x - z) ** 2) + gamma * physical.divergence(x))
 
     root, value = np.sqrt(gamma), objective(a)
     rows = np.vstack([R, root * np.eye(a.size)])
-    for _ in range(most):
+    for _ in range(_STEPS):
         T, h = physical.local(a)
         np.matmul(R, T, out=rows[: len(R)])
         u = np.linalg.solve(*_square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
-        if fall <= decrement * gamma:
-            return a, True
+        if fall <= _DECREMENT * gamma:
+            break
         share = 1.0
         while share > 1e-12:
             after = objective(a + share * step)
@@ -252,6 +245,6 @@ def _newton(
                 break
             share *= 0.5
         else:
-            return a, True  # rounding prevents further progress
+            break  # rounding prevents further progress
         a, value = a + share * step, after
-    return a, False
+    return a

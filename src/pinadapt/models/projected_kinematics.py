@@ -131,9 +131,8 @@ class ProjectedKinematics(LinearKinematics):
         return self.initial + self.standing_at((x[:m] - self.p_hat) * self._now.z[:m])
 
 
-def orthonormal(B: np.ndarray) -> np.ndarray:
-    """Return the nearest orthonormal rows to B (m, 3); of three rows a rotation."""
-    U, _, V = np.linalg.svd(B, full_matrices=False)
-    if len(B) == 3 and np.linalg.det(U @ V) < 0.0:
-        U[:, -1] *= -1.0
+def nearest_rotation(B: np.ndarray) -> np.ndarray:
+    """Return the nearest rotation to B (3, 3), in which one row may be unknown and zero."""
+    U, _, V = np.linalg.svd(B)
+    U[:, -1] *= np.sign(np.linalg.det(U @ V))
     return np.asarray(U @ V)

@@ -7,7 +7,6 @@ bodies, in the order of ``LABELS``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +33,7 @@ class Regressor:
         self._model, self._weightless = model.copy(), model.copy()
         self._weightless.gravity.linear = np.zeros(3)
         self._data = self._model.createData()  # scratch for both
+        self._momentum = MomentumRegressor(model)
         self._zero = np.zeros(model.nv)
         self._many = model.nv > 1
         self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
@@ -66,10 +66,6 @@ class Regressor:
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
         return self._momentum(q, v)
-
-    @cached_property
-    def _momentum(self) -> MomentumRegressor:
-        return MomentumRegressor(self._model)
 
 
 def inertial_parameters(model: pin.Model) -> np.ndarray:
