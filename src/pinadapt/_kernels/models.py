@@ -268,7 +268,7 @@ def momentum_columns(
     """
 
     def turn_into(b: int, axes: np.ndarray, c: int, s: np.ndarray) -> None:
-        """Write the motion of body b at its origin, in its axes, that is column c of axes (6, n)."""
+        """Write column c of axes (6, n) as a motion at the origin of body b, in its axes."""
         for t in range(3):
             s[t] = s[t + 3] = 0.0
             for e in range(3):

@@ -17,7 +17,8 @@ from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
-from .projected_kinematics import OFF, ProjectedKinematics
+from .linear_kinematics import OFF
+from .projected_kinematics import ProjectedKinematics
 from .translations import Translation
 
 CAMERA = "camera"
@@ -66,10 +67,11 @@ class CameraKinematics(ProjectedKinematics):
         first = np.unique(self._camera, return_index=True)[1]
         return np.concatenate([(above / depth).ravel(), (below / depth)[first, :-1].ravel()])
 
-    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray | None:
+    def _described(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of the cameras of a robot, as ``Robot.filmed_by`` gives."""
-        task = robot.task
-        return self.parameters(task, translations) if isinstance(task, ImageTask) else None
+        if not isinstance(robot.task, ImageTask):
+            return None
+        return self.parameters(robot.task, self.nominal + self.displacement(robot.model))
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""

@@ -19,6 +19,7 @@ a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -49,7 +50,7 @@ from .translations import (
 GEOMETRY = "geometry"
 TURN, SHIFT = 0.02, 0.005  # [rad] and share of the reach: standard deviations of a description
 _TOOL, _BASE = 10.0, 3.0  # times those, of the tool and of the base
-_UNIT = 0.1  # of the reach: what the size of one stands for
+OFF = 0.1  # of the reach: how far off what has the size of one may be
 _DEVIATIONS = 10.0  # standard deviations of a displacement: its bounds
 _WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach: bounds of a translation
 _SHORTEST, _LONGEST = 0.2, 5.0  # of the nominal length
@@ -128,27 +129,25 @@ def columns_of_geometry(robot: Robot) -> Columns:
     (4), in metres and radians: one along or about the axis of a joint is left out, as one of the
     next placement has the same effect.
     """
-    model, reach = robot.model, robot.reach
+    model, tip = robot.model, placement_of(robot.model, robot.frame_id, None)
     labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
-    names, motions = list(unknown_translations(robot, [TOOL])[0].labels), [np.eye(6)[:, :3]]
-    joints, sizes = [model.njoints] * 3, [np.full(3, _TOOL * SHIFT * reach)]
-    tip = placement_of(model, robot.frame_id, None)
-    motions[0] = np.kron(np.eye(2), tip.rotation) @ motions[0]
+    off = np.repeat([SHIFT * robot.reach, TURN], 3)
+    motions = np.kron(np.eye(2), tip.rotation)[:, :3]
+    parts = [(unknown_translations(robot, [TOOL])[0].labels, motions, _TOOL * off[:3])]
     for joint, name in enumerate(robot.joint_names, 1):
         axes, own = axes_of(model, joint)
         kept = (np.arange(6) % 3 != own % 3) | (joint == FIRST)
-        names += [f"{name}.{label}" for label in labels[kept]]
-        motions.append(np.kron(np.eye(2), model.jointPlacements[joint].rotation) @ axes[:, kept])
-        joints += [joint] * int(kept.sum())
-        size = np.repeat([SHIFT * reach, TURN], 3)[kept]
-        sizes.append(size * (_BASE if joint == FIRST else 1.0))
+        motions = np.kron(np.eye(2), model.jointPlacements[joint].rotation) @ axes[:, kept]
+        size = off[kept] * (_BASE if joint == FIRST else 1.0)
+        parts.append((tuple(f"{name}.{label}" for label in labels[kept]), motions, size))
+    names, moves, sizes = zip(*parts, strict=True)
     deviations = np.concatenate(sizes)
     return Columns(
-        tuple(names),
-        np.array(joints, dtype=np.int64),
-        np.concatenate(motions, axis=1),
-        np.zeros(len(names)),
-        deviations / (_UNIT * reach),
+        tuple(name for each in names for name in each),
+        np.repeat([model.njoints, *range(1, model.njoints)], [len(each) for each in names]),
+        np.concatenate(moves, axis=1),
+        np.zeros(deviations.size),
+        deviations / (OFF * robot.reach),
         _DEVIATIONS * deviations * np.array([[-1.0], [1.0]]),
     )
 
@@ -331,6 +330,39 @@ class LinearKinematics(TaskKinematics):
         """Return the number of identifiable combinations of the parameters: the rank of Y_p."""
         return base_parameters(self, self.robot, samples=samples).size
 
+    @abstractmethod
+    def _described(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot, exact where other placements are the same.
+
+        None if it has no such sensor.
+        """
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot with the same chain.
+
+        None if no parameters give that robot's coordinates, because other placements differ, or if
+        it has no such sensor. A constant rotation between the frame and the marker that a tracker
+        sees has no effect.
+        """
+        rng, m, start = np.random.default_rng(0), self.positions, self._described(robot)
+        if start is None:
+            return None
+        rows, off = [], []
+        for _ in range(_SAMPLES):
+            q = pin.integrate(self.robot.model, self.robot.q0, rng.uniform(-2.0, 2.0, self.nv))
+            self.update(start, q, self._still)
+            x = robot.position(q)
+            rows.append(self.explaining(x)[:m] * self.sizes)
+            off.append(self.task.error(x, self.x_hat))
+        W, left = np.concatenate(rows), np.array(off)
+        if not self.calibrated:
+            left = left[:, :m]
+        found = np.zeros(self.size)
+        if np.abs(left).max() >= _SAME:
+            found = np.linalg.lstsq(W, left[:, :m].ravel(), rcond=1e-10)[0]
+            left[:, :m] -= (W @ found).reshape(-1, m)
+        return start + found * self.sizes if np.abs(left).max() < _SAME else None
+
     def displace(self, model: pin.Model, off: np.ndarray) -> None:
         """Write the described placements, displaced by off (p), into a model of the chain."""
         for own, nominal, place in self._placements(model):
@@ -404,26 +436,9 @@ class FrameKinematics(LinearKinematics):
         """The unit of each parameter (p)."""
         return tuple("rad" if turn.any() else "m" for turn in self.columns.motions[3:].T)
 
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot with the same chain.
-
-        None if no parameters give that robot's coordinates, because other placements differ.
-        """
-        rng, start = np.random.default_rng(0), self.displacement(robot.model)
-        rows, off = [], []
-        for _ in range(_SAMPLES):
-            q = pin.integrate(self.robot.model, self.robot.q0, rng.uniform(-2.0, 2.0, self.nv))
-            self.update(self.initial + start, q, self._still)
-            rows.append(np.zeros(self.Y_k.shape))
-            rows[-1][: self.positions] = self.X_k * self.sizes
-            off.append(self.task.error(robot.position(q), self.x_hat))
-        W, y = np.concatenate(rows), np.concatenate(off)
-        if np.abs(y).max() < _SAME:
-            return self.initial + start
-        found = np.linalg.lstsq(W, y, rcond=1e-10)[0]
-        if np.abs(y - W @ found).max() > _SAME:
-            return None
-        return self.initial + start + found * self.sizes
+    def _described(self, robot: Robot) -> np.ndarray:
+        """Return the parameters (p) of the placements of a robot."""
+        return self.read(robot.model, self.initial)
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write the placements of an estimate a_k (p) into a model of the chain."""

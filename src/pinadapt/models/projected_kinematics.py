@@ -12,20 +12,15 @@ prediction error is linear in the errors of N and D, exactly, however wrong they
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
 from .linear_kinematics import LinearKinematics, columns_of_translations
 from .translations import Translation, unknown_translations
-
-_SAME = 1e-9  # [m]
-OFF = 0.1  # of the reach: how far translations and the position at home may be off
 
 
 class ProjectedKinematics(LinearKinematics):
@@ -93,23 +88,6 @@ class ProjectedKinematics(LinearKinematics):
     def _factors(self, translations: np.ndarray) -> np.ndarray:
         """Return one and the errors of translations (k) [m]."""
         return np.append(1.0, translations - self.nominal)
-
-    @abstractmethod
-    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray | None:
-        """Return the parameters (p) of a robot's sensor and translations (k); None: no sensor."""
-
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot with the same chain, whose sensor is described.
-
-        None if no parameters give what it sees, because other placements differ.
-        """
-        a_k = self._described(robot, self.nominal + self.displacement(robot.model))
-        if a_k is None:
-            return None
-        q = pin.integrate(self.robot.model, self.robot.q0, np.linspace(0.1, 0.3, self.nv))
-        self.update(a_k, q, self._still)
-        off = self.p_hat - robot.position(q)[: self.positions]
-        return a_k if np.abs(off).max() < _SAME else None
 
     def standing_at(self, y: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of coordinates that stay at y (m_p), however the arm moves."""

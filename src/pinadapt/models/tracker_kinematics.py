@@ -14,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..robot.robot import Robot
-from .projected_kinematics import OFF, ProjectedKinematics, nearest_rotation
+from .linear_kinematics import OFF
+from .projected_kinematics import ProjectedKinematics, nearest_rotation
 from .translations import Translation
 
 TRACKER = "tracker"
@@ -151,11 +152,11 @@ class TrackerKinematics(ProjectedKinematics):
         found = np.linalg.inv(self.covariance(tracker, told) + np.diag(inexact.ravel()))
         return np.asarray(0.5 * (found + found.T))
 
-    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray:
+    def _described(self, robot: Robot) -> np.ndarray:
         """Return the parameters (p) of the tracker of a robot, as ``Robot.seen_from`` gives."""
         base = self.robot.model.jointPlacements[1]
         placement = robot.model.jointPlacements[1] * base.inverse()
-        return self.parameters(Tracker(placement, translations))
+        return self.parameters(Tracker(placement, self.nominal + self.displacement(robot.model)))
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with x in the axes in which an estimate a_k (p) has it."""
