@@ -217,17 +217,14 @@ def independent_columns(
     """
     sizes = np.linalg.norm(W, axis=0)
     floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
-    Q = np.zeros((len(W), min(W.shape)))
-    chosen: list[int] = []
-    for j in np.flatnonzero(sizes > floor):
-        left, before = W[:, j] / sizes[j], Q[:, : len(chosen)]
-        for _ in range(2):  # the second pass removes rounding
-            left = left - before @ (before.T @ left)
-        length = np.linalg.norm(left)
-        if length > _NEGLIGIBLE:
-            Q[:, len(chosen)] = left / length
-            chosen.append(int(j))
     units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
+    left, chosen = units.copy(), []
+    for j in range(len(sizes)):
+        length = np.linalg.norm(left[:, j])
+        if length > _NEGLIGIBLE:
+            chosen.append(j)
+            direction = left[:, j] / length
+            left -= np.outer(direction, direction @ left)
     R = np.linalg.lstsq(units[:, chosen], units, rcond=None)[0]
     R[np.abs(R) < _NEGLIGIBLE] = 0.0
     R *= sizes / sizes[chosen][:, None]

@@ -210,28 +210,21 @@ class BodyDynamics(InertialDynamics):
 # 2018).
 
 
-_ROWS, _COLUMNS = np.tril_indices(3)  # of Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 UNCERTAINTY = 0.3  # as far as a described body may be off, in the metric of natural adaptation
 
 
 def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
     """Return P (4, 4) of the ten parameters pi (10) of a body."""
-    P, inertia = np.zeros((4, 4)), np.zeros((3, 3))
-    inertia[_ROWS, _COLUMNS] = inertia[_COLUMNS, _ROWS] = pi[4:]
-    P[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    P[3, :3] = P[:3, 3] = pi[1:4]
-    P[3, 3] = pi[0]
-    return P
+    return np.asarray(pin.PseudoInertia.FromDynamicParameters(pi).toMatrix())
 
 
 COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i
+_FROM_MATRIX = np.linalg.pinv(COEFFICIENTS.reshape(PER_BODY, -1))  # pi from P, row by row
 
 
 def ten_parameters(P: np.ndarray) -> np.ndarray:
     """Return the ten parameters (..., 10) of bodies with pseudo-inertias P (..., 4, 4)."""
-    Sigma = P[..., :3, :3]
-    inertia = np.trace(Sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - Sigma
-    return np.concatenate([P[..., 3, 3:], P[..., 3, :3], inertia[..., _ROWS, _COLUMNS]], axis=-1)
+    return P.reshape(*P.shape[:-2], -1) @ _FROM_MATRIX
 
 
 def nearest_physical(

@@ -99,23 +99,19 @@ class PhysicalSet:
 
     def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
-        P, P_0 = self.matrices(a), self._centers[0]
-        T, h = np.zeros((a.size, a.size)), np.zeros(a.size)
+        from scipy.linalg import block_diag  # here, because scipy is slow to import
+
+        P, P_0, c = self.matrices(a), self._centers[0], self.coefficients(a)
         L = np.linalg.cholesky(P)
         inverse = np.linalg.inv(L)[:, None]
         B = (inverse @ COEFFICIENTS @ inverse.swapaxes(2, 3)).reshape(-1, PER_BODY, 16)
         Q, R = np.linalg.qr(B.swapaxes(1, 2))
         push = (L.swapaxes(1, 2) @ np.linalg.solve(P_0, L) - np.eye(4)).reshape(-1, 1, 16) @ Q
-        factors = np.sqrt(np.broadcast_to(self.body_weights, self.bodies))
-        for b, (block_of_T, factor) in enumerate(zip(np.linalg.inv(R), factors, strict=True)):
-            block = slice(PER_BODY * b, PER_BODY * (b + 1))
-            T[block, block], h[block] = block_of_T / factor, factor * push[b, 0]
-        c, first = self.coefficients(a), PER_BODY * self.bodies
-        root, last = np.sqrt(self.weights), first + c.size
-        T[first:last, first:last] = np.diag(c / root)
-        h[first:last] = root * (c / self.coefficients(self.center) - 1.0)
-        T[last:, last:], h[last:] = np.diag(self.scales), self.signed(a)
-        return T, h
+        roots = np.sqrt(np.broadcast_to(self.body_weights, self.bodies))[:, None, None]
+        root, share = np.sqrt(self.weights), c / self.coefficients(self.center)
+        others = np.diag(np.concatenate([c / root, self.scales]))
+        T = block_diag(*(np.linalg.inv(R) / roots), others)
+        return T, np.concatenate([(roots * push).ravel(), root * (share - 1.0), self.signed(a)])
 
 
 def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
