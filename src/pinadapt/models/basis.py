@@ -26,10 +26,9 @@ from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import InertialDynamics
 from .dynamics import Dynamics
-from .regressor import PER_BODY, State, random_states
+from .regressor import PER_BODY, SAMPLES, State, random_states
 from .task_kinematics import TaskKinematics
 
-_SAMPLES = 60  # states; 20 suffice for seven joints
 _NEGLIGIBLE = 1e-8  # share of a torque or column that counts as rounding; true ones lie far above
 
 
@@ -56,7 +55,7 @@ class BasisDynamics(InertialDynamics):
         super().__init__(robot, B)
         self.bodies = range(robot.model.nv)
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
-        states = random_states(robot.model, _SAMPLES)
+        states = random_states(robot.model, SAMPLES)
         Y = np.vstack([self._regressor(*state) for state in states])
         largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
         if len(independent_columns(Y @ B, largest)[0]) < self.size:
@@ -175,7 +174,7 @@ class BaseParameters:
 
 
 def base_parameters(
-    model: Dynamics | TaskKinematics, robot: Robot, *, samples: int = _SAMPLES
+    model: Dynamics | TaskKinematics, robot: Robot, *, samples: int = SAMPLES
 ) -> BaseParameters:
     """Return the identifiable combinations of the parameters of a model.
 

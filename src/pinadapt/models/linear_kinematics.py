@@ -36,7 +36,7 @@ from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .basis import base_parameters
-from .regressor import live_array
+from .regressor import SAMPLES, live_array, random_states
 from .task_kinematics import TaskKinematics
 from .translations import (
     FIRST,
@@ -53,8 +53,7 @@ _TOOL, _BASE = 10.0, 3.0  # times those, of the tool and of the base
 OFF = 0.1  # of the reach: how far off what has the size of one may be
 _DEVIATIONS = 10.0  # standard deviations of a displacement: its bounds
 _WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach: bounds of a translation
-_SHORTEST, _LONGEST = 0.2, 5.0  # of the nominal length
-_SAMPLES = 60  # configurations at which two geometries are compared
+_LONGEST = 5.0  # of the nominal length; its inverse is the shortest
 _SAME = 1e-9  # [m] or [rad]
 
 
@@ -116,7 +115,7 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
         np.ones(initial.size),
         np.where(
             length,
-            np.outer([_SHORTEST, _LONGEST], initial),
+            np.outer([1.0 / _LONGEST, _LONGEST], initial),
             initial + np.outer([-robot.reach, robot.reach], margin),
         ),
     )
@@ -179,10 +178,7 @@ class _ObservedChain:
         carrier = self._model.frames[self._frame].parentJoint
         parents = np.append(self._model.parents, carrier)  # of the tool, which counts as a joint
         self._axes = data.J.reshape(6, n), data.dJ.reshape(6, n)
-        self._others = ~np.isin(np.arange(1, n + 1), self._model.supports[carrier])
-        self._branched = bool(self._others.any())
-        if self._branched:  # the axes of other branches count as zero
-            self._axes = np.zeros((6, n)), np.zeros((6, n))
+        self._others = np.setdiff1d(np.arange(n), np.array(self._model.supports[carrier]) - 1)
         self._of_chain = (
             live_array([placement.rotation for placement in data.oMi]),
             live_array([placement.translation for placement in data.oMi]),
@@ -199,9 +195,9 @@ class _ObservedChain:
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return y, J, the rate of y, dJ/dt v, X and Y of ``observed_motion`` as new arrays."""
         pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
-        if self._branched:
-            for axes, all_axes in zip(self._axes, (self._data.J, self._data.dJ), strict=True):
-                axes[:] = np.where(self._others, 0.0, all_axes)
+        if self._others.size:  # the axes of other branches count as zero
+            for axes in self._axes:
+                axes[:, self._others] = 0.0
         rows, p = len(self.G), a.size
         found = empty(rows), empty(self.Jdot.shape), empty(rows), empty(rows)
         X, Y = empty((rows, p)), empty((rows, p))
@@ -344,12 +340,11 @@ class LinearKinematics(TaskKinematics):
         it has no such sensor. A constant rotation between the frame and the marker that a tracker
         sees has no effect.
         """
-        rng, m, start = np.random.default_rng(0), self.positions, self._described(robot)
+        m, start = self.positions, self._described(robot)
         if start is None:
             return None
         rows, off = [], []
-        for _ in range(_SAMPLES):
-            q = pin.integrate(self.robot.model, self.robot.q0, rng.uniform(-2.0, 2.0, self.nv))
+        for q, _, _ in random_states(self.robot.model, SAMPLES):
             self.update(start, q, self._still)
             x = robot.position(q)
             rows.append(self.explaining(x)[:m] * self.sizes)

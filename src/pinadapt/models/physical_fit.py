@@ -29,10 +29,8 @@ from .bodies import COEFFICIENTS, nearest_physical
 from .dynamics import Dynamics
 from .regressor import PER_BODY
 
-GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL = 3.0  # of gamma, from one value to the next
 _FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
-_STEPS = 2000  # of Newton's method, at most
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 LEAST = 1e-3  # of a typical parameter: what stands for one that is not positive
 _COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # P, row by row, of each of the ten parameters
@@ -157,7 +155,7 @@ def physical_fit(
     b: np.ndarray,
     physical: PhysicalSet,
     *,
-    gamma: float = GAMMA,
+    gamma: float,
     near: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the minimiser (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened.
@@ -227,13 +225,13 @@ def _newton(
 
     root, value = np.sqrt(gamma), objective(a)
     rows = np.vstack([R, root * np.eye(a.size)])
-    for _ in range(_STEPS):
+    while True:
         T, h = physical.local(a)
         np.matmul(R, T, out=rows[: len(R)])
         u = np.linalg.solve(*_square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= _DECREMENT * gamma:
-            break
+            return a
         share = 1.0
         while share > 1e-12:
             after = objective(a + share * step)
@@ -241,6 +239,5 @@ def _newton(
                 break
             share *= 0.5
         else:
-            break  # rounding prevents further progress
+            return a  # rounding prevents further progress
         a, value = a + share * step, after
-    return a
