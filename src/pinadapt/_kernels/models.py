@@ -12,19 +12,19 @@ PER_BODY = 10
 _LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits below this mass
 
 
-@compiled("f8(f8[:], f8[:], f8[:])")
-def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
-    """Write pi + c ballast (10 n); return c, which is zero where no body needs ballast.
+@compiled("f8(f8[:], f8[:])")
+def take(pi: np.ndarray, tens: np.ndarray) -> float:
+    """Write pi (10 n) with c added to all masses; return c, which is zero where none needs it.
 
-    Else no body is much lighter than its ballast, as centres of mass far outside of the robot would
-    cost digits.
+    Else no body is much lighter than its ballast c, as centres of mass far outside of the robot
+    would cost digits.
     """
     lightest = pi[0]
     for k in range(0, len(pi), PER_BODY):
         lightest = min(lightest, pi[k])
     c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
     for k in range(len(pi)):
-        tens[k] = pi[k] + c * ballast[k]
+        tens[k] = pi[k] + (c if k % PER_BODY == 0 else 0.0)
     return c
 
 
@@ -71,10 +71,10 @@ def observed_motion(
 
     ``motion`` (2, k, n + 1) becomes [dphi/dq, phi] and its rate, phi (k) the d one after the other,
     a one, and for a pose three zeros whose rate is the angular velocity. y = N phi / z (m) with z =
-    D phi. ``maps`` are N and D (m, k), ``constants`` with a_j added at the ``entries`` (j, 0 for N
-    or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the column of the one; J = G
-    dphi/dq and dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the derivative by a, Y that
-    of the rate.
+    D phi. ``maps`` are N and D (m, k): ``constants``, which they contain, with a_j added at the
+    ``entries`` (j, 0 for N or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the column
+    of the one; J = G dphi/dq and dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the
+    derivative by a, Y that of the rate.
     """
 
     def cross(a: np.ndarray, b: np.ndarray, i: int) -> float:
@@ -121,11 +121,9 @@ def observed_motion(
             Phi[c, t], Phid[c, t] = turns[c - one - 1, t], turn_rates[c - one - 1, t]
             Phid[c, n] += Phi[c, t] * v[t]
 
-    for i in range(len(y)):
-        for c in range(width):
-            maps[0, i, c], maps[1, i, c] = constants[0, i, c], constants[1, i, c]
     for k in range(len(entries)):
-        maps[entries[k, 1], entries[k, 2], entries[k, 3]] += a[entries[k, 0]]
+        j, of, i, c = entries[k, 0], entries[k, 1], entries[k, 2], entries[k, 3]
+        maps[of, i, c] = constants[of, i, c] + a[j]
     for i in range(len(y)):
         N, D = maps[0, i], maps[1, i]
         top = depth = zd = yd[i] = Jdot_v[i] = 0.0

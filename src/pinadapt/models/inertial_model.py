@@ -29,10 +29,8 @@ class InertialModel:
         self._pi, self._written = inertial_parameters(model) if pi is None else pi, False
         self._tens = np.zeros(PER_BODY * model.nv)
         self._bodies = list(enumerate(self._tens.reshape(-1, PER_BODY), 1))  # views
-        self._ballast = np.tile(np.eye(PER_BODY)[0], model.nv)  # point masses at the joints
-        for joint in range(1, model.njoints):
-            point = pin.Inertia.FromDynamicParameters(self._ballast[:PER_BODY])
-            self._ballast_model.inertias[joint] = point
+        for joint in range(1, model.njoints):  # point masses at the joints
+            self._ballast_model.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -44,7 +42,7 @@ class InertialModel:
 
     def _write(self) -> None:
         """Write the parameters into the model, before a torque or a mass matrix is computed."""
-        self._c = kernels.take(self._pi, self._ballast, self._tens)
+        self._c = kernels.take(self._pi, self._tens)
         inertias, from_ten = self._inertias, pin.Inertia.FromDynamicParameters
         for joint, ten in self._bodies:
             inertias[joint] = from_ten(ten)

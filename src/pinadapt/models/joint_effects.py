@@ -203,20 +203,20 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
     Raises:
         ParameterError: a joint or shaft that does not exist, or has no such coefficient.
     """
-    found: set[tuple[int, int]] = set()
+    every = {
+        f"{names[shaft]}.{kind}": (number, shaft)
+        for number, kind in enumerate(KINDS)
+        for shaft in range(len(names) if number < _OF_SHAFTS else n)
+    }
     for word in words:
-        owner, _, kind = word.rpartition(".")
-        number = KINDS.index(kind)
-        shafts = len(names) if number < _OF_SHAFTS else n
-        if owner and owner not in names[:shafts]:
+        if word not in KINDS and word not in every:
+            owner, _, kind = word.rpartition(".")
             raise ParameterError(
-                f"there is no joint '{owner}' with such a coefficient."
-                f"{did_you_mean(owner, names[:shafts])}",
+                f"there is no joint '{owner}' with a coefficient {kind}."
+                f"{did_you_mean(word, every)}",
                 where="unknown.effects",
             )
-        chosen = [names.index(owner)] if owner else range(shafts)
-        found |= {(number, shaft) for shaft in chosen}
-    return sorted(found)
+    return [pair for name, pair in every.items() if name in words or KINDS[pair[0]] in words]
 
 
 def _shape(friction: Friction) -> np.ndarray:

@@ -187,7 +187,7 @@ class _ObservedChain:
             self.columns,
         )
         self._of_sensor = constants, entries, empty((4, 3))
-        self.motion, self.maps = np.zeros((2, width, n + 1)), empty(constants.shape)
+        self.motion, self.maps = np.zeros((2, width, n + 1)), constants.copy()
         self.G, self.Jdot, one = empty((rows, width)), empty((rows, n)), 3 * self.columns.shape[1]
         self.motion[0, one, n], self.z = 1.0, self.G[:, one]
         self._filled = self.motion, self.maps, self.G, self.Jdot
@@ -230,20 +230,21 @@ class LinearKinematics(TaskKinematics):
         self.positions, self._still = self.task.positions, np.zeros(self.nv)
         self._of_pose = self.task.size > self.positions
 
-    def _observe(self, constants: np.ndarray, entries: Sequence[tuple[int, int, int, int]]) -> None:
+    def _observe(self, constants: np.ndarray, places: np.ndarray) -> None:
         """Take a map whose entries are parameters, beside constants.
 
         Args:
             constants: (2, m_p, 4 + 3 k) of N and D.
-            entries: (parameter, 0 for N or 1 for D, row, column) of each that a parameter adds to.
+            places: (2, m_p, 4 + 3 k) the parameter that each entry has in addition; -1: none.
         """
-        m, one = constants.shape[1], constants.shape[2] - 1
+        _, m, width = constants.shape
         if self._of_pose:  # the rotation in N once more, for the angular velocity
-            constants = np.pad(constants, ((0, 0), (0, m), (0, 3)))
-            constants[0, m:, one + 1 :], constants[1, m:, one] = constants[0, :m, :3], 1.0
-            turning = [(j, of, m + i, one + 1 + c) for j, of, i, c in entries if c < 3]
-            entries = [*entries, *turning]
-        self._entries = np.array(entries, dtype=np.int64).reshape(-1, 4)
+            wider = (0, 0), (0, m), (0, 3)
+            constants, places = np.pad(constants, wider), np.pad(places + 1, wider) - 1
+            constants[0, m:, width:], constants[1, m:, width - 1] = constants[0, :m, :3], 1.0
+            places[0, m:, width:] = places[0, :m, :3]
+        at = np.nonzero(places >= 0)
+        self._entries = np.column_stack([places[at], *at])
         self._now, self._past = (
             _ObservedChain(self.robot, self.columns, constants, self._entries) for _ in range(2)
         )
@@ -415,11 +416,12 @@ class FrameKinematics(LinearKinematics):
         self.names, self.size = columns.names, len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
         constants = np.zeros((2, self.positions, 4 + 3 * self.size))
-        constants[1, :, -1], entries = 1.0, []
+        constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)
         for i, row in enumerate(range(3)[task.place]):
-            constants[0, i, row], constants[0, i, 3 + row : -1 : 3] = 1.0, -self.initial
-            entries += [(j, 0, i, 3 * (1 + j) + row) for j in range(self.size)]
-        self._observe(constants, entries)
+            own = slice(3 + row, -1, 3)
+            constants[0, i, row], constants[0, i, own] = 1.0, -self.initial
+            places[0, i, own] = np.arange(self.size)
+        self._observe(constants, places)
         self.update(self.initial, robot.q0, self._still)
 
     def __reduce__(self) -> tuple[Any, ...]:

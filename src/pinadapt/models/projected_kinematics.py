@@ -55,16 +55,13 @@ class ProjectedKinematics(LinearKinematics):
         self.size = len(self.names)
         self._shape, self._below = (self.positions, len(of) + 1), (len(deep), len(of))
         self._split = self.positions * self._shape[1]
-        m, width = self._shape
-        constants = np.zeros((2, m, width))
-        constants[1, :, -1] = 1.0
-        entries = [(i * width + c, 0, i, c) for i in range(m) for c in range(width)]
-        entries += [
-            (self._split + of_row * (width - 1) + c, 1, i, c)
-            for i, of_row in enumerate(camera)
-            for c in range(width - 1)
-        ]
-        self._observe(constants, entries)
+        constants = np.zeros((2, *self._shape))
+        constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)
+        places[0] = np.arange(self._split).reshape(self._shape)
+        if deep:
+            below = self._split + np.arange(np.prod(self._below)).reshape(self._below)
+            places[1, :, :-1] = below[self._camera]
+        self._observe(constants, places)
         self._now.update(np.zeros(self.size), robot.q0, self._still)
         self._home = self._now.motion[0, : len(of), -1].copy()
         for chain in (self._now, self._past):
