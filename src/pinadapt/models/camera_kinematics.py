@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -54,10 +53,6 @@ class CameraKinematics(ProjectedKinematics):
         wide = _WIDE * self.sizes
         wide[: self._split].reshape(self._shape)[:, -1] = _FAR * robot.reach
         self.bounds = self.initial + wide * np.array([[-1.0], [1.0]])
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return CameraKinematics, (self.robot, self.translations)
 
     def parameters(self, task: ImageTask, translations: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of the cameras of a task and of translations (k) [m]."""

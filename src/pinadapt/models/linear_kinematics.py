@@ -22,7 +22,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -399,17 +398,17 @@ class FrameKinematics(LinearKinematics):
                 that is not one of positions alone.
         """
         task = instance(robot, Robot, "robot", RobotError).frame_task
-        self._whole = isinstance(unknown, str) and unknown == GEOMETRY
-        if self._whole and not isinstance(task, PositionTask):
+        whole, self.unknown = isinstance(unknown, str) and unknown == GEOMETRY, unknown
+        if whole and not isinstance(task, PositionTask):
             raise ParameterError(
                 f"the geometry is learned from positions only, and the task is '{task.name}'.",
                 where="unknown.geometry",
                 hint='Take a task of the position, such as "xyz", or `pinadapt calibrate` before.',
             )
-        self.translations = unknown_translations(robot, [TOOL] if self._whole else unknown)
+        self.translations = unknown_translations(robot, [TOOL] if whole else unknown)
         columns = (
             columns_of_geometry(robot)
-            if self._whole
+            if whole
             else columns_of_translations(robot, self.translations)
         )
         self._take(robot, columns)
@@ -423,10 +422,6 @@ class FrameKinematics(LinearKinematics):
             places[0, i, own] = np.arange(self.size)
         self._observe(constants, places)
         self.update(self.initial, robot.q0, self._still)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return FrameKinematics, (self.robot, GEOMETRY if self._whole else self.translations)
 
     @property
     def units(self) -> tuple[str, ...]:

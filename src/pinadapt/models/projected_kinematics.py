@@ -41,7 +41,7 @@ class ProjectedKinematics(LinearKinematics):
     ) -> None:
         """Take a nominal robot, its unknown translations, and the camera of each row, if any."""
         instance(robot, Robot, "robot", RobotError)
-        self.translations = unknown_translations(robot, unknown)
+        self.translations, self.unknown = unknown_translations(robot, unknown), unknown
         columns = columns_of_translations(robot, self.translations)
         self._take(robot, columns)
         self.nominal, self.translation_names = columns.initial, columns.names

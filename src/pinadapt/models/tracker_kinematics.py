@@ -8,7 +8,7 @@ needs to remain a rotation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -61,10 +61,6 @@ class TrackerKinematics(ProjectedKinematics):
         self.sizes = np.tile(off, self.positions)
         self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
         self.bounds = np.tile(wide, self.positions) * np.array([[-1.0], [1.0]])
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return TrackerKinematics, (self.robot, self.translations)
 
     def _axes(self) -> np.ndarray:
         """Return the rotation (3, 3) nearest to R_c of the estimate."""
