@@ -219,7 +219,8 @@ def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
 
 
 COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i
-_FROM_MATRIX = np.linalg.pinv(COEFFICIENTS.reshape(PER_BODY, -1))  # pi from P, row by row
+COLUMNS = COEFFICIENTS.reshape(PER_BODY, -1)  # the same with P row by row (16)
+_FROM_MATRIX = np.linalg.pinv(COLUMNS)
 
 
 def ten_parameters(P: np.ndarray) -> np.ndarray:

@@ -16,13 +16,12 @@ from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
-from .linear_kinematics import OFF
+from .linear_kinematics import BOUND, OFF
 from .projected_kinematics import ProjectedKinematics
 from .translations import Translation
 
 CAMERA = "camera"
 _NEAR = 0.5  # of 1 / reach: change of the relative depth by a motion [1/m]
-_WIDE = 10.0  # times these: the bounds
 _FAR = 100.0  # reaches: bounds of the picture at home, from a corner of the image or elsewhere
 
 
@@ -50,7 +49,7 @@ class CameraKinematics(ProjectedKinematics):
         small = np.repeat([1.0, OFF * robot.reach], [3, width - 3])
         deep = small[:-1] * _NEAR / robot.reach
         self.sizes = np.concatenate([np.tile(small, m), np.tile(deep, count)])
-        wide = _WIDE * self.sizes
+        wide = BOUND * self.sizes
         wide[: self._split].reshape(self._shape)[:, -1] = _FAR * robot.reach
         self.bounds = self.initial + wide * np.array([[-1.0], [1.0]])
 

@@ -32,7 +32,7 @@ _UNITS = {
     "offset": ("N m", "N"),
 }
 KINDS = tuple(_UNITS)
-USUAL = KINDS[:3]  # "all" that is usually unknown
+USUAL = "armature", "viscous", "coulomb"  # "all" that is usually unknown
 _SIGNED = KINDS.index("asymmetry")  # this and the following kinds may be negative
 _OF_SHAFTS = len(USUAL)  # kinds that a shaft of two joints has
 ALL, NONE = "all", "none"

@@ -50,7 +50,7 @@ GEOMETRY = "geometry"
 TURN, SHIFT = 0.02, 0.005  # [rad] and share of the reach: standard deviations of a description
 _TOOL, _BASE = 10.0, 3.0  # times those, of the tool and of the base
 OFF = 0.1  # of the reach: how far off what has the size of one may be
-_DEVIATIONS = 10.0  # standard deviations of a displacement: its bounds
+BOUND = 10.0  # of the sizes of displacements and of cameras: their bounds
 _WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach: bounds of a translation
 _LONGEST = 5.0  # of the nominal length; its inverse is the shortest
 _SAME = 1e-9  # [m] or [rad]
@@ -146,7 +146,7 @@ def columns_of_geometry(robot: Robot) -> Columns:
         np.concatenate(moves, axis=1),
         np.zeros(deviations.size),
         deviations / (OFF * robot.reach),
-        _DEVIATIONS * deviations * np.array([[-1.0], [1.0]]),
+        BOUND * deviations * np.array([[-1.0], [1.0]]),
     )
 
 

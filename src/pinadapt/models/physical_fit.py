@@ -25,7 +25,7 @@ import numpy as np
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from .bodies import COEFFICIENTS, nearest_physical
+from .bodies import COEFFICIENTS, COLUMNS, nearest_physical
 from .dynamics import Dynamics
 from .regressor import PER_BODY
 
@@ -33,7 +33,6 @@ _FALL = 3.0  # of gamma, from one value to the next
 _FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
 LEAST = 1e-3  # of a typical parameter: what stands for one that is not positive
-_COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # P, row by row, of each of the ten parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ class PhysicalSet:
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, 4, 4) of the bodies at a (p)."""
         tens = a[: PER_BODY * self.bodies].reshape(self.bodies, PER_BODY)
-        return (tens @ _COLUMNS).reshape(-1, 4, 4)
+        return (tens @ COLUMNS).reshape(-1, 4, 4)
 
     @cached_property
     def _centers(self) -> tuple[np.ndarray, np.ndarray]:

@@ -66,7 +66,7 @@ class FrameTask(Task):
 
     rows: slice
 
-    @property
+    @cached_property
     def positions(self) -> int:
         """All rows, but those of a rotation."""
         return min(self.size, 3)
@@ -167,9 +167,8 @@ class PoseTask(FrameTask):
 
         delta is zero, then dphi/dt - (omega - omega_d) [rad/s], with omega = J_omega qd.
         """
-        dx = self.error(x, x_d)
-        delta = np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
-        return dx, xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]]), delta
+        dx, xd, _ = super().errors(x, x_d, xd, xd_hat, xd_d)
+        return dx, xd, np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw."""
