@@ -67,13 +67,6 @@ class ProjectedKinematics(LinearKinematics):
         for chain in (self._now, self._past):
             chain.columns[6:] = self._home.reshape(-1, 3).T
 
-    def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
-        self._past.update(self.initial, q, v)
-        values, rates = self._past.motion[:, : len(self._home), -1]
-        phi = (values + self._home).reshape(-1, 3)
-        return phi[0], phi[1:].T, rates[:3].copy()
-
     def _rows_of(self, H: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """Return the rows (., 4 + 3 k) of N that are rows H (., 4) of a map of positions.
 

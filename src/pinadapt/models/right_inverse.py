@@ -98,11 +98,8 @@ class RightInverse:
             u, ud, Jdot = (
                 self._padded(u), self._padded(ud), np.concatenate([Jdot, self._A_rate])
             )  # fmt: skip
-            if psi is None or psid is None:
-                psi = psid = np.zeros(self.J.shape[1])
         if psi is None or psid is None:
-            r = self.solve(u, None)
-            return r, self.solve(ud - Jdot.dot(r), None)
+            psi = psid = np.zeros(self.J.shape[1])
         missed, y, r, rate = empty(u.size), empty(u.size), empty(psi.size), empty(psi.size)
         damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
         kernels.right_inverse_and_rate(

@@ -76,11 +76,11 @@ class TypicalMotion:
             inverse = np.linalg.pinv(J, rcond=_SINGULAR)
             v, a = scale * rng.standard_normal((2, m)) @ inverse.T
             kinematics.update(kinematics.initial, q, v)
-            found.append((q, v, a, J, kinematics.Y_p, kinematics.X_k, inverse))
-        q, v, a, J, Y_p, X_k, inverse = zip(*found, strict=True)
-        self.states = States(np.array(q), np.array(v), np.array(a))
-        self.jacobians, self.right_inverses = np.array(J), np.array(inverse)
-        self.kinematic_regressors, self.position_regressors = list(Y_p), list(X_k)
+            found.append((q, v, a, J, inverse, kinematics.Y_p, kinematics.X_k))
+        columns = [np.array(column) for column in zip(*found, strict=True)]
+        self.states = States(*columns[:3])
+        self.jacobians, self.right_inverses = columns[3:5]
+        self.kinematic_regressors, self.position_regressors = map(list, columns[5:])
 
     @cached_property
     def regressors(self) -> np.ndarray:
