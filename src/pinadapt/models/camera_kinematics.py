@@ -16,7 +16,7 @@ from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
-from .linear_kinematics import BOUND, OFF
+from .linear_kinematics import BOUND
 from .projected_kinematics import ProjectedKinematics
 from .translations import Translation
 
@@ -44,11 +44,9 @@ class CameraKinematics(ProjectedKinematics):
         """
         picks = instance(robot.frame_task, ImageTask, "robot.task", RobotError).picks
         self._project(robot, unknown, [camera for camera, _ in picks])
-        (m, width), count = self._shape, self._below[0]
         self.initial = self.parameters(self.task, self.nominal)
-        small = np.repeat([1.0, OFF * robot.reach], [3, width - 3])
-        deep = small[:-1] * _NEAR / robot.reach
-        self.sizes = np.concatenate([np.tile(small, m), np.tile(deep, count)])
+        deep = self.sizes[: self._below[1]] * _NEAR / robot.reach
+        self.sizes = np.concatenate([self.sizes, np.tile(deep, self._below[0])])
         wide = BOUND * self.sizes
         wide[: self._split].reshape(self._shape)[:, -1] = _FAR * robot.reach
         self.bounds = self.initial + wide * np.array([[-1.0], [1.0]])
@@ -69,15 +67,14 @@ class CameraKinematics(ProjectedKinematics):
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""
-        cameras = np.zeros((self._below[0], 3, 4))
-        D = np.ones(self._shape)
+        N, D = a_k[: self._split].reshape(self._shape), np.ones(self._shape)
         D[:, :-1] = a_k[self._split :].reshape(self._below)[self._camera]
-        N = a_k[: self._split].reshape(self._shape)
-        for (camera, row), *rows in zip(self.task.picks, N, D, strict=True):
-            for place, found in zip((row, 2), rows, strict=True):
-                cameras[camera, place] = *found[:3], found[-1] - found[:3].dot(self._home[:3])
-        given = tuple(tuple(map(tuple, H.tolist())) for H in cameras)
-        return replace(self.robot, task=replace(self.task, cameras=given))
+        cameras = np.zeros((self._below[0], 3, 4))
+        for rows, places in ((N, [row for _, row in self.task.picks]), (D, 2)):
+            translation = rows[:, -1] - rows[:, :3].dot(self._home[:3])
+            cameras[self._camera, places] = np.column_stack([rows[:, :3], translation])
+        task = ImageTask.seen_by(self.task, list(cameras), self.task.pixel)
+        return replace(self.robot, task=task)
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write nothing: a picture does not separate a translation from the camera's scale."""

@@ -280,8 +280,7 @@ def expected_coefficients(robot: Robot, typical: np.ndarray) -> np.ndarray:
     is limited to the friction that decelerates the joint's inertia at home at 50 rad/s^2 (or
     m/s^2).
     """
-    inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
-    efforts = effort_limits(robot.model)
+    inertia, efforts = 2.0 * typical[0], effort_limits(robot.model)
     motor = np.where(np.isfinite(efforts), _OF_EFFORT * efforts, 0.0)
     coulomb = np.maximum(typical[2], np.minimum(motor, _BRAKING * inertia))
     return np.array([typical[0], coulomb / _SPEED, coulomb])

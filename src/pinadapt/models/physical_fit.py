@@ -204,8 +204,6 @@ def nearest_with(
 
 def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return p equations equivalent to A a = b in least squares, by QR."""
-    if len(A) <= A.shape[1]:
-        return A, b
     R = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
     return R[: A.shape[1], :-1], R[: A.shape[1], -1]
 

@@ -19,7 +19,7 @@ import numpy as np
 from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
-from .linear_kinematics import LinearKinematics, columns_of_translations
+from .linear_kinematics import OFF, LinearKinematics, columns_of_translations
 from .translations import Translation, unknown_translations
 
 
@@ -55,6 +55,8 @@ class ProjectedKinematics(LinearKinematics):
         self.size = len(self.names)
         self._shape, self._below = (self.positions, len(of) + 1), (len(deep), len(of))
         self._split = self.positions * self._shape[1]
+        small = np.repeat([1.0, OFF * robot.reach], [3, len(of) - 2])
+        self.sizes = np.tile(small, self.positions)
         constants = np.zeros((2, *self._shape))
         constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)
         places[0] = np.arange(self._split).reshape(self._shape)

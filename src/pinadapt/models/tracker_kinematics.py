@@ -56,9 +56,7 @@ class TrackerKinematics(ProjectedKinematics):
         self._project(robot, unknown, ())
         k, self._rows = self.nominal.size, self.task.place
         self.initial = self.parameters(Tracker(pin.SE3.Identity(), self.nominal))
-        off = np.repeat([1.0, OFF * robot.reach], [3, 3 * k + 1])
         wide = np.repeat([_TURNED, _TURNED * 0.5 * robot.reach, _FARTHEST], [3, 3 * k, 1])
-        self.sizes = np.tile(off, self.positions)
         self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
         self.bounds = np.tile(wide, self.positions) * np.array([[-1.0], [1.0]])
 
