@@ -178,15 +178,17 @@ def add_map_rates(
         for k in range(len(entries)):
             if entries[k, 2] != i:
                 continue
-            change, c, share = rate[entries[k, 0]], entries[k, 3], 1.0
+            change, c = rate[entries[k, 0]], entries[k, 3]
             if entries[k, 1] == 1:
                 zd += change * Phi[c, n]
-                share = -y[i]
-            total += share * change * Phi[c, n] / z[i]
+                change *= -y[i]
+            change /= z[i]
+            total += change * Phi[c, n]
             for t in range(n):
-                Jdot[i, t] += share * change * Phi[c, t] / z[i]
+                Jdot[i, t] += change * Phi[c, t]
+        total, zd = total / z[i], zd / z[i]
         for c in range(len(D)):
-            less = (total * D[c] + zd * G[i, c]) / z[i]
+            less = total * D[c] + zd * G[i, c]
             for t in range(n if less != 0.0 else 0):
                 Jdot[i, t] -= less * Phi[c, t]
 

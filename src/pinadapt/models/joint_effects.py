@@ -62,7 +62,7 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
                 f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
                 where="unknown.effects",
             )
-    return tuple(word for kind in KINDS for word in chosen if word.rpartition(".")[2] == kind)
+    return tuple(sorted(chosen, key=lambda word: KINDS.index(word.rpartition(".")[2])))
 
 
 class JointEffects:
