@@ -102,15 +102,14 @@ class JointEffects:
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
         at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
-        self._shape, self._directions = _shape(friction), friction.directions
         self.known, typical = coefficients(robot), typical_coefficients(robot)
         start = np.where(self.known > 0.0, self.known, 0.1 * _all_shafts(robot, typical))
         start[_SIGNED:] = self.known[_SIGNED:]
         self.initial, self.known[at] = start[at], 0.0
         columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
-        shafts = np.concatenate([np.eye(self._n), self._directions])
-        self.places, self.tables = at, (columns, self._shape, shafts)
+        shafts = np.concatenate([np.eye(self._n), friction.directions])
+        self.places, self.tables = at, (columns, _shape(friction), shafts)
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
@@ -172,7 +171,7 @@ class JointEffects:
         """
         if KINDS.index("coulomb") not in self.places[0]:
             return np.ones(self._n, dtype=bool)
-        return np.abs(v) * self._shape[0, : self._n] > _SLIDING
+        return np.abs(v) * self.tables[1][0, : self._n] > _SLIDING
 
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""
@@ -188,12 +187,12 @@ class JointEffects:
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of a robot; None if those of a known kind differ."""
-        if not np.array_equal(robot.friction.directions, self._directions):
+        if not np.array_equal(robot.friction.directions, self.tables[2][self._n :]):
             return None
         true = coefficients(robot)
         a_j = true[self.places]
         true[self.places] = 0.0
-        same = np.allclose(_shape(robot.friction), self._shape, atol=0.0)
+        same = np.allclose(_shape(robot.friction), self.tables[1], atol=0.0)
         return a_j if same and np.allclose(true, self.known) else None
 
 

@@ -45,7 +45,11 @@ class Regressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
-        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
+        return self._of(self._model, q, v, a)
+
+    def _of(self, model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the regressor (n, 10 n) of a model with these joints."""
+        Y = pin.computeJointTorqueRegressor(model, self._data, q, v, a)
         return Y if self._many else Y.reshape(self._shape)
 
     def slotine_li(
@@ -57,11 +61,8 @@ class Regressor:
         Y = Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
         """
         mean = 0.5 * (v + v_r)
-        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
-        Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v - mean, self._zero)
-        if Y.ndim == 1:
-            Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
-        Y -= Y_0
+        Y = self._of(self._model, q, mean, a_r)
+        Y -= self._of(self._weightless, q, v - mean, self._zero)
         return Y
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
