@@ -57,8 +57,8 @@ class BasisDynamics(InertialDynamics):
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
         states = random_states(robot.model, SAMPLES)
         Y = np.vstack([self._regressor(*state) for state in states])
-        largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
-        if len(independent_columns(Y @ B, largest)[0]) < self.size:
+        sizes = np.maximum(np.linalg.norm(B, axis=0), np.finfo(float).tiny)
+        if len(independent_columns(Y @ (B / sizes))[0]) < self.size:
             raise ParameterError(
                 "not all columns of the basis can be identified: Y B has dependent columns.",
                 where="unknown.basis",
@@ -202,20 +202,14 @@ def base_parameters(
     return BaseParameters(tuple(model.names), chosen, regrouping, dead)
 
 
-def independent_columns(
-    W: np.ndarray, largest: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def independent_columns(W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the columns (b) of W (N, p) that do not depend on those before them, and R (b, p).
 
-    W = W[:, chosen] R. Columns are compared by direction, so that units do not matter.
-
-    Args:
-        W: (N, p).
-        largest: (p) sizes of the columns of whose rounding W may consist; a column below 1e-8 of
-            that is zero. None: the largest column of W.
+    W = W[:, chosen] R. Columns are compared by direction, so that units do not matter; one below
+    1e-8 of the largest is zero.
     """
     sizes = np.linalg.norm(W, axis=0)
-    floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
+    floor = _NEGLIGIBLE * sizes.max(initial=0.0)
     units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
     left, chosen = units.copy(), []
     for j in range(len(sizes)):
