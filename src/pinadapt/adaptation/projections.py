@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from .._checks import vector
 from .._kernels import estimates as kernels
 from ..exceptions import DivergedError, ParameterError
-from ..models.bodies import InertialModel
 from ..models.dynamics import Dynamics
+from ..models.inertial_model import InertialModel
 from ..robot.robot import Robot
 from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .gradient import Gradient

@@ -16,9 +16,9 @@ from .._output import percent, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..exceptions import ParameterError, did_you_mean
-from ..models.excited import Excited, around, names_together
+from ..models.excited import Excited, names_together
 from ..models.joint_effects import KINDS
-from ..models.physical_fit import nearest_with
+from ..models.physical_fit import around, nearest_with
 from ..models.regressor import LABELS
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
@@ -38,7 +38,7 @@ class AlongExcited:
 
     Attributes:
         excited: the combinations of the parameters that the motion excites.
-        error: of the torques that the estimate predicts, as ``TorqueSums.relative_error``.
+        error: of the torques that the estimate predicts, as ``TorqueErrors.relative_error``.
     """
 
     excited: Excited

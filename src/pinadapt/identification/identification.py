@@ -21,7 +21,7 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log, joined, starts_of
 from ..models.physical_fit import physical_set
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import FIRST, PlacedTranslations
+from ..models.translations import FIRST
 from ..robot.loading import load
 from ..robot.motors import compensation_of
 from ..robot.robot import Robot
@@ -251,7 +251,7 @@ def _placed(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
     if all(part.joint in (None, FIRST) for part in kinematics.translations):
         return robot
     model = robot.model.copy()
-    PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
+    kinematics.write(model, a_k)
     return replace(robot, model=model)
 
 

@@ -20,7 +20,7 @@ from ..controller.controller import Controller
 from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
-from ..models.excited import Excited, TorqueSums, scales
+from ..models.excited import Excited, TorqueErrors, scales
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
 from .measured_motion import MeasuredMotion, at_times, motion_of_samples
@@ -393,7 +393,7 @@ class MotionTorques:
     """
 
     excited: Excited
-    sums: TorqueSums
+    sums: TorqueErrors
     first: np.ndarray
     last: np.ndarray
 
@@ -464,12 +464,11 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
     t, q, v, a, tau = (part[some] for part in (*motion[:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None
-    sums = TorqueSums(model.nv, last)
     Y, residual = _torque_rows(dynamics, last, MeasuredMotion(t, q, v, a, tau, False))
     if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
         free = np.array([constraints.free(*state) for state in zip(q, v, strict=True)])
         Y, residual, tau = free @ Y, _times(free, residual), _times(free, tau)
-    sums.add(Y, residual, tau)
+    sums = TorqueErrors(Y, residual, tau, last)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
 
 

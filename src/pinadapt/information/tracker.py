@@ -217,7 +217,7 @@ class _Seen(NamedTuple):
             LogError: fewer than four, or they hardly move.
         """
         q, v, x = frames(kinematics, samples)
-        p = np.array([kinematics.in_base(*each)[0] for each in zip(q, v, strict=True)])
+        p = np.array([kinematics.robot.placement(each).translation for each in q]).reshape(-1, 3)
         moved = min(_rms(part - part.mean(axis=0)) if len(part) else 0.0 for part in (p, x))
         if len(p) < 4 or moved < LEAST_WAY * kinematics.robot.reach:
             what = "tracker" if isinstance(kinematics, TrackerKinematics) else "camera"

@@ -102,11 +102,8 @@ class RightInverse:
         if self._A_rate is not None:
             u, ud = np.concatenate([u, self._rows]), np.concatenate([ud, self._rows_rate])
             Jdot = np.concatenate([Jdot, self._A_rate])
-            if psi is None or psid is None:
-                psi = psid = np.zeros(self.J.shape[1])
         if psi is None or psid is None:
-            r = self.solve(u, None)
-            return r, self.solve(ud - Jdot.dot(r), None)
+            psi = psid = np.zeros(self.J.shape[1])
         missed, y, r, rate = empty(u.size), empty(u.size), empty(psi.size), empty(psi.size)
         damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
         kernels.right_inverse_and_rate(

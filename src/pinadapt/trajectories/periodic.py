@@ -201,6 +201,7 @@ class Sinusoid(_Sines):
             InputError: different sizes, numbers that are not finite, or periods not positive.
         """
         self._take_sines(center, {"amplitude": amplitude, "period": period, "phase": phase})
+        self.period = vector(period, self.amplitude.size, "trajectory.period")
 
 
 class FourierSeries(_Harmonic):

@@ -27,7 +27,7 @@ from ..adaptation.adaptation import Adaptation, Estimate
 from ..adaptation.natural import BodyInequality
 from ..models.bodies import UNCERTAINTY, nearest_physical, pseudo_inertia, ten_parameters
 from ..models.dynamics import Dynamics
-from ..models.translations import PlacedTranslations
+from ..models.translations import placed_values
 from ..models.typical_motion import TypicalMotion
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
@@ -129,10 +129,10 @@ def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
 
 def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
     """Return the parameters (p) of the unknown translations and their standard deviations [m]."""
-    placed = PlacedTranslations(robot.model, robot.frame_id, dynamics.translations)
-    theta = placed.read()
-    deviations = [np.full(theta[w].shape, np.sqrt(np.mean(theta[w] ** 2))) for w in placed.windows]
-    return theta, LENGTH * np.concatenate([np.zeros(0), *deviations])
+    values = placed_values(robot.model, robot.frame_id, dynamics.translations)
+    deviations = [np.full(theta.shape, np.sqrt(np.mean(theta**2))) for theta in values]
+    theta, deviation = (np.concatenate([np.zeros(0), *each]) for each in (values, deviations))
+    return theta, LENGTH * deviation
 
 
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
