@@ -64,6 +64,7 @@ class Crawl(Trajectory):
         self.steps, self.height = whole(steps, "steps", 1), positive(height, "height")
         self.length = float(vector(length, 1, "length")[0])
         self.shift, self.swing = positive(shift, "shift"), positive(swing, "swing")
+        self.settles = self.steps * (self.shift + self.swing) + self.shift
         self._footholds: list[np.ndarray] = []
 
     def on(self, robot: Robot) -> Crawl:
@@ -101,11 +102,6 @@ class Crawl(Trajectory):
             InputError: always.
         """
         raise InputError("a crawl begins at the robot's home pose.", where="trajectory")
-
-    @property
-    def settles(self) -> float:
-        """When the trunk has come to rest behind the last step [s]."""
-        return self.steps * (self.shift + self.swing) + self.shift
 
     @property
     def footholds(self) -> np.ndarray:
