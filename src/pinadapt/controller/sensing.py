@@ -68,10 +68,10 @@ class Guards:
     """Bounds of plausible measurements, see the kernels ``check_joints`` and ``check_frame``.
 
     Attributes:
-        bounds: (5, n) largest |v| [rad/s or m/s]; tol [rad or m]; the largest change of v in a
-            sample; v at which a joint moves; |v| below which an arm may be resting.
+        bounds: (7, n) largest |v| [rad/s or m/s]; tol [rad or m]; the largest change of v in a
+            sample; v at which a joint moves; |v| below which an arm may be resting; lowest and
+            highest q of the first sample.
         places: (n + 1) where each joint begins in q, and the end.
-        range: (2, n) lowest and highest q of the first sample.
         frame: largest distance of x from x_hat [m]; change of the error of a frame [m], and for
             each radian that the joints turn [m].
         torque: (n) that no motor gives [N m or N].
@@ -84,7 +84,6 @@ class Guards:
 
     bounds: np.ndarray
     places: np.ndarray
-    range: np.ndarray
     frame: np.ndarray
     torque: np.ndarray
     late: float = 1.0
@@ -95,11 +94,10 @@ class Guards:
     @classmethod
     def none(cls, model: pin.Model) -> Guards:
         """Return guards that accept everything."""
-        bounds = np.full((kernels.SLOW + 1, model.nv), np.inf)
-        bounds[kernels.SLOW] = 0.0
+        bounds = np.full((kernels.HIGHEST + 1, model.nv), np.inf)
+        bounds[kernels.SLOW], bounds[kernels.LOWEST] = 0.0, -np.inf
         places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
-        every = np.full((2, model.nv), np.inf)
-        return cls(bounds, places, every * [[-1.0], [1.0]], np.full(3, np.inf), every[0])
+        return cls(bounds, places, np.full(3, np.inf), np.full(model.nv, np.inf))
 
     def elapsed(
         self, before: float, now: float, dt: float, period: float, trail: np.ndarray
@@ -167,13 +165,6 @@ class Senses:
         judged = self._judged(before, q, v, math.inf, model)
         if judged[0] == 2:
             self._bridged(judged, measurement, math.inf, model)
-        for i, joint in enumerate(model.joints[1:]):
-            angle, (low, high) = q[joint.idx_q], guards.range[:, i]
-            if joint.nq == 1 and not low <= angle <= high:
-                bound = low if angle < low else high
-                raise _error(
-                    kernels.OUT, measurement, f"joint '{model.names[i + 1]}'", angle, bound
-                )
         kinematics.update(a_k, q, v)
         if m and x is not None:
             off, far = np.linalg.norm(kinematics.p_hat - x[:m]), guards.frame[kernels.FARTHEST]
@@ -431,7 +422,7 @@ def make_guards(
     on = dict.fromkeys(GUARDS, guards is not False)
     on |= guards if isinstance(guards, Mapping) else {}
     model, n, size, none = robot.model, robot.model.nv, robot.reach, Guards.none(robot.model)
-    bounds, frame, torque, limits, first = none.bounds, none.frame, none.torque, none.range, None
+    bounds, frame, torque, first = none.bounds, none.frame, none.torque, None
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     lengths, fast = np.where(slides, min(1.0, size), 1.0), velocity_limits(model)
     if on["velocity"]:
@@ -446,7 +437,7 @@ def make_guards(
     if on["limits"]:
         most = 8.0 * math.pi  # [rad or m] of joints without limits
         low, high = np.clip(position_limits(model), -most, most)
-        limits = np.array([low - _BEYOND, high + _BEYOND])
+        bounds[kernels.LOWEST :] = low - _BEYOND, high + _BEYOND
     if on["rest"]:
         bounds[kernels.SLOW] = _SLOW * lengths + CERTAIN * quality.v
     if on["position"] and kinematics.positions:
@@ -469,7 +460,6 @@ def make_guards(
     return Guards(
         bounds,
         none.places,
-        limits,
         frame,
         torque,
         late=_RECENT + 3.0 * quality.age,
