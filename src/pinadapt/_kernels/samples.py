@@ -9,7 +9,7 @@ import numpy as np
 from .._compiled import compiled
 
 FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT = range(7)  # what is wrong with a joint
-FAR, TURNED, MOVED, FROZEN, STRONG = range(7, 12)  # and with the rest of a sample
+TURNED, MOVED, FROZEN, STRONG = range(7, 11)  # and with the rest of a sample
 JOINTS, FRAME, TORQUE, TIME = range(4)  # channels
 NO_Q, NO_V = 1, 2  # what is not used of a joint
 
@@ -22,14 +22,16 @@ FARTHEST, FLOOR, UNKNOWN = range(3)
 # joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
 BRIDGED, ERROR, PLACE, TRAIL = 4, 13, 16, 19
 STEPPED, STEP, SEEN, SINCE, RECENT = range(8, ERROR)
-RATE, RAW_Q, RAW_V, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V = range(8)
-KIND, SIZE, BOUND, DISTRUST, UNSEEN, DISPLACED, ROWS = range(8, 15)
+RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V = range(9)
+KIND, SIZE, BOUND, DISTRUST, UNSEEN, DISPLACED, ROWS = range(9, 16)
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
 _SHARE = 0.25  # of the way, by which v may be off for good; half: 20 % is refused
 _REPEATED = 0.02  # [s] for which q or v may be the same while the other goes on, as one of 50 Hz;
 # half: that is refused, double: a stuck one is found as much later
+_AT_ONCE = 2.0  # times the largest change of v in 0.2 s, by which a joint stops at once; half:
+# stops of coarse encoders are refused, double: one that freezes soon after a start is not found
 _DIFFERENCED = 100.0  # [1/s] bandwidth of a velocity from differences of q; half: ``safe`` brakes
 # late, double: counts of an encoder shake it
 
@@ -134,7 +136,11 @@ def check_joints(
         jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
         leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
         inside = bounds[LOWEST, i] <= q[k] <= bounds[HIGHEST, i]
-        stopped = same and speed == 0.0 and not halted
+        distrust = before[at + DISTRUST] if follows else 0.0
+        if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
+            distrust = 0.0
+        clear = max(bounds[CLEAR, i], _AT_ONCE * before[at + JITTER])
+        stopped = same and speed == 0.0 and not halted and abs(rate) > clear
         no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
         kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
@@ -147,11 +153,8 @@ def check_joints(
             kind, size, bound = OUT, q[k], bounds[HIGHEST if q[k] > 0.0 else LOWEST, i]
         elif abs(R) > apart and not 0.0 < still_v <= _REPEATED:
             kind, size, bound = APART, R, apart
-        elif stopped and abs(rate) > bounds[CLEAR, i] + 2.0 * after[STEP]:
-            kind, size, bound = STOPPED, rate, bounds[CLEAR, i]
-        distrust = before[at + DISTRUST] if follows else 0.0
-        if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
-            distrust = 0.0
+        elif stopped or distrust == NO_Q + NO_V:
+            kind, size, bound = STOPPED, rate, clear
         if (kind == APART or (kind == SPIKE and decay > 0.0)) and distrust == 0.0:
             distrust = NO_V
             if still_q > 3.0 * dt:
@@ -178,6 +181,8 @@ def check_joints(
         after[at + RESIDUAL] = leak * before[at + RESIDUAL] + r
         after[at + WAY] = leak * before[at + WAY] + way
         after[at + CHANGE] = leak * before[at + CHANGE] + v_used[i] - rate
+        if kind != STOPPED:
+            after[at + JITTER] = max(leak * before[at + JITTER], abs(speed - rate))
         after[at + KIND], after[at + SIZE], after[at + BOUND] = kind, size, bound
         after[at + STILL_Q], after[at + STILL_V], after[at + DISTRUST] = still_q, still_v, distrust
         after[at + UNSEEN] = before[at + UNSEEN] + dt if no_q and no_v else 0.0
@@ -192,30 +197,34 @@ def check_joints(
     return 2 if wrong else 1 if resting else 0
 
 
-@compiled("b1(f8[:], f8[:], f8[::1], f8[::1])", fills=1)
-def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np.ndarray) -> bool:
-    """Return whether a frame x cannot be one of the arm; else keep it in the trail.
+@compiled("f8(f8[:], f8[:], f8[::1], f8[::1])", fills=1)
+def check_frame(x: np.ndarray, error: np.ndarray, numbers: np.ndarray, trail: np.ndarray) -> float:
+    """Return the bound that a frame x exceeds, or keep it in the trail and return zero [m].
 
-    The residual is the change of e = p_hat - x since the last frame. Learning explains |e|, and
-    unknown translations ``numbers[UNKNOWN]`` times the turns of all joints since then and shortly
-    before. A frame that is the same to the bit while the joints move explains nothing.
+    The residual is the change of the error e = x_hat - x (m_p) since the last frame. Learning
+    explains |e|, and unknown translations ``numbers[UNKNOWN]`` times the turns of all joints since
+    then and shortly before. A frame that is the same to the bit while the joints move explains
+    nothing.
     """
-    m, error, change, far = len(p_hat), 0.0, 0.0, 0.0
+    m, size, change, far = len(error), 0.0, 0.0, 0.0
     same, moved = trail[SEEN] != 0.0, trail[SINCE] * numbers[UNKNOWN]
     for k in range(m):
-        far += (p_hat[k] - x[k]) ** 2
+        far += error[k] ** 2
         same &= x[k] == trail[PLACE + k]
-        change += (p_hat[k] - x[k] - trail[ERROR + k]) ** 2
-        error += trail[ERROR + k] ** 2
-    bound = numbers[FLOOR] + moved + numbers[UNKNOWN] * trail[RECENT] + np.sqrt(error)
-    if far > numbers[FARTHEST] ** 2 or (trail[SEEN] != 0.0 and change > bound**2):
-        return True
+        change += (error[k] - trail[ERROR + k]) ** 2
+        size += trail[ERROR + k] ** 2
+    floor = numbers[FLOOR]
+    bound = floor + moved + numbers[UNKNOWN] * trail[RECENT] + np.sqrt(size)
+    if far > numbers[FARTHEST] ** 2:
+        return numbers[FARTHEST]
+    if trail[SEEN] != 0.0 and change > bound**2:
+        return bound
     if same:
-        return moved > numbers[FLOOR] and change > numbers[FLOOR] ** 2
+        return floor if moved > floor and change > floor**2 else 0.0
     trail[SEEN], trail[BRIDGED + FRAME], trail[SINCE] = 1.0, 0.0, 0.0
     for k in range(m):
-        trail[PLACE + k], trail[ERROR + k] = x[k], p_hat[k] - x[k]
-    return False
+        trail[PLACE + k], trail[ERROR + k] = x[k], error[k]
+    return 0.0
 
 
 @compiled("f8(f8[:], f8[:], f8[:])", fills=0)

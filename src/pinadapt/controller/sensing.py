@@ -54,12 +54,12 @@ _FLAWS = {
     kernels.APART: ("v", "is not the rate of q", "the wrong sign, unit or joint?", "differences"),
     kernels.STOPPED: ("q", "is stuck", "has the encoder stopped?", "differences"),
     kernels.OUT: ("q", "is out of range", "in degrees, millimetres or another order?", "limits"),
-    kernels.FAR: ("x", "is implausible", "in millimetres? another frame or origin?", "position"),
+    kernels.MOVED: ("x", "has jumped", "in millimetres? another frame, marker, tool?", "position"),
     kernels.TURNED: ("x", "is turned", "in the order wxyz? other axes?", "position"),
-    kernels.MOVED: ("x", "has jumped", "another marker, a tool not announced?", "position"),
     kernels.FROZEN: ("x", "has not changed", "does the camera repeat its last frame?", "position"),
     kernels.STRONG: ("tau", "is more than the motors give", "in another unit?", "gravity"),
-}  # channel, flaw, guess and guard
+}  # signal, flaw, guess and guard
+_CHANNELS = {"q": kernels.JOINTS, "v": kernels.JOINTS, "x": kernels.FRAME, "tau": kernels.TORQUE}
 Judged: TypeAlias = tuple[int, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -167,14 +167,13 @@ class Senses:
             self._bridged(judged, measurement, math.inf, model)
         kinematics.update(a_k, q, v)
         if m and x is not None:
-            off, far = np.linalg.norm(kinematics.p_hat - x[:m]), guards.frame[kernels.FARTHEST]
-            if off > far:
-                raise _error(kernels.FAR, measurement, "[m] from the model's", off, far)
-            turn = kinematics.task.error(x, kinematics.x_hat)[m:]
+            self._checked_frame(measurement, kinematics.p_hat - x[:m], before.trail.copy(), math.inf)
+            turn = np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:])
             known = kinematics.calibrated and guards.frame[kernels.FLOOR] < math.inf
-            if known and np.linalg.norm(turn) > _AWRY:
-                angle = float(np.linalg.norm(turn))
-                raise _error(kernels.TURNED, measurement, "[rad] from the model's", angle, _AWRY)
+            if known and turn > _AWRY:
+                _bridge(
+                    kernels.TURNED, measurement, "[rad] from the model's", turn, _AWRY, before.trail
+                )
         x = x if m else kinematics.task.measured(None, q)
         first = None if guards.first is None else guards.first.init()
         return before._replace(x=None if x is None else x.copy(), first=first)
@@ -222,8 +221,9 @@ class Senses:
             x, X_k = kinematics.x_hat, kinematics.X_k
             return SensedState(q, v, x, p_hat, X_k, None, (), first, trail), resting, measurement
         late = x_time is not None and x_time != t
-        if x is not None and not late and kernels.check_frame(x, p_hat, guards.frame, trail):
-            measurement, x = _without_frame(measurement, p_hat, trail, dt), None
+        if x is not None and not late:
+            measurement = self._checked_frame(measurement, p_hat - x[: p_hat.size], trail, dt)
+            x = measurement.x
         if x is not None and not late and self.compensator.smoothing == math.inf:
             epsilon, X_k = _NOTHING, _NO_COLUMNS
             if position_error:
@@ -234,9 +234,8 @@ class Senses:
         follow = before, t_before, t, q, v
         sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
         if late and x is not None and sensed.frame is not before.frame:
-            p_hat = sensed.epsilon + x[: p_hat.size]
-            if kernels.check_frame(x, p_hat, guards.frame, trail):
-                measurement = _without_frame(measurement, p_hat, trail, dt)
+            measurement = self._checked_frame(measurement, sensed.epsilon, trail, dt)
+            if measurement.x is None:
                 sensed = self.compensator.update(*follow, None, None, kinematics)
         return sensed._replace(first=first, trail=trail), resting, measurement
 
@@ -299,11 +298,11 @@ class Senses:
         apart = (kinds == kernels.APART).any()  # a sum has lasted when it is beyond its bound
         if not wrong.any():
             trail[kernels.BRIDGED + kernels.JOINTS] = 0.0
-        elif _lasts(trail, kernels.JOINTS, dt) or apart:
-            i = int(np.argmax(wrong))
-            residual, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
-            kind = int(kinds[i]) or kernels.STOPPED  # of which v alone is not zero any more
-            raise _error(kind, sample, f"joint '{model.names[i + 1]}'", residual, bound)
+            return
+        i = int(np.argmax(wrong))
+        residual, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
+        where, dt = f"joint '{model.names[i + 1]}',", math.inf if apart else dt
+        _bridge(int(kinds[i]), sample, where, residual, bound, trail, dt)
 
     def _checked_torque(
         self, sample: Measurement, dt: float, kinematics: TaskKinematics, trail: np.ndarray
@@ -314,15 +313,35 @@ class Senses:
             ImplausibleError: it has lasted.
         """
         most, tau = self.guards.torque, np.asarray(sample.tau)
-        usable = tau.shape == most.shape and tau.dtype.kind in "fiu"
-        if usable and not (np.abs(tau) > most).any():
-            trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
-            return sample
-        if usable and _lasts(trail, kernels.TORQUE, dt):
+        if tau.shape == most.shape and tau.dtype.kind in "fiu":
             i = int(np.argmax(np.abs(tau) / most))
-            where = f"joint '{kinematics.joint_names[i]}'"
-            raise _error(kernels.STRONG, sample, where, tau[i], most[i])
+            if not abs(tau[i]) > most[i]:
+                trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
+                return sample
+            where = f"joint '{kinematics.joint_names[i]}',"
+            _bridge(kernels.STRONG, sample, where, tau[i], most[i], trail, dt)
         return sample._replace(tau=None)
+
+    def _checked_frame(
+        self, sample: Measurement, error: np.ndarray, trail: np.ndarray, dt: float
+    ) -> Measurement:
+        """Return a sample without a frame that does not follow, and count that in the trail.
+
+        The error of the frame is x_hat - x (m_p) [m].
+
+        Raises:
+            ImplausibleError: it has lasted, or there is nothing to bridge it with.
+        """
+        x: Any = sample.x
+        bound = kernels.check_frame(x, error, self.guards.frame, trail)
+        if not bound:
+            return sample
+        m = error.size
+        same = np.array_equal(x[:m], trail[kernels.PLACE : kernels.PLACE + m])
+        change = np.linalg.norm(error - trail[kernels.ERROR : kernels.ERROR + m])
+        flaw, since = kernels.FROZEN if same else kernels.MOVED, 0.0 if dt < math.inf else dt
+        _bridge(flaw, sample, "[m] against the model,", change, bound, trail, since)
+        return sample._replace(x=None, x_time=None, xd=None)
 
     def believed(
         self,
@@ -356,41 +375,32 @@ def row(trail: np.ndarray, which: int) -> np.ndarray:
     return trail[kernels.TRAIL + which :: kernels.ROWS]
 
 
-def _lasts(trail: np.ndarray, channel: int, dt: float) -> bool:
-    """Count a bridged sample of a channel, and tell whether that has lasted too long."""
+def _bridge(
+    flaw: int,
+    sample: Measurement,
+    where: str,
+    residual: Any,
+    bound: Any,
+    trail: np.ndarray,
+    dt: float = math.inf,
+) -> None:
+    """Count a bridged sample of a channel, and refuse what lasts; a frame grows in the kernel.
+
+    Raises:
+        ImplausibleError: with the residual and its bound.
+    """
+    name, words, guess, guard = _FLAWS[flaw]
+    channel = _CHANNELS[name]
     since = trail[kernels.BRIDGED + channel]
     trail[channel] += 1.0
     trail[kernels.BRIDGED + channel] = since + dt if since or dt == math.inf else 1e-12
-    return bool(trail[kernels.BRIDGED + channel] > LASTS)
-
-
-def _without_frame(
-    sample: Measurement, p_hat: np.ndarray, trail: np.ndarray, dt: float
-) -> Measurement:
-    """Return a sample without its frame, which does not follow, and count it in the trail.
-
-    Raises:
-        ImplausibleError: it has lasted, or there is nothing to bridge it with.
-    """
-    x, m = np.asarray(sample.x), p_hat.size
-    if _lasts(trail, kernels.FRAME, 0.0 if dt < math.inf else dt):  # the kernel lets it grow
-        same = np.array_equal(x[:m], trail[kernels.PLACE : kernels.PLACE + m])
-        off, last = p_hat - x[:m], trail[kernels.ERROR : kernels.ERROR + m]
-        flaw, where = kernels.FROZEN if same else kernels.MOVED, "[m] from the model's, before"
-        raise _error(flaw, sample, where, np.linalg.norm(off), np.linalg.norm(last))
-    return sample._replace(x=None, x_time=None, xd=None)
-
-
-def _error(
-    flaw: int, sample: Measurement, where: str, residual: Any, bound: Any
-) -> ImplausibleError:
-    """Return the error of a residual beyond its bound."""
-    channel, words, guess, guard = _FLAWS[flaw]
-    words = f"{words}: {where}, {residual:.3g} beyond {bound:.3g}"
-    hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
-    if channel == "x":
-        hint = f"If the base's axes or origin are unknown: unknown=pa.Unknown(base=True). {hint}"
-    return ImplausibleError(channel, getattr(sample, channel), words, guess, hint)
+    if trail[kernels.BRIDGED + channel] > LASTS:
+        words = f"{words}: {where} {residual:.3g} beyond {bound:.3g}"
+        hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
+        if name == "x":
+            unknown = "If the base's axes or origin are unknown: unknown=pa.Unknown(base=True)."
+            hint = f"{unknown} {hint}"
+        raise ImplausibleError(name, getattr(sample, name), words, guess, hint)
 
 
 def _numbers(given: Any, size: int) -> np.ndarray:
