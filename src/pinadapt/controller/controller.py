@@ -680,7 +680,7 @@ class Controller:
         time [s]. Without a period dt [s] the time is not checked.
         """
         measurement, desired = self._inputs.sample(state, measurement, desired)
-        guards, before, elapsed, since = self.senses.guards, state.sensed, 0.0, None
+        guards, before, elapsed, since = self.senses.guards, state.sensed, 0.0, math.inf
         if dt is not ...:
             elapsed = guards.elapsed(state.t, measurement.t, dt, self.period, before.trail)
             since = measurement.t - state.t if guards.clock else elapsed

@@ -154,7 +154,12 @@ class Estimator:
             a_k = state.a_k
             paused = elapsed > LATEST * parts.period
             sensed, still, sample = self._senses.read(
-                state.sensed, state.t, sample, self._kinematics, a_k, None if paused else elapsed
+                state.sensed,
+                state.t,
+                sample,
+                self._kinematics,
+                a_k,
+                math.inf if paused else elapsed,
             )
             dynamic, kinematic = state.dynamic, state.kinematic
             filtered = self._filtered(state, sensed, sample.tau, elapsed)

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -60,7 +60,6 @@ _FLAWS = {
     kernels.STRONG: ("tau", "is more than the motors give", "in another unit?", "gravity"),
 }  # signal, flaw, guess and guard
 _CHANNELS = {"q": kernels.JOINTS, "v": kernels.JOINTS, "x": kernels.FRAME, "tau": kernels.TORQUE}
-Judged: TypeAlias = tuple[int, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,19 +161,18 @@ class Senses:
         _, q, v, x, *_ = measurement
         guards, model, m = self.guards, kinematics.robot.model, kinematics.positions
         before = SensedState(q.copy(), v.copy(), trail=new_trail(v))
-        judged = self._judged(before, q, v, math.inf, model)
-        if judged[0] == 2:
-            self._bridged(judged, measurement, math.inf, model)
+        answer, _, _, trail = self._judged(before, q, v, math.inf, model)
+        if answer == 2:
+            self._bridged(measurement, trail, math.inf, model)
         kinematics.update(a_k, q, v)
-        if m and x is not None:
-            self._checked_frame(measurement, kinematics.p_hat - x[:m], before.trail.copy(), math.inf)
+        if not m:
+            x = kinematics.x_hat
+        elif x is not None:
+            self._checked_frame(measurement, kinematics.p_hat - x[:m], trail, math.inf)
             turn = np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:])
             known = kinematics.calibrated and guards.frame[kernels.FLOOR] < math.inf
             if known and turn > _AWRY:
-                _bridge(
-                    kernels.TURNED, measurement, "[rad] from the model's", turn, _AWRY, before.trail
-                )
-        x = x if m else kinematics.task.measured(None, q)
+                _bridge(kernels.TURNED, measurement, "[rad] against the model,", turn, _AWRY, trail)
         first = None if guards.first is None else guards.first.init()
         return before._replace(x=None if x is None else x.copy(), first=first)
 
@@ -185,14 +183,14 @@ class Senses:
         measurement: Measurement,
         kinematics: TaskKinematics,
         a_k: np.ndarray,
-        since: float | None,
+        dt: float,
         position_error: bool = True,
     ) -> tuple[SensedState, bool, Measurement]:
         """Return what is known at a sample, whether its joints rest, and the sample.
 
         The estimated kinematics are updated to the sample, which is returned without the frame and
         the torque that were bridged. What is known shares no memory with it. ``before`` and
-        ``t_before`` [s] are of the sample before; ``since`` is the time since then [s], None if the
+        ``t_before`` [s] are of the sample before; dt is the time since then [s], infinite if the
         sample does not follow it; the estimate a_k is (p_k) [m]; ``position_error`` says whether
         the prediction error of the position is used.
 
@@ -201,33 +199,29 @@ class Senses:
                 what the first samples show is impossible.
             MeasurementError: a frame was taken later than the sample, or q or v is not finite.
         """
-        guards, first, model = self.guards, before.first, kinematics.robot.model
-        dt = math.inf if since is None else since
-        judged = self._judged(before, measurement.q, measurement.v, dt, model)
-        answer, q, v, trail = judged
+        first, model, m = before.first, kinematics.robot.model, kinematics.positions
+        answer, q, v, trail = self._judged(before, measurement.q, measurement.v, dt, model)
         if answer == 2:
-            self._bridged(judged, measurement, dt, model)
-        if measurement.tau is not None and since is not None:
-            measurement = self._checked_torque(measurement, dt, kinematics, trail)
-        if first is not None and since is not None and guards.first is not None:
+            self._bridged(measurement, trail, dt, model)
+        if measurement.tau is not None and dt < math.inf:
+            measurement = self._checked_torque(measurement, trail, dt, model)
+        if first is not None and self.guards.first is not None and dt < math.inf:
             mean = 0.5 * (v + row(before.trail, kernels.RATE))
-            first = guards.first.after(first, q, mean, dt)
+            first = self.guards.first.after(first, q, mean, dt)
         t, _, _, x, x_time, *_ = measurement
         if self.low_pass is not None:
             v = self.low_pass.advance(before.v, v, t - t_before)
         kinematics.update(a_k, q, v)
-        p_hat, resting = kinematics.p_hat, answer == 1
-        if not kinematics.positions:  # a joint task
-            x, X_k = kinematics.x_hat, kinematics.X_k
-            return SensedState(q, v, x, p_hat, X_k, None, (), first, trail), resting, measurement
-        late = x_time is not None and x_time != t
-        if x is not None and not late:
-            measurement = self._checked_frame(measurement, p_hat - x[: p_hat.size], trail, dt)
+        resting, late = answer == 1, x_time is not None and x_time != t
+        if not m:  # a joint task
+            x, late = kinematics.x_hat, False
+        elif x is not None and not late:
+            measurement = self._checked_frame(measurement, kinematics.p_hat - x[:m], trail, dt)
             x = measurement.x
-        if x is not None and not late and self.compensator.smoothing == math.inf:
+        if x is not None and not late and (self.compensator.smoothing == math.inf or not m):
             epsilon, X_k = _NOTHING, _NO_COLUMNS
             if position_error:
-                epsilon = p_hat - x[: p_hat.size]
+                epsilon = kinematics.p_hat - x[:m]
                 X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
             x = x.copy()
             return SensedState(q, v, x, epsilon, X_k, None, (), first, trail), resting, measurement
@@ -247,7 +241,7 @@ class Senses:
         dt: float,
         model: pin.Model,
         decay: float = 0.0,
-    ) -> Judged:
+    ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Return the answer of ``check_joints``, q (nq), v (n) as they are used, and the trail."""
         guards, trail = self.guards, empty(before.trail.size)
         q_used, v_used = empty(q.size), empty(v.size)
@@ -255,9 +249,8 @@ class Senses:
             q, before.q, v, dt, decay, guards.late, guards.bounds, guards.places, before.trail,
             trail, q_used, v_used,
         )  # fmt: skip
-        judged = answer, q_used, v_used, trail
         if answer != 2 or not (doubted := self._doubted(before, v, trail, model)).any():
-            return judged
+            return answer, q_used, v_used, trail
         kept = before.trail.copy()
         row(kept, kernels.DISTRUST)[doubted] = kernels.NO_Q + kernels.NO_V
         return self._judged(before._replace(trail=kept), q, v, dt, model, decay)
@@ -282,7 +275,7 @@ class Senses:
             doubted[i] = np.linalg.norm(push) > least and push @ M @ (change - 0.5 * push) < 0.0
         return doubted
 
-    def _bridged(self, judged: Judged, sample: Measurement, dt: float, model: pin.Model) -> None:
+    def _bridged(self, sample: Measurement, trail: np.ndarray, dt: float, model: pin.Model) -> None:
         """Count a sample of which something was replaced.
 
         Raises:
@@ -292,7 +285,6 @@ class Senses:
         for name, value in (("q", sample.q), ("v", sample.v)):
             if not np.isfinite(value).all():
                 raise MeasurementError(name, value)
-        trail = judged[3]
         kinds, distrust = row(trail, kernels.KIND), row(trail, kernels.DISTRUST)
         wrong = (kinds != kernels.FOLLOWS) & (kinds != kernels.STOPPED) | (distrust != 0.0)
         apart = (kinds == kernels.APART).any()  # a sum has lasted when it is beyond its bound
@@ -300,12 +292,12 @@ class Senses:
             trail[kernels.BRIDGED + kernels.JOINTS] = 0.0
             return
         i = int(np.argmax(wrong))
-        residual, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
+        size, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
         where, dt = f"joint '{model.names[i + 1]}',", math.inf if apart else dt
-        _bridge(int(kinds[i]), sample, where, residual, bound, trail, dt)
+        _bridge(int(kinds[i]), sample, where, size, bound, trail, dt)
 
     def _checked_torque(
-        self, sample: Measurement, dt: float, kinematics: TaskKinematics, trail: np.ndarray
+        self, sample: Measurement, trail: np.ndarray, dt: float, model: pin.Model
     ) -> Measurement:
         """Return a sample without its torque where no motor gives it, and count that in the trail.
 
@@ -318,7 +310,7 @@ class Senses:
             if not abs(tau[i]) > most[i]:
                 trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
                 return sample
-            where = f"joint '{kinematics.joint_names[i]}',"
+            where = f"joint '{model.names[i + 1]}',"
             _bridge(kernels.STRONG, sample, where, tau[i], most[i], trail, dt)
         return sample._replace(tau=None)
 
@@ -431,16 +423,16 @@ def make_guards(
     """
     on = dict.fromkeys(GUARDS, guards is not False)
     on |= guards if isinstance(guards, Mapping) else {}
-    model, n, size, none = robot.model, robot.model.nv, robot.reach, Guards.none(robot.model)
-    bounds, frame, torque, first = none.bounds, none.frame, none.torque, None
+    model, size, guard = robot.model, robot.reach, Guards.none(robot.model)
+    bounds, frame, torque, first = guard.bounds, guard.frame, guard.torque, None
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     lengths, fast = np.where(slides, min(1.0, size), 1.0), velocity_limits(model)
     if on["velocity"]:
         bounds[kernels.FASTEST] = 10.0 * fast  # half or double: the same faults are found
     if on["differences"]:
-        counts = np.broadcast_to(np.asarray(sensors.encoder, float), n)
         noise = sensors.deviation("q") + sensors.deviation("v") * math.sqrt(dt * kernels.MEMORY)
-        bounds[kernels.TOLERANCE] = _WAY * lengths + 2.0 * counts + CERTAIN * noise
+        counts = 2.0 * np.asarray(sensors.encoder, float)
+        bounds[kernels.TOLERANCE] = _WAY * lengths + counts + CERTAIN * noise
         bounds[kernels.LEAP] = 0.5 * fast + 2.0 * CERTAIN * quality.v  # half or double: as above
         if not robot.constraints:  # else forces that nobody measures stop joints at once
             bounds[kernels.CLEAR] = _BRAKED * dt * lengths + CERTAIN * sensors.deviation("v")
@@ -452,26 +444,23 @@ def make_guards(
         bounds[kernels.SLOW] = _SLOW * lengths + CERTAIN * quality.v
     if on["position"] and kinematics.positions:
         frame[kernels.FARTHEST] = 20.0 * size  # in unknown axes; millimetres are farther
-    if on["position"] and kinematics.positions and kinematics.calibrated:
-        span = np.zeros(0) if box is None else box[1] - box[0]
-        off, start = [0.0, 0.0], 0  # by the base, and by the others
-        for part in kinematics.translations:
-            inside = np.linalg.norm(span[start : start + part.size])
-            off[part.joint != FIRST] += float(np.linalg.norm(part.directions, 2) * inside)
-            start += part.size
-        frame[kernels.FARTHEST] = _UNEXPLAINED * size + sum(off) + CERTAIN * quality.x
-        frame[kernels.FLOOR] = _FRAME * size + 2.0 * CERTAIN * quality.x
-        frame[kernels.UNKNOWN] = _UNEXPLAINED * size + 0.5 * off[1]
+        if kinematics.calibrated:
+            span, start = np.zeros(kinematics.size) if box is None else box[1] - box[0], 0
+            off, turned = 0.0, 0.0  # by what is unknown, and by what the joints turn of it
+            for part in kinematics.translations:
+                inside = float(np.linalg.norm(span[start : start + part.size]))
+                off, start = off + inside, start + part.size
+                turned += inside * (part.joint != FIRST)
+            frame[kernels.FARTHEST] = _UNEXPLAINED * size + off + CERTAIN * quality.x
+            frame[kernels.FLOOR] = _FRAME * size + 2.0 * CERTAIN * quality.x
+            frame[kernels.UNKNOWN] = _UNEXPLAINED * size + 0.5 * turned
     if on["gravity"]:
-        deviation = np.broadcast_to(np.asarray(sensors.noise.get("tau", 0.0), float), n)
-        torque = _STRONGER * effort_limits(model) + CERTAIN * deviation
+        deviation = np.asarray(sensors.noise.get("tau", 0.0), float)
+        torque[:] = _STRONGER * effort_limits(model) + CERTAIN * deviation
         if not robot.constraints:
             first = make_first_samples(robot, unloaded, sensors, compensation, dt)
-    return Guards(
-        bounds,
-        none.places,
-        frame,
-        torque,
+    return replace(
+        guard,
         late=_RECENT + 3.0 * quality.age,
         clock=on["time"],
         near=_NEAR * (size if kinematics.positions else 1.0) + CERTAIN * quality.x,
