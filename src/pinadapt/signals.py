@@ -53,7 +53,6 @@ class Signals:
         w: (n) measured velocity of the motors [rad/s or m/s], or None.
     """
 
-    _optional = ("a", "delta", "residual", "w")  # parts that may be None
     t: float
     q: np.ndarray
     v: np.ndarray

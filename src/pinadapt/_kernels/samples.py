@@ -8,9 +8,8 @@ import numpy as np
 
 from .._compiled import compiled
 
-FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT = range(7)  # what is wrong with a joint
-TURNED, MOVED, FROZEN, STRONG = range(7, 11)  # and with the rest of a sample
-JOINTS, FRAME, TORQUE, TIME = range(4)  # channels
+# What is wrong with a joint, and from TURNED on with the rest of a sample.
+FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT, TURNED, MOVED, FROZEN, STRONG = range(11)
 NO_Q, NO_V = 1, 2  # what is not used of a joint
 
 # Rows of bounds, one number a joint, and numbers of a frame; see ``Guards``.
@@ -20,10 +19,14 @@ FARTHEST, FLOOR, UNKNOWN = range(3)
 # The trail: what is kept of the samples to compare the next one with. By channel how many were
 # bridged, and from BRIDGED on for how long [s, or samples with the same time]; numbers of all
 # joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
-BRIDGED, ERROR, PLACE, TRAIL = 4, 13, 16, 19
-STEPPED, STEP, SEEN, SINCE, RECENT = range(8, ERROR)
-RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V = range(9)
-KIND, SIZE, BOUND, DISTRUST, UNSEEN, DISPLACED, ROWS = range(9, 16)
+(
+    JOINTS, FRAME, TORQUE, TIME, BRIDGED, _, _, _, STEPPED, STEP, SEEN, SINCE, RECENT,
+    ERROR, _, _, PLACE, _, _, TRAIL,
+) = range(20)  # fmt: skip
+(
+    RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, SIZE, BOUND,
+    DISTRUST, UNSEEN, DISPLACED, ROWS,
+) = range(16)  # fmt: skip
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
@@ -198,20 +201,20 @@ def check_joints(
 
 
 @compiled("f8(f8[:], f8[:], f8[::1], f8[::1])", fills=1)
-def check_frame(x: np.ndarray, error: np.ndarray, numbers: np.ndarray, trail: np.ndarray) -> float:
+def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np.ndarray) -> float:
     """Return the bound that a frame x exceeds, or keep it in the trail and return zero [m].
 
-    The residual is the change of the error e = x_hat - x (m_p) since the last frame. Learning
+    The residual is the change of the error e = p_hat - x (m_p) since the last frame. Learning
     explains |e|, and unknown translations ``numbers[UNKNOWN]`` times the turns of all joints since
     then and shortly before. A frame that is the same to the bit while the joints move explains
     nothing.
     """
-    m, size, change, far = len(error), 0.0, 0.0, 0.0
+    m, size, change, far = len(p_hat), 0.0, 0.0, 0.0
     same, moved = trail[SEEN] != 0.0, trail[SINCE] * numbers[UNKNOWN]
     for k in range(m):
-        far += error[k] ** 2
+        far += (p_hat[k] - x[k]) ** 2
         same &= x[k] == trail[PLACE + k]
-        change += (error[k] - trail[ERROR + k]) ** 2
+        change += (p_hat[k] - x[k] - trail[ERROR + k]) ** 2
         size += trail[ERROR + k] ** 2
     floor = numbers[FLOOR]
     bound = floor + moved + numbers[UNKNOWN] * trail[RECENT] + np.sqrt(size)
@@ -223,7 +226,7 @@ def check_frame(x: np.ndarray, error: np.ndarray, numbers: np.ndarray, trail: np
         return floor if moved > floor and change > floor**2 else 0.0
     trail[SEEN], trail[BRIDGED + FRAME], trail[SINCE] = 1.0, 0.0, 0.0
     for k in range(m):
-        trail[PLACE + k], trail[ERROR + k] = x[k], error[k]
+        trail[PLACE + k], trail[ERROR + k] = x[k], p_hat[k] - x[k]
     return 0.0
 
 

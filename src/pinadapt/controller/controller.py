@@ -161,7 +161,8 @@ class Controller:
         other, torque = copy.copy(self), torque_limits(self.kinematics.robot, torque)
         governor = self.limits.governor
         if governor is not None:
-            governor = governor.limited(torque)
+            limits = np.full(governor.lower.size, np.inf) if torque is None else torque
+            governor = replace(governor, torque=limits)
         other.limits = replace(self.limits, torque=torque, governor=governor)
         other._alone = self._alone
         return other
@@ -199,7 +200,7 @@ class Controller:
         flag(adapting, "adapting")
         with self.reserved():
             measurement = self._inputs.first(measurement)
-            return self._first_state(measurement, a_k, a_d, information, information_k, adapting)
+            return self.first_state(measurement, a_k, a_d, information, information_k, adapting)
 
     def _reserve(self) -> None:
         """Take the scratch, or refuse it to another thread."""
@@ -223,14 +224,14 @@ class Controller:
         finally:
             self._alone.release()
 
-    def _first_state(
+    def first_state(
         self,
         measurement: Measurement,
-        a_k: np.ndarray | None,
-        a_d: np.ndarray | None,
-        information: np.ndarray | None,
-        information_k: np.ndarray | None,
-        adapting: bool,
+        a_k: np.ndarray | None = None,
+        a_d: np.ndarray | None = None,
+        information: np.ndarray | None = None,
+        information_k: np.ndarray | None = None,
+        adapting: bool = True,
     ) -> ControllerState:
         """Return the state to start from, as ``init``, for a measurement that was checked."""
         kinematics, dynamics = self.kinematics, self.dynamics

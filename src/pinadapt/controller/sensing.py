@@ -46,7 +46,7 @@ _RECENT = 0.02  # [s] in which turns are remembered; half: late frames trip it, 
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
-_NOTHING, _NO_COLUMNS = np.zeros(0), np.zeros((0, 0))
+_NOT_SEEN = SensedState._field_defaults
 _PERFECT = SensorQuality()
 _FLAWS = {
     kernels.JUMP: ("q", "has jumped", "a wrap at +-pi, a lost count, degrees?", "differences"),
@@ -168,7 +168,7 @@ class Senses:
         if not m:
             x = kinematics.x_hat
         elif x is not None:
-            self._checked_frame(measurement, kinematics.p_hat - x[:m], trail, math.inf)
+            self._checked_frame(measurement, kinematics.p_hat, trail, math.inf)
             turn = np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:])
             known = kinematics.calibrated and guards.frame[kernels.FLOOR] < math.inf
             if known and turn > _AWRY:
@@ -216,19 +216,19 @@ class Senses:
         if not m:  # a joint task
             x, late = kinematics.x_hat, False
         elif x is not None and not late:
-            measurement = self._checked_frame(measurement, kinematics.p_hat - x[:m], trail, dt)
+            measurement = self._checked_frame(measurement, kinematics.p_hat, trail, dt)
             x = measurement.x
         if x is not None and not late and (self.compensator.smoothing == math.inf or not m):
-            epsilon, X_k = _NOTHING, _NO_COLUMNS
+            error, X_k = _NOT_SEEN["epsilon"], _NOT_SEEN["X_k"]
             if position_error:
-                epsilon = kinematics.p_hat - x[:m]
+                error = kinematics.p_hat - x[:m]
                 X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
             x = x.copy()
-            return SensedState(q, v, x, epsilon, X_k, None, (), first, trail), resting, measurement
+            return SensedState(q, v, x, error, X_k, None, (), first, trail), resting, measurement
         follow = before, t_before, t, q, v
         sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
         if late and x is not None and sensed.frame is not before.frame:
-            measurement = self._checked_frame(measurement, sensed.epsilon, trail, dt)
+            measurement = self._checked_frame(measurement, sensed.epsilon + x[:m], trail, dt)
             if measurement.x is None:
                 sensed = self.compensator.update(*follow, None, None, kinematics)
         return sensed._replace(first=first, trail=trail), resting, measurement
@@ -315,22 +315,22 @@ class Senses:
         return sample._replace(tau=None)
 
     def _checked_frame(
-        self, sample: Measurement, error: np.ndarray, trail: np.ndarray, dt: float
+        self, sample: Measurement, p_hat: np.ndarray, trail: np.ndarray, dt: float
     ) -> Measurement:
         """Return a sample without a frame that does not follow, and count that in the trail.
 
-        The error of the frame is x_hat - x (m_p) [m].
+        p_hat (m_p) is the estimated position when it was taken [m].
 
         Raises:
             ImplausibleError: it has lasted, or there is nothing to bridge it with.
         """
         x: Any = sample.x
-        bound = kernels.check_frame(x, error, self.guards.frame, trail)
+        bound = kernels.check_frame(x, p_hat, self.guards.frame, trail)
         if not bound:
             return sample
-        m = error.size
+        m = p_hat.size
         same = np.array_equal(x[:m], trail[kernels.PLACE : kernels.PLACE + m])
-        change = np.linalg.norm(error - trail[kernels.ERROR : kernels.ERROR + m])
+        change = np.linalg.norm(p_hat - x[:m] - trail[kernels.ERROR : kernels.ERROR + m])
         flaw, since = kernels.FROZEN if same else kernels.MOVED, 0.0 if dt < math.inf else dt
         _bridge(flaw, sample, "[m] against the model,", change, bound, trail, since)
         return sample._replace(x=None, x_time=None, xd=None)
@@ -400,7 +400,7 @@ def _numbers(given: Any, size: int) -> np.ndarray:
     try:
         array = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
-        array = _NOTHING
+        array = np.full(size, np.nan)
     return array if array.shape == (size,) else np.full(size, np.nan)
 
 
