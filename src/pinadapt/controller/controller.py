@@ -484,7 +484,7 @@ class Controller:
             dt = elapsed if 0.0 < elapsed <= LATEST * period else period
             damping = min(damping, _DAMPED / period)
             model, dynamics = self.kinematics.robot.model, self.dynamics
-            sensed = self.senses.believed(state.sensed, measurement, dt, damping, model)
+            sensed = self.senses.believed(state.sensed, measurement, dt, damping)
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
             torque = np.array(dynamics.torque(sensed.q, zero, zero))

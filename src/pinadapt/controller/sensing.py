@@ -47,7 +47,6 @@ _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, doubl
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
 _NOT_SEEN = SensedState._field_defaults
-_PERFECT = SensorQuality()
 _FLAWS = {
     kernels.JUMP: ("q", "has jumped", "a wrap at +-pi, a lost count, degrees?", "differences"),
     kernels.SPIKE: ("v", "is implausible", "in degrees?", "differences"),
@@ -67,6 +66,7 @@ class Guards:
     """Bounds of plausible measurements, see the kernels ``check_joints`` and ``check_frame``.
 
     Attributes:
+        model: of the robot.
         bounds: (7, n) largest |v| [rad/s or m/s]; tol [rad or m]; the largest change of v in a
             sample; v at which a joint moves; |v| below which an arm may be resting; lowest and
             highest q of the first sample.
@@ -81,6 +81,7 @@ class Guards:
         first: the torque against the momentum, in the first samples; None: it is not compared.
     """
 
+    model: pin.Model
     bounds: np.ndarray
     places: np.ndarray
     frame: np.ndarray
@@ -96,7 +97,7 @@ class Guards:
         bounds = np.full((kernels.HIGHEST + 1, model.nv), np.inf)
         bounds[kernels.SLOW], bounds[kernels.LOWEST] = 0.0, -np.inf
         places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
-        return cls(bounds, places, np.full(3, np.inf), np.full(model.nv, np.inf))
+        return cls(model, bounds, places, np.full(3, np.inf), np.full(model.nv, np.inf))
 
     def elapsed(
         self, before: float, now: float, dt: float, period: float, trail: np.ndarray
@@ -147,7 +148,7 @@ class Senses:
     guards: Guards
     compensator: DelayCompensator = field(default_factory=DelayCompensator)
     low_pass: LowPass | None = None
-    quality: SensorQuality = _PERFECT
+    quality: SensorQuality = field(default_factory=SensorQuality)
     sensors: Sensors = field(default_factory=Sensors)
 
     def init(
@@ -159,11 +160,11 @@ class Senses:
             ImplausibleError: this robot cannot be there.
         """
         _, q, v, x, *_ = measurement
-        guards, model, m = self.guards, kinematics.robot.model, kinematics.positions
+        guards, m = self.guards, kinematics.positions
         before = SensedState(q.copy(), v.copy(), trail=new_trail(v))
-        answer, _, _, trail = self._judged(before, q, v, math.inf, model)
+        answer, _, _, trail = self._judged(before, q, v, math.inf)
         if answer == 2:
-            self._bridged(measurement, trail, math.inf, model)
+            self._bridged(measurement, trail, math.inf)
         kinematics.update(a_k, q, v)
         if not m:
             x = kinematics.x_hat
@@ -199,12 +200,12 @@ class Senses:
                 what the first samples show is impossible.
             MeasurementError: a frame was taken later than the sample, or q or v is not finite.
         """
-        first, model, m = before.first, kinematics.robot.model, kinematics.positions
-        answer, q, v, trail = self._judged(before, measurement.q, measurement.v, dt, model)
+        first, m = before.first, kinematics.positions
+        answer, q, v, trail = self._judged(before, measurement.q, measurement.v, dt)
         if answer == 2:
-            self._bridged(measurement, trail, dt, model)
+            self._bridged(measurement, trail, dt)
         if measurement.tau is not None and dt < math.inf:
-            measurement = self._checked_torque(measurement, trail, dt, model)
+            measurement = self._checked_torque(measurement, trail, dt)
         if first is not None and self.guards.first is not None and dt < math.inf:
             mean = 0.5 * (v + row(before.trail, kernels.RATE))
             first = self.guards.first.after(first, q, mean, dt)
@@ -234,13 +235,7 @@ class Senses:
         return sensed._replace(first=first, trail=trail), resting, measurement
 
     def _judged(
-        self,
-        before: SensedState,
-        q: np.ndarray,
-        v: np.ndarray,
-        dt: float,
-        model: pin.Model,
-        decay: float = 0.0,
+        self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Return the answer of ``check_joints``, q (nq), v (n) as they are used, and the trail."""
         guards, trail = self.guards, empty(before.trail.size)
@@ -249,15 +244,13 @@ class Senses:
             q, before.q, v, dt, decay, guards.late, guards.bounds, guards.places, before.trail,
             trail, q_used, v_used,
         )  # fmt: skip
-        if answer != 2 or not (doubted := self._doubted(before, v, trail, model)).any():
+        if answer != 2 or not (doubted := self._doubted(before, v, trail)).any():
             return answer, q_used, v_used, trail
         kept = before.trail.copy()
         row(kept, kernels.DISTRUST)[doubted] = kernels.NO_Q + kernels.NO_V
-        return self._judged(before._replace(trail=kept), q, v, dt, model, decay)
+        return self._judged(before._replace(trail=kept), q, v, dt, decay)
 
-    def _doubted(
-        self, before: SensedState, v: np.ndarray, trail: np.ndarray, model: pin.Model
-    ) -> np.ndarray:
+    def _doubted(self, before: SensedState, v: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return which joints (n) have stopped, and the others do not show it.
 
         Kinematics cannot tell a joint that stands from an encoder that does; the momentum can. A
@@ -266,16 +259,17 @@ class Senses:
         """
         doubted = row(trail, kernels.KIND) == kernels.STOPPED
         doubted &= row(before.trail, kernels.DISTRUST) == 0.0
+        model = self.guards.model
         for i in np.flatnonzero(doubted).tolist():
             M, rate = pin.crba(model, model.createData(), before.q), row(before.trail, kernels.RATE)
             push, change = np.linalg.inv(M)[i], v - rate
             push *= -rate[i] / push[i]
             push[i] = change[i] = 0.0
-            least = self.guards.bounds[kernels.CLEAR, i] + CERTAIN * self.quality.v
+            least = 2.0 * self.guards.bounds[kernels.CLEAR, i]
             doubted[i] = np.linalg.norm(push) > least and push @ M @ (change - 0.5 * push) < 0.0
         return doubted
 
-    def _bridged(self, sample: Measurement, trail: np.ndarray, dt: float, model: pin.Model) -> None:
+    def _bridged(self, sample: Measurement, trail: np.ndarray, dt: float) -> None:
         """Count a sample of which something was replaced.
 
         Raises:
@@ -293,12 +287,10 @@ class Senses:
             return
         i = int(np.argmax(wrong))
         size, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
-        where, dt = f"joint '{model.names[i + 1]}',", math.inf if apart else dt
+        where, dt = f"joint '{self.guards.model.names[i + 1]}',", math.inf if apart else dt
         _bridge(int(kinds[i]), sample, where, size, bound, trail, dt)
 
-    def _checked_torque(
-        self, sample: Measurement, trail: np.ndarray, dt: float, model: pin.Model
-    ) -> Measurement:
+    def _checked_torque(self, sample: Measurement, trail: np.ndarray, dt: float) -> Measurement:
         """Return a sample without its torque where no motor gives it, and count that in the trail.
 
         Raises:
@@ -310,7 +302,7 @@ class Senses:
             if not abs(tau[i]) > most[i]:
                 trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
                 return sample
-            where = f"joint '{model.names[i + 1]}',"
+            where = f"joint '{self.guards.model.names[i + 1]}',"
             _bridge(kernels.STRONG, sample, where, tau[i], most[i], trail, dt)
         return sample._replace(tau=None)
 
@@ -336,21 +328,16 @@ class Senses:
         return sample._replace(x=None, x_time=None, xd=None)
 
     def believed(
-        self,
-        before: SensedState,
-        sample: Measurement | None,
-        dt: float,
-        decay: float,
-        model: pin.Model,
+        self, before: SensedState, sample: Measurement | None, dt: float, decay: float
     ) -> SensedState:
         """Return the plausible q and v at a sample, whatever is wrong with it; None: there is none.
 
         The way of each joint since the first such sample is in the trail, and for how long nothing
         of it was used. Without either, the velocity decays at a rate [1/s].
         """
-        q = _numbers(None if sample is None else sample.q, model.nq)
-        v = _numbers(None if sample is None else sample.v, model.nv)
-        _, q, v, trail = self._judged(before, q, v, dt, model, decay)
+        q = _numbers(None if sample is None else sample.q, before.q.size)
+        v = _numbers(None if sample is None else sample.v, before.v.size)
+        _, q, v, trail = self._judged(before, q, v, dt, decay)
         return before._replace(q=q, v=v, trail=trail)
 
 
@@ -435,7 +422,7 @@ def make_guards(
         bounds[kernels.TOLERANCE] = _WAY * lengths + counts + CERTAIN * noise
         bounds[kernels.LEAP] = 0.5 * fast + 2.0 * CERTAIN * quality.v  # half or double: as above
         if not robot.constraints:  # else forces that nobody measures stop joints at once
-            bounds[kernels.CLEAR] = _BRAKED * dt * lengths + CERTAIN * sensors.deviation("v")
+            bounds[kernels.CLEAR] = _BRAKED * dt * lengths + CERTAIN * quality.v
     if on["limits"]:
         most = 8.0 * math.pi  # [rad or m] of joints without limits
         low, high = np.clip(position_limits(model), -most, most)
