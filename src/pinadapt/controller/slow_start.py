@@ -120,7 +120,9 @@ class SlowStart(Controller):
         vars(other).pop("_joints", None)
         return other
 
-    def first_state(self, measurement: Measurement, a_k: Any, *given: Any) -> ControllerState:
+    def first_state(
+        self, measurement: Measurement, a_k: Any = None, *given: Any
+    ) -> ControllerState:
         """Return the state to start from, as ``Controller.init``."""
         state, joints = super().first_state(measurement, a_k, *given), self._joints
         if a_k is not None or joints is None:
