@@ -31,7 +31,6 @@ class InputCheck:
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
-        self._shapes = self._q, self._v, self._x, self._m, self._m, self._a_d, self._a_d
 
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -47,14 +46,17 @@ class InputCheck:
             t, q, v, x, x_time, xd, a, _, w = measurement
             (x_d, xd_d, xdd_d), a_0 = desired, state.a_0
             a_d, a_k = state.dynamic.value, state.kinematic.value
-            shapes = q.shape, v.shape, x_d.shape, xd_d.shape, xdd_d.shape, a_d.shape, a_0.shape
             fits = (
                 state.__class__ is ControllerState
                 and q.__class__ is v.__class__ is x_d.__class__ is _ARRAY
                 and xd_d.__class__ is xdd_d.__class__ is _ARRAY
                 and q.dtype is v.dtype is x_d.dtype is xd_d.dtype is xdd_d.dtype is _FLOAT
                 and a_d.dtype is a_0.dtype is a_k.dtype is _FLOAT
-                and shapes == self._shapes
+                and q.shape == self._q
+                and v.shape == self._v
+                and x_d.shape == self._x
+                and xd_d.shape == xdd_d.shape == self._m
+                and a_d.shape == a_0.shape == self._a_d
                 and a_k.shape == self._a_k
                 and (x is None or _is(x, self._x))
                 and (xd is None or _is(xd, self._m))
@@ -147,8 +149,12 @@ class InputCheck:
         """
         if not isinstance(given, Desired):
             raise InputError(f"expected a Desired, got {given!r}.", where="desired")
-        wanted = zip(given, (self._x, self._m, self._m), Desired._fields, strict=True)
-        return Desired(*(_array(value, shape, name, InputError) for value, shape, name in wanted))
+        x_d, xd_d, xdd_d = given
+        return Desired(
+            _array(x_d, self._x, "x_d", InputError),
+            _array(xd_d, self._m, "xd_d", InputError),
+            _array(xdd_d, self._m, "xdd_d", InputError),
+        )
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.
