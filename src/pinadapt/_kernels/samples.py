@@ -148,15 +148,17 @@ def check_joints(
         kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
             kind = MISSING
-        elif abs(speed) > fastest or leap:
-            kind, size, bound = SPIKE, speed, min(fastest, abs(rate) + bounds[LEAP, i])
+        elif leap:
+            kind, size, bound = SPIKE, speed - rate, bounds[LEAP, i]
+        elif abs(speed) > fastest:
+            kind, size, bound = SPIKE, speed, fastest
         elif abs(r) > jump or not circle:
             kind, size, bound = JUMP, r, jump
         elif plain and not (follows or inside):
             kind, size, bound = OUT, q[k], bounds[HIGHEST if q[k] > 0.0 else LOWEST, i]
         elif abs(R) > apart and not 0.0 < still_v <= _REPEATED:
             kind, size, bound = APART, R, apart
-        elif stopped or distrust == NO_Q + NO_V:
+        elif stopped:
             kind, size, bound = STOPPED, rate, clear
         if (kind == APART or (kind == SPIKE and decay > 0.0)) and distrust == 0.0:
             distrust = NO_V
@@ -186,7 +188,8 @@ def check_joints(
         after[at + CHANGE] = leak * before[at + CHANGE] + v_used[i] - rate
         if kind != STOPPED:
             after[at + JITTER] = max(leak * before[at + JITTER], abs(speed - rate))
-        after[at + KIND], after[at + SIZE], after[at + BOUND] = kind, size, bound
+        if kind != FOLLOWS or distrust == 0.0:  # else why it is distrusted
+            after[at + KIND], after[at + SIZE], after[at + BOUND] = kind, size, bound
         after[at + STILL_Q], after[at + STILL_V], after[at + DISTRUST] = still_q, still_v, distrust
         after[at + UNSEEN] = before[at + UNSEEN] + dt if no_q and no_v else 0.0
         after[at + DISPLACED] = before[at + DISPLACED] + way if decay > 0.0 else 0.0
