@@ -261,5 +261,5 @@ def test_a_step_from_the_state_of_safe_keeps_to_what_it_has_found():
     for _ in loop.rest(0.02):
         pass
     loop.liar = None
-    with pytest.raises(pa.ImplausibleError, match="'v' is .*: joint"):
+    with pytest.raises(pa.ImplausibleError, match=r"'v' is .*: joint"):
         list(loop.samples(0.05))
