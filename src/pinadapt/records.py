@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._checks import flag, instance, joint_numbers, mapping, positive, vector
-from .exceptions import InputError, did_you_mean
+from ._checks import flag, instance, joint_numbers, mapping, positive, vector, word
+from .exceptions import InputError
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
 
@@ -251,18 +251,9 @@ class Sensors:
             "imu": instance(imu, Imu | None, "sensors.imu"),
         }
         for name, deviation in mapping(noise, "sensors.noise").items():
-            if name not in CHANNELS:
-                raise InputError(
-                    f"no channel is called '{name}'; there are {list(CHANNELS)}."
-                    f"{did_you_mean(str(name), CHANNELS)}",
-                    where="sensors.noise",
-                )
-            where = f"sensors.noise.{name}"
-            given["noise"][name] = (
-                _deviation(deviation, where)
-                if name == "tau"
-                else positive(deviation, where, zero=True)
-            )
+            where = f"sensors.noise.{word(name, CHANNELS, 'sensors.noise')}"
+            checked = _deviation(deviation, where)
+            given["noise"][name] = checked if name == "tau" else positive(checked, where, zero=True)
         if given["torque_offset"] is not None and "tau" not in given["noise"]:
             raise InputError(
                 "a torque sensor has noise too.",

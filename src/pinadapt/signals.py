@@ -54,7 +54,6 @@ class Signals:
         stands: (c) which contacts stand; None: all.
     """
 
-    _optional = ("a", "delta", "residual", "w", "stands")  # parts that may be None
     t: float
     q: np.ndarray
     v: np.ndarray

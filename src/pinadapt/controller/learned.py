@@ -152,6 +152,7 @@ class LearnedParameters:
             rows: (r, p) the information of the data.
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
+        rows = np.zeros((0, 0)) if rows is None else rows
         kinematics, dynamics = controller.kinematics, controller.dynamics
         units = dict(zip(kinematics.names, kinematics.units, strict=True))
         units |= dict(zip(dynamics.names, dynamics.units, strict=True))
@@ -161,7 +162,7 @@ class LearnedParameters:
             dict(zip(dynamics.names, a_d.tolist(), strict=True)),
             units,
             remark=words,
-            information=() if rows is None else _rounded(rows),
+            information=tuple(tuple(float(f"{x:.9g}") for x in row) for row in rows),
             shape=_shape_of(kinematics.robot.friction),
         )
 
@@ -244,25 +245,18 @@ class LearnedParameters:
         return replace(found, information=tuple(tuple(row) for row in rows.tolist()))
 
 
-def _rounded(rows: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    """Return rows of numbers with the nine digits that a file keeps."""
-    return tuple(tuple(float(f"{x:.9g}") for x in row) for row in rows)
-
-
 def _without(rows: np.ndarray, names: Sequence[str], body: str) -> np.ndarray:
     """Return what rows (r, p) say whatever the ten parameters of a body are.
 
-    With Q an orthonormal basis of the columns of these, (1 - Q Q^T) R: its square is the Schur
-    complement of their block in R^T R.
+    With C the columns of these, (1 - C C^+) R: its square is the Schur complement of their block in
+    R^T R.
     """
     own = [k for k, name in enumerate(names) if name in {f"{body}.{part}" for part in LABELS}]
     if not own:
         return rows
     sizes = np.linalg.norm(rows[:, own], axis=0)
     columns = rows[:, own] / np.maximum(sizes, np.finfo(float).tiny)
-    U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    Q = U[:, s > _NEGLIGIBLE * s.max(initial=0.0)]
-    left = rows - Q @ (Q.T @ rows)
+    left = rows - columns @ (np.linalg.pinv(columns, _NEGLIGIBLE) @ rows)
     left[:, own] = 0.0
     return np.asarray(left)
 
