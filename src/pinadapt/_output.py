@@ -229,6 +229,21 @@ class Sheet(NamedTuple):
         return f"<div><strong>{escape(self.title)}</strong>{tables}{note}</div>"
 
 
+class Printed:
+    """A result that ``print`` and Jupyter show as its tables."""
+
+    def sheet(self) -> Sheet:
+        """Return the tables."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """Return the tables as text."""
+        return str(self.sheet())
+
+    def _repr_html_(self) -> str:
+        return self.sheet().html()
+
+
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; background: #fff; margin: 2em auto;
   max-width: 1100px; padding: 0 1em; }

@@ -279,7 +279,7 @@ def identify(options: argparse.Namespace) -> int:
             unknown=unknown.with_names(**named),
         )
     except TorqueMismatchError as error:
-        print(error.check.sheet())
+        print(error.check)
         raise
 
     def page(beside: Path) -> None:
@@ -341,7 +341,7 @@ def _write_import_options(
         f"Checked: {check.verdict}",
     ]
     write_text(place, intake.text(about))
-    print(check.sheet())
+    print(check)
     print(f"\nwritten to {place}")
     return DONE if check.fits else REFUSED
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import MOST_SAMPLES, instance, numbers, positive, whole
-from .._output import Sheet, Table
+from .._output import Printed, Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError, ParameterError, RobotError
@@ -259,7 +259,7 @@ class _Search:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ExcitingMotion:
+class ExcitingMotion(Printed):
     """A motion of the joints from home and back, and the information expected of it.
 
     ``print`` shows the use of each limit, the identifiable combinations, and the uncertainty that
@@ -295,14 +295,8 @@ class ExcitingMotion:
             "period": series.period,
         }
 
-    def __repr__(self) -> str:
+    def sheet(self) -> Sheet:
         """Return tables of limits and of parameters."""
-        return str(self._sheet())
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
-
-    def _sheet(self) -> Sheet:
         limits, found = self.limits, self.information
         rows = [
             ("duration", f"{self.duration:g} s, {self.trajectory.harmonics} harmonics"),

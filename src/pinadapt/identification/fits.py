@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..exceptions import LogError, ParameterError
-from ..information.information import Information, fitted, position_rows
+from ..information.information import Information, fitted, position_rows, rms
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, payload_of
 from ..logs.log import Log
@@ -60,10 +60,10 @@ def torque_fit(
     for _ in range(3 if names else 0):
         rows = (windows.W / noise[:, None]).reshape(windows.y.size, len(names))
         a = physical_fit(rows, (windows.y / noise).ravel(), physical, gamma=WEIGHT, near=a)
-        noise = np.maximum(columns_rms(windows.residual(a)), least)
+        noise = np.maximum(rms(windows.residual(a), 0), least)
     a = physical.center if a is None else a
     residual = windows.residual(a)
-    noise = np.maximum(columns_rms(residual) * np.sqrt(_repetition(residual)), least)
+    noise = np.maximum(rms(residual, 0) * np.sqrt(_repetition(residual)), least)
     return Information.of_rows(names, a, windows.W, residual, noise)
 
 
@@ -112,13 +112,8 @@ def load_fit(
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what noise (n) torques (N, n) are first assumed to have, and the least that counts."""
-    level = np.maximum(columns_rms(tau), np.finfo(float).tiny)
+    level = np.maximum(rms(tau, 0), np.finfo(float).tiny)
     return 0.05 * level, 1e-4 * level  # a tenth and ten times the first: the same
-
-
-def columns_rms(values: np.ndarray) -> np.ndarray:
-    """Return the root mean square of each column of (N, n); zero of none."""
-    return np.asarray(np.sqrt(np.sum(values**2, axis=0) / max(len(values), 1)))
 
 
 def _repetition(residual: np.ndarray) -> np.ndarray:

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Sheet, Table, html_page, whole_file, write_text
+from .._output import Printed, Sheet, Table, html_page, whole_file, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.estimator import Estimator
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
-from ..information.information import Excitation, Information, known_to
+from ..information.information import Excitation, Information, known_to, lateness, rms
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import (
     ArmPrior,
@@ -34,7 +34,7 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import PositionRows, Windows, columns_rms
+from .fits import PositionRows, Windows
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck
@@ -70,7 +70,7 @@ class Errors(NamedTuple):
     @classmethod
     def of(cls, signal: np.ndarray, described: np.ndarray, learned: np.ndarray) -> Errors:
         """Take the signal (N, n), and the errors in the held-out part (K, n)."""
-        size, before, after = map(columns_rms, (signal, described, learned))
+        size, before, after = (rms(part, 0) for part in (signal, described, learned))
         return cls(size, before, after, rms(before) / rms(after) if rms(after) > 0.0 else None)
 
     def change(self, scale: float = 1.0) -> str:
@@ -81,11 +81,6 @@ class Errors(NamedTuple):
 
 _CERTAIN = 5.0  # deviations of a lateness that is told; half: healthy logs are told of, double:
 # twice the lateness passes
-
-
-def rms(values: np.ndarray) -> float:
-    """Return the root mean square of all numbers; NaN of none."""
-    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else np.nan
 
 
 def plain(value: Any) -> Any:
@@ -104,7 +99,7 @@ def plain(value: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
+class Identification(Printed):
     """A robot identified from a log, in SI units; ``print`` shows a report.
 
     Attributes:
@@ -167,8 +162,7 @@ class Identification:
 
     def parameters(self) -> LearnedParameters:
         """Return the estimates by name and their information, from which a controller can start."""
-        rows = self.dynamic.equations[0][: self.dynamic.rank]
-        return LearnedParameters.of(self.estimator.controller, self.state, rows=rows)
+        return LearnedParameters.of(self.estimator.controller, self.state, rows=self.dynamic.R)
 
     def payload(self) -> PayloadEstimate:
         """Return the load that best explains the change of all bodies, and what else does.
@@ -212,22 +206,15 @@ class Identification:
     @cached_property
     def online_held_out(self) -> np.ndarray:
         """Errors (n) of the held-out torques with the online estimate at the split [N m or N]."""
-        return columns_rms(self._held_out.residual(self.online.at(self.split)))
+        return np.asarray(rms(self._held_out.residual(self.online.at(self.split)), 0))
 
     @cached_property
     def late(self) -> tuple[float, float]:
-        """How much later the torques seem to be than the positions, and its deviation [s].
-
-        The torque's rate as one more column, beside which all parameters are fitted again.
-        """
-        averages = Averages(self.motion.t, self.log.period)
-        left = self.windows.residual(self.dynamic.estimate)
-        noise = np.sqrt(np.mean(left**2, axis=0)) + np.finfo(float).tiny
-        column = (-averages.derivative(self.motion.tau)[averages.whole] / noise).ravel()
-        rows = (self.windows.W / noise[:, None]).reshape(column.size, -1)
-        own = column - rows @ np.linalg.lstsq(rows, column, rcond=None)[0]
-        size = float(own @ own)
-        return float(own @ (left / noise).ravel()) / size, 1.0 / np.sqrt(size)
+        """How much later the torques seem to be than the positions, and its deviation [s]."""
+        averages, a = Averages(self.motion.t, self.log.period), self.dynamic.estimate
+        left = self.windows.residual(a)
+        rate = averages.derivative(self.motion.tau)[averages.whole]
+        return lateness(a, self.windows.W, left, rate, rms(left, 0) + np.finfo(float).tiny)
 
     def _notes(self) -> Iterator[str]:
         """Yield what a user should look at: another clock, bodies that became others."""
@@ -347,7 +334,7 @@ class Identification:
         """Return the numbers of ``summary.json``; None stands for what is not finite."""
         return dict(plain(self._record))
 
-    def _sheet(self, compared: Mapping[str, Robot] | None = None) -> Sheet:
+    def sheet(self, compared: Mapping[str, Robot] | None = None) -> Sheet:
         """Return the whole report, with the held-out errors of other models by name.
 
         Raises:
@@ -404,7 +391,7 @@ class Identification:
             dynamics = nominal_dynamics(robot, nothing, ())
             averages = Averages(self.motion.t, self.log.period)
             windows = Windows.of(self.motion, averages, dynamics, held=self.log.held)
-            others[name] = columns_rms(windows.between(self.split, np.inf).y)
+            others[name] = rms(windows.between(self.split, np.inf).y, 0)
         columns = {
             "torque": errors.size,
             "described": errors.described_held_out,
@@ -421,12 +408,7 @@ class Identification:
 
     def report(self) -> str:
         """Return the estimates, their prediction errors, and what is not identifiable."""
-        return str(self._sheet())
-
-    __repr__ = report
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
+        return str(self)
 
     def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
         """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
@@ -474,7 +456,7 @@ class Identification:
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        whole = self._sheet(compared)
+        whole = self.sheet(compared)
         data = b64encode(self.plot().torque.png(dpi=100)).decode()
         parts = [
             f"<h1>{escape(whole.title)}</h1>",

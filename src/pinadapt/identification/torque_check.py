@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .._output import Sheet, Table
+from .._output import Printed, Sheet, Table
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import LogError
 from ..information.measured_motion import Averages
@@ -77,7 +77,7 @@ class JointFactor(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TorqueCheck:
+class TorqueCheck(Printed):
     """The comparison of a log with a description; ``print`` shows a table.
 
     Attributes:
@@ -135,10 +135,6 @@ class TorqueCheck:
     def sheet(self) -> Sheet:
         """Return table and verdict."""
         return Sheet(f"torques of {self.source}", [self.table()], self.verdict)
-
-    def __repr__(self) -> str:
-        """Return table and verdict."""
-        return str(self.sheet())
 
 
 def check_torques(log: Log, robot: Robot) -> TorqueCheck:

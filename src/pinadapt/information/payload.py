@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from .._output import Sheet, Table
+from .._output import Printed, Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
@@ -40,7 +40,7 @@ _USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PayloadEstimate:
+class PayloadEstimate(Printed):
     """A load on the last body and its uncertainty; ``print`` shows a table.
 
     Axes and origin are those of the described task frame, as of ``Payload``. An uncertainty is one
@@ -88,14 +88,8 @@ class PayloadEstimate:
         """
         return Payload(self.mass, self.com, self.inertia)
 
-    def __repr__(self) -> str:
-        """Return a table."""
-        return str(self._sheet())
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
-
-    def _sheet(self) -> Sheet:
+    def sheet(self) -> Sheet:
+        """Return the table, and what the load accounts for."""
         note = f"A load on the last body accounts for {self.explained:.3%} of the change."
         return Sheet("Load", [self.table()], note)
 
@@ -176,13 +170,12 @@ def _explained(change: Information, part: list[int]) -> tuple[Information, float
     """Return a change (p) explained by some parameters alone, and the squared rest of the fit."""
     rest = change.estimate.copy()
     rest[part] = 0.0
-    fit = replace(change, score=change.H @ rest).within(part).refined()
+    fit = replace(change, c=change.R @ rest).within(part).refined()
     rest[part] = change.estimate[part] - fit.estimate
-    left = change.H @ rest
-    squared = float(rest @ left)
-    variance = max(squared / max(change.rank - fit.rank, 1), 1.0)  # in parts of the noise's
-    score = (change.score + left)[part] / variance
-    return replace(fit, H=fit.H / variance, score=score), squared
+    left = change.R @ rest
+    squared = float(left @ left)
+    noise = np.sqrt(max(squared / max(change.rank - fit.rank, 1), 1.0))  # in parts of that
+    return replace(fit, R=fit.R / noise, c=(change.c + left) / noise), squared
 
 
 def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate:
@@ -281,7 +274,7 @@ class ArmPrior:
 
     def _equations(self, found: Information) -> tuple[np.ndarray, np.ndarray]:
         """Return R and c = R (change of the bodies), less what the joints' coefficients explain."""
-        R, c = found.equations
+        R, c = found.R, found.c
         Q, _ = np.linalg.qr(R[:, self.coefficients])
         R, c = R - Q @ (Q.T @ R), c - Q @ (Q.T @ c)
         return R, c + R @ (found.estimate - self.mean)

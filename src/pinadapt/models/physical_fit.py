@@ -161,7 +161,7 @@ def physical_fit(
 
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
-    R, z = _square(A, b)
+    R, z = square(A, b)
     if near is not None:
         a, reached = _newton(R, z, physical, near, gamma, most=_FEW)
         if reached:
@@ -205,7 +205,7 @@ def nearest_with(
     return None
 
 
-def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return p equations equivalent to A a = b in least squares, by QR."""
     if len(A) <= A.shape[1]:
         return A, b
@@ -232,7 +232,7 @@ def _newton(
     for _ in range(most):
         T, h = physical.local(a)
         np.matmul(R, T, out=rows[: len(R)])
-        u = np.linalg.solve(*_square(rows, np.concatenate([z - R @ a, -root * h])))
+        u = np.linalg.solve(*square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= decrement * gamma:
             return a, True
