@@ -29,7 +29,7 @@ from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_estimator
-from ..tuning.unknowns import Unknown, nominal_dynamics
+from ..tuning.unknowns import EFFECTS, Unknown, nominal_dynamics
 from .fits import (
     Frames,
     PositionRows,
@@ -42,7 +42,7 @@ from .fits import (
 from .logged_motion import motion_of_log
 from .online_estimates import estimate_online, measurements
 from .report import Identification
-from .selection import choose_effects
+from .selection import choose_effects, with_shafts
 from .torque_check import TorqueCheck, check_torques, on_wall
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
@@ -125,8 +125,9 @@ def identify(
     located = position_fit(kinematics, rows.split(split)[0] if tests else rows)
     placed = _placed(nominal, kinematics, located.estimate)
     averages = Averages(motion.t, found.period)
-    bodies = nominal_dynamics(placed, unknown, ()).inertial
-    windows = Windows.of(motion, averages, bodies, held=found.held)
+    whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
+    everything = nominal_dynamics(with_shafts(placed), whole, ())
+    windows = Windows.of(motion, averages, everything, held=found.held)
     first = windows.between(-np.inf, split)
     if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
         raise LogError(
@@ -143,7 +144,8 @@ def identify(
             motion,
             averages,
             first,
-            physical_set(bodies, nominal),
+            everything,
+            physical_set(everything.inertial, nominal),
             armature=given.armature is None,
             effects=others,
         )
