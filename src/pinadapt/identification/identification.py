@@ -32,11 +32,11 @@ from ..tuning.make_controller import make_estimator
 from ..tuning.unknowns import EFFECTS, Unknown, nominal_dynamics
 from .fits import (
     Frames,
-    PositionRows,
     Windows,
     frames_of,
     load_fit,
     position_fit,
+    position_windows,
     torque_fit,
 )
 from .logged_motion import motion_of_log
@@ -121,8 +121,9 @@ def identify(
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     if tests:
         split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
-    rows = PositionRows.of(kinematics, motion, frames)
-    located = position_fit(kinematics, rows.split(split)[0] if tests else rows)
+    seen = position_windows(kinematics, motion, frames)
+    seen_first = seen.between(-np.inf, split)
+    located = position_fit(kinematics, seen_first if tests else seen)
     placed = _placed(nominal, kinematics, located.estimate)
     averages = Averages(motion.t, found.period)
     whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
@@ -172,14 +173,14 @@ def identify(
         described=described,
         estimator=estimator,
         windows=windows,
-        rows=rows,
+        rows=seen,
         split=split,
         dynamic=torque_fit(names, physical, learned_from),
         kinematic=located,
         before_split=torque_fit(names, physical, first).estimate,
         unknown=unknown,
         effects=effects,
-        position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
+        position_before_split=position_fit(kinematics, seen_first).estimate,
         online=estimate_online(estimator, samples, len(first_log.t)),
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,

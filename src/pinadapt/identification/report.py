@@ -34,7 +34,7 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import PositionRows, Windows
+from .fits import Windows
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck
@@ -66,12 +66,6 @@ class Errors(NamedTuple):
     described_held_out: np.ndarray
     learned_held_out: np.ndarray
     gain: float | None
-
-    @classmethod
-    def of(cls, signal: np.ndarray, described: np.ndarray, learned: np.ndarray) -> Errors:
-        """Take the signal (N, n), and the errors in the held-out part (K, n)."""
-        size, before, after = (rms(part, 0) for part in (signal, described, learned))
-        return cls(size, before, after, rms(before) / rms(after) if rms(after) > 0.0 else None)
 
     def change(self, scale: float = 1.0) -> str:
         """Return the errors of the held-out part before and after, in words."""
@@ -129,7 +123,7 @@ class Identification(Printed):
     described: Robot
     estimator: Estimator
     windows: Windows
-    rows: PositionRows
+    rows: Windows
     split: float
     dynamic: Information
     kinematic: Information
@@ -193,20 +187,15 @@ class Identification(Printed):
         return controller.dynamics.initial if value is None else value
 
     @cached_property
-    def _held_out(self) -> Windows:
-        return self.windows.between(self.split, np.inf)
-
-    @cached_property
     def torque_errors(self) -> Errors:
         """Errors of the window-averaged torques of the joints (n) [N m or N]."""
-        last = self._held_out
-        before = last.residual(self.described_parameters)
-        return Errors.of(self.windows.tau, before, last.residual(self.before_split))
+        return self._errors(self.windows, self.described_parameters, self.before_split)
 
     @cached_property
     def online_held_out(self) -> np.ndarray:
         """Errors (n) of the held-out torques with the online estimate at the split [N m or N]."""
-        return np.asarray(rms(self._held_out.residual(self.online.at(self.split)), 0))
+        last = self.windows.between(self.split, np.inf)
+        return np.asarray(rms(last.residual(self.online.at(self.split)), 0))
 
     @cached_property
     def late(self) -> tuple[float, float]:
@@ -236,12 +225,18 @@ class Identification(Printed):
     @cached_property
     def position_errors(self) -> Errors | None:
         """Errors of the positions (m) [m], or None where no translation was estimated."""
-        rows, start = self.rows, self.estimator.controller.kinematics.initial
-        if not len(rows.t) or not self.kinematic.names:
+        if not len(self.rows.between(self.split, np.inf).t) or not self.kinematic.names:
             return None
-        last = rows.split(self.split)[1]
-        after = last.residual(self.position_before_split - start)
-        return Errors.of(rows.r - rows.r.mean(axis=0), last.r, after)
+        start = self.estimator.controller.kinematics.initial
+        return self._errors(self.rows, start, self.position_before_split)
+
+    def _errors(self, windows: Windows, described: np.ndarray, learned: np.ndarray) -> Errors:
+        """Return the errors of two parameters (p) in the held-out part."""
+        last = windows.between(self.split, np.inf)
+        size, before, after = (
+            rms(part, 0) for part in (windows.tau, last.residual(described), last.residual(learned))
+        )
+        return Errors(size, before, after, rms(before) / rms(after) if rms(after) > 0.0 else None)
 
     @property
     def trusted(self) -> bool:
