@@ -27,6 +27,7 @@ from ..information.payload import (
     ArmPrior,
     PayloadEstimate,
     described_robot,
+    described_values,
     payload_estimate,
     payload_of_uncertain_arm,
 )
@@ -183,8 +184,7 @@ class Identification(Printed):
     def described_parameters(self) -> np.ndarray:
         """The dynamic parameters (p_d) of the description, its friction and rotors included."""
         controller = self.estimator.controller
-        value = controller.dynamics.value(controller.kinematics.robot)
-        return controller.dynamics.initial if value is None else value
+        return described_values(controller.dynamics, controller.kinematics.robot)
 
     @cached_property
     def torque_errors(self) -> Errors:

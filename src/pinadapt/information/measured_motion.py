@@ -134,15 +134,11 @@ def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Return how far the joints moved (N - 1, n) between configurations (N, nq) [rad or m]."""
-    if model.nq == model.nv:
-        return np.diff(q, axis=0)
     return np.array([pin.difference(model, *ends) for ends in pairwise(q)])
 
 
 def integrated(model: pin.Model, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return the configurations (N, nq) to which others, (N, nq) or (nq), move by (N, n)."""
-    if model.nq == model.nv:
-        return np.asarray(q + moved)
     starts = np.broadcast_to(q, (len(moved), model.nq))
     found = [pin.integrate(model, start, part) for start, part in zip(starts, moved, strict=True)]
     return np.array(found).reshape(-1, model.nq)
