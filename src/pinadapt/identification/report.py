@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Printed, Sheet, Table, html_page, whole_file, write_text
+from .._output import Printed, Sheet, Table, cell, html_page, whole_file, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.estimator import Estimator
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
-from ..information.information import Excitation, Information, known_to, lateness, rms
+from ..information.information import CERTAIN, Excitation, Information, lateness, rms
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import (
     ArmPrior,
@@ -53,6 +53,16 @@ FILES = (
 )
 
 
+class Parameter(NamedTuple):
+    """An identified parameter: described, value and known_to in its unit."""
+
+    name: str
+    described: float
+    value: float
+    known_to: float
+    unit: str
+
+
 class Errors(NamedTuple):
     """Root mean squares over time of n joints or m coordinates.
 
@@ -72,10 +82,6 @@ class Errors(NamedTuple):
         """Return the errors of the held-out part before and after, in words."""
         both = self.described_held_out, self.learned_held_out
         return " -> ".join(f"{scale * rms(part):.3g}" for part in both)
-
-
-_CERTAIN = 5.0  # deviations of a lateness that is told; half: healthy logs are told of, double:
-# twice the lateness passes
 
 
 def plain(value: Any) -> Any:
@@ -210,7 +216,7 @@ class Identification(Printed):
         if not self.dynamic.names:
             return
         late, known = self.late
-        if abs(late) > _CERTAIN * known:
+        if abs(late) > CERTAIN * known:
             yield (
                 f"the torques seem to be {1e3 * late:.2g} +- {1e3 * known:.1g} ms later than the "
                 "positions; part of this is learned as friction and inertia."
@@ -285,12 +291,12 @@ class Identification(Printed):
         except ParameterError:
             return None
 
-    def _rows(self, part: Information, described: np.ndarray) -> list[dict[str, Any]]:
-        """Return a record of each parameter: name, described, value, known_to, unit."""
-        units, columns = self.parameters().units, ("described", "value", "known_to")
+    def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
+        """Return a record of each parameter."""
+        units = self.parameters().units
         numbers = np.column_stack([described, part.estimate, part.deviations]).tolist()
         return [
-            {"name": name, **dict(zip(columns, row, strict=True)), "unit": units.get(name, "")}
+            Parameter._make([name, *row, units.get(name, "")])
             for name, row in zip(part.names, numbers, strict=True)
         ]
 
@@ -337,7 +343,7 @@ class Identification(Printed):
         """
         of = self._record
         rows = [
-            (name.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+            (name.replace("_", " "), cell(value))
             for name, value in of.items()
             if isinstance(value, str | float | int) and name != "verdict"
         ]
@@ -349,23 +355,12 @@ class Identification(Printed):
             tables.append(self.check.table())
         if self.dynamic.names:
             tables.append(self._torque_table(compared or {}))
-        gains = [
-            (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}") for one in of["effects"]
-        ]
-        if gains:
-            what = "effect of the joints, beside viscous and Coulomb friction"
-            tables.append(Table(gains, (what, "lowers the squared error by", "")))
         if of["payload"] is not None:
             tables.append(of["payload"].table())
-        for parameters in filter(None, (of["kinematic"], of["dynamic"])):
-            cells = [
-                (one["name"], f"{one['described']:.4g}", f"{one['value']:.4g}",
-                 known_to(one["known_to"]), one["unit"])
-                for one in parameters
-                if np.isfinite(one["known_to"])
-            ]  # fmt: skip
-            header = ("parameter", "described", "learned", "known to", "unit")
-            tables.append(Table(cells, header))
+        for part in ("effects", "kinematic", "dynamic"):
+            records = [one for one in of[part] if np.isfinite(getattr(one, "known_to", 0.0))]
+            if records:
+                tables.append(Table.of(records)._replace(title=part))
         title = f"{self.described.name}, identified from {self.log.source}"
         return Sheet(title, tables, self.verdict)
 

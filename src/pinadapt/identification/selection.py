@@ -40,7 +40,6 @@ _SURE = 2.0
 _LEAST = 0.015
 _FADINGS = (0.03, 0.1, 0.3, 1.0)  # [rad/s or m/s] of friction near rest; every second costs 14 %
 _PLAIN = "viscous", "coulomb"  # that every joint has
-_BREAKAWAY = 5.0  # largest dry friction near rest, as a share of that at speed; no log had 2
 
 
 class Gain(NamedTuple):
@@ -175,9 +174,9 @@ def choose_effects(
         else:
             fit, (j, fading) = _fitted(H.sum(axis=0), prior, index), best.fading
             dry = -fit[plain[n + j]]
-            ratio = 1.0 - fit[index[-1]] / dry if dry > 0.0 else _BREAKAWAY
+            ratio = 1.0 - fit[index[-1]] / dry if dry > 0.0 else 1.0
             breakaway, fadings = friction.breakaway.copy(), friction.fading.copy()
-            breakaway[j], fadings[j] = np.clip(ratio, 0.0, _BREAKAWAY), fading
+            breakaway[j], fadings[j] = max(ratio, 0.0), fading
             friction = replace(friction, breakaway=breakaway, fading=fadings)
 
 

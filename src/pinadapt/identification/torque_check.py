@@ -118,17 +118,7 @@ class TorqueCheck(Printed):
 
     def table(self) -> Table:
         """Return one row for each joint."""
-        header = ("joint", "torque, rms", "described", "factor", "correlation", "")
-        rows = [
-            (
-                one.joint,
-                *(f"{value:.3g}" for value in (one.torque, one.described)),
-                *(f"{value:.2f}" for value in (one.factor, one.correlation)),
-                ("fits" if one.fits else "DOES NOT FIT") if one.judged else "too little to judge",
-            )
-            for one in self.joints
-        ]
-        return Table(rows, header)
+        return Table.of(self.joints)
 
     def summary(self) -> dict[str, Any]:
         """Return all numbers and words for a file."""

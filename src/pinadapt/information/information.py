@@ -32,6 +32,8 @@ _UNEXCITED = 1e-5  # share of the largest singular value up to which a direction
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
 _ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size up to which it is rounding
 
+CERTAIN = 5.0  # deviations of a certain lateness; half: healthy logs have it, twice: twice passes
+
 State = TypeVar("State")
 
 

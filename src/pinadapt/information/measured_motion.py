@@ -24,7 +24,6 @@ CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window
 LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
 OVERLAP = 3  # windows at any time
 _FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
-_GAP = 8  # the longest gap between two samples in a window, as so many parts of its length
 
 _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one side only
 
@@ -186,7 +185,7 @@ class Averages:
         self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
         first = np.searchsorted(t, self.t - 0.5 * length, side="right")
         sizes = np.maximum(np.searchsorted(t, self.t + 0.5 * length) - first, 0)
-        gaps = np.append(0, np.cumsum(np.diff(t) > length / _GAP))  # before each sample
+        gaps = np.append(0, np.cumsum(np.diff(t) > 2.0 * length / _FEWEST))  # before each sample
         around = np.clip([first - 1, first + sizes], 0, len(t) - 1)
         self.whole = gaps[around[0]] == gaps[around[1]]
         window = np.repeat(np.arange(count), sizes)

@@ -25,7 +25,15 @@ from ..models.projected_kinematics import OFF
 from ..models.task_kinematics import TaskKinematics
 from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
-from .information import Information, estimate_table, frames, gauss_newton, lateness, spread
+from .information import (
+    CERTAIN,
+    Information,
+    estimate_table,
+    frames,
+    gauss_newton,
+    lateness,
+    spread,
+)
 
 LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
 LEAST_NOISE = 1e-6  # of the reach, and [rad]
@@ -33,7 +41,6 @@ _LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are 
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
-_CERTAIN = 5.0  # deviations from which frames have another clock
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,7 +177,7 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     sigma = _noise(left, len(a), reach)
     seen.check("camera", left, sigma, motion)
     late, deviation = lateness(a, W, r, rate / sigma, 1.0, known, a_0 - a)
-    if abs(late) > max(_LATE, _CERTAIN * deviation):
+    if abs(late) > max(_LATE, CERTAIN * deviation):
         raise LogError(
             "the frames have another clock than q: frames taken about "
             f"{1e3 * late:.2g} ms before their time stamps would explain them.",
