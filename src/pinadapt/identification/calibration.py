@@ -136,10 +136,9 @@ class Calibration(Printed):
         placement has the same effect, three times the deviation is granted to the offset, so that
         nine tenths of the effect are taken for it.
         """
-        pairs = zip(self.estimate.tolist(), self.deviations.tolist(), strict=True)
-        found = dict(zip(self.names, pairs, strict=True))
-        keys = {name: f"{name}.{_OWN}" for name in self.described.joint_names}
-        return {name: found[key] for name, key in keys.items() if key in found}
+        rows = zip(self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True)
+        parts = ((name.rpartition("."), *numbers) for name, *numbers in rows)
+        return {name: (value, known) for (name, _, kind), value, known in parts if kind == _OWN}
 
     @property
     def trusted(self) -> bool:
@@ -231,10 +230,10 @@ def calibrate(
     described = (robot if isinstance(robot, Robot) else load(robot)).in_base_axes
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     words = name_list(unknown, "unknown", InputError)
-    logs = []
-    for source in log if isinstance(log, list | tuple) else (log,):
-        way = ImportOptions.of(ImportOptions.beside(source) if intake is None else intake)
-        logs.append(read_log(source, described, intake=way, torques=False))
+    logs = [
+        read_log(source, described, intake=intake, torques=False)
+        for source in (log if isinstance(log, list | tuple) else (log,))
+    ]
     name = ", ".join(one.source for one in logs)
     seen = _seen(logs, described, name)
     start = _start(described, seen, name, tracker=flag(tracker, "tracker"))

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ import numpy as np
 from ..exceptions import LogError, ParameterError
 from ..information.information import Information, fitted, position_rows, rms
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
-from ..information.payload import PayloadEstimate, payload_of
+from ..information.payload import PayloadEstimate, of_load
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
 from ..models.physical_fit import PhysicalSet, physical_fit
@@ -107,7 +108,9 @@ def load_fit(
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
     found = torque_fit(names, whole, Windows(t, np.concatenate(rows), y, tau, both[0].length))
-    return payload_of(found, slice(size, size + PER_BODY), robot)
+    gradient, part = np.zeros((PER_BODY, len(names))), slice(size, size + PER_BODY)
+    value, gradient[:, part] = of_load(robot, found.estimate[part])
+    return PayloadEstimate.of(value, found.deviation(gradient))
 
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -123,12 +126,9 @@ def _repetition(residual: np.ndarray) -> np.ndarray:
     """
     found = np.ones(residual.shape[1])
     for j, column in enumerate((residual - residual.mean(axis=0)).T):
-        size = float(column @ column)
-        for lag in range(1, len(column) // 2):
-            correlation = float(column[lag:] @ column[:-lag]) / size if size else 0.0
-            if correlation <= 0.0:
-                break
-            found[j] += 2.0 * correlation
+        size, *later = np.correlate(column, column, "full")[len(column) - 1 :]
+        for product in takewhile(lambda product: product > 0.0, later[: len(column) // 2 - 1]):
+            found[j] += 2.0 * product / size
     return found
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import positive
+from .._checks import name_list, positive
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
@@ -151,7 +151,9 @@ def identify(
             effects=others,
         )
         nominal, placed = (replace(one, friction=effects.friction) for one in (nominal, placed))
-        given = replace(given, **effects.unknown(given))
+        said = name_list(given.effects, "unknown.effects")
+        known = bool(given.armature)
+        given = replace(given, effects=(*said, *effects.words), armature=known)
         unknown = replace(given, regressor="nominal").with_joints()
         estimator = _estimator(nominal, unknown, adaptation, found.period)
     dynamics, model = estimator.controller.dynamics, nominal_dynamics(placed, unknown, ())
@@ -196,11 +198,12 @@ def _several(given: Any) -> tuple[Any, ...]:
 
 def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
     """Return the motions of logs one after another, as in ``joined``; each is smoothed alone."""
-    parts = [motion_of_log(robot, log) for log in logs]
-    shifts = starts_of(logs, _PAUSE)
-    t = np.concatenate([part.t + shift for part, shift in zip(parts, shifts, strict=True)])
-    q, v, a, tau = (np.concatenate([part[k] for part in parts]) for k in range(1, 5))
-    return MeasuredMotion(t, q, v, a, tau, any(part.smoothed for part in parts))
+    parts = [
+        (log_motion := motion_of_log(robot, log))._replace(t=log_motion.t + start)
+        for log, start in zip(logs, starts_of(logs, _PAUSE), strict=True)
+    ]
+    *arrays, smoothed = zip(*parts, strict=True)
+    return MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
 
 
 def _estimator(

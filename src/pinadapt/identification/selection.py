@@ -15,18 +15,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from .._checks import name_list
 from ..information.measured_motion import OVERLAP, Averages, MeasuredMotion
 from ..models.dynamics import Dynamics
 from ..models.joint_effects import USUAL
 from ..models.physical_fit import PhysicalSet
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
-from ..tuning.unknowns import EFFECTS, Unknown
+from ..tuning.unknowns import EFFECTS
 from .fits import WEIGHT, Windows, noise_levels
 
 # Blocks of time in cross-validation. Half as many leave too little to learn from, and twice as many
@@ -69,12 +68,6 @@ class ChosenEffects:
     friction: Friction
     words: tuple[str, ...]
     gains: tuple[Gain, ...]
-
-    def unknown(self, given: Unknown) -> dict[str, Any]:
-        """Return the fields of ``Unknown`` that differ from those that were given."""
-        said = () if not given.effects else name_list(given.effects, "unknown.effects")
-        armature = {} if given.armature is not None else {"armature": False}
-        return {"effects": (*said, *self.words), **armature}
 
 
 class _Candidate(NamedTuple):

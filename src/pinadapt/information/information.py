@@ -27,7 +27,6 @@ from ..records import Measurement
 from .measured_motion import MeasuredMotion, at_times, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
-CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6 dB) at 12 Hz
 _UNEXCITED = 1e-5  # share of the largest singular value up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
 _ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size up to which it is rounding
@@ -178,10 +177,6 @@ def dynamic_information(
 ) -> Information:
     """Return the information of measured motion and torque of a chain on dynamic parameters.
 
-    With noisy sensors, torques of a joint whose dry friction is unknown are left out while its
-    velocity may change sign within the noise: the sign of the friction is then random, which would
-    bias all parameters.
-
     Args:
         dynamics: of p parameters.
         model: of the chain.
@@ -189,19 +184,15 @@ def dynamic_information(
         a_d: (p) at which the residuals are taken.
         least_noise: of a torque, as a share of its mean size.
     """
-    motion = motion_of_samples(model, samples, cutoff=CUTOFF)
+    motion = motion_of_samples(model, samples)
     W, r = _torque_rows(dynamics, a_d, motion)
-    kept, joints = np.ones(r.shape, dtype=bool), dynamics.joints
-    if motion.smoothed and joints is not None:
-        kept = np.array([joints.sliding(v) for v in motion.v])
     size = max(1, round(BLOCK / motion.period)) if motion.period else 1
-    W, r, kept = (
-        part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]) for part in (W, r, kept)
+    W, r = (
+        part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]).mean(axis=1)
+        for part in (W, r)
     )
-    kept = np.asarray(kept.all(axis=1))
     level = np.abs(motion.tau).sum(axis=0) / max(len(motion.t), 1)
-    W, r = W.mean(axis=1) * kept[:, :, None], r.mean(axis=1) * kept
-    return fitted(dynamics.names, a_d, W, r, level, kept=kept, least_noise=least_noise)
+    return fitted(dynamics.names, a_d, W, r, level, least_noise)
 
 
 def _torque_rows(
@@ -265,23 +256,19 @@ def fitted(
     W: np.ndarray,
     r: np.ndarray,
     level: np.ndarray,
-    *,
-    kept: np.ndarray | None = None,
     least_noise: float = _ROUNDING,
 ) -> Information:
-    """Return the information of rows W (N, n, p) with residuals r (N, n), zero where not ``kept``.
+    """Return the information of rows W (N, n, p) with residuals r (N, n).
 
     The noise of each signal is its residual at the least-squares estimate. It is found in two
     rounds: signals are weighted by their ``level`` (n) in the first, by their noise in the second.
     """
-    counts = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
-    count, level = int(counts.sum()), np.maximum(level, np.finfo(float).tiny)
+    level = np.maximum(level, np.finfo(float).tiny)
     found = Information.of_rows(names, a, W, r, level)
-    for _ in range(2 if count else 0):
-        squares = np.sum((r - W @ found.correction) ** 2, axis=0)
-        variance = squares / np.maximum(counts, 1) / max(1.0 - found.rank / count, 1.0 / count)
-        noise = np.maximum(np.sqrt(variance), least_noise * level)
-        found = Information.of_rows(names, a, W, r, np.where(counts > 0, noise, level))
+    for _ in range(2 if r.size else 0):
+        free = max(r.size - found.rank, 1) / r.size
+        noise = np.maximum(rms(r - W @ found.correction, 0) / np.sqrt(free), least_noise * level)
+        found = Information.of_rows(names, a, W, r, noise)
     return found
 
 
@@ -479,7 +466,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         return None
     first, last = samples[0].state.a_d, samples[-1].state.a_d
     model = controller.kinematics.robot.model
-    motion = motion_of_samples(model, samples, cutoff=CUTOFF)
+    motion = motion_of_samples(model, samples)
     if not len(motion.t):
         return None
     tau = motion.tau
@@ -495,14 +482,10 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
     Y, residual = _torque_rows(dynamics, last, MeasuredMotion(t, q, v, a, tau, False))
     if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
         free = np.array([constraints.free(*state) for state in zip(q, v, strict=True)])
-        Y, residual, tau = free @ Y, _times(free, residual), _times(free, tau)
+        Y = free @ Y
+        residual, tau = (np.einsum("kij,kj->ki", free, part) for part in (residual, tau))
     sums.add(Y, residual, tau)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
-
-
-def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return the products (k, n) of matrices (k, n, n) and vectors (k, n)."""
-    return np.einsum("kij,kj->ki", matrices, vectors)
 
 
 def along_excited(

@@ -26,6 +26,7 @@ OVERLAP = 3  # windows at any time
 _FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
 
 _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one side only
+_CUTOFF = 30.0  # [Hz] for noisy positions of a run, well above the band of a block of 50 ms
 
 # Relative difference, root mean square, up to which the velocities of a run are those of the
 # positions. Half: noise of encoders smooths them; twice: filtered velocities pass.
@@ -56,9 +57,7 @@ class MeasuredMotion(NamedTuple):
         return float(self.t[-1] - self.t[0]) / (len(self.t) - 1) if len(self.t) > 1 else 0.0
 
 
-def motion_of_samples(
-    model: pin.Model, samples: Sequence[Sample], *, cutoff: float
-) -> MeasuredMotion:
+def motion_of_samples(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMotion:
     """Return the motion measured in samples of a constant rate, halfway between them.
 
     There the mean of both velocities and their difference over the period are exact to the square
@@ -67,7 +66,6 @@ def motion_of_samples(
     Args:
         model: of the chain.
         samples: of a run; of fewer than three there is no motion.
-        cutoff: of the low pass [Hz].
     """
     t = np.array([sample.t for sample in samples])
     if len(samples) < 3 or t[-1] <= t[0]:
@@ -81,7 +79,7 @@ def motion_of_samples(
         ]
     )
     tau, period = np.vstack([held, held[-1:]]), float(t[-1] - t[0]) / (len(t) - 1)
-    t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, cutoff, _TOLERANCE)
+    t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, _CUTOFF, _TOLERANCE)
     middle = integrated(model, q[:-1], 0.5 * differences(model, q))
     a = np.diff(v, axis=0) / period
     return MeasuredMotion(t[:-1] + 0.5 * period, middle, 0.5 * (v[:-1] + v[1:]), a, tau[:-1], noisy)
@@ -183,13 +181,12 @@ class Averages:
         self.length = length = max(LENGTH, _FEWEST * period)
         count = max(int(np.floor((t[-1] - t[0]) / length * OVERLAP)) - OVERLAP + 1, 0)
         self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
-        first = np.searchsorted(t, self.t - 0.5 * length, side="right")
-        sizes = np.maximum(np.searchsorted(t, self.t + 0.5 * length) - first, 0)
+        first, last = np.searchsorted(t, self.t + 0.5 * length * np.array([[-1.0], [1.0]]))
         gaps = np.append(0, np.cumsum(np.diff(t) > 2.0 * length / _FEWEST))  # before each sample
-        around = np.clip([first - 1, first + sizes], 0, len(t) - 1)
+        around = np.clip([first - 1, last], 0, len(t) - 1)
         self.whole = gaps[around[0]] == gaps[around[1]]
-        window = np.repeat(np.arange(count), sizes)
-        sample = np.arange(len(window)) + np.repeat(first - np.cumsum(sizes) + sizes, sizes)
+        window = np.repeat(np.arange(count), last - first)
+        sample = np.array([k for ends in zip(first, last, strict=True) for k in range(*ends)], int)
         steps = np.diff(t)
         trapezoids = 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))[sample]
         away, steps = t[sample] - self.t[window], np.append(steps, 0.0)[sample]

@@ -131,7 +131,7 @@ def payload_estimate(
     change = replace(found, estimate=found.estimate - prior.mean).marginalised(prior.root)
     load, rest = _explained(change, part)
     _, rest_without_load = _explained(change, joints)
-    value, gradient = _of_load(robot, load.estimate[:PER_BODY])
+    value, gradient = of_load(robot, load.estimate[:PER_BODY])
     deviation = load.deviation(np.hstack([gradient, np.zeros((PER_BODY, len(joints)))]))
     share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
     return PayloadEstimate.of(value, deviation, share)
@@ -173,20 +173,7 @@ def _explained(change: Information, part: list[int]) -> tuple[Information, float
     return replace(fit, R=fit.R / noise, c=(change.c + left) / noise), squared
 
 
-def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate:
-    """Return the load whose ten parameters, at the last joint, are a part of an estimate.
-
-    Args:
-        found: the estimate with its information.
-        part: where the ten parameters are.
-        robot: with the task frame.
-    """
-    gradient = np.zeros((PER_BODY, len(found.names)))
-    value, gradient[:, part] = _of_load(robot, found.estimate[part])
-    return PayloadEstimate.of(value, found.deviation(gradient))
-
-
-def _of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return mass, centre and inertia about it (10) of ten parameters at the last joint.
 
     Centre and inertia are in the task frame. The second is the derivative (10, 10) by these
