@@ -206,17 +206,13 @@ class Windows(NamedTuple):
     length: float
 
     @classmethod
-    def of(
-        cls, motion: MeasuredMotion, averages: Averages, dynamics: Dynamics, *, held: bool
-    ) -> Windows:
+    def of(cls, motion: MeasuredMotion, averages: Averages, dynamics: Dynamics) -> Windows:
         """Take the windows of a motion that have no gap.
 
         Args:
             motion: the samples.
             averages: over its windows.
             dynamics: of the unknown parameters.
-            held: whether torques were held from each sample to the next; else each is of its
-                instant.
         """
         n, size = motion.v.shape[1], dynamics.size
         found = np.zeros((len(averages.t), n * (size + 1)))
@@ -230,7 +226,7 @@ class Windows(NamedTuple):
             found += averages.phi[:, part] @ np.array(rest)
             found -= averages.rate[:, part] @ np.array(moving)
         whole, both = averages.whole, found.reshape(-1, n, size + 1)
-        tau = averages.held_mean(motion.tau) if held else averages.mean(motion.tau)
+        tau = averages.mean(motion.tau)
         y = tau - both[:, :, size]
         return cls(averages.t[whole], both[whole, :, :size], y[whole], tau[whole], averages.length)
 

@@ -128,7 +128,7 @@ def identify(
     averages = Averages(motion.t, found.period)
     whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
     everything = nominal_dynamics(with_shafts(placed), whole, ())
-    windows = Windows.of(motion, averages, everything, held=found.held)
+    windows = Windows.of(motion, averages, everything)
     first = windows.between(-np.inf, split)
     if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
         raise LogError(
@@ -158,15 +158,15 @@ def identify(
         estimator = _estimator(nominal, unknown, adaptation, found.period)
     dynamics, model = estimator.controller.dynamics, nominal_dynamics(placed, unknown, ())
     names, physical = dynamics.names, physical_set(dynamics, nominal)
-    windows = Windows.of(motion, averages, model, held=found.held)
+    windows = Windows.of(motion, averages, model)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows
     load_estimate = None
     for one in without:
         still = motion_of_log(nominal, one)
-        bare = Windows.of(still, Averages(still.t, one.period), model, held=one.held)
+        bare = Windows.of(still, Averages(still.t, one.period), model)
         load_estimate = load_fit(model, physical_set(model, nominal), (learned_from, bare), nominal)
-    recorded = measurements(motion_of_log(nominal, first_log), frames, held=first_log.held)
+    recorded = measurements(motion_of_log(nominal, first_log), frames)
     steps = watched(range(len(first_log.t)), progress, "online")
     samples = (sample for sample, _ in zip(recorded, steps, strict=False))
     return Identification(

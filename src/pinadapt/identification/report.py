@@ -380,7 +380,7 @@ class Identification(Printed):
             nothing = Unknown(bodies="none", friction=False, armature=False)
             dynamics = nominal_dynamics(robot, nothing, ())
             averages = Averages(self.motion.t, self.log.period)
-            windows = Windows.of(self.motion, averages, dynamics, held=self.log.held)
+            windows = Windows.of(self.motion, averages, dynamics)
             others[name] = rms(windows.between(self.split, np.inf).y, 0)
         columns = {
             "torque": errors.size,

@@ -187,24 +187,17 @@ class Averages:
         self.whole = gaps[around[0]] == gaps[around[1]]
         window = np.repeat(np.arange(count), last - first)
         sample = np.array([k for ends in zip(first, last, strict=True) for k in range(*ends)], int)
-        steps = np.diff(t)
-        trapezoids = 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))[sample]
-        away, steps = t[sample] - self.t[window], np.append(steps, 0.0)[sample]
-        phi, rate = _window(away, length)
-        later, _ = _window(away + 0.5 * steps, length)
-        self.phi, self.rate, self._held = (
-            csc_array((weights, (window, sample)), shape=(count, len(t)))
-            for weights in (phi * trapezoids, rate * trapezoids, later * steps)
+        steps = np.append(np.diff(t), 0.0)
+        trapezoids = 0.5 * (steps + np.roll(steps, 1))[sample]
+        self.phi, self.rate = (
+            csc_array((weights * trapezoids, (window, sample)), shape=(count, len(t)))
+            for weights in _window(t[sample] - self.t[window], length)
         )
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of values (N, ...) at the samples."""
         found = self.phi @ values.reshape(len(values), -1)
         return np.asarray(found.reshape(-1, *values.shape[1:]))
-
-    def held_mean(self, values: np.ndarray) -> np.ndarray:
-        """Return the averages (K, n) of values (N, n) that are held from a sample to the next."""
-        return np.asarray(self._held @ values)
 
     def derivative(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of the time derivative of values (N, ...)."""
