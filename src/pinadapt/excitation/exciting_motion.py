@@ -286,12 +286,12 @@ class ExcitingMotion(Printed):
 
     def reference(self) -> dict[str, Any]:
         """Return the motion as the table ``[trajectory]`` of a scenario with ``task = "joint"``."""
-        series = self.trajectory
+        series = self.trajectory  # to eight decimals, 10 nm
         return {
             "kind": "fourier",
-            "center": _written(series.center),
-            "cosine": [_written(row) for row in series.cosine],
-            "sine": [_written(row) for row in series.sine],
+            "center": series.center.round(8).tolist(),
+            "cosine": series.cosine.round(8).tolist(),
+            "sine": series.sine.round(8).tolist(),
             "period": series.period,
         }
 
@@ -310,11 +310,6 @@ class ExcitingMotion(Printed):
             note += " Nor are those with itself: the description has no collision geometry."
         tables = [Table(rows), limits.table(), parameter_table(found, self.units)]
         return Sheet("Exciting motion", tables, note)
-
-
-def _written(values: np.ndarray) -> list[float]:
-    """Return numbers to seven digits, as a file has them."""
-    return [float(f"{value:.7g}") + 0.0 for value in values]
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from .._output import Printed, Sheet, Table
+from .._output import Printed, Sheet, Table, cell
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import LogError
 from ..information.information import Information, rms
@@ -118,7 +118,14 @@ class TorqueCheck(Printed):
 
     def table(self) -> Table:
         """Return one row for each joint."""
-        return Table.of(self.joints)
+        rows = [
+            [
+                *map(cell, one[:5]),
+                ("fits" if one.fits else "DOES NOT FIT") if one.judged else "too little to judge",
+            ]
+            for one in self.joints
+        ]
+        return Table(rows, [*JointFactor._fields[:5], ""])
 
     def summary(self) -> dict[str, Any]:
         """Return all numbers and words for a file."""
@@ -145,8 +152,7 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
         return TorqueCheck(log.source, (), ())
     plain = _fit(motion, robot)
     undone = (
-        (cause, _fit(other, robot, **options))
-        for cause, other, options in _mistakes(motion, robot, plain)
+        (cause, _fit(other, robot, **options)) for cause, other, options in _mistakes(motion, robot)
     )
     likely = sorted((one for one in undone if one[1].fits.all()), key=lambda one: one[1].score)
     causes: list[str] = []
@@ -273,7 +279,8 @@ def _fit(
     """Return the likelier fit of those without and with a load that is not described.
 
     The load is that on the last body which best explains what the description leaves, near a usual
-    one; none that is heavier than an arm can carry, or lack, or farther away than it reaches.
+    one. One that is heavier than an arm can carry, or lack, or farther away than it reaches is
+    taken in part.
     Residuals are relative to the torques of the motion, less what is ``added`` (K, n).
     """
     model = robot.model.copy()
@@ -290,11 +297,11 @@ def _fit(
     x = Information.of_rows(LABELS, none, rows[..., :-1], rows[..., -1], noise, 1.0).correction
     body, mass = float(model.inertias[model.njoints - 1].mass), float(x[0] * usual[0])
     moment = float(np.linalg.norm(x[1:4])) * usual[1]
-    light = -body <= mass <= _HEAVIEST * robot.mass
-    if not light or moment > robot.reach * max(mass, body):
-        return bare
-    loaded = _compared(motion, tau - Y @ x, d, mass)
-    fits = bare.fits if bare.fits.all() else loaded.fits
+    body = max(body, _EPS)
+    heavy, far = mass / (_HEAVIEST * robot.mass), moment / robot.reach / max(mass, body)
+    share = max(1.0, heavy, -mass / body, far)
+    loaded = _compared(motion, tau - Y @ x / share, d, mass / share)
+    fits = bare.fits if bare.fits.all() else loaded.fits & (share == 1.0)
     return min(bare, loaded, key=lambda one: one.score)._replace(fits=fits)
 
 
@@ -317,7 +324,7 @@ def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray, load: float = 0.0
 
 
 def _mistakes(
-    motion: _Motion, robot: Robot, plain: _Fit
+    motion: _Motion, robot: Robot
 ) -> Iterator[tuple[str, _Motion, dict[str, np.ndarray]]]:
     """Yield the usual mistakes, and the motion and the options of ``_fit`` that undo each."""
     names = robot.joint_names
@@ -348,7 +355,8 @@ def _mistakes(
         yield cause, motion._replace(tau=motion.tau[:, order]), {}
     cause = "the torque of all joints has the wrong sign; --torque-gain=-1"
     yield cause, motion._replace(tau=-motion.tau), {}
-    factors = plain.factor[plain.judged & (np.abs(plain.correlation) >= _CLEAR)]
+    bare = _compared(motion, motion.tau, _each(motion, robot.model, pin.rnea))
+    factors = bare.factor[bare.judged & (np.abs(bare.correlation) >= _CLEAR)]
     if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1]:
         common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
         cause = (
