@@ -169,6 +169,13 @@ def _tidy(folder: Path) -> None:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
+def cell(value: Any) -> str:
+    """Return a value as the cell of a table."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 class Table(NamedTuple):
     """A table of texts; with a header, columns between the first and the last are right-aligned.
 
@@ -181,6 +188,12 @@ class Table(NamedTuple):
     rows: Sequence[Sequence[str]]
     header: Sequence[str] = ()
     title: str = ""
+
+    @classmethod
+    def of(cls, records: Sequence[Any]) -> Table:
+        """Return a row for each of some named tuples, a column for each of their fields."""
+        header = [name.replace("_", " ") for name in records[0]._fields]
+        return cls([list(map(cell, one)) for one in records], header)
 
     @property
     def sides(self) -> str:
@@ -269,6 +282,21 @@ class Sheet(NamedTuple):
         tables = "".join(table.html() for table in self.tables)
         note = f"<div>{escape(self.note)}</div>" if self.note else ""
         return f"<div><strong>{escape(self.title)}</strong>{tables}{note}</div>"
+
+
+class Printed:
+    """A result that ``print`` and Jupyter show as its tables."""
+
+    def sheet(self) -> Sheet:
+        """Return the tables."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """Return the tables as text."""
+        return str(self.sheet())
+
+    def _repr_html_(self) -> str:
+        return self.sheet().html()
 
 
 _STYLE = """

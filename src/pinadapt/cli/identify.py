@@ -248,7 +248,7 @@ def identify(options: Namespace) -> int:
             **given(options, ("adaptation", "test", "empty")),
         )
     except TorqueMismatchError as error:
-        print(error.check.sheet())
+        print(error.check)
         raise
 
     def page(beside: Path) -> None:
@@ -307,7 +307,7 @@ def _write_import_options(options: Namespace, source: Path, intake: ImportOption
         f"Checked: {check.verdict}",
     ]
     write_text(place, intake.text(about))
-    print(check.sheet())
+    print(check)
     print(f"\nwritten to {place}")
     return DONE if check.fits else REFUSED
 

@@ -39,7 +39,6 @@ ALL, NONE = "all", "none"
 _SPEED = 0.5  # typical joint speed and acceleration [rad/s, rad/s^2, or in m]
 _OF_EFFORT = 0.02  # Coulomb friction of a motor, as a share of its effort limit,
 _BRAKING = 50.0  # and the largest deceleration that it causes [rad/s^2 or m/s^2]
-_SLIDING = 3.0  # thresholds of speed at which the smoothed sign is 0.995
 
 
 def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
@@ -163,15 +162,6 @@ class JointEffects:
         if self._bodies is None:
             return self.zero
         return np.abs(self._bodies.torque(q, self.zero, self.zero))
-
-    def sliding(self, v: np.ndarray) -> np.ndarray:
-        """Tell for each joint (n) whether noise of v (n) cannot change the sign of its friction.
-
-        That is, whether it moves faster than three thresholds, or its Coulomb friction is known.
-        """
-        if KINDS.index("coulomb") not in self.places[0]:
-            return np.ones(self._n, dtype=bool)
-        return np.abs(v) * self.tables[1][0, : self._n] > _SLIDING
 
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""

@@ -161,7 +161,7 @@ def physical_fit(
 
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
-    R, z = _square(A, b)
+    R, z = square(A, b)
     a, weight = physical.center if near is None else near, gamma
     if near is None:
         weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
@@ -202,7 +202,7 @@ def nearest_with(
     return None
 
 
-def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return p equations equivalent to A a = b in least squares, by QR."""
     R = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
     return R[: A.shape[1], :-1], R[: A.shape[1], -1]
@@ -225,7 +225,7 @@ def _newton(
     while True:
         T, h = physical.local(a)
         np.matmul(R, T, out=rows[: len(R)])
-        u = np.linalg.solve(*_square(rows, np.concatenate([z - R @ a, -root * h])))
+        u = np.linalg.solve(*square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
         if fall <= _DECREMENT * gamma:
             return a

@@ -246,7 +246,7 @@ def wiggled(
     measurements = [sample.measurement for sample in samples]
     if isinstance(controller.kinematics, CameraKinematics):
         told = find_camera(controller.kinematics, measurements)
-        found = {"a_k": told.estimate, "information_k": told.equations[0]}
+        found = {"a_k": told.estimate, "information_k": told.R}
     else:
         found = find_tracker(controller.kinematics, measurements).start
     if own.dynamics.names == controller.dynamics.names:
