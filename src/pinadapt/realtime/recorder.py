@@ -22,6 +22,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from enum import IntEnum
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from ..controller.state import ControllerState, Sample
     from ..robot.robot import Robot
 
-PHASES = ("starting", "running", "holding", "damping", "stopped")
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
@@ -64,6 +64,12 @@ _DEFINITIONS = {
     "std_msgs/msg/String": "string data\n",
 }
 Translator = Callable[[Any, Measurement], Any]
+
+
+class Phase(IntEnum):
+    """Phases of the loop, in their order; only a commanded hold returns to running."""
+
+    STARTING, RUNNING, HOLDING, DAMPING, STOPPED = range(5)
 
 
 def tick_of(controller: Controller) -> np.dtype[Any]:
@@ -351,7 +357,7 @@ class _LogProcess:
             return {
                 "t": float(row["t"]),
                 "cycle": self._read,
-                "phase": PHASES[int(row["phase"])],
+                "phase": Phase(int(row["phase"])).name.lower(),
                 "adapting": bool(row["adapting"] == 1.0),
                 "step_us": float(row["step_us"]),
                 "messages": self._messages,
@@ -425,7 +431,7 @@ def watched(port: int, controller: Controller, robot: Robot) -> Iterator[Sample]
 
     said = tell(port, "state")
     rest = np.zeros(controller.kinematics.task.size)
-    while said["phase"] != PHASES[-1]:
+    while said["phase"] != "stopped":
         if said["cycle"]:
             q, v, x_d, a_k, a_d = (np.array(said[name]) for name in ("q", "v", "x_d", "a_k", "a_d"))
             seen = Measurement(said["t"], q, v, robot.position(q))
