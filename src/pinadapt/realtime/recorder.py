@@ -19,6 +19,7 @@ import signal
 import socket
 import struct
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -253,7 +254,7 @@ class _LogProcess:
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
         self._start, self._zero = time.time_ns(), 0.0
-        self._messages: list[str] = []
+        self._messages = deque[str](maxlen=20)
         from mcap.writer import CompressionType, Writer
 
         self._file = path.open("wb")
@@ -332,7 +333,7 @@ class _LogProcess:
 
     def _note(self, what: dict[str, Any]) -> None:
         text = json.dumps(what)
-        self._messages = [*self._messages[-19:], text]
+        self._messages.append(text)
         self._add("/pinadapt/events", cdr(text))
 
     def _answer(self) -> None:
@@ -360,7 +361,7 @@ class _LogProcess:
                 "phase": Phase(int(row["phase"])).name.lower(),
                 "adapting": bool(row["adapting"] == 1.0),
                 "step_us": float(row["step_us"]),
-                "messages": self._messages,
+                "messages": list(self._messages),
                 **{key: np.nan_to_num(row[key]).tolist() for key in numbers},
             }
         value = asked.get("value")

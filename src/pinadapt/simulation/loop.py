@@ -150,7 +150,8 @@ def run(
     plant.reset()
     if sensors is not None:
         sensors.reset()
-    given, desired_at = None, getattr(controller, "desired", _as_it_is)
+    simulated: Any = plant
+    given, governed = None, getattr(controller, "desired", lambda state, motion, t: motion.at(t))
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
@@ -160,9 +161,11 @@ def run(
         if state is None:
             state = controller.init(measurement)
         try:
-            desired = desired_at(state, trajectory, truth.t)
+            desired = governed(state, trajectory, truth.t)
             if ideal_acceleration:
-                measurement = _accelerated(plant, controller, state, measurement, desired)
+                _, command = controller.command(state, measurement, desired)
+                a = simulated.acceleration(command.torque, command.feedthrough)
+                measurement = measurement._replace(a=a)
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started
@@ -198,11 +201,6 @@ def _bring_to_rest(
         measurement = plant.measure()
 
 
-def _as_it_is(state: Any, motion: Trajectory, t: float) -> Desired:
-    """Return the desired motion at t [s] for a controller that does not govern it."""
-    return motion.at(t)
-
-
 def ended(error: Exception, t: float) -> Exception:
     """Return what ends a loop at t [s] for an error of its controller.
 
@@ -224,18 +222,6 @@ def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
         InputError: numbers that are not positive.
     """
     return range(max(1, round(positive(duration, "duration") / positive(dt, "dt"))) + ends)
-
-
-def _accelerated(
-    plant: Any,
-    controller: Controller,
-    state: ControllerState,
-    measurement: Measurement,
-    desired: Desired,
-) -> Measurement:
-    """Return the measurement with the acceleration that the coming torque will cause."""
-    _, command = controller.command(state, measurement, desired)
-    return measurement._replace(a=plant.acceleration(command.torque, command.feedthrough))
 
 
 def run_continuous(
