@@ -88,12 +88,9 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
 
 def _definition(tick: np.dtype[Any]) -> str:
     """Return a record's definition as a message."""
-    lines = {name: tick[name].shape for name in tick.names or ()}
-    return "".join(
-        f"float64{f'[{shape[0]}]' if shape else ''} {name}\n"
-        for name, shape in lines.items()
-        if shape != (0,)
-    )
+    shapes = {name: list(tick[name].shape) for name in tick.names or ()}
+    lines = (f"float64{size or ''} {name}\n" for name, size in shapes.items() if size != [0])
+    return "".join(lines)
 
 
 def cdr(*values: str | int | np.ndarray) -> bytes:
