@@ -281,9 +281,9 @@ class _LogProcess:
                 said = None
                 self._drain()
                 self._note({"lost": "the process of the loop has died", "cycle": self._read})
-            self._drain()
-            if said:
+            if said:  # before a backlog of cycles, after which a killed process would lose it
                 self._note(said)
+            self._drain()
             if self._server in ready:
                 self._answer()
         if self._writer is not None:
