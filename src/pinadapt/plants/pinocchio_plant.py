@@ -47,6 +47,7 @@ class FittedMidpoint:
         self._data, self._rotors = self._model.createData(), np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
         self._constraints = robot.constrained if robot.constraints else None
+        self._free = not (robot.friction.present or robot.constraints)
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
@@ -63,10 +64,11 @@ class FittedMidpoint:
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
         robot, model, data = self._robot, self._model, self._data
+        if self._free:
+            return pin.aba(model, data, q, v, tau)
         part = robot.friction_at(q) if robot.friction.loaded else robot.friction
-        if part.present:
-            _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
-            model.armature = self._rotors + added
+        _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
+        model.armature = self._rotors + added
         if not part.shafts and self._constraints is None:
             return pin.aba(model, data, q, v, tau)
         M = pin.crba(model, data, q)
