@@ -289,18 +289,15 @@ def record(
         for k, sample in zip(indices, stream, strict=False):
             kept.steps, last = kept.steps + 1, sample.t
             kept.step_time += sample.step_time
-            if k % every:
-                continue
-            if samples:
-                before = samples[-1]
-                state = controller.recorded(before.state)
-                if state is not before.state:
-                    samples[-1] = before._replace(state=state)
-            samples.append(sample)
+            if k % every == 0:
+                whole, state = sample, controller.recorded(sample.state)
+                samples.append(sample._replace(state=state))
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
     except KeyboardInterrupt:
         kept.interrupted = last
+    if samples:
+        samples[-1] = whole
     return kept
 
 
