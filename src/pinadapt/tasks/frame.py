@@ -152,7 +152,9 @@ class PoseTask(FrameTask):
         return np.array(pin.SE3ToXYZQUAT(placement))
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
-        """Return dx (6) = (p - p_d, phi)."""
+        """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
+        if self.flaw(x) or self.flaw(x_d):  # the step refuses what is not finite
+            return np.append(x[:3] - x_d[:3], np.full(3, np.nan))
         return np.concatenate([x[:3] - x_d[:3], rotation_between(x[3:], x_d[3:])])
 
     def errors(

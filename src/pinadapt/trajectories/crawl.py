@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,9 +13,6 @@ from .._checks import positive, vector, whole
 from ..exceptions import InputError
 from ..records import Desired, DesiredSteps, Feet
 from .trajectory import Trajectory, minimum_jerk
-
-if TYPE_CHECKING:
-    from ..robot.robot import Robot
 
 # of the largest possible distance to the edges of the triangle of support; half: a load beside the
 # trunk's middle tips the robot, twice: legs reach their limits
@@ -67,7 +64,7 @@ class Crawl(Trajectory):
         self.settles = self.steps * (self.shift + self.swing) + self.shift
         self._footholds: list[np.ndarray] = []
 
-    def on(self, robot: Robot) -> Crawl:
+    def on(self, robot: Any) -> Crawl:
         """Return the crawl of a robot that stands on four point feet, its task the trunk's pose.
 
         Raises:

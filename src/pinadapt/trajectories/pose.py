@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +17,6 @@ from .crawl import Crawl
 from .given import TrajectoryLike, as_trajectory, converted
 from .periodic import Circle
 from .trajectory import Hold, Trajectory
-
-if TYPE_CHECKING:
-    from ..robot.robot import Robot
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -161,7 +158,7 @@ class PoseTrajectory(Trajectory):
         return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
 
 
-def placed_trajectory(given: TrajectoryLike, robot: Robot) -> Trajectory:
+def placed_trajectory(given: TrajectoryLike, robot: Any) -> Trajectory:
     """Return a user's motion as ``as_trajectory``, placed where it has no place of its own.
 
     A ``Circle`` without a centre begins where the robot is; a motion of three coordinates holds
@@ -169,7 +166,7 @@ def placed_trajectory(given: TrajectoryLike, robot: Robot) -> Trajectory:
 
     Args:
         given: as in ``as_trajectory``.
-        robot: at whose home pose it starts.
+        robot: the ``Robot`` at whose home pose it starts.
 
     Raises:
         InputError: as ``as_trajectory`` and ``Crawl.on``.
