@@ -39,6 +39,7 @@ from . import (
     real_logs,
     realities,
     scenarios,
+    standing,
     strangers,
     tracker,
     unknowns,
@@ -121,6 +122,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "real_calibration": of("real_calibration", real_calibration.report),
     "real_logs": of("real_logs", real_logs.report),
     "realities_contenders": of("realities", realities.contenders),
+    "standing": of("standing", standing.report),
+    "standing_rough": of("standing", standing.rough),
     "strangers": lambda: strangers.counts(
         [row for row in table_rows("strangers") if "natural" not in row["run"]]
     ),
