@@ -71,6 +71,7 @@ class Pushed(MujocoPlant):
     """A robot whose trunk is pushed, by a force (3) [N] at the origin of its frame."""
 
     def __init__(self, robot: pa.Robot, force: np.ndarray, **options: Any) -> None:
+        """Take the robot and the force."""
         self._force = np.append(force, np.zeros(robot.model.nv - 3))
         super().__init__(robot, **options)
 
