@@ -24,7 +24,8 @@ _NONE = 1e20  # what the solver takes for no limit
 class ConstraintForces:
     """Motor torques tau and constraint forces f of a torque that a law asks for.
 
-    min |tau|^2 + w |f|^2 subject to S^T tau + A^T f = torque. Forces of contacts stay in friction
+    min |tau|^2 + w |f|^2 subject to S^T tau + A^T f = torque, and to the chosen squeezes of what
+    several arms hold. Forces of contacts stay in friction
     pyramids, unilateral, with the centre of pressure within the soles, and |tau| within the motors'
     limits. Rows without a motor, those of a free base, are kept by f alone, and where that is
     infeasible they are missed, by as little as possible, never a cone. Any such tau and f leave
@@ -80,13 +81,15 @@ class ConstraintForces:
             contacts = [part for part, bears in zip(contacts, stands, strict=True) if bears]
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m = len(A), len(idle)
-        H, g, right = own.T @ own + _FORCES * np.eye(k), -own.T @ asked, wanted[~motors]
+        H, g = own.T @ own + _FORCES * np.eye(k), -own.T @ asked
+        equal, right = self.constraints.squeezes(k)
+        equal, right = np.vstack([idle, equal]), np.append(wanted[~motors], right)
         if self._solver is None:
-            KKT = np.block([[H, idle.T], [idle, np.zeros((m, m))]])
-            f = np.linalg.solve(KKT, np.concatenate([-g, right]))[:k]
+            KKT = np.block([[H, equal.T], [equal, np.zeros((len(equal), len(equal)))]])
+            f = np.linalg.solve(KKT, np.append(-g, right))[:k]
         else:  # with what is missed as further unknowns
             H = np.block([[H, np.zeros((k, m))], [np.zeros((m, k)), _SLACK * np.eye(m)]])
-            g, equal = np.concatenate([g, np.zeros(m)]), np.hstack([idle, np.eye(m)])
+            g, equal = np.concatenate([g, np.zeros(m)]), np.hstack([equal, np.eye(len(equal), m)])
             cones = self._cones(contacts, k)
             C = np.zeros((len(cones) + len(own), k + m))
             C[: len(cones), :k], C[len(cones) :, :k] = cones, own

@@ -113,7 +113,8 @@ class Controller:
                 self._lead = bandwidth * (joints.delay + 1.0 / joints.bandwidth)
             self._torque_filter = FilteredRegressor(dynamics, bandwidth, motors)
         self._forces = None
-        if not kinematics.robot.motors.all():
+        squeezes = (getattr(part, "squeeze", None) for part in kinematics.robot.constraints)
+        if not kinematics.robot.motors.all() or any(each is not None for each in squeezes):
             self._forces = ConstraintForces(kinematics.robot, self.limits.torque)
         self._estimated = self._scratch()
         self._alone = Lock()  # for a thread that uses the scratch

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import instance, numbers, positive, vector
+from .._checks import flag, instance, numbers, positive, vector
 from ..description.chain import angles_from_configuration, frame_id
 from ..exceptions import RobotError
 from ..records import Feet
@@ -24,7 +24,12 @@ Rows = tuple[np.ndarray, np.ndarray]
 
 
 class Constraint(ABC):
-    """Some rows of A."""
+    """Some rows of A; ``size`` of them."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of rows."""
 
     @abstractmethod
     def check(self, model: pin.Model) -> None:
@@ -92,35 +97,76 @@ class Contact(Constraint):
 
 @dataclass(frozen=True)
 class Loop(Constraint):
-    """Two frames that move alike: a linkage that is closed, or two arms that hold one object.
+    """Two frames that move as one body: a linkage that is closed, or two arms with one object.
 
     Attributes:
         frame_a, frame_b: the frames.
-        rows: which of their relative velocities are zero, 0 to 2 linear and 3 to 5 angular, in
-            world axes. Rows that depend on others must be left out: a planar loop has two.
+        rows: which of the relative velocities of the two bodies at frame a are zero, 0 to 2 linear
+            and 3 to 5 angular, in world axes. Rows that depend on others must be left out: a planar
+            loop has two.
+        closed: whether the frames meet; if not they keep the places to each other that they have at
+            the home pose, as two grippers on one object do.
+        squeeze: force with which they are pushed towards each other [N], negative to pull; None:
+            whatever takes the least torques of the motors.
+
+    Raises:
+        RobotError: rows that do not exist, or a squeeze of frames that meet.
     """
 
     frame_a: str
     frame_b: str
     rows: tuple[int, ...] = (0, 1, 2)
+    closed: bool = True
+    squeeze: float | None = None
 
-    def check(self, model: pin.Model) -> None:
-        """Refuse frames that the model does not have, and rows that do not exist."""
-        frame_id(model, self.frame_a)
-        frame_id(model, self.frame_b)
+    def __post_init__(self) -> None:
+        """Refuse what is no loop."""
         if not self.rows or not set(self.rows) <= set(range(6)):
             raise RobotError("expected some of 0 to 5.", where="loops.rows")
+        flag(self.closed, "loops.closed")
+        if self.squeeze is not None:
+            numbers(self.squeeze, "loops.squeeze", error=RobotError)
+            if self.closed or not {0, 1, 2} <= set(self.rows):
+                raise RobotError(
+                    "is along the line between frames that do not meet, and all rows 0 to 2.",
+                    where="loops.squeeze",
+                )
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.rows)
+
+    def check(self, model: pin.Model) -> None:
+        """Refuse frames that the model does not have."""
+        frame_id(model, self.frame_a)
+        frame_id(model, self.frame_b)
 
     def at(self, model: pin.Model, data: pin.Data) -> Rows:
-        """Return the rows of the velocity of b less that of a."""
+        """Return the rows of the velocity of b's body at frame a, less that of frame a."""
+        given = [frame_id(model, frame) for frame in (self.frame_a, self.frame_b)]
         (A_a, rate_a), (A_b, rate_b) = (
             _frame_rows(model, data, frame) for frame in (self.frame_a, self.frame_b)
         )
+        v_a, v_b = (
+            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear
+            for frame in given
+        )
+        r, rd = pin.skew(-self.way(data, *given)), pin.skew(v_a - v_b)
+        rate_b[:3] -= r @ rate_b[3:] + rd @ A_b[3:]
+        A_b[:3] -= r @ A_b[3:]
         rows = list(self.rows)
         return (A_b - A_a)[rows], (rate_b - rate_a)[rows]
 
+    @staticmethod
+    def way(data: pin.Data, a: int, b: int) -> np.ndarray:
+        """Return the way (3) from frame a to frame b, by their indices [m]."""
+        return np.asarray(data.oMf[b].translation - data.oMf[a].translation)
+
     def error(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
-        """Return the way and the turn from a to b."""
+        """Return the way and the turn from a to b; NaN where they do not meet."""
+        if not self.closed:
+            return np.full(len(self.rows), np.nan)
         a, b = (data.oMf[frame_id(model, frame)] for frame in (self.frame_a, self.frame_b))
         turn = pin.log3(b.rotation @ a.rotation.T)
         return np.concatenate([b.translation - a.translation, turn])[list(self.rows)]
@@ -145,6 +191,11 @@ class Coupling(Constraint):
     def __post_init__(self) -> None:
         """Refuse what is no number."""
         numbers([self.ratio, self.offset], "mimic", error=RobotError)
+
+    @property
+    def size(self) -> int:
+        """One row."""
+        return 1
 
     def check(self, model: pin.Model) -> None:
         """Refuse joints that the model does not have."""
@@ -255,6 +306,26 @@ class Constraints:
         """Return the projection (n, n) of torques onto what no constraint force changes."""
         A, _ = self.at(q, v)
         return np.asarray(np.eye(v.size) - np.linalg.pinv(A) @ A)
+
+    def squeezes(self, size: int) -> Rows:
+        """Return rows E (c, size) and numbers e (c) of the chosen squeezes: E f = e.
+
+        The frames are those of the last ``at``; the loops are the first of the constraints.
+        """
+        rows, numbers, first = [np.zeros((0, size))], [], 0
+        for part in self.parts:
+            if isinstance(part, Loop) and part.squeeze is not None:
+                way = part.way(
+                    self.data,
+                    frame_id(self._model, part.frame_a),
+                    frame_id(self._model, part.frame_b),
+                )
+                at = [first + part.rows.index(i) for i in range(3)]
+                rows.append(np.zeros((1, size)))
+                rows[-1][0, at] = way / np.linalg.norm(way)
+                numbers.append(part.squeeze)
+            first += part.size
+        return np.concatenate(rows), np.array(numbers)
 
     def references(self, feet: Feet, v: np.ndarray, alpha: float) -> Rows:
         """Return what A v_r (k) shall be, and its rate (k): zero where the robot stands.

@@ -1,0 +1,90 @@
+"""Two arms that hold one object: its rows, V, its inertia found, and the chosen squeeze."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.trajectories import Circle, PoseTrajectory, Swing
+from tests.support.loops import energy_along
+
+FRAMES = "left_gripper_base_link", "right_gripper_base_link"
+OBJECT = pa.Payload(2.0, (0.1, 0.05, 0.1), (0.02, 0.0, 0.02, 0.0, 0.0, 0.02))
+UNKNOWN = pa.Unknown(bodies="payload", friction=False, armature=False)
+SQUEEZE = 20.0  # [N]
+
+
+@cache
+def holding():
+    """Both arms of Baxter, the object on the left one, whose gripper is the task."""
+    grasp = pa.Loop(*FRAMES, rows=(0, 1, 2, 3, 4, 5), closed=False, squeeze=SQUEEZE)
+    return pa.load(
+        "baxter", frame=FRAMES[0], task="pose", locked=["head_pan"], loops=[grasp]
+    ).changed(friction=pa.Friction(), armature=0.0)
+
+
+def path(robot, radius):
+    motion = PoseTrajectory(Circle(np.zeros(3), radius, 3.0), Swing((0.0, 0.0, 1.0), 0.1, 3.0))
+    return motion.starting_at(robot.position(robot.q0)).from_rest()
+
+
+def relative(robot, q):
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    left, right = (data.oMf[robot.model.getFrameId(name)] for name in FRAMES)
+    return left.actInv(right)
+
+
+def test_the_rows_of_a_grasp_are_those_of_one_body_and_their_rate_that_of_differences():
+    robot, h = holding(), 1e-6
+    constraints, n = robot.constrained, robot.model.nv
+    rng = np.random.default_rng(0)
+    q, v = robot.q0 + 0.2 * rng.standard_normal(n), rng.standard_normal(n)
+    A, rate = constraints.at(q, v)
+    before, after = (constraints.at(q + sign * h * v, v)[0] for sign in (-1.0, 1.0))
+    assert np.allclose(rate, (after - before) / (2.0 * h), atol=1e-5)
+    v -= np.linalg.pinv(A) @ (A @ v)
+    apart = pin.log6(relative(robot, q).actInv(relative(robot, q + h * v))).vector
+    assert np.abs(apart).max() < 1e-10  # a way of h, to second order
+
+
+@pytest.mark.slow
+def test_lyapunov_equality_of_two_arms_with_an_object():
+    robot = holding()
+    true = robot.changed(payload=OBJECT)
+    controller = pa.make_controller(robot, unknown=UNKNOWN, limits=pa.Limits(guards=False))
+    energy = energy_along(true, controller, path(true, 0.02), seconds=8e-3, dt=2e-4)
+    assert energy.mismatch(after=5) <= 1e-6
+
+
+@pytest.mark.slow
+def test_an_object_is_found_and_squeezed():
+    robot = holding()
+    true = robot.changed(payload=OBJECT)
+    controller = pa.make_controller(robot, unknown=UNKNOWN)
+    rollout = pa.simulate(true, controller, path(true, 0.03), duration=3.0, progress=False)
+    assert rollout.distance.max() < 3e-3 and rollout.distance[-500:].max() < 1e-4
+    body = robot.carrier + 1
+    found, truth = (each.model.inertias[body].mass for each in (rollout.learned(), true))
+    assert found == pytest.approx(truth, rel=0.05)
+    # what the arms do to the object, by the true robot
+    model, (q, v, tau) = true.model, (part[-1] for part in (rollout.q, rollout.v, rollout.tau))
+    data, (A, rate) = model.createData(), true.constrained.at(q, v)
+    M, rest = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+    saddle = np.block([[M, -A.T], [A, np.zeros((6, 6))]])
+    force = np.linalg.solve(saddle, np.append(tau - rest, -rate @ v))[model.nv :][:3]
+    way = relative(robot, q)
+    pin.framesForwardKinematics(model, data, q)
+    n = data.oMf[model.getFrameId(FRAMES[0])].rotation @ way.translation
+    assert force @ n / np.linalg.norm(n) == pytest.approx(SQUEEZE, abs=1.0)
+    assert np.abs(pin.log6(relative(robot, robot.q0).actInv(way)).vector).max() < 1e-3
+
+
+def test_grasps_that_are_none_are_refused():
+    for wrong in ({"squeeze": 1.0}, {"squeeze": 1.0, "closed": False, "rows": (0, 1)}):
+        with pytest.raises(pa.RobotError, match="squeeze"):
+            pa.Loop(*FRAMES, **wrong)
+    with pytest.raises(pa.RobotError, match="0 to 5"):
+        pa.Loop(*FRAMES, rows=(6,))
