@@ -183,16 +183,22 @@ def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
         )
 
 
-def reach(model: pin.Model, frame: int) -> float:
+def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> float:
     """Return the length [m] of the stretched chain from its first joint to a frame.
 
     Prismatic joints count with their stroke. One without limits, such as a mobile base, counts
     only if the chain has no other extent: then with 2 m.
+
+    Args:
+        model: of the chain.
+        frame: index of the frame.
+        joints: of the chain, from the base; None: all of the model.
     """
-    slides = [is_slide(joint) for joint in model.joints[1:]]
+    own = list(range(1, model.njoints)) if joints is None else list(joints)
+    slides = [joint - 1 for joint in own if is_slide(model.joints[joint])]
     lower, upper = (limit[slides] for limit in position_bounds(model))
     limited = np.isfinite(position_limits(model)[0][slides])
-    steps = [placement.translation for placement in model.jointPlacements[2:]]
+    steps = [model.jointPlacements[joint].translation for joint in own[1:]]
     steps.append(model.frames[frame].placement.translation)
     length = sum(map(np.linalg.norm, steps)) + (upper - lower)[limited].sum()
     return float(length or (upper - lower).sum())

@@ -83,7 +83,8 @@ class _Edited:
             now = model.jointPlacements[index]
             if not _same(now, self.described.jointPlacements[index]):
                 self._place(self.joints[name], now)
-        self._place_tool()
+        for name in self.robot.frames:
+            self._place_tool(name)
         if len(own) < len(names):  # the root link, which the last of the base's joints moves
             self._write_inertia(len(BASE_JOINTS), self._heaviest(len(BASE_JOINTS)))
         for index, name in own:
@@ -110,9 +111,9 @@ class _Edited:
         ]
         return max(names, key=lambda name: _read_inertia(self.links[name]).mass)
 
-    def _place_tool(self) -> None:
-        """Move the task frame: the joint of a last link that is fixed, else a new link."""
-        name, frame = self.robot.frame, self.robot.model.frames[self.robot.frame_id]
+    def _place_tool(self, name: str) -> None:
+        """Move a task frame: the joint of a last link that is fixed, else a new link."""
+        frame = self.robot.model.frames[frame_id(self.robot.model, name)]
         if _same(frame.placement, self.described.frames[frame_id(self.described, name)].placement):
             return
         parents = {_end(joint, "parent") for joint in self.joints.values()}
@@ -205,9 +206,9 @@ def _skeleton(robot: Any) -> Origin:
     limits, 1e9.
     """
     model, root = robot.model, ElementTree.Element("robot", name=robot.name)
-    taken = {robot.frame}
-    parent = free_name("base", taken)
-    ElementTree.SubElement(root, "link", name=parent)
+    taken = set(robot.frames)
+    links = [free_name("base", taken)]  # that of each joint
+    ElementTree.SubElement(root, "link", name=links[0])
     lower, upper = np.clip(position_limits(model), -1e9, 1e9)
     effort, velocity = effort_limits(model), velocity_limits(model)
     for index, name in enumerate(robot.joint_names, 1):
@@ -217,15 +218,17 @@ def _skeleton(robot: Any) -> Origin:
             joint_type = "prismatic"
         elif model.joints[index].nq == 2:
             joint_type = "continuous"
-        joint = _joint(root, name, joint_type, parent, link)
+        joint = _joint(root, name, joint_type, links[model.parents[index]], link)
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
         limits = {"lower": lower, "upper": upper, "effort": effort, "velocity": velocity}
         at = {word: values[index - 1] for word, values in limits.items()}
         texts = {word: digits(value if np.isfinite(value) else 0.0) for word, value in at.items()}
         ElementTree.SubElement(joint, "limit", texts)
-        parent = link
-    ElementTree.SubElement(root, "link", name=robot.frame)
-    _joint(root, f"{robot.frame}_fixed", "fixed", parent, robot.frame)
+        links.append(link)
+    for frame in robot.frames:
+        carrier = links[model.frames[frame_id(model, frame)].parentJoint]
+        ElementTree.SubElement(root, "link", name=frame)
+        _joint(root, f"{frame}_fixed", "fixed", carrier, frame)
     urdf = Urdf(Path(), xml_text(root), Packages(Path()))
     return Origin(urdf, urdf.model())
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,17 +29,25 @@ _NEARLY = 0.6
 
 
 def conditioning(
-    model: pin.Model, data: pin.Data, frame: int, rows: slice, q: np.ndarray
+    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
 ) -> tuple[float, float]:
     """Return the smallest singular value of the task Jacobian, and its ratio to the largest."""
-    J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[rows]
-    singular = np.linalg.svd(J, compute_uv=False)
+    singular = np.linalg.svd(_jacobian(model, data, frame, rows, q), compute_uv=False)
     return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
+
+
+def _jacobian(
+    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
+) -> np.ndarray:
+    """Return rows of the Jacobian of a frame, or of several one after the other."""
+    frames, axes = (frame,) if isinstance(frame, int) else frame, pin.LOCAL_WORLD_ALIGNED
+    found = [pin.computeFrameJacobian(model, data, q, each, axes)[rows] for each in frames]
+    return np.concatenate(found)
 
 
 def find_home(
     model: pin.Model,
-    frame: int,
+    frame: int | Sequence[int],
     rows: slice,
     candidates: Iterable[np.ndarray],
     plane: MountingPlane | None = None,
@@ -55,14 +63,15 @@ def find_home(
 
     Args:
         model: of the chain.
-        frame: index of the task frame.
-        rows: rows of the frame's Jacobian that belong to the task.
+        frame: index of the task frame, or those of several.
+        rows: rows of each frame's Jacobian that belong to the task.
         candidates: (nq) poses that are preferred, in this order.
-        plane: the mounting plane, or None.
+        plane: the mounting plane, or None; of several frames it is that of the first.
 
     Raises:
         RobotError: the task Jacobian is singular in all poses.
     """
+    first = frame if isinstance(frame, int) else frame[0]
     data, limits, rng = model.createData(), position_limits(model), np.random.default_rng(0)
     lower, upper = position_bounds(model)
     middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
@@ -71,20 +80,19 @@ def find_home(
         """Return the distance [m] of each of N configurations (nq) from the plane."""
         if plane is None:
             return np.full(len(configurations), np.inf)
-        return plane.distances(model, frame, configurations)
+        return plane.distances(model, first, configurations)
 
     def best_of(poses: np.ndarray) -> np.ndarray:
         """Return the joint positions (N, nv) of the largest singular value, less near limits."""
         at = [configuration_from_angles(model, angles) for angles in poses]
-        axes = pin.LOCAL_WORLD_ALIGNED
-        J = [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for q in at]
+        J = [_jacobian(model, data, frame, rows, q) for q in at]
         found = np.linalg.svd(np.array(J), compute_uv=False)[:, -1]
         found *= (distances(at) >= room) * np.minimum(1.0, _off_limits(limits, poses) / _FAR_OFF)
         return np.asarray(poses[np.argmax(found)])
 
     samples = middle + half * rng.uniform(-1.0, 1.0, (500, model.nv))
     most = distances([configuration_from_angles(model, angles) for angles in samples]).max()
-    room = min(MARGIN * reach(model, frame), most / 2) if most > 0.0 else -np.inf
+    room = min(MARGIN * reach(model, first), most / 2) if most > 0.0 else -np.inf
     best = best_of(samples)
     for size in (0.2, 0.1, 0.05):
         around = best + size * half * rng.standard_normal((50, model.nv))
@@ -92,9 +100,11 @@ def find_home(
     home = configuration_from_angles(model, np.round(best, 4))
     singular, ratio = conditioning(model, data, frame, rows, home)
     if ratio < 1e-6:
+        ends = (frame,) if isinstance(frame, int) else frame
+        names = "', '".join(str(model.frames[end].name) for end in ends)
         raise RobotError(
-            f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the "
-            "task: the task Jacobian is singular in every pose.",
+            f"the joints to '{names}' cannot move all coordinates of the task: the task Jacobian "
+            "is singular in every pose.",
             where="task",
             hint="Choose another task or a frame further from the base; if there is none, add a "
             "link to the description.",

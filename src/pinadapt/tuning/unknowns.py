@@ -16,6 +16,7 @@ from ..models.basis import BasisDynamics, read_matrix
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.camera_kinematics import CAMERA, CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
+from ..models.frames_kinematics import FramesKinematics
 from ..models.joint_effects import (
     KINDS,
     USUAL,
@@ -30,6 +31,7 @@ from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
+from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask
 from .rates import FORGETTING, PREDICTING
 
@@ -244,6 +246,8 @@ def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskK
     words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
     geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
+    if isinstance(robot.task, FramesTask):
+        return FramesKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
     others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
     if geometry and (tracked or set(others) - {TOOL}):
         raise ParameterError(
