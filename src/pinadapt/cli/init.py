@@ -23,8 +23,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--frame",
+        action="append",
+        default=[],
         metavar="LINK",
-        help="task frame (default: the likeliest link at the robot's end)",
+        help="task frame (default: the likeliest link at the robot's end); several, given again or "
+        "with commas between, are moved by one controller",
     )
     parser.add_argument(
         "--task",
@@ -55,9 +58,10 @@ def init(options: argparse.Namespace) -> int:
     Raises:
         InputError: the file exists and --force is not given, or the robot cannot be used.
     """
+    frames = [name.strip() for given in options.frame for name in given.split(",")]
     template = Template.of(
         options.source,
-        frame=options.frame,
+        frames=frames,
         task=options.task,
         xacro=dict(options.xacro),
         mass=options.mass,
@@ -68,7 +72,8 @@ def init(options: argparse.Namespace) -> int:
     check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
     robot, task = template.robot, template.task
-    which = "the whole robot" if template.whole else f"to '{robot.frame}'"
+    ends = "', '".join(robot.frames)
+    which = "the whole robot" if template.whole else f"to '{ends}'"
     print(f"{file}: {robot.model.nv} joints, {which}, task {task}.")
     if robot.locked:
         print(f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint.")

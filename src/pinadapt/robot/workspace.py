@@ -18,9 +18,11 @@ from ..description.chain import (
     velocity_limits,
 )
 from ..exceptions import RobotError
-from ..tasks.frame import ImageTask
+from ..tasks.frame import FrameTask, ImageTask
+from ..tasks.several_frames import FramesTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
+from ..trajectories.stacked import Stacked
 from ..trajectories.trajectory import Trajectory
 from .home import MARGIN
 from .robot import Robot
@@ -72,8 +74,10 @@ def rounded_down(number: float) -> float:
 
 
 @arithmetic("robot", RobotError)
-def reachable_circle(robot: Robot) -> Circle | PoseCircle:
+def reachable_circle(robot: Robot) -> Circle | PoseCircle | Stacked:
     """Return a circle that the robot can follow, as a motion that starts at its home position.
+
+    Several frames follow circles of one size at once, each its own.
 
     It is the circle of ``find_circle``. For a true robot with another tool, start it where that one
     is: ``reachable_circle(robot).starting_at(true.position(true.q0))``. For a pose task the
@@ -86,10 +90,16 @@ def reachable_circle(robot: Robot) -> Circle | PoseCircle:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
             task is the joint task.
     """
-    task, start = robot.frame_task, robot.position(robot.q0)
-    circle = find_circle(robot).motion(task.positions)
-    circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
-    return circle if task.size == task.positions else PoseCircle(circle, start[3:])
+    found, motions = find_circle(robot), []
+    for name in robot.frames:
+        own = robot.of_frame(name)
+        task, start = own.frame_task, own.position(own.q0)
+        circle = found.motion(task.positions)
+        circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
+        motions.append(
+            circle if task.size == task.positions else PoseCircle(circle, start[3:])
+        )
+    return motions[0] if len(motions) == 1 else Stacked(motions)
 
 
 def find_circle(robot: Robot) -> WorkspaceCircle:
@@ -106,6 +116,9 @@ def find_circle(robot: Robot) -> WorkspaceCircle:
 
     The period is 3 s, or 3 sqrt(L) s for a reach of L > 1 m. It is longer if joints would exceed
     1.5 rad/s, slides 0.75 m/s, or either of them 80 % of the velocity limits in the description.
+
+    Several frames follow the circle at the same time, each from its own position at home, with all
+    tools displaced alike.
 
     For a pose task the orientation is that at home. The rotational rows of its Jacobian are
     multiplied by the reach, so that all singular values have the unit m/rad.
@@ -124,10 +137,12 @@ def find_circle(robot: Robot) -> WorkspaceCircle:
             where="task",
             hint="Find one for the same robot before filmed_by, or draw a motion in the picture.",
         )
-    length, task = robot.reach, robot.frame_task
+    length, task = robot.reach, robot.of_frame(robot.frame).frame_task
     planes = [task.name] if task.positions == 2 else ["xy", "yz", "xz"]
     shifts = TOOL_ERROR * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
-    described, *others = [robot.changed(tool_translation=shift) for shift in shifts]
+    described, *others = [
+        robot.changed(tool_translation=dict.fromkeys(robot.frames, shift)) for shift in shifts
+    ]
     for size in 0.1 * length * _RATIO ** np.arange(_SIZES):
         paths = [
             WorkspaceCircle(plane, phase, rounded_down(size), 1.0)
@@ -239,8 +254,9 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         which the joints are as fast as they may be. None if the circle comes too close to a limit
         or a singularity.
     """
-    model, data, task, q = tool.model, tool.model.createData(), robot.frame_task, robot.q0
-    m, home = task.positions, robot.home_angles
+    model, data, task, q = tool.model, tool.model.createData(), robot.task, robot.q0
+    assert isinstance(task, FrameTask | FramesTask)
+    m, home, count = task.positions, robot.home_angles, len(robot.frames)
     arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
     lower, upper = position_limits(model)
     margin = _margin(lower, upper)
@@ -249,12 +265,10 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
 
     def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
         """Return the task Jacobian at a configuration (nq), all rows in [m/rad]."""
-        axes = pin.LOCAL_WORLD_ALIGNED
-        J = pin.computeFrameJacobian(of.model, data, q, of.frame_id, axes)
-        return arms[:, None] * J[task.rows]
+        return arms[:, None] * task.linear_map(of.model, data, of.frame_id, q)[1]
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
-    circle, home_share = path.motion(m), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
+    circle, home_share = path.motion(m // count), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
     at = [circle.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
     least, places, fastest = np.inf, [q], np.zeros(model.nv)
     start = tool.position(q)
@@ -265,7 +279,7 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
             return None
         offset = np.zeros(task.size)
-        offset[:m] = position - at[0]
+        offset[:m] = np.tile(position - at[0], count)
         x = task.at(model, data, tool.frame_id, q)
         to_go = arms * task.error(task.moved(start, offset), x)
         psi = home_share * pin.difference(model, q, robot.q0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import textwrap
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, cos, sin
@@ -87,6 +87,7 @@ class Template:
         source: str,
         *,
         frame: str | None = None,
+        frames: Sequence[str] = (),
         task: str | None = None,
         xacro: XacroArguments | None = None,
         mass: float | None = None,
@@ -95,7 +96,7 @@ class Template:
     ) -> Template:
         """Load a robot, with the choices of ``load`` for what is not given, and find a motion.
 
-        A law of joint space gets the joint task.
+        A law of joint space gets the joint task. With several frames each has the same motion.
 
         Raises:
             RobotError: as ``load``, ``find_circle`` and ``find_swing``.
@@ -114,7 +115,12 @@ class Template:
             )
         if LAWS[law].joint_space and task is None:
             task = JOINT
-        robot = load(source, xacro=xacro, mass=mass, frame=frame, task=None if filmed else task)
+        if len(frames) == 1:
+            frame, frames = frames[0], ()
+        ends = {"frames": frames} if frames else {"frame": frame}
+        robot = load(source, xacro=xacro, mass=mass, task=None if filmed else task, **ends)
+        if len(robot.frames) > 1 and (tracker or filmed):
+            _ = robot.frame_task
         if robot.constraints and not LAWS[law].constrained:  # then the chain without them
             frame = robot.frame
             robot = load(source, xacro=xacro, mass=mass, frame=frame, task=task)
@@ -135,9 +141,12 @@ class Template:
         return IMAGE if self.filmed else self.robot.task.name
 
     @cached_property
-    def tool(self) -> np.ndarray:
-        """The unknown tool (3) [m], in the frame's axes: it lengthens the arm."""
-        robot = self.robot
+    def tools(self) -> dict[str, np.ndarray]:
+        """The unknown tool (3) [m] of each frame, in the frame's axes: it lengthens the arm."""
+        return {name: self._tool(self.robot.of_frame(name)) for name in self.robot.frames}
+
+    def _tool(self, robot: Robot) -> np.ndarray:
+        """Return the tool of a frame."""
         frame, out = robot.placement(robot.q0), np.zeros(3)
         place = robot.frame_task.place if robot.task.positions else slice(None)
         out[place] = frame.translation[place]
@@ -214,7 +223,8 @@ class Template:
             "source": source,
             "xacro": dict(self.xacro) or None,
             "mass": self.mass,
-            "frame": None if self.whole else robot.frame,
+            "frame": None if self.whole or len(robot.frames) > 1 else robot.frame,
+            "frames": list(robot.frames) if len(robot.frames) > 1 else None,
             "task": self.task,
             "pixel": self.view.pixel if self.filmed else None,
             "weld_root": True if robot.welded else None,
@@ -225,25 +235,29 @@ class Template:
 
     def _truth(self) -> dict[str, Any]:
         robot = self.robot
-        mass, radius = _SHARE * robot.mass, _SHARE * robot.reach
+        mass, radius = _SHARE * robot.mass / len(robot.frames), _SHARE * robot.reach
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
         _, viscous, coulomb = _FRICTION * typical_coefficients(robot)
         found: dict[str, Any] = {}
         if robot.task.positions:
-            found["tool_translation"] = _numbers(self.tool)
+            found["tool_translation"] = self._by_frame(_numbers)
         if self.tracker:  # the base as the tracker sees it
             place = _numbers(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
             found["tracker"] = {"rotation": [0.0, 0.0, 2.0], "translation": place}
         if self.filmed:
             found["camera"] = [{"position": _numbers(self.view.position), "focal": _FOCAL}]
-        found["payload"] = {
-            "mass": _rounded(mass, 3),
-            "com": _numbers(self.tool),
-            "inertia": [moment, 0.0, moment, 0.0, 0.0, moment],
-        }
+        inertia = [moment, 0.0, moment, 0.0, 0.0, moment]
+        found["payload"] = self._by_frame(
+            lambda tool: {"mass": _rounded(mass, 3), "com": _numbers(tool), "inertia": inertia}
+        )
         if not self.rests:  # Coulomb friction would hold the arm beside its set point
             found["friction"] = {"viscous": _numbers(viscous, 2), "coulomb": _numbers(coulomb, 2)}
         return found
+
+    def _by_frame(self, make: Callable[[np.ndarray], Any]) -> Any:
+        """Return what is made of the tool, of several frames by their names."""
+        found = {name: make(tool) for name, tool in self.tools.items()}
+        return found if len(found) > 1 else found[self.robot.frame]
 
     def _motion(self) -> dict[str, Any]:
         path = self.path
@@ -255,9 +269,11 @@ class Template:
         if self.filmed:
             seen = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
             return {"kind": "circle", **seen}
-        plane = path.motion(self.robot.task.positions).plane
+        count = len(self.robot.frames)
+        plane = path.motion(self.robot.task.positions // count).plane
         given = {"radius": path.radius, "period": path.period, "plane": plane}
-        return {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
+        circle = {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
+        return circle if count == 1 else {"kind": "stacked", "motions": [circle] * count}
 
     def _set_point(self) -> dict[str, Any]:
         """Return the way to the opposite point of the motion."""
@@ -342,7 +358,8 @@ def _comment(text: str) -> list[str]:
 def _written(value: Any) -> str:
     """Return a value in TOML, tables inline."""
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {_written(each)}' for key, each in value.items())} }}"
+        pairs = (f"{tomlkit.key(key).as_string()} = {_written(each)}" for key, each in value.items())
+        return f"{{ {', '.join(pairs)} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_written, value))}]"
     return tomlkit.item(value).as_string()

@@ -13,6 +13,7 @@ from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.several_frames import joined, parts_of
 from .given import TrajectoryLike, as_trajectory
+from .pose import PoseTrajectory
 from .trajectory import Trajectory
 
 
@@ -62,8 +63,16 @@ class Stacked(Trajectory):
         return changed
 
     def placed(self, start: np.ndarray) -> Trajectory:
-        """Return the motions, those without a place of their own placed where their frame is."""
-        return self._each(lambda motion, own: motion.placed(own), start)
+        """Return the motions, those without a place of their own placed where their frame is.
+
+        Where these are poses, a motion of a position holds the orientation.
+        """
+
+        def place(motion: Trajectory, own: np.ndarray) -> Trajectory:
+            turns = own.size > motion.at(0.0).x_d.size
+            return (PoseTrajectory(motion, None) if turns else motion).placed(own)
+
+        return self._each(place, start)
 
     def shifted(self, by: ArrayLike) -> Stacked:
         """Return the same motions displaced by (m): [m], rotations about world axes [rad]."""
