@@ -129,7 +129,8 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
 
     Args:
         robot: with the bodies.
-        unknown: "all", "payload" (the bodies of the task frames), "none", or names of the joints that move them.
+        unknown: "all", "payload" (the bodies of the task frames), "none", or names of the joints
+            that move them.
 
     Raises:
         RobotError: unknown joint.

@@ -70,8 +70,8 @@ def by_frame(given: Any, frames: Sequence[str], where: str) -> dict[str, Any]:
     if isinstance(given, Mapping):
         for name in given:
             if name not in frames:
-                guess = did_you_mean(name, frames)
-                raise RobotError(f"no task frame is '{name}'; they are {[*frames]}.{guess}", where)
+                words = f"no task frame is '{name}'; they are {[*frames]}."
+                raise RobotError(words + did_you_mean(name, frames), where=where)
         return dict(given)
     if given is None or len(frames) == 1:
         return {} if given is None else {frames[0]: given}

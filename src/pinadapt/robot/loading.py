@@ -157,7 +157,7 @@ def load(
     if free or closed:
         robot = make(frame, whole=True, free=free, constraints=closed + feet, passive=idle)
     elif others:
-        robot = make(frame, others=tuple(others))
+        robot = make(frame, others=tuple(map(str, others)))
     elif known or task == JOINT:
         robot = make(known)
     else:
@@ -406,7 +406,7 @@ def choose_task(
 ) -> tuple[Task, np.ndarray]:
     """Return the task and a home pose (nq) for it.
 
-    By default the task is "xyz", or the best conditioned plane if the chain cannot do "xyz".
+    By default the task is "xyz", or the best conditioned plane if a chain cannot do "xyz".
 
     Args:
         model: of the chain.
@@ -419,7 +419,8 @@ def choose_task(
         RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
     """
     refused = RobotError("no task is possible.", where="task")
-    for names in ((task,),) if task is not None else (("xyz",), PLANES):
+    planes = (PLANES,) if len(frames) == 1 else ()
+    for names in ((task,),) if task is not None else (("xyz",), *planes):
         found = []
         for name in names:
             try:

@@ -113,6 +113,19 @@ class Robot:
         places = [frame_id(self.model, name) for name in self.frames]
         return sorted({int(self.model.frames[place].parentJoint) - 1 for place in places})
 
+    def check_single_frame(self) -> None:
+        """Refuse a robot with several task frames.
+
+        Raises:
+            RobotError: it has several.
+        """
+        if len(self.frames) > 1:
+            raise RobotError(
+                f"this needs one task frame, and there are {len(self.frames)}.",
+                where="frames",
+                hint=f'Load the robot with frame = "{self.frame}".',
+            )
+
     def of_frame(self, frame: str) -> Robot:
         """Return this robot with one of its several task frames alone; all joints stay.
 
@@ -179,12 +192,7 @@ class Robot:
         Raises:
             RobotError: the task is the joint task, or one of several frames.
         """
-        if isinstance(self.task, FramesTask):
-            raise RobotError(
-                f"this needs one task frame, and there are {len(self.frames)}.",
-                where="frames",
-                hint=f'Load the robot with frame = "{self.frame}".',
-            )
+        self.check_single_frame()
         if not isinstance(self.task, FrameTask):
             raise RobotError(
                 f"the task is '{self.task.name}'; this needs a task of the frame.",

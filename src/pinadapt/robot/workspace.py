@@ -74,10 +74,8 @@ def rounded_down(number: float) -> float:
 
 
 @arithmetic("robot", RobotError)
-def reachable_circle(robot: Robot) -> Circle | PoseCircle | Stacked:
+def reachable_circle(robot: Robot) -> Circle | PoseCircle:
     """Return a circle that the robot can follow, as a motion that starts at its home position.
-
-    Several frames follow circles of one size at once, each its own.
 
     It is the circle of ``find_circle``. For a true robot with another tool, start it where that one
     is: ``reachable_circle(robot).starting_at(true.position(true.q0))``. For a pose task the
@@ -88,18 +86,34 @@ def reachable_circle(robot: Robot) -> Circle | PoseCircle | Stacked:
 
     Raises:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
-            task is the joint task.
+            task is the joint task, or one of several frames.
     """
-    found, motions = find_circle(robot), []
-    for name in robot.frames:
-        own = robot.of_frame(name)
-        task, start = own.frame_task, own.position(own.q0)
-        circle = found.motion(task.positions)
-        circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
-        motions.append(
-            circle if task.size == task.positions else PoseCircle(circle, start[3:])
-        )
-    return motions[0] if len(motions) == 1 else Stacked(motions)
+    task = robot.frame_task
+    return _from_home(robot, find_circle(robot).motion(task.positions))
+
+
+@arithmetic("robot", RobotError)
+def reachable_circles(robot: Robot) -> Stacked:
+    """Return circles that several frames can follow at once, each from where it is at home.
+
+    All are the circle of ``find_circle``; beside that as ``reachable_circle``.
+
+    Args:
+        robot: with two task frames or more; read only.
+
+    Raises:
+        RobotError: as ``reachable_circle``.
+        InputError: there is one task frame.
+    """
+    found, ends = find_circle(robot), map(robot.of_frame, robot.frames)
+    return Stacked([_from_home(end, found.motion(end.task.positions)) for end in ends])
+
+
+def _from_home(robot: Robot, circle: Circle) -> Circle | PoseCircle:
+    """Return a circle that starts where the task frame is at home, with its orientation there."""
+    task, start = robot.frame_task, robot.position(robot.q0)
+    circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
+    return circle if task.size == task.positions else PoseCircle(circle, start[3:])
 
 
 def find_circle(robot: Robot) -> WorkspaceCircle:

@@ -119,8 +119,8 @@ class Template:
             frame, frames = frames[0], ()
         ends = {"frames": frames} if frames else {"frame": frame}
         robot = load(source, xacro=xacro, mass=mass, task=None if filmed else task, **ends)
-        if len(robot.frames) > 1 and (tracker or filmed):
-            _ = robot.frame_task
+        if tracker or filmed:
+            robot.check_single_frame()
         if robot.constraints and not LAWS[law].constrained:  # then the chain without them
             frame = robot.frame
             robot = load(source, xacro=xacro, mass=mass, frame=frame, task=task)
@@ -358,8 +358,9 @@ def _comment(text: str) -> list[str]:
 def _written(value: Any) -> str:
     """Return a value in TOML, tables inline."""
     if isinstance(value, Mapping):
-        pairs = (f"{tomlkit.key(key).as_string()} = {_written(each)}" for key, each in value.items())
-        return f"{{ {', '.join(pairs)} }}"
+        names = [tomlkit.key(name).as_string() for name in value]
+        pairs = zip(names, map(_written, value.values()), strict=True)
+        return f"{{ {', '.join(f'{name} = {each}' for name, each in pairs)} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_written, value))}]"
     return tomlkit.item(value).as_string()

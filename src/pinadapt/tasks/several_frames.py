@@ -106,7 +106,8 @@ class FramesTask(Task):
         if self.size == self.positions:
             return super().errors(x, x_d, xd, xd_hat, xd_d)
         measured = [None] * len(self.frames) if xd is None else self._linear(xd)
-        given = zip(*map(self.parts, (x, x_d)), measured, *map(self.parts, (xd_hat, xd_d)))
+        estimated = map(self.parts, (xd_hat, xd_d))
+        given = zip(*map(self.parts, (x, x_d)), measured, *estimated, strict=True)
         dx, found, delta = zip(*(self.part.errors(*own) for own in given), strict=True)
         return self.joined(list(dx)), self.joined(list(found)), self.joined(list(delta))
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from .._checks import vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.several_frames import joined, parts_of
@@ -55,38 +52,17 @@ class Stacked(Trajectory):
             *(joined(list(each), self._positions) for each in zip(*self._at(t), strict=True))
         )
 
-    def _each(self, change: Callable[[Trajectory, np.ndarray], Trajectory], given: Any) -> Stacked:
-        """Return the motions changed, each by its part of what is given for all."""
-        own = parts_of(given, len(self.motions), self._positions)
-        changed = Stacked([change(*both) for both in zip(self.motions, own, strict=True)])
-        changed.exact = self.exact
-        return changed
-
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motions, those without a place of their own placed where their frame is.
 
         Where these are poses, a motion of a position holds the orientation.
         """
-
-        def place(motion: Trajectory, own: np.ndarray) -> Trajectory:
-            turns = own.size > motion.at(0.0).x_d.size
-            return (PoseTrajectory(motion, None) if turns else motion).placed(own)
-
-        return self._each(place, start)
-
-    def shifted(self, by: ArrayLike) -> Stacked:
-        """Return the same motions displaced by (m): [m], rotations about world axes [rad]."""
-        by = vector(by, self.at(0.0).xd_d.size, "by", fills=False)
-        return self._each(lambda motion, own: motion.shifted(own), by)
-
-    def starting_at(self, start: ArrayLike) -> Stacked:
-        """Return the same motions displaced so that their coordinates are ``start`` at time 0.
-
-        Raises:
-            InputError: ``start`` has another number of coordinates than x_d, or is not finite.
-        """
-        start = vector(start, self.at(0.0).x_d.size, "start", fills=False)
-        return self._each(lambda motion, own: motion.starting_at(own), start)
+        placed = []
+        own = parts_of(start, len(self.motions), self._positions)
+        for motion, here in zip(self.motions, own, strict=True):
+            turns = here.size > motion.at(0.0).x_d.size
+            placed.append((PoseTrajectory(motion, None) if turns else motion).placed(here))
+        return Stacked(placed)
 
     @property
     def extent(self) -> float | None:

@@ -18,9 +18,9 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .drawing import TRUE, Window, solid
+from .drawing import Window
 from .page import note_readings, page, task_curves
-from .scene import Scene, desired_tip, motion_of
+from .scene import Scene, desired_tips, motion_of
 
 if TYPE_CHECKING:
     from ..controller.state import Sample
@@ -157,7 +157,7 @@ class LiveView:
         here = motion_of(true, true.q0[None])
         t = np.linspace(0.0, duration, 600)
         x_d = as_trajectory(trajectory, true.task).positions(t)
-        path = desired_tip(true, x_d, here.tip[0])
+        path = desired_tips(true, x_d, here.tips[0])
         robots = Succession.of(true, changes)
         self._scene = Scene(robots, controller.kinematics, here, path, t[:1])
         start = x_d[:1], x_d[:1], np.asarray(controller.kinematics.initial)[None]
@@ -198,7 +198,7 @@ class LiveView:
             return
         t, x_d = np.array([sample.t]), sample.desired.x_d[None]
         motion = self._scene.show(t, q[None], x_d, a_k[None])
-        self._trace(motion.tip[0])
+        self._trace(motion.tips[0])
         assert sample.truth.x is not None  # perfect sensors see the task
         curves = task_curves(self._scene, t, sample.truth.x[None], x_d, a_k[None])
         note_readings(self._scene, t, curves)
@@ -218,9 +218,9 @@ class LiveView:
         """Close the view."""
         self.close()
 
-    def _trace(self, tip: np.ndarray) -> None:
-        """Extend the traced path to a point (3) [m]; its last second is drawn again."""
-        self._traced.append(tip)
+    def _trace(self, tips: np.ndarray) -> None:
+        """Extend the traced paths to points (k, 3) [m]; their last second is drawn again."""
+        self._traced.append(tips)
         first = (len(self._traced) - 2) // 30 * 30
         piece = np.array(self._traced[max(first, 0) :])
-        self._scene.add_path(f"true/{first}", piece, 0.005, solid(TRUE))
+        self._scene.add_traces(f"true/{first}", piece)

@@ -18,8 +18,8 @@ import numpy as np
 
 from .._checks import positive
 from .._output import write_text
-from .drawing import TRUE, ghost, solid
-from .scene import Scene, desired_tip, motion_in_time
+from .drawing import ghost
+from .scene import Scene, desired_tips, motion_in_time
 
 
 class Curve(NamedTuple):
@@ -179,13 +179,13 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     traced = motion_in_time(robots, t[line], q[line])
     wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, _MOST - 1)) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
-    path = desired_tip(true, x_d[line], traced.tip)
+    path = desired_tips(true, x_d[line], traced.tips)
     scene = Scene(robots, kinematics, traced, path, t[frames])
     t, q, x, x_d, a_k = (part[frames] for part in (t, q, x, x_d, a_k))
     scene.show(t, q, x_d, a_k)
-    if len(traced.tip) > 1:
-        scene.add_path("true", traced.tip, 0.005, solid(TRUE))
-        scene.window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
+    if len(traced.tips) > 1:
+        for node in scene.add_traces("true", traced.tips):
+            scene.window.note(("reveal", node.path), reveal=node.path.lower())
     curves = task_curves(scene, t, x, x_d, a_k)
     note_readings(scene, t, curves)
     scene.poses.play(scene.root)
