@@ -12,6 +12,7 @@ import pytest
 import pinadapt as pa
 from pinadapt.cli.command_line import main
 from pinadapt.exceptions import InputError, ParameterError, RobotError
+from pinadapt.identification import calibrate
 from pinadapt.models import FrameKinematics, FramesKinematics
 from pinadapt.records import Camera
 from pinadapt.tasks.frame import turned
@@ -214,13 +215,20 @@ def test_tools_and_loads_are_learned(followed):
 
 
 def test_a_rollout_is_saved_with_its_task(followed, tmp_path):
-    _, _, rollout = followed
+    _, controller, rollout = followed
     rollout.save(tmp_path)
     loaded = pa.Rollout.load(tmp_path)
     assert loaded.task == rollout.task and loaded.summary() == rollout.summary()
     assert all(np.array_equal(getattr(loaded, name), getattr(rollout, name)) for name in ARRAYS)
-    with pytest.raises(RobotError, match="one task frame"):
-        rollout.payload()
+    described = controller.kinematics.robot
+    for use in (
+        rollout.payload,
+        lambda: pa.identify(tmp_path, described),
+        lambda: calibrate(tmp_path, described),
+    ):
+        with pytest.raises(RobotError, match="one task frame"):
+            use()
+    assert rollout.excitation().kinematic.rank == controller.kinematics.base() == 6
     drawn = stream(rollout.animate())
     assert all(name in drawn for name in (b"tip 2", b"desired 2", b"true 2", b"desired point 2"))
 
