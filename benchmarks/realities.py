@@ -197,10 +197,11 @@ class ElasticArm(Unmodelled, ElasticPlant):
         super().reset()
         self._stiffness, self._half = self._K, 0.5 * self._case.play * levers(self.robot)
         self._d = self._d + self._half * np.sign(self._d)
+        self._read()
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (n) of the motors and what comes besides."""
-        super().hold(self.rippled(tau, self._measured_q()), dt)
+        super().hold(self.rippled(tau, self._q), dt)
 
     def _means(
         self, q: np.ndarray, v: np.ndarray, w: np.ndarray, tau: np.ndarray, h: float

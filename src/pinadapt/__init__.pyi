@@ -42,6 +42,7 @@ from .logs import Log as Log
 from .logs import read_log as read_log
 from .records import Camera as Camera
 from .records import Desired as Desired
+from .records import Imu as Imu
 from .records import Measurement as Measurement
 from .records import Sensors as Sensors
 from .reference import within_limits as within_limits

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from numbers import Integral, Real
 from reprlib import Repr
 from types import UnionType
@@ -24,7 +25,7 @@ from .exceptions import (
 )
 
 LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be positive
-MOST_SAMPLES, MOST_PARAMETERS = 100_000, 10_000  # that are drawn, or adapted
+MOST_PARAMETERS = 10_000  # that are adapted; half or twice: where a mistyped number is refused
 
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
@@ -163,6 +164,22 @@ def whole(
     return number
 
 
+def optional(module: str, extra: str, where: str, error: type[InputError] = InputError) -> Any:
+    """Return a module that only an extra of this package brings.
+
+    Raises:
+        error: it cannot be imported; the message says how it is installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as reason:
+        raise error(
+            f"{module.partition('.')[0]} is not installed ({reason}).",
+            where=where,
+            hint=f'Install it: pip install "pinadapt[{extra}]".',
+        ) from reason
+
+
 @contextmanager
 def arithmetic(where: str, error: type[InputError] = InputError) -> Iterator[None]:
     """Turn what breaks down in computing with a user's numbers into an error about them.
@@ -205,6 +222,36 @@ def vector(
         count, which = "a list of" if size is None else size, f" {list(names)}" if names else ""
         raise error(f"expected {count} numbers{which}, got shape {array.shape}.", where=name)
     return array
+
+
+def joint_numbers(
+    value: ArrayLike,
+    name: str,
+    size: int | None = None,
+    *,
+    zero: bool = True,
+    infinite: bool = False,
+    error: type[InputError] = InputError,
+) -> np.ndarray:
+    """Return one number for all joints, or one per joint, as an array of no or one dimension.
+
+    With a size it is the vector (size) of all joints.
+
+    Raises:
+        error: not numbers, another size, negative ones, or zero where that is not allowed.
+    """
+    array = numbers(value, name, error=error, infinite=infinite)
+    if array.ndim > 1 or (array < 0.0).any() or not (zero or array.all()):
+        raise error(
+            f"must {'not be negative' if zero else 'be positive'}, one number or one per joint, "
+            f"got {array.tolist()}.",
+            where=name,
+        )
+    if size is None:
+        return array
+    if array.shape not in ((), (size,)):
+        raise error(f"expected a number or {size} numbers, got {array.tolist()}.", where=name)
+    return np.broadcast_to(array, size).copy()
 
 
 def definite_matrix(value: ArrayLike, size: int, name: str) -> np.ndarray:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
 import re
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from html import escape
 from inspect import getdoc
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
 from .exceptions import InputError, PinadaptError, ScenarioError
 
@@ -22,6 +23,8 @@ if sys.version_info >= (3, 11):
     import tomllib as toml
 else:
     import tomli as toml
+
+Record: TypeAlias = Mapping[str, Any]  # values by name
 
 UNFINISHED = ".unfinished-"  # prefix of files and folders that are being written
 _ABANDONED = 3600.0  # [s] of age; half or twice: what killed processes left stays as long
@@ -90,10 +93,20 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         raise
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str | bytes) -> None:
     """Write a file in UTF-8, completely or not at all; lone surrogates become question marks."""
     with whole_file(path) as file:
-        file.write(text.encode("utf-8", errors="replace"))
+        file.write(text.encode("utf-8", errors="replace") if isinstance(text, str) else text)
+
+
+def as_json(content: Any) -> Any:
+    """Return what a JSON file holds of some content: lists, and None for what is not finite."""
+    return json.loads(json.dumps(content), parse_constant=lambda _: None)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file, completely or not at all."""
+    write_text(path, json.dumps(as_json(content), indent=2) + "\n")
 
 
 @contextmanager
@@ -156,6 +169,13 @@ def _tidy(folder: Path) -> None:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
+def cell(value: Any) -> str:
+    """Return a value as the cell of a table."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 class Table(NamedTuple):
     """A table of texts; with a header, columns between the first and the last are right-aligned.
 
@@ -168,6 +188,12 @@ class Table(NamedTuple):
     rows: Sequence[Sequence[str]]
     header: Sequence[str] = ()
     title: str = ""
+
+    @classmethod
+    def of(cls, records: Sequence[Any]) -> Table:
+        """Return a row for each of some named tuples, a column for each of their fields."""
+        header = [name.replace("_", " ") for name in records[0]._fields]
+        return cls([list(map(cell, one)) for one in records], header)
 
     @property
     def sides(self) -> str:
@@ -203,6 +229,36 @@ class Table(NamedTuple):
         return f"{title}<table>{head}{''.join(row('td', cells) for cells in self.rows)}</table>"
 
 
+def records_table(
+    records: Sequence[Record],
+    texts: Mapping[str, str],
+    numbers: Mapping[str, tuple[str, float, int]],
+    last: str,
+) -> Table:
+    """Return a table with a row for each record; numbers that no record has are left out.
+
+    Args:
+        records: its rows.
+        texts: title -> key of the first columns.
+        numbers: title -> key, scale and digits of the columns after them.
+        last: key and title of the last column.
+    """
+    there = {
+        title: (key, scale, digits)
+        for title, (key, scale, digits) in numbers.items()
+        if any(record.get(key) is not None for record in records)
+    }
+    rows = [
+        [
+            *(str(record.get(key, "-")) for key in texts.values()),
+            *(number(record.get(key), scale=s, digits=d) for key, s, d in there.values()),
+            str(record.get(last, "")),
+        ]
+        for record in records
+    ]
+    return Table(rows, [*texts, *there, last])
+
+
 class Sheet(NamedTuple):
     """Tables below a common title.
 
@@ -218,15 +274,29 @@ class Sheet(NamedTuple):
 
     def __str__(self) -> str:
         """Return the sheet as text."""
-        first, *others = map(str, self.tables)
-        head = f"{self.title}\n{'-' * len(self.title)}\n{first}"
-        return "\n\n".join([head, *others, *filter(None, [self.note])])
+        parts = [*map(str, self.tables), *filter(None, [self.note])]
+        return f"{self.title}\n{'-' * len(self.title)}\n" + "\n\n".join(parts)
 
     def html(self) -> str:
         """Return the sheet as HTML, without scripts, style sheets or external resources."""
         tables = "".join(table.html() for table in self.tables)
         note = f"<div>{escape(self.note)}</div>" if self.note else ""
         return f"<div><strong>{escape(self.title)}</strong>{tables}{note}</div>"
+
+
+class Printed:
+    """A result that ``print`` and Jupyter show as its tables."""
+
+    def sheet(self) -> Sheet:
+        """Return the tables."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """Return the tables as text."""
+        return str(self.sheet())
+
+    def _repr_html_(self) -> str:
+        return self.sheet().html()
 
 
 _STYLE = """
@@ -260,12 +330,17 @@ def number(value: float | None, unit: str = "", *, scale: float = 1.0, digits: i
     return f"{'< ' * small}{least if small else value * scale:.{digits}f} {unit}".rstrip()
 
 
-def percent(share: float, digits: int = 2) -> str:
-    """Return a share as a percentage with some significant digits, without an exponent."""
-    value = 100.0 * share
+def short(value: float, digits: int = 3) -> str:
+    """Return a number with some significant digits, without an exponent up to a million."""
     if 0.0 < value < 1e-3:
-        return "< 0.001 %"
-    return f"{value:.0f} %" if value >= 10.0**digits else f"{float(f'{value:.{digits}g}'):g} %"
+        return "< 0.001"
+    whole = 10.0**digits <= value < 1e6
+    return f"{value:.0f}" if whole else f"{float(f'{value:.{digits}g}'):g}"
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """Return a share as a percentage with some significant digits."""
+    return f"{short(100.0 * share, digits)} %"
 
 
 def meanings(make: Callable[..., Any]) -> dict[str, str]:

@@ -8,20 +8,12 @@ from collections.abc import Iterable
 from typing import Any
 
 
-def nearest(name: object, allowed: Iterable[str]) -> str | None:
-    """Return the allowed name closest to ``name``, or None when nothing resembles it."""
-    if not isinstance(name, str):
-        return None
-    allowed = list(allowed)
-    exact = [other for other in allowed if other.lower() == name.lower()]
-    close = exact or difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
-    return close[0] if close else None
-
-
 def did_you_mean(name: object, allowed: Iterable[str]) -> str:
     """Return ``" Did you mean 'x'?"`` for the nearest allowed name, else an empty string."""
-    suggestion = nearest(name, allowed)
-    return f" Did you mean '{suggestion}'?" if suggestion else ""
+    allowed = list(allowed)
+    exact = [other for other in allowed if other.lower() == str(name).lower()]
+    close = exact or difflib.get_close_matches(str(name), allowed, n=1, cutoff=0.5)
+    return f" Did you mean '{close[0]}'?" if close else ""
 
 
 class PinadaptError(Exception):

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._checks import flag, instance, mapping, numbers, positive, vector
-from .exceptions import InputError, did_you_mean
+from ._checks import flag, instance, joint_numbers, mapping, positive, vector, word
+from .exceptions import InputError
 
 CHANNELS = ("q", "v", "x", "angle", "tau")
 
@@ -51,6 +51,23 @@ class Measurement(NamedTuple):
     w: np.ndarray | None = None
 
 
+class Feet(NamedTuple):
+    """Which of a robot's c point contacts stand, and how the others move, at one instant.
+
+    Attributes:
+        stands: (c) bools.
+        x_d: (c, 3) desired positions of the contacts' frames in world axes [m]; read of those that
+            do not stand, as are the derivatives.
+        xd_d: (c, 3) velocities [m/s].
+        xdd_d: (c, 3) accelerations [m/s^2].
+    """
+
+    stands: np.ndarray
+    x_d: np.ndarray
+    xd_d: np.ndarray
+    xdd_d: np.ndarray
+
+
 class Desired(NamedTuple):
     """The desired task motion at one instant, in world axes.
 
@@ -63,6 +80,47 @@ class Desired(NamedTuple):
     x_d: np.ndarray
     xd_d: np.ndarray
     xdd_d: np.ndarray
+
+    @property
+    def feet(self) -> Feet | None:
+        """How the contacts move, see ``DesiredSteps``; None: all stand."""
+        return None
+
+    def at_rate(self, rate: float, acceleration: float) -> Desired:
+        """Return the motion at another time law s(t), by the chain rule.
+
+        Args:
+            rate: ds/dt.
+            acceleration: d^2s/dt^2 [1/s].
+        """
+        if rate == 1.0 and acceleration == 0.0:
+            return self
+        x_d, xd_d, xdd_d = self
+        return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
+
+
+class DesiredSteps(Desired):
+    """The desired motion of a robot whose contacts change."""
+
+    _feet: Feet
+
+    @classmethod
+    def of(cls, desired: Desired, feet: Feet) -> DesiredSteps:
+        """Return a desired motion of the task with that of the feet."""
+        made = cls(*desired)
+        made._feet = feet
+        return made
+
+    @property
+    def feet(self) -> Feet:
+        """How the contacts move."""
+        return self._feet
+
+    def at_rate(self, rate: float, acceleration: float) -> Desired:
+        """Return both motions at another time law, see ``Desired``."""
+        stands, x_d, xd_d, xdd_d = self.feet
+        feet = Feet(stands, *Desired(x_d, xd_d, xdd_d).at_rate(rate, acceleration))
+        return DesiredSteps.of(super().at_rate(rate, acceleration), feet)
 
 
 @dataclass(frozen=True)
@@ -105,6 +163,32 @@ class Camera:
             )
 
 
+@dataclass(frozen=True)
+class Imu:
+    """An inertial measurement unit on the base of a robot that stands: pitch and roll, with rates.
+
+    Position and yaw of the base are then those of the legs, see ``robot.BaseFromLegs``.
+
+    Attributes:
+        tilt: by which pitch and roll are off, for good [rad].
+        noise: standard deviation of white noise on both [rad].
+        rate_noise: of their rates [rad/s].
+
+    Raises:
+        InputError: a negative number.
+    """
+
+    tilt: float = 0.0
+    noise: float = 0.0
+    rate_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no sensor has."""
+        for name in ("tilt", "noise", "rate_noise"):
+            number = positive(getattr(self, name), f"imu.{name}", zero=True)
+            object.__setattr__(self, name, number)
+
+
 Deviation: TypeAlias = float | tuple[float, ...]
 
 
@@ -132,6 +216,9 @@ class Sensors:
             and ``noise.tau`` are given; else the torque that was commanded, as an unknown offset
             would be learned as a mass, and tracked.
 
+        imu: of a robot with a free base, which together with its legs takes the place of whatever
+            else measures the base and x; None: there is something else.
+
     Raises:
         InputError: an unknown name, a negative number, or an impossible camera.
     """
@@ -141,6 +228,7 @@ class Sensors:
     noise: Mapping[str, Deviation] = field(default_factory=dict, hash=False)
     compensate_delay: bool = True
     torque_offset: Deviation | None = None
+    imu: Imu | None = None
 
     def __init__(
         self,
@@ -149,6 +237,7 @@ class Sensors:
         noise: Mapping[str, ArrayLike] | None = None,
         compensate_delay: bool = True,
         torque_offset: ArrayLike | None = None,
+        imu: Imu | None = None,
     ) -> None:
         """Check and keep the sensors."""
         given: dict[str, Any] = {
@@ -159,20 +248,12 @@ class Sensors:
             "torque_offset": None
             if torque_offset is None
             else _deviation(torque_offset, "sensors.torque_offset"),
+            "imu": instance(imu, Imu | None, "sensors.imu"),
         }
         for name, deviation in mapping(noise, "sensors.noise").items():
-            if name not in CHANNELS:
-                raise InputError(
-                    f"no channel is called '{name}'; there are {list(CHANNELS)}."
-                    f"{did_you_mean(str(name), CHANNELS)}",
-                    where="sensors.noise",
-                )
-            where = f"sensors.noise.{name}"
-            given["noise"][name] = (
-                _deviation(deviation, where)
-                if name == "tau"
-                else positive(deviation, where, zero=True)
-            )
+            where = f"sensors.noise.{word(name, CHANNELS, 'sensors.noise')}"
+            checked = _deviation(deviation, where)
+            given["noise"][name] = checked if name == "tau" else positive(checked, where, zero=True)
         if given["torque_offset"] is not None and "tau" not in given["noise"]:
             raise InputError(
                 "a torque sensor has noise too.",
@@ -186,7 +267,8 @@ class Sensors:
     def perfect(self) -> bool:
         """Whether q, v and x are measured at every sample, at once and without error."""
         counted = np.any(self.encoder)
-        return self.camera in (None, Camera()) and not counted and not _any(self.noise)
+        noisy = counted or _any(self.noise) or self.imu is not None
+        return self.camera in (None, Camera()) and not noisy
 
     def quality(self, nv: int, dt: float) -> SensorQuality:
         """Return the sizes on which filters and rates depend.
@@ -226,12 +308,7 @@ def _any(noise: Mapping[str, Deviation]) -> bool:
 
 def _deviation(value: ArrayLike, where: str) -> Deviation:
     """Return a number that is not negative, or a tuple of them."""
-    array = numbers(value, where)
-    if array.ndim > 1 or (array < 0.0).any():
-        raise InputError(
-            f"must not be negative, one number or one per joint, got {array.tolist()}.",
-            where=where,
-        )
+    array = joint_numbers(value, where)
     return tuple(array.tolist()) if array.ndim else float(array)
 
 

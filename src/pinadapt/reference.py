@@ -166,34 +166,33 @@ def _followed(
         return arms[:, None] * J, x
 
     def stepped(
-        q: np.ndarray, J: np.ndarray, to_go: np.ndarray, error: np.ndarray, share: float
-    ) -> Any:
-        """Return q (nq) after a step towards what is left to go (m).
+        q: np.ndarray, target: np.ndarray, following: np.ndarray, share: float
+    ) -> tuple[Any, float]:
+        """Return q (nq) after a step to the following target, and how far it is off its own.
 
-        The squared error (m) is added to the damping (Levenberg's rule): out of reach it is strong.
+        The squared error is added to the damping (Levenberg's rule): out of reach it is strong.
         """
+        J, x = jacobian(q)
+        error, to_go = (arms * task.error(each, x) for each in (target, following))
         psi = -share * posture.offset(q)
         damped = J @ J.T + (least + float(error @ error)) * np.eye(task.size)
         step = psi + J.T @ np.linalg.solve(damped, to_go - J @ psi)
         step *= 0.2 / max(float(np.linalg.norm(step)), 0.2)  # [rad or m], far from the motion
-        return pin.integrate(model, q, step)
+        return pin.integrate(model, q, step), float(np.abs(error).max()) / reach
 
     smallest = np.linalg.svd(jacobian(robot.q0)[0], compute_uv=False)[-1]
     least = (0.01 * max(float(smallest), 1e-6)) ** 2  # half or twice: durations as they are to 1e-5
     for _ in range(100):  # a few, unless the point is out of reach
-        J, x = jacobian(q)
-        error = arms * task.error(targets[0], x)
-        if np.abs(error).max() < 1e-8 * reach:
+        after, error = stepped(q, targets[0], targets[0], 0.0)
+        if error < 1e-8:
             break
-        q = stepped(q, J, error, error, 0.0)
+        q = after
     poses, off = [], []
-    for target, following in zip(targets, [*targets[1:], targets[-1]], strict=True):
-        J, x = jacobian(q)
-        error = arms * task.error(target, x)
+    for pair in zip(targets, [*targets[1:], targets[-1]], strict=True):
         poses.append(q)
-        off.append(np.abs(error).max() / (TRACKED * reach))
-        q = stepped(q, J, arms * task.error(following, x), error, share)
-    return np.array(poses), np.array(off)
+        q, error = stepped(q, *pair, share)
+        off.append(error)
+    return np.array(poses), np.array(off) / TRACKED
 
 
 _STEP = 0.0125  # [s] between instants looked at; half of it: slower by 0.5 %; twice: faster by 2 %
@@ -289,15 +288,12 @@ class Approach(Derived):
             InputError: coordinates of another number than the motion has, or not finite; or a
                 duration that is not positive.
         """
-        self.motion, self._task, self._first = motion, task, motion.at(0.0).x_d
+        super().__init__(motion)
+        self._task, self._first = task, motion.at(0.0).x_d
         self.duration = positive(duration, "duration", error=InputError)
+        if self.settles is not None:
+            self.settles += self.duration
         self.way = task.error(vector(start, self._first.size, "start"), self._first)
-
-    @property
-    def settles(self) -> float | None:
-        """When the motion that follows comes to rest [s], or None."""
-        settled = self.motion.settles
-        return None if settled is None else self.duration + settled
 
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
@@ -320,6 +316,8 @@ class Wiggle(Trajectory):
         amplitudes: (n) A [rad or m].
     """
 
+    settles: float
+
     def __init__(self, robot: Robot, duration: float = 2.0) -> None:
         """Choose amplitudes that move the frame by a twentieth of the reach each.
 
@@ -334,7 +332,7 @@ class Wiggle(Trajectory):
             InputError: a duration that is not positive.
         """
         model, n = robot.model, robot.model.nv
-        self.duration = positive(duration, "duration")
+        self.duration = self.settles = positive(duration, "duration")
         home, size = robot.home_angles, 0.05 * robot.reach
         J = pin.computeFrameJacobian(
             model, model.createData(), robot.q0, robot.frame_id, pin.LOCAL_WORLD_ALIGNED
@@ -344,25 +342,15 @@ class Wiggle(Trajectory):
         room = np.maximum(np.minimum(home - low, high - home), 0.0)
         fast = 0.5 * velocity_limits(model) * self.duration / (math.pi * (2.0 + np.arange(n)))
         self.amplitudes = np.minimum.reduce([wanted, room / 3.0, fast])
-        # with b = pi / T: sin^2(b t) sin(k b t) = sin(k b t) / 2 - (sin((k - 2) b t) + sin((k + 2)
-        # b t)) / 4, and k = 2 + j; the columns are of k = 0, 1, ...
-        sine = np.zeros((n, n + 4))
-        for j, amplitude in enumerate(self.amplitudes):
-            sine[j, j : j + 5 : 2] = amplitude * np.array([-0.25, 0.5, -0.25])
-        sine = sine[:, 1:]
+        # with b = pi / T and k = 2 + j: sin^2(b t) sin(k b t) = sin(k b t) / 2 - (sin((k - 2) b t)
+        # + sin((k + 2) b t)) / 4; the columns are of 1, 2, ...
+        sides = np.eye(n, n + 3, -1) + np.eye(n, n + 3, 3)
+        sine = self.amplitudes[:, None] * (0.5 * np.eye(n, n + 3, 1) - 0.25 * sides)
         self._moving = FourierSeries(home, np.zeros_like(sine), sine, 2.0 * self.duration)
-
-    @property
-    def settles(self) -> float:
-        """T [s]."""
-        return self.duration
 
     def at(self, t: float) -> Desired:
         """Return joint positions, velocities and accelerations (n) at time t [s]."""
-        if 0.0 < t < self.duration:
-            return self._moving.at(t)
-        home = self._moving.center
-        return Desired(home.copy(), np.zeros(home.size), np.zeros(home.size))
+        return self._moving.at(min(max(t, 0.0), self.duration))
 
 
 # A step of the error asks for K_P times as much acceleration. At K_P = 400 / s^2 a thousandth of

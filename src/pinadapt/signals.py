@@ -51,9 +51,9 @@ class Signals:
             the adaptation of the dynamics uses their prediction error, else None.
         residual: (n) prediction error of the torque, W a_d - y [N m or N], or None as well.
         w: (n) measured velocity of the motors [rad/s or m/s], or None.
+        stands: (c) which contacts stand; None: all.
     """
 
-    _optional = ("a", "delta", "residual", "w")  # parts that may be None
     t: float
     q: np.ndarray
     v: np.ndarray
@@ -79,6 +79,7 @@ class Signals:
     filtered_torque: Any
     residual: np.ndarray | None
     w: np.ndarray | None
+    stands: np.ndarray | None
 
     @property
     def dxd_hat(self) -> np.ndarray:

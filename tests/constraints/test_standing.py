@@ -61,6 +61,11 @@ class Swaying:
         )
 
 
+def test_links_may_share_names_with_joints_under_a_free_base():
+    robot = pa.load("anymal_c", base="free")
+    assert robot.frame == "base" and robot.model.nv == 18
+
+
 def test_a_free_base_is_six_joints_without_motors():
     robot = standing("a1")
     assert robot.model.nv == 18 and robot.motors.tolist() == [False] * 6 + [True] * 12
@@ -213,3 +218,14 @@ def test_an_announced_load_is_that_of_the_trunk_and_a_safe_torque_holds_the_robo
         assert not torque[:6].any()
         plant.hold(torque, 1e-3)
     assert np.abs(plant.measure().q - robot.q0).max() < 5e-3
+
+
+def test_a_robot_that_stands_with_friction_in_its_joints_rests():
+    robot = standing("a1")
+    friction = np.append(np.zeros(6), np.full(robot.model.nv - 6, 3.0))
+    plant = pa.plants.PinocchioPlant(robot.changed(coulomb=friction))
+    controller = pa.make_controller(robot, unknown=TRUNK)
+    torque, _ = controller.safe(controller.init(plant.measure()), plant.measure())
+    for _ in range(50):
+        plant.hold(torque, 1e-3)
+    assert np.abs(plant.measure().v).max() < 1e-6

@@ -251,3 +251,15 @@ def test_a_fault_is_bridged_or_refused(fault):
             break
     assert loop.state.unseen.any() == (fault in BLIND)
     assert drift < 20.0 and (fault in BLIND or np.abs(last.v).max() < 0.01)
+
+
+def test_a_step_from_the_state_of_safe_keeps_to_what_it_has_found():
+    """The velocity that was wrong is not used again until the controller starts anew."""
+    loop = moving("ur5", False)[0].lying("v of the wrong sign")
+    with pytest.raises(pa.ImplausibleError):
+        list(loop.samples(0.15))
+    for _ in loop.rest(0.02):
+        pass
+    loop.liar = None
+    with pytest.raises(pa.ImplausibleError, match=r"'v' is .*: joint"):
+        list(loop.samples(0.05))

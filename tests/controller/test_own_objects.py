@@ -149,7 +149,7 @@ def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
 def all_of(signals):
     """Return what signals hold, and what their inverse and filters hold."""
     own = [name for name in signals.__slots__ if name not in ("inverse", "filtered")]
-    assert len(own) == 23
+    assert len(own) == 24
     filtered, inverse = signals.filtered, signals.inverse
     names = getattr(filtered, "_fields", None) or filtered.__slots__
     parts = *(getattr(filtered, name) for name in names), inverse.J, inverse.gram_inverse

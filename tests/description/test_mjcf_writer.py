@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pinadapt as pa
@@ -38,3 +39,16 @@ def test_accelerations_and_frames_are_those_of_the_robot(name):
         )
         site = data.site(robot.frame).xpos
         np.testing.assert_allclose(site, robot.placement(q).translation, atol=1e-8)
+
+
+def test_a_tree_has_the_mass_matrix_of_the_robot():
+    described = catalogue_robot("solo8_fl_leg").drawn.whole
+    robot = pa.load(described, task="joint", weld_root=True)
+    model = mujoco.MjModel.from_xml_string(robot.mjcf())
+    data, M = mujoco.MjData(model), np.zeros((robot.model.nv, robot.model.nv))
+    data.qpos[:] = robot.q0
+    mujoco.mj_forward(model, data)
+    for row, unit in zip(M, np.eye(len(M)), strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    expected = pin.crba(robot.model, robot.model.createData(), robot.q0)
+    np.testing.assert_allclose(M, expected, atol=1e-8)

@@ -8,6 +8,7 @@ import pytest
 
 import pinadapt as pa
 from tests.support.chains import catalogue_robot, random_state
+from tests.support.descriptions import arm4
 
 pytestmark = pytest.mark.slow
 
@@ -107,3 +108,27 @@ def test_a_body_lighter_than_its_fixed_links_is_the_same_when_read_again(tmp_pat
     robot = catalogue_robot("panda")  # hand and fingers weigh as much as its last link
     light = robot.changed(inertial_scale={"panda_joint7": 0.3})
     same_torques(light, reloaded(light, tmp_path), 1e-4)
+
+
+def test_a_tree_without_a_text_of_its_own_is_the_same_when_read_again(tmp_path):
+    described = catalogue_robot("solo8_fl_leg").drawn.whole  # four legs, none of them the first
+    robot = pa.load(described, task="joint", weld_root=True).changed(armature=0.02)
+    robot.save(tmp_path / "out.urdf")
+    again = pa.load(tmp_path / "out.urdf", task="joint", joint_effects=True)
+    order = [again.joint_names.index(name) for name in robot.joint_names]
+    q = np.linspace(0.1, 0.9, robot.model.nv)
+    theirs = np.zeros(q.size)
+    theirs[order] = q
+    tau, expected = (
+        pin.rnea(model, model.createData(), x, x, x)
+        for model, x in ((again.model, theirs), (robot.model, q))
+    )
+    assert np.abs(tau[order] - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+def test_a_moved_tool_that_has_a_mass_leaves_it_where_it_is(tmp_path):
+    inertial = '<inertial><mass value="0.4"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" '
+    heavy = f'<link name="tip">{inertial}iyz="0" izz="1e-3"/></inertial></link>'
+    robot = pa.load(arm4(tmp_path, ('<link name="tip"/>', heavy)), frame="tip")
+    moved = robot.changed(tool_translation=(0.0, 0.02, 0.1))
+    same_torques(moved, reloaded(moved, tmp_path, "tip_learned"), 1e-12)

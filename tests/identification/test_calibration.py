@@ -11,7 +11,7 @@ import pinadapt as pa
 from benchmarks.calibration import OFFSET, measured, random_angles, wrong_arm
 from pinadapt.description.chain import configuration_from_angles
 from pinadapt.identification import calibrate
-from pinadapt.identification.calibration import ALL, _Geometry, _MeasuredFrames, _unknown_placements
+from pinadapt.identification.calibration import ALL, _Geometry, _MeasuredFrames, _Unknown
 from pinadapt.tasks.frame import TASKS, matrix
 from tests.support.chains import catalogue_robot, mixed_robot
 from tests.support.differences import derivative
@@ -50,7 +50,7 @@ def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
     q = pin.integrate(robot.model, robot.q0, rng.uniform(-1.0, 1.0, robot.model.nv))
     x = TASKS["pose"].of(robot.placement(q))
     seen = _MeasuredFrames(task, q[None], x[None])
-    parts = _unknown_placements(robot, ALL, task, None)
+    parts = _Unknown.of(robot, ALL, task, None)
 
     def moved(step):
         geometry = _Geometry(robot, parts, pin.SE3.Identity())
@@ -60,9 +60,9 @@ def test_rows_are_the_derivatives_of_the_measured_coordinates(robot):
 
     geometry = _Geometry(robot, parts, pin.SE3.Identity())
     r, W = geometry.rows(seen)
-    assert np.abs(r).max() < 1e-12 and len(geometry.names) == 6 * (robot.model.nv + 1)
-    for k, name in enumerate(geometry.names):
-        step = np.eye(len(geometry.names))[k]
+    assert np.abs(r).max() < 1e-12 and len(geometry.unknown.names) == 6 * (robot.model.nv + 1)
+    for k, name in enumerate(geometry.unknown.names):
+        step = np.eye(len(geometry.unknown.names))[k]
         slope = derivative(lambda h, step=step: moved(h * step))
         assert np.abs(W[0, :, k] - slope).max() < 1e-9, name
 

@@ -15,12 +15,12 @@ from tests.support.recorded import recorded, torques, true_robot
 CASES = ["ur5", "kinova", "scara"]
 
 
-def windows(name, log, held=False):
+def windows(name, log):
     """Return the windows of a log, and the parameters of the true robot."""
     robot = catalogue_robot(name)
     dynamics = pa.make_estimator(robot).controller.dynamics
     motion = motion_of_log(robot, log)
-    found = Windows.of(motion, Averages(motion.t, log.period), dynamics, held=held)
+    found = Windows.of(motion, Averages(motion.t, log.period), dynamics)
     return found, dynamics.value(true_robot(name))
 
 
@@ -44,7 +44,7 @@ def test_the_error_is_that_of_friction_alone(dt):
     log = replace(log, tau=torques(smooth, q, v, a))
     dynamics = pa.make_estimator(robot).controller.dynamics
     moved = motion_of_log(robot, log)
-    found = Windows.of(moved, Averages(moved.t, dt), dynamics, held=False)
+    found = Windows.of(moved, Averages(moved.t, dt), dynamics)
     assert missed(found, dynamics.value(smooth)) < 20.0 * dt**2  # that of the acceleration here
 
 

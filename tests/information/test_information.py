@@ -41,9 +41,9 @@ def information(rollout):
 def test_identifiable_combinations_are_estimated_correctly(name):
     rollout = run(name)
     best, true = information(rollout).refined(), rollout.a_d_true
-    kept = best.scale[:, None] * best._eigen[1][:, : best.rank]  # the excited directions
-    noise = np.abs(kept.T @ (best.estimate - true)) / np.abs(kept.T @ best.estimate).max()
-    first = np.abs(kept.T @ (rollout.a_d[0] - true)) / np.abs(kept.T @ best.estimate).max()
+    kept = best.combinations
+    noise = np.abs(kept @ (best.estimate - true)) / np.abs(kept @ best.estimate).max()
+    first = np.abs(kept @ (rollout.a_d[0] - true)) / np.abs(kept @ best.estimate).max()
     assert noise.max() < 0.02 * first.max()
     base = pa.models.base_parameters(rollout.evaluated().controller.dynamics, catalogue_robot(name))
     assert 3 < best.rank <= base.size

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pinadapt as pa
-from pinadapt.models.excited import TOLD_APART, TorqueSums, scales
+from pinadapt.models.excited import TOLD_APART, TorqueErrors, scales
 from tests.support.chains import catalogue_robot
 
 
@@ -14,14 +14,11 @@ def dynamics_of(name="ur5", **options):
 
 
 def sums_of(dynamics, at, true, states):
-    """Return the sums over the torques that some states take."""
-    joints = dynamics.regressor(*states[0]).shape[0]
-    sums = TorqueSums(joints, at)
+    """Return the torques that some states take, and their errors."""
     Y = np.array([dynamics.regressor(*state) for state in states])
     dynamics.load(true)
     tau = np.array([dynamics.torque(*state) for state in states])
-    sums.add(Y, Y @ (true - at), tau)
-    return sums, Y, tau
+    return TorqueErrors(Y, Y @ (true - at), tau, at), Y, tau
 
 
 def states_of(nv, moving, count=40):

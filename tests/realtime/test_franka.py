@@ -48,7 +48,7 @@ def franka():
 @pytest.fixture(autouse=True)
 def ended_sooner(monkeypatch):
     """Hold and damp the arm for a moment; how long that takes is tested in this process."""
-    monkeypatch.setattr("pinadapt.realtime.realtime_loop._HOLD", 0.05)
+    monkeypatch.setattr("pinadapt.realtime.realtime_loop._SETTLED", 0.05)
     monkeypatch.setattr("pinadapt.cli.drive.Scheduling", lambda **_: ORDINARY)
     facts = SimpleNamespace(of=partial(ArmFacts.of, clock="simulated"))  # stepped by torques
     monkeypatch.setattr("pinadapt.realtime.franka.ArmFacts", facts)

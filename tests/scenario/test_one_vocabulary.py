@@ -98,6 +98,7 @@ VALUES = {
         "noise": {"q": 1e-5, "v": 1e-3, "x": 1e-4},
         "compensate_delay": False,
         "torque_offset": None,
+        "imu": None,
     },
     "limits": {
         "torque": [5.0, 6.0],
@@ -135,7 +136,7 @@ MOTION = {
     "relative": True,
     "point": [1.2, 0.3],
 }
-PLANAR = [kind for kind in MOTIONS if kind not in ("pose", "swing", "stacked")]
+PLANAR = [kind for kind in MOTIONS if kind not in ("pose", "swing", "stacked", "crawl")]
 ELSEWHERE = {"source", "robot", "learned", "tracker", "camera", "self"}  # tested by their own
 
 

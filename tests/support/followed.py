@@ -11,7 +11,8 @@ AXES = {"x": 0, "y": 1, "z": 2}
 def followed(robot, circle, start, turns=1.2, steps=300):
     """Return configurations (N, nq) and speeds (N, nv) on the circle, by fine steps of J^+."""
     model, data, q = robot.model, robot.model.createData(), robot.q0
-    axes, dt = [AXES[axis] for axis in circle.plane], circle.period / steps
+    rows, dt = np.arange(3)[robot.task.rows], circle.period / steps
+    axes = [rows[AXES[axis]] for axis in circle.plane]
     configurations, speeds = [], []
     for k in range(int(turns * steps)):
         J = pin.computeFrameJacobian(model, data, q, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)[

@@ -36,73 +36,61 @@ def fit(
     and positive definite, P^-1 is the information.
     """
 
-    def factorise(A: np.ndarray) -> None:
-        """Write L over the lower triangle of A = L L^T, on its diagonal 1 / L_ii."""
-        for i in range(len(A)):
-            for j in range(i + 1):
-                x = A[i, j]
-                for t in range(j):
-                    x -= A[i, t] * A[j, t]
-                A[i, j] = 1.0 / math.sqrt(x) if i == j else x * A[j, j]
-
-    def solve(L: np.ndarray, x: np.ndarray) -> None:
-        """Write A^-1 x over x, of A as factorised."""
-        n = len(x)
-        for i in range(n):
-            for t in range(i):
-                x[i] -= L[i, t] * x[t]
-            x[i] *= L[i, i]
-        for i in range(n - 1, -1, -1):
-            for t in range(i + 1, n):
-                x[i] -= L[t, i] * x[t]
-            x[i] *= L[i, i]
+    def solve(A: np.ndarray, X: np.ndarray) -> None:
+        """Write A^-1 x over each row x of X, and what elimination leaves over A."""
+        n = len(A)
+        for k in range(n):
+            for i in range(k + 1, n):
+                factor = A[k, i] / A[k, k]
+                for j in range(i, n):
+                    A[i, j] -= factor * A[k, j]
+                for row in range(len(X)):
+                    X[row, i] -= factor * X[row, k]
+        for row in range(len(X)):
+            for k in range(n - 1, -1, -1):
+                for j in range(k + 1, n):
+                    X[row, k] -= A[k, j] * X[row, j]
+                X[row, k] /= A[k, k]
 
     m, p = W.shape
-    L, W_P, S, R = np.empty((p, p)), np.empty((m, p)), np.empty((m, m)), np.zeros((m, m))
-    for k in range(p):
-        slope[k] = -g[k]
+    R, P_W, S, total, gradient = (
+        R_0.copy(),
+        W.copy(),
+        np.zeros((m, m)),
+        information.copy(),
+        g.copy(),
+    )
     if rate > 0.0:
-        for k in range(p):
-            for t in range(p):
-                L[k, t] = information[k, t]
-        factorise(L)
+        solve(total, P_W)
         for i in range(m):
-            for k in range(p):
-                W_P[i, k] = W[i, k]
-            solve(L, W_P[i])
-        for i in range(m):
-            R[i, i] = rate
+            S[i, i] = floor[i % len(floor)]
             for j in range(m):
-                S[i, j] = floor[i % len(floor)] if i == j else 0.0
+                R[i, j] = rate if i == j else 0.0
                 for k in range(p):
-                    S[i, j] += W[i, k] * W_P[j, k]
-        factorise(S)
+                    S[i, j] += W[i, k] * P_W[j, k]
+        solve(S, R)
         for i in range(m):
-            solve(S, R[i])
             x = 0.0
             for j in range(m):
                 x += (R[i, j] - R_0[i, j]) * r[j]
             for k in range(p):
-                slope[k] -= W[i, k] * x
-    else:
-        for i in range(m):
-            for j in range(m):
-                R[i, j] = R_0[i, j]
+                gradient[k] += W[i, k] * x
     for k in range(p):
         for t in range(p):
-            L[k, t] = information[k, t]
+            total[k, t] = information[k, t]
     for i in range(m):
         for k in range(p):
             x = 0.0
             for j in range(m):
                 x += dt * R[i, j] * W[j, k]
             for t in range(p):
-                L[k, t] += x * W[i, t]
+                total[k, t] += x * W[i, t]
     for k in range(p):
         for t in range(p):
-            after[k, t] = kept * L[k, t] + restored * prior[k, t]
-    factorise(L)
-    solve(L, slope)
+            after[k, t] = kept * total[k, t] + restored * prior[k, t]
+    solve(total, gradient.reshape(1, p))
+    for k in range(p):
+        slope[k] = -gradient[k]
 
 
 @compiled(
@@ -129,44 +117,35 @@ def follow_geodesic(
     sqrt(tr(P L P L)), summed over the blocks, is above ``most``, h is reduced to that.
     """
     k, square = len(a) // p, 0.0
-    P, A = np.zeros((k, n, n)), np.empty((k, n, n))
-    L, X, Y = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    P, A, both = np.zeros((k, n, n)), np.zeros((k, n, n)), np.empty((2, n, n))
     for b in range(k):
-        for r in range(n):
-            for s in range(n):
-                L[r, s] = 0.0
+        L = np.zeros((n, n))
         for e in range(len(F)):
             P[b, places[e, 1], places[e, 2]] += a[b * p + places[e, 0]] * F[e]
         for e in range(len(dual)):
             L[dual_places[e, 1], dual_places[e, 2]] += g[b * p + dual_places[e, 0]] * dual[e]
         for r in range(n):
             for s in range(n):
-                x = 0.0
                 for t in range(n):
-                    x += P[b, r, t] * L[t, s]
-                A[b, r, s] = x
+                    A[b, r, s] += P[b, r, t] * L[t, s]
         for r in range(n):
             for s in range(n):
                 square += A[b, r, s] * A[b, s, r]
     length = h * math.sqrt(abs(square))
     h *= most / length if length > most else 1.0
+    for i in range(len(a)):
+        after[i] = a[i]
     for b in range(k):
-        for r in range(n):
-            for s in range(n):
-                X[r, s] = P[b, r, s]
-        for order in range(4, 0, -1):  # P - h A / order X, symmetric
-            share = h / order
+        X = P[b]
+        for order in range(4, 0, -1):  # P - h A / order X
+            Y, share = both[order % 2], h / order
             for r in range(n):
-                for s in range(r + 1):
+                for s in range(n):
                     x = 0.0
                     for t in range(n):
-                        x += A[b, r, t] * X[s, t]
+                        x += A[b, r, t] * X[t, s]
                     Y[r, s] = P[b, r, s] - share * x
-            for r in range(n):
-                for s in range(r + 1):
-                    X[r, s] = X[s, r] = Y[r, s]
-        for i in range(p):
-            after[b * p + i] = a[b * p + i]
+            X = Y
         for e in range(len(dual)):
             r, s = dual_places[e, 1], dual_places[e, 2]
             after[b * p + dual_places[e, 0]] += dual[e] * (X[r, s] - P[b, r, s])
@@ -176,16 +155,9 @@ def follow_geodesic(
 def exponentiate(
     a: np.ndarray, g: np.ndarray, scale: np.ndarray, h: float, most: float, after: np.ndarray
 ) -> None:
-    """Write a exp(-h scale g) (p); exponents are cut to ``most`` where their norm is larger."""
-    square = 0.0
+    """Write a exp(-h scale g) (p), exponents cut to ``most``."""
     for i in range(len(a)):
-        after[i] = -h * scale[i] * g[i]
-        square += after[i] * after[i]
-    for i in range(len(a)):
-        exponent = after[i]
-        if square > most * most:
-            exponent = min(max(exponent, -most), most)
-        after[i] = a[i] * math.exp(exponent)
+        after[i] = a[i] * math.exp(min(max(-h * scale[i] * g[i], -most), most))
 
 
 @compiled("b1(f8[:], f8[:], f8[:])", fills=0)

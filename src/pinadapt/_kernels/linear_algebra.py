@@ -11,95 +11,63 @@ from .._compiled import compiled
 _LOST_RANK = 1e14  # (|J|_F / s)^2; the Gram matrix cannot tell more from rounding
 
 
-@compiled("Tuple((f8, f8, b1))(f8[:,:], f8, f8[:,::1])", allocates=True)
+@compiled("Tuple((f8, f8, b1))(f8[:,:], f8, f8[:,::1])")
 def invert_gram(J: np.ndarray, threshold: float, inverse: np.ndarray) -> tuple[float, float, bool]:
     """Write (J J^T + mu^2 I)^-1 (m, m); return s, mu^2 and whether the rank is lost.
 
-    J J^T + mu^2 I = L L^T by Cholesky, its inverse is (L^-1)^T L^-1, and undamped s^-2 is the sum
-    of squares in L^-1.
+    By Gauss-Jordan elimination, whose pivots are positive for a positive definite matrix. Undamped
+    s^-2 is the trace of the inverse.
     """
     m, n = J.shape
-    L, L_inverse = inverse, np.empty((m, m))  # L stands where the inverse is written in the end
-    s, mu_2, lost = 0.0, 0.0, False
+    A, s, mu_2, lost = inverse, 0.0, 0.0, False
     for damped in (False, True):
-        squares, size, lost = 0.0, 0.0, False  # |J|_F^2 and |L^-1|_F^2
+        squares, size, lost = 0.0, 0.0, False  # |J|_F^2 and the trace
         for i in range(m):
-            for j in range(i + 1):
-                x = mu_2 if i == j else 0.0
+            for j in range(m):
+                A[i, j] = mu_2 if i == j else 0.0
                 for t in range(n):
-                    x += J[i, t] * J[j, t]
-                squares += x if i == j else 0.0
-                for t in range(j):
-                    x -= L[i, t] * L[j, t]
-                if i == j:
-                    lost |= not x > 0.0
-                    L[i, i] = math.sqrt(x) if x > 0.0 else math.inf
-                else:
-                    L[i, j] = x / L[j, j]
-            for j in range(i + 1):
-                x = 1.0 if i == j else 0.0
-                for t in range(j, i):
-                    x -= L[i, t] * L_inverse[t, j]
-                L_inverse[i, j] = x / L[i, i]
-                size += L_inverse[i, j] * L_inverse[i, j]
+                    A[i, j] += J[i, t] * J[j, t]
+            squares += A[i, i]
+        for k in range(m):
+            pivot, A[k, k] = A[k, k], 1.0
+            lost |= not pivot > 0.0
+            for j in range(m):
+                A[k, j] /= pivot
+            for i in range(m):
+                if i != k:
+                    factor, A[i, k] = A[i, k], 0.0
+                    for j in range(m):
+                        A[i, j] -= factor * A[k, j]
+        for i in range(m):
+            size += A[i, i]
         if not damped:
             s = 0.0 if lost else 1.0 / math.sqrt(size)
             if not s < threshold:
                 lost |= threshold == 0.0 and not size * squares < _LOST_RANK
                 break
             mu_2 = 0.5 * (threshold * threshold - s * s)
-    for i in range(m):
-        for j in range(i + 1):
-            x = 0.0
-            for t in range(i, m):
-                x += L_inverse[t, i] * L_inverse[t, j]
-            inverse[i, j] = inverse[j, i] = x
     return s, mu_2, lost
 
 
-@compiled("b1(f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:,::1], f8[:], f8[:])", fills=3)
-def gradient_through_inverse(
-    M: np.ndarray,
-    J: np.ndarray,
-    e: np.ndarray,
-    Y: np.ndarray,
-    L: np.ndarray,
-    solution: np.ndarray,
-    gradient: np.ndarray,
-) -> bool:
-    """Write M^-1 J^T e (n) and Phi^T e = Y^T M^-1 J^T e (p), Phi = J M^-1 Y.
+@compiled("b1(f8[:,:], f8[:])", fills=2)
+def solve_definite(A: np.ndarray, x: np.ndarray) -> bool:
+    """Write A^-1 x over x (n), and what elimination leaves over the upper triangle of A (n, n).
 
-    By Cholesky, M = L L^T; of M and L (n, n) only the lower triangles are read and written, and on
-    the diagonal of L stand the inverses of its entries. Return False, without the gradient, if M is
-    not positive definite.
+    Return False if A is not positive definite.
     """
-    m, n = J.shape
-    for i in range(n):
-        for j in range(i + 1):
-            x = M[i, j]
-            for t in range(j):
-                x -= L[i, t] * L[j, t]
-            if i == j and not x > 0.0:
-                return False
-            L[i, j] = 1.0 / math.sqrt(x) if i == j else x * L[j, j]
-    for i in range(n):  # L y = J^T e
-        y = 0.0
-        for t in range(m):
-            y += J[t, i] * e[t]
-        for t in range(i):
-            y -= L[i, t] * solution[t]
-        solution[i] = y * L[i, i]
-    for i in range(n - 1, -1, -1):  # L^T x = y
-        x = solution[i]
-        for t in range(i + 1, n):
-            x -= L[t, i] * solution[t]
-        solution[i] = x * L[i, i]
-    for j in range(len(gradient)):
-        gradient[j] = 0.0
-    for i in range(n):
-        x = solution[i]
-        for j in range(len(gradient)):
-            gradient[j] += Y[i, j] * x
+    n = len(x)
+    for k in range(n):
+        if not A[k, k] > 0.0:
+            return False
+        for i in range(k + 1, n):
+            factor = A[k, i] / A[k, k]
+            x[i] -= factor * x[k]
+            for j in range(i, n):
+                A[i, j] -= factor * A[k, j]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            x[k] -= A[k, j] * x[j]
+        x[k] /= A[k, k]
     return True
 
 
@@ -157,13 +125,9 @@ def right_inverse_and_rate(
 def largest_share(x: np.ndarray, limits: np.ndarray) -> float:
     """Return the norm of x / limits with the eighth power, slightly above its largest entry.
 
-    Zero where that is not finite.
+    Zero where the power is not finite.
     """
-    largest, total = 0.0, 0.0
+    total = 0.0
     for i in range(len(x)):
-        largest = max(largest, abs(x[i] / limits[i]))
-    if not 0.0 < largest < math.inf:
-        return 0.0
-    for i in range(len(x)):
-        total += (x[i] / limits[i] / largest) ** 8
-    return largest * total**0.125
+        total += (x[i] / limits[i]) ** 8
+    return total**0.125 if total < math.inf else 0.0

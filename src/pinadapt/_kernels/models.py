@@ -12,19 +12,19 @@ PER_BODY = 10
 _LEAST_MASS = 1e-6  # [kg] pin.Inertia stores mc / m, which loses its digits below this mass
 
 
-@compiled("f8(f8[:], f8[:], f8[:])")
-def take(pi: np.ndarray, ballast: np.ndarray, tens: np.ndarray) -> float:
-    """Write pi + c ballast (10 n); return c, which is zero where no body needs ballast.
+@compiled("f8(f8[:], f8[:])")
+def take(pi: np.ndarray, tens: np.ndarray) -> float:
+    """Write pi (10 n) with c added to all masses; return c, which is zero where none needs it.
 
-    Else no body is much lighter than its ballast, as centres of mass far outside of the robot would
-    cost digits.
+    Else no body is much lighter than its ballast c, as centres of mass far outside of the robot
+    would cost digits.
     """
     lightest = pi[0]
     for k in range(0, len(pi), PER_BODY):
         lightest = min(lightest, pi[k])
     c = 1.0 - 2.0 * lightest if lightest < _LEAST_MASS else 0.0
     for k in range(len(pi)):
-        tens[k] = pi[k] + c * ballast[k]
+        tens[k] = pi[k] + (c if k % PER_BODY == 0 else 0.0)
     return c
 
 
@@ -71,10 +71,10 @@ def observed_motion(
 
     ``motion`` (2, k, n + 1) becomes [dphi/dq, phi] and its rate, phi (k) the d one after the other,
     a one, and for a pose three zeros whose rate is the angular velocity. y = N phi / z (m) with z =
-    D phi. ``maps`` are N and D (m, k), ``constants`` with a_j added at the ``entries`` (j, 0 for N
-    or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the column of the one; J = G
-    dphi/dq and dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the derivative by a, Y that
-    of the rate.
+    D phi. ``maps`` are N and D (m, k): ``constants``, which they contain, with a_j added at the
+    ``entries`` (j, 0 for N or 1 for D, row, column). G (m, k) is (N - y D) / z but z in the column
+    of the one; J = G dphi/dq and dJ/dt at constant maps, y's rate and dJ/dt v; X (m, p) the
+    derivative by a, Y that of the rate.
     """
 
     def cross(a: np.ndarray, b: np.ndarray, i: int) -> float:
@@ -121,11 +121,9 @@ def observed_motion(
             Phi[c, t], Phid[c, t] = turns[c - one - 1, t], turn_rates[c - one - 1, t]
             Phid[c, n] += Phi[c, t] * v[t]
 
-    for i in range(len(y)):
-        for c in range(width):
-            maps[0, i, c], maps[1, i, c] = constants[0, i, c], constants[1, i, c]
     for k in range(len(entries)):
-        maps[entries[k, 1], entries[k, 2], entries[k, 3]] += a[entries[k, 0]]
+        j, of, i, c = entries[k, 0], entries[k, 1], entries[k, 2], entries[k, 3]
+        maps[of, i, c] = constants[of, i, c] + a[j]
     for i in range(len(y)):
         N, D = maps[0, i], maps[1, i]
         top = depth = zd = yd[i] = Jdot_v[i] = 0.0
@@ -155,18 +153,44 @@ def observed_motion(
         X[i, j], Y[i, j] = share * Phi[c, n], share * Phid[c, n]
 
 
-@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:], f8[:,:])")
+@compiled("void(f8[:], i8[:,:], f8[:,:,:], f8[:,:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:])")
 def add_map_rates(
-    rate: np.ndarray, entries: np.ndarray, motion: np.ndarray, z: np.ndarray, Jdot: np.ndarray
+    rate: np.ndarray,
+    entries: np.ndarray,
+    motion: np.ndarray,
+    maps: np.ndarray,
+    G: np.ndarray,
+    z: np.ndarray,
+    y: np.ndarray,
+    yd: np.ndarray,
+    Jdot: np.ndarray,
 ) -> None:
-    """Add dN/dt dphi/dq / z to dJ/dt (m, n), for the rates (p) of N's parameters.
+    """Add what the rates (p) of the parameters change of dJ/dt (m, n), and of y and z by any rate.
 
-    The others are as in ``observed_motion``.
+    It is (dN/dt - y dD/dt - dy/dt D - dz/dt G) / z dphi/dq. yd (m) is the rate of y at constant
+    parameters; the others are as in ``observed_motion``.
     """
-    for k in range(len(entries)):
-        j, i, c = entries[k, 0], entries[k, 2], entries[k, 3]
-        for t in range(Jdot.shape[1] if entries[k, 1] == 0 else 0):
-            Jdot[i, t] += rate[j] * motion[0, c, t] / z[i]
+    Phi, Phid, n = motion[0], motion[1], Jdot.shape[1]
+    for i in range(len(z)):
+        D, total, zd = maps[1, i], yd[i], 0.0
+        for c in range(len(D)):
+            zd += D[c] * Phid[c, n]
+        for k in range(len(entries)):
+            if entries[k, 2] != i:
+                continue
+            change, c = rate[entries[k, 0]], entries[k, 3]
+            if entries[k, 1] == 1:
+                zd += change * Phi[c, n]
+                change *= -y[i]
+            change /= z[i]
+            total += change * Phi[c, n]
+            for t in range(n):
+                Jdot[i, t] += change * Phi[c, t]
+        total, zd = total / z[i], zd / z[i]
+        for c in range(len(D)):
+            less = total * D[c] + zd * G[i, c]
+            for t in range(n if less != 0.0 else 0):
+                Jdot[i, t] -= less * Phi[c, t]
 
 
 @compiled(
@@ -240,49 +264,42 @@ def momentum_columns(
     before angular, in their own axes. J and Jdot (6, n) are the joints' axes as motions at the
     world's origin. Joint coordinate ``columns[k]`` moves body ``bodies[k]``; gravity (3) in world
     axes. With the row s = (l, r) in the body's axes and its velocity (v, w), s^T h = m l^T v +
-    mc^T (l x w + v x r) + r^T I w.
+    mc^T (l x w + v x r) + r^T I w; the weight is that with -gravity for v.
     """
-    for i in range(Y_M.shape[0]):
-        for j in range(Y_M.shape[1]):
-            Y_M[i, j] = Y_0[i, j] = 0.0
-    s, d, weights = np.empty(6), np.empty(6), np.zeros((len(R), 3))
-    for b in range(len(R)):
+
+    def turn_into(b: int, axes: np.ndarray, c: int, s: np.ndarray) -> None:
+        """Write column c of axes (6, n) as a motion at the origin of body b, in its axes."""
         for t in range(3):
+            s[t] = s[t + 3] = 0.0
             for e in range(3):
-                weights[b, t] -= R[b, e, t] * gravity[e]
-    for k in range(len(bodies)):
-        b, c = bodies[k], columns[k]
-        for t in range(3):  # axes of the body; the linear part at its origin
-            s[t] = s[t + 3] = d[t] = d[t + 3] = 0.0
-        for e in range(3):
-            f, h = (e + 1) % 3, (e + 2) % 3
-            moving = J[e, c] + J[f + 3, c] * o[b, h] - J[h + 3, c] * o[b, f]
-            rate = Jdot[e, c] + Jdot[f + 3, c] * o[b, h] - Jdot[h + 3, c] * o[b, f]
-            for t in range(3):
+                f, h = (e + 1) % 3, (e + 2) % 3
+                moving = axes[e, c] + axes[f + 3, c] * o[b, h] - axes[h + 3, c] * o[b, f]
                 s[t] += R[b, e, t] * moving
-                s[t + 3] += R[b, e, t] * J[e + 3, c]
-                d[t] += R[b, e, t] * rate
-                d[t + 3] += R[b, e, t] * Jdot[e + 3, c]
-        g = weights[b]
-        v, w, i = V[b, :3], V[b, 3:], 10 * b
-        Y_M[c, i] = s[0] * v[0] + s[1] * v[1] + s[2] * v[2]
-        Y_0[c, i] = s[0] * g[0] + s[1] * g[1] + s[2] * g[2]
-        Y_0[c, i] -= d[0] * v[0] + d[1] * v[1] + d[2] * v[2]
+                s[t + 3] += R[b, e, t] * axes[e + 3, c]
+
+    def add(Y: np.ndarray, s: np.ndarray, v: np.ndarray, sign: float) -> None:
+        """Add sign s^T h of a body with velocity v (6) to the columns Y (10) of its parameters."""
+        Y[0] += sign * (s[0] * v[0] + s[1] * v[1] + s[2] * v[2])
+        j = 4
         for t in range(3):
             f, h = (t + 1) % 3, (t + 2) % 3
-            Y_M[c, i + 1 + t] = s[f] * w[h] - s[h] * w[f] + v[f] * s[h + 3] - v[h] * s[f + 3]
-            Y_0[c, i + 1 + t] = (
-                g[f] * s[h + 3]
-                - g[h] * s[f + 3]
-                - (d[f] * w[h] - d[h] * w[f] + v[f] * d[h + 3] - v[h] * d[f + 3])
-            )
-        j = i + 4
-        for t in range(3):  # xx, xy, yy, xz, yz, zz
-            for e in range(t + 1):
-                if e == t:
-                    Y_M[c, j] = s[t + 3] * w[t]
-                    Y_0[c, j] = -d[t + 3] * w[t]
-                else:
-                    Y_M[c, j] = s[t + 3] * w[e] + s[e + 3] * w[t]
-                    Y_0[c, j] = -d[t + 3] * w[e] - d[e + 3] * w[t]
+            Y[1 + t] += sign * (s[f] * v[h + 3] - s[h] * v[f + 3])
+            Y[1 + t] += sign * (v[f] * s[h + 3] - v[h] * s[f + 3])
+            for e in range(t + 1):  # xx, xy, yy, xz, yz, zz
+                Y[j] += sign * s[t + 3] * v[e + 3]
+                if e != t:
+                    Y[j] += sign * s[e + 3] * v[t + 3]
                 j += 1
+
+    Y_M[:], Y_0[:] = 0.0, 0.0
+    s, d, g = np.empty(6), np.empty(6), np.zeros(6)
+    for k in range(len(bodies)):
+        b, c = bodies[k], columns[k]
+        turn_into(b, J, c, s)
+        turn_into(b, Jdot, c, d)
+        for t in range(3):
+            g[t] = -(R[b, 0, t] * gravity[0] + R[b, 1, t] * gravity[1] + R[b, 2, t] * gravity[2])
+        own = slice(PER_BODY * b, PER_BODY * (b + 1))
+        add(Y_M[c, own], s, V[b], 1.0)
+        add(Y_0[c, own], s, g, 1.0)
+        add(Y_0[c, own], d, V[b], -1.0)

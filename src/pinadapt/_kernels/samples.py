@@ -8,22 +8,25 @@ import numpy as np
 
 from .._compiled import compiled
 
-FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED = range(6)  # what is wrong with a joint
-OUT, FAR, TURNED, MOVED, FROZEN, STRONG = range(6, 12)  # and with the rest of a sample
-JOINTS, FRAME, TORQUE, TIME = range(4)  # channels
+# What is wrong with a joint, and from TURNED on with the rest of a sample.
+FOLLOWS, MISSING, JUMP, SPIKE, APART, STOPPED, OUT, TURNED, MOVED, FROZEN, STRONG = range(11)
 NO_Q, NO_V = 1, 2  # what is not used of a joint
 
 # Rows of bounds, one number a joint, and numbers of a frame; see ``Guards``.
-FASTEST, TOLERANCE, LEAP, CLEAR, SLOW = range(5)
+FASTEST, TOLERANCE, LEAP, CLEAR, SLOW, LOWEST, HIGHEST = range(7)
 FARTHEST, FLOOR, UNKNOWN = range(3)
 
 # The trail: what is kept of the samples to compare the next one with. By channel how many were
 # bridged, and from BRIDGED on for how long [s, or samples with the same time]; numbers of all
 # joints; error (3) and place (3) of the last frame; and then ROWS numbers of each joint.
-BRIDGED, ERROR, PLACE, TRAIL = 4, 13, 16, 19
-STEPPED, STEP, SEEN, SINCE, RECENT = range(8, ERROR)
-RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, DISTRUST = range(11)
-UNSEEN, DISPLACED, SIZE, BOUND, STOOD_R, STOOD_C, ROWS = range(DISTRUST + 1, DISTRUST + 8)
+(
+    JOINTS, FRAME, TORQUE, TIME, BRIDGED, _, _, _, STEPPED, STEP, SEEN, SINCE, RECENT,
+    ERROR, _, _, PLACE, _, _, TRAIL,
+) = range(20)  # fmt: skip
+(
+    RATE, RAW_Q, RAW_V, JITTER, RESIDUAL, WAY, CHANGE, STILL_Q, STILL_V, KIND, SIZE, BOUND,
+    DISTRUST, UNSEEN, DISPLACED, ROWS,
+) = range(16)  # fmt: skip
 MEMORY = 0.2  # [s] of the leaky sums; half: v off by 0.02 rad/s passes twice; double: found later
 _LATE = 0.1  # [s] by which v may come after q; half: filters of 80 ms are refused, double: a wrong
 # v is found 0.1 s later where it changes
@@ -60,15 +63,16 @@ def check_joints(
     and sums that forget over 0.2 s, R = sum r, D = sum dq, C = sum dv, a joint is
 
     * MISSING: q or v is not finite.
-    * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it; or cosine^2 +
-      sine^2 is not 1.
     * SPIKE: v changed by more than a bound, and q went on as before, not by the mean of both v;
       or |v| is beyond all bounds.
+    * JUMP: |r| > tol + 2 dt min(|v|, the bound of v): q is not where v brings it; or cosine^2 +
+      sine^2 is not 1.
+    * OUT: q is out of range, at the first sample.
     * APART: v is not the rate of q. A v that is late by s leaves R = s C, so R is taken relative to
       the nearest of these up to 100 ms: beyond tol + share max(|D|, |D - R|) + T (least change of
-      any v, its resolution). There is no share of a v that is the same to the bit, and half of
-      tol if it is not zero; in the first 20 ms it is not judged. After 20 ms of a q that is the
-      same to the bit, the sums since then say the same, beyond tol.
+      any v, its resolution). A v that is the same to the bit is not judged for 20 ms; then, and
+      after 20 ms of the same q, there is no share, and of a v that is not zero neither lateness
+      nor half of tol.
     * STOPPED: q is the same to the bit and v has become zero at once, but not that of all joints.
       Only the momentum tells whether the joint did.
 
@@ -82,14 +86,14 @@ def check_joints(
         dt: since the sample before [s]; infinite: it is compared with none.
         decay: of the velocity of which nothing is used, as of an arm that is damped [1/s].
         late: time in which turns of the joints are remembered for frames [s].
-        bounds: (5, n), see ``Guards``.
+        bounds: (7, n), see ``Guards``.
         places: (n + 1) where each joint begins in q, and the end.
         before: the trail.
         after: the trail with this sample.
         q_used: (nq) of the sample, as far as it is used.
         v_used: (n) the same.
     """
-    n, follows, halted = len(v), dt < math.inf, dt > 0.0
+    n, follows, halted = len(v), dt < math.inf, True
     for k in range(len(after)):
         after[k] = before[k] if follows or k < BRIDGED else 0.0
     for k in range(len(q)):
@@ -100,10 +104,8 @@ def check_joints(
         after[BRIDGED + TIME] += 1.0
         after[TIME] += 1.0
     for i in range(n):
-        at = TRAIL + ROWS * i
-        # all joints stopped at once: by brakes, or in a simulation
-        halted = halted and v[i] == 0.0 and q[places[i]] == before[at + RAW_Q]
-        change = abs(v[i] - before[at + RAW_V])
+        halted &= v[i] == 0.0  # all joints at once: by brakes, or in a simulation
+        change = abs(v[i] - before[TRAIL + ROWS * i + RAW_V])
         if follows and change > 0.0 and not 0.0 < after[STEP] < change:
             after[STEP] = change
     leak, resting, wrong, turned = math.exp(-dt / MEMORY), True, False, 0.0
@@ -122,49 +124,48 @@ def check_joints(
             )
         r = way - 0.5 * dt * (speed + rate) if follows else 0.0  # exact for a torque that is held
         R, D = leak * before[at + RESIDUAL] + r, leak * before[at + WAY] + way
-        C = leak * before[at + CHANGE] + speed - rate
+        C_late = _LATE * (leak * before[at + CHANGE] + speed - rate)
         same = follows and q[k] == before[at + RAW_Q]
         still_q = before[at + STILL_Q] + dt if same else 0.0
         still_v = before[at + STILL_V] + dt if follows and speed == before[at + RAW_V] else 0.0
 
-        tolerance, fastest, jitter = bounds[TOLERANCE, i], bounds[FASTEST, i], before[at + JITTER]
-        apart, C_late = tolerance + MEMORY * after[STEP], _LATE * C
-        if still_v == 0.0:
+        tolerance, fastest = bounds[TOLERANCE, i], bounds[FASTEST, i]
+        apart = tolerance + MEMORY * after[STEP]
+        if max(still_q, still_v) <= _REPEATED:
             apart += _SHARE * max(abs(D), abs(D - R))
-        elif speed != 0.0:
+        elif still_v > _REPEATED and speed != 0.0:
             apart, C_late = apart - 0.5 * tolerance, 0.0
-        R_late = R - min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
-        stood_R = leak * before[at + STOOD_R] + r if same else 0.0  # sums since q is the same
-        stood_C = leak * before[at + STOOD_C] + speed - rate if same else 0.0
-        C_late = _LATE * stood_C
-        stood = stood_R - min(max(stood_R, min(C_late, 0.0)), max(C_late, 0.0))
-        if still_q > _REPEATED and abs(stood) > tolerance:
-            R_late, apart = stood, tolerance
+        R -= min(max(R, min(C_late, 0.0)), max(C_late, 0.0))
         jump = tolerance + 2.0 * dt * min(max(abs(speed), abs(rate)), fastest)
         leap = abs(speed - rate) > bounds[LEAP, i] and abs(way - rate * dt) < abs(r)
-        clear = abs(rate) > max(bounds[CLEAR, i], _AT_ONCE * jitter)
+        inside = bounds[LOWEST, i] <= q[k] <= bounds[HIGHEST, i]
+        distrust = before[at + DISTRUST] if follows else 0.0
+        if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
+            distrust = 0.0
+        clear = max(bounds[CLEAR, i], _AT_ONCE * before[at + JITTER])
+        stopped = same and speed == 0.0 and not halted and abs(rate) > clear
         no_q, no_v = not math.isfinite(q[k] + way), not math.isfinite(speed)
         kind, size, bound = FOLLOWS, 0.0, 0.0  # the residual, and what it should be at most
         if no_q or no_v:
             kind = MISSING
-        elif abs(speed) > fastest or leap:
-            kind, size, bound = SPIKE, speed, min(fastest, abs(rate) + bounds[LEAP, i])
+        elif leap:
+            kind, size, bound = SPIKE, speed - rate, bounds[LEAP, i]
+        elif abs(speed) > fastest:
+            kind, size, bound = SPIKE, speed, fastest
         elif abs(r) > jump or not circle:
             kind, size, bound = JUMP, r, jump
-        elif abs(R_late) > apart and not 0.0 < still_v < _REPEATED:
-            kind, size, bound = APART, R_late, apart
-        elif same and speed == 0.0 and clear and not halted:
-            kind, size, bound = STOPPED, rate, bounds[CLEAR, i]
-        distrust = before[at + DISTRUST] if follows else 0.0
-        if distrust == NO_Q + NO_V and not same:  # a joint that seemed to be stuck moves again
-            distrust = 0.0
+        elif plain and not (follows or inside):
+            kind, size, bound = OUT, q[k], bounds[HIGHEST if q[k] > 0.0 else LOWEST, i]
+        elif abs(R) > apart and not 0.0 < still_v <= _REPEATED:
+            kind, size, bound = APART, R, apart
+        elif stopped:
+            kind, size, bound = STOPPED, rate, clear
         if (kind == APART or (kind == SPIKE and decay > 0.0)) and distrust == 0.0:
             distrust = NO_V
             if still_q > 3.0 * dt:
                 distrust = NO_Q + NO_V if still_v > 3.0 * dt else NO_Q
-        no_v |= distrust >= NO_V
-        no_q |= distrust == NO_Q or distrust == NO_Q + NO_V or (kind == JUMP and not no_v)
-        no_v |= kind == SPIKE
+        no_v |= distrust >= NO_V or kind == SPIKE
+        no_q |= distrust % NO_V == NO_Q or (kind == JUMP and not no_v)
 
         v_used[i] = speed
         if no_q and no_v:
@@ -177,18 +178,18 @@ def check_joints(
             if not plain:
                 q_used[k] = math.cos(way) * q_before[k] - math.sin(way) * q_before[k + 1]
                 q_used[k + 1] = math.sin(way) * q_before[k] + math.cos(way) * q_before[k + 1]
-        if kind in (JUMP, SPIKE, MISSING):
-            R = leak * before[at + RESIDUAL] + way - 0.5 * dt * (rate + v_used[i])
-            D = leak * before[at + WAY] + way
-            C = leak * before[at + CHANGE] + v_used[i] - rate
         turned += abs(way)
         wrong |= kind != FOLLOWS or distrust != 0.0
+        if follows:
+            r = way - 0.5 * dt * (rate + v_used[i])
         after[at + RATE], after[at + RAW_Q], after[at + RAW_V] = v_used[i], q[k], speed
-        after[at + KIND], after[at + SIZE], after[at + BOUND] = kind, size, bound
+        after[at + RESIDUAL] = leak * before[at + RESIDUAL] + r
+        after[at + WAY] = leak * before[at + WAY] + way
+        after[at + CHANGE] = leak * before[at + CHANGE] + v_used[i] - rate
         if kind != STOPPED:
-            after[at + JITTER] = max(leak * jitter, abs(speed - rate))
-        after[at + RESIDUAL], after[at + WAY], after[at + CHANGE] = R, D, C
-        after[at + STOOD_R], after[at + STOOD_C] = stood_R, stood_C
+            after[at + JITTER] = max(leak * before[at + JITTER], abs(speed - rate))
+        if kind != FOLLOWS or distrust == 0.0:  # else why it is distrusted
+            after[at + KIND], after[at + SIZE], after[at + BOUND] = kind, size, bound
         after[at + STILL_Q], after[at + STILL_V], after[at + DISTRUST] = still_q, still_v, distrust
         after[at + UNSEEN] = before[at + UNSEEN] + dt if no_q and no_v else 0.0
         after[at + DISPLACED] = before[at + DISPLACED] + way if decay > 0.0 else 0.0
@@ -202,30 +203,34 @@ def check_joints(
     return 2 if wrong else 1 if resting else 0
 
 
-@compiled("b1(f8[:], f8[:], f8[::1], f8[::1])", fills=1)
-def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np.ndarray) -> bool:
-    """Return whether a frame x cannot be one of the arm; else keep it in the trail.
+@compiled("f8(f8[:], f8[:], f8[::1], f8[::1])", fills=1)
+def check_frame(x: np.ndarray, p_hat: np.ndarray, numbers: np.ndarray, trail: np.ndarray) -> float:
+    """Return the bound that a frame x exceeds, or keep it in the trail and return zero [m].
 
-    The residual is the change of e = p_hat - x since the last frame. Learning explains |e|, and
-    unknown translations ``numbers[UNKNOWN]`` times the turns of all joints since then and shortly
-    before. A frame that is the same to the bit while the joints move explains nothing.
+    The residual is the change of the error e = p_hat - x (m_p) since the last frame. Learning
+    explains |e|, and unknown translations ``numbers[UNKNOWN]`` times the turns of all joints since
+    then and shortly before. A frame that is the same to the bit while the joints move explains
+    nothing.
     """
-    m, error, change, far = len(p_hat), 0.0, 0.0, 0.0
+    m, size, change, far = len(p_hat), 0.0, 0.0, 0.0
     same, moved = trail[SEEN] != 0.0, trail[SINCE] * numbers[UNKNOWN]
     for k in range(m):
         far += (p_hat[k] - x[k]) ** 2
         same &= x[k] == trail[PLACE + k]
         change += (p_hat[k] - x[k] - trail[ERROR + k]) ** 2
-        error += trail[ERROR + k] ** 2
-    bound = numbers[FLOOR] + moved + numbers[UNKNOWN] * trail[RECENT] + np.sqrt(error)
-    if far > numbers[FARTHEST] ** 2 or (trail[SEEN] != 0.0 and change > bound**2):
-        return True
+        size += trail[ERROR + k] ** 2
+    floor = numbers[FLOOR]
+    bound = floor + moved + numbers[UNKNOWN] * trail[RECENT] + np.sqrt(size)
+    if far > numbers[FARTHEST] ** 2:
+        return numbers[FARTHEST]
+    if trail[SEEN] != 0.0 and change > bound**2:
+        return bound
     if same:
-        return moved > numbers[FLOOR] and change > numbers[FLOOR] ** 2
+        return floor if moved > floor and change > floor**2 else 0.0
     trail[SEEN], trail[BRIDGED + FRAME], trail[SINCE] = 1.0, 0.0, 0.0
     for k in range(m):
         trail[PLACE + k], trail[ERROR + k] = x[k], p_hat[k] - x[k]
-    return False
+    return 0.0
 
 
 @compiled("f8(f8[:], f8[:], f8[:])", fills=0)

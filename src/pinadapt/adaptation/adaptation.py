@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .._checks import instance, whole
-from ..exceptions import InputError
+from .._checks import instance, numbers, whole
+from ..exceptions import GainError, InputError
 
 
 @dataclass(slots=True, eq=False)
@@ -108,11 +109,9 @@ class Drive:
 
     def columns(self, block: slice) -> Drive:
         """Return the drive of a block of the parameters."""
-        W = None if self.W is None else self.W[:, block]
+        Y, W = self.Y[:, block], None if self.W is None else self.W[:, block]
         gradient = self.gradient[block]
-        return Drive(
-            self.Y[:, block], self.e, W, self.residual, self.weight, gradient, self.observed
-        )
+        return Drive(Y, self.e, W, self.residual, self.weight, gradient, self.observed)
 
     @classmethod
     def none(cls, size: int) -> Drive:
@@ -219,11 +218,6 @@ class Adaptation(ABC):
         """Return what the adaptation adds to the law's dV/dt, zero without a prediction error."""
         return 0.0
 
-    def power(self, estimate: Estimate, change: np.ndarray, truth: np.ndarray) -> float:
-        """Return what a change (p) of the rate of the value adds to dV/dt, da^T Gamma^-1 change."""
-        error = estimate.value - truth
-        return float(error @ np.linalg.solve(self.gain(estimate), change))
-
     def gain(self, estimate: Estimate) -> np.ndarray:
         """Return Gamma (p, p) at an estimate; its inverse is the metric of V."""
         return self.gain_times(estimate, np.eye(estimate.value.size))
@@ -240,6 +234,18 @@ def _moved(part: Any, rate: Any, dt: float) -> Any:
     if isinstance(part, tuple):
         return tuple(_moved(p, r, dt) for p, r in zip(part, rate, strict=True))
     return part + dt * rate
+
+
+def positive_numbers(given: ArrayLike, where: str) -> np.ndarray:
+    """Return a positive number or a list of them as an array.
+
+    Raises:
+        GainError: one of them is not positive, or no number.
+    """
+    array = numbers(given, where, error=GainError)
+    if array.ndim > 1 or not (array > 0.0).all():
+        raise GainError("expected a positive number, or a list of them.", where=where)
+    return array
 
 
 class Frozen(Adaptation):
@@ -283,12 +289,18 @@ class Wrapper(Adaptation):
 
     def _inner(self, estimate: Estimate) -> Estimate:
         """Return the estimate with the inner adaptation's own memory."""
+        if not self._parts:
+            return estimate
         return Estimate(estimate.value, estimate.memory[self._parts :])
+
+    def _outer(self, own: tuple, inner: Estimate) -> Estimate:
+        """Return an inner adaptation's estimate with these own parts before its memory."""
+        return Estimate(inner.value, (*own, *inner.memory)) if self._parts else inner
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the inner adaptation's start, with this one's parts before its memory."""
         inner = self.inner.init(value, information)
-        return _after(self._own(inner.value), inner)
+        return self._outer(self._own(inner.value), inner)
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether a value (p) is in the inner adaptation's domain."""
@@ -305,7 +317,8 @@ class Wrapper(Adaptation):
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return what a record keeps: this one's parts and those of the inner adaptation."""
-        return _after(estimate.memory[: self._parts], self.inner.recorded(self._inner(estimate)))
+        inner = self.inner.recorded(self._inner(estimate))
+        return self._outer(estimate.memory[: self._parts], inner)
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive of the inner adaptation."""
@@ -320,12 +333,12 @@ class Wrapper(Adaptation):
         rate = self.inner.rate(self._inner(estimate), self._driven(estimate, drive))
         still = tuple(np.zeros(part.shape) for part in estimate.memory[: self._parts])
         added = self._added(estimate, drive)
-        return _after(still, rate if added is None else rate.with_value(rate.value + added))
+        return self._outer(still, rate if added is None else rate.with_value(rate.value + added))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the inner adaptation's estimate after dt [s]."""
         inner = self.inner.step(self._inner(estimate), self._driven(estimate, drive), dt)
-        return _after(estimate.memory[: self._parts], inner)
+        return self._outer(estimate.memory[: self._parts], inner)
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the inner adaptation's part of V."""
@@ -337,19 +350,15 @@ class Wrapper(Adaptation):
         That is da^T (g - g') for the drive g' of the inner one, and the power of what is added.
         """
         inner, driven = self._inner(estimate), self._driven(estimate, drive)
-        total = self.inner.dissipation(inner, driven, truth)
-        total += float((estimate.value - truth) @ (drive.gradient - driven.gradient))
-        added = self._added(estimate, drive)
-        return total if added is None else total + self.inner.power(inner, added, truth)
+        error, added = estimate.value - truth, self._added(estimate, drive)
+        changed = error @ (drive.gradient - driven.gradient)
+        if added is not None:
+            changed += error @ np.linalg.solve(self.inner.gain(inner), added)
+        return self.inner.dissipation(inner, driven, truth) + float(changed)
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
         """Return the inner adaptation's Gamma X (p, l)."""
         return self.inner.gain_times(self._inner(estimate), X)
-
-
-def _after(own: tuple, inner: Estimate) -> Estimate:
-    """Return an inner adaptation's estimate with a wrapper's own parts before its memory."""
-    return Estimate(inner.value, (*own, *inner.memory))
 
 
 class Stacked(Adaptation):
@@ -385,7 +394,7 @@ class Stacked(Adaptation):
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the estimate to start from; its memory holds one memory a block."""
-        return _joined([part.init(value[block]) for part, block in self.parts])
+        return self._joined([part.init(value[block]) for part, block in self.parts])
 
     def contains(self, value: np.ndarray) -> bool:
         """Return whether each block of a value (p) is in the domain of its adaptation."""
@@ -393,34 +402,27 @@ class Stacked(Adaptation):
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:
         """Return the value (p) to use at q (nq), each block projected by its adaptation."""
-        split = list(self._split(estimate))
-        blocks = [part.project(own, q) for part, _, own in split]
-        kept = all(block is own.value for block, (_, _, own) in zip(blocks, split, strict=True))
-        return estimate.value if kept else np.concatenate(blocks)
+        return np.concatenate([part.project(own, q) for part, _, own in self._split(estimate)])
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the rates of all blocks."""
         split = self._split(estimate)
-        return _joined([part.rate(own, drive.columns(block)) for part, block, own in split])
+        return self._joined([part.rate(own, drive.columns(block)) for part, block, own in split])
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
-        value, memories = np.empty(estimate.value.size), []
-        for part, block, own in self._split(estimate):
-            after = part.step(own, drive.columns(block), dt)
-            value[block] = after.value
-            memories.append(after.memory)
-        return Estimate(value, tuple(memories))
+        before, value, after = estimate.value, np.empty(estimate.value.size), []
+        for (part, block), own in zip(self.parts, estimate.memory or self._empty, strict=True):
+            moved = part.step(Estimate(before[block], own), drive.columns(block), dt)
+            value[block] = moved.value
+            after.append(moved.memory)
+        return Estimate(value, tuple(after))
 
     def storage(self, estimate: Estimate, truth: np.ndarray) -> float | None:
         """Return the sum of the blocks' parts of V, or None where one is undefined."""
-        total = 0.0
-        for part, block, own in self._split(estimate):
-            stored = part.storage(own, truth[block])
-            if stored is None:
-                return None
-            total += stored
-        return total
+        split = self._split(estimate)
+        stored = [part.storage(own, truth[block]) for part, block, own in split]
+        return None if None in stored else sum(filter(None, stored))
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return the sum of what the blocks' adaptations add to dV/dt."""
@@ -432,14 +434,13 @@ class Stacked(Adaptation):
         split = self._split(estimate)
         return np.concatenate([part.gain_times(own, X[block]) for part, block, own in split])
 
-    def _split(self, estimate: Estimate) -> Iterator[tuple[Adaptation, slice, Estimate]]:
+    def _split(self, estimate: Estimate) -> list[tuple[Adaptation, slice, Estimate]]:
         """Return each adaptation with its block and that block's estimate."""
-        memories = estimate.memory or self._empty
-        for (part, block), memory in zip(self.parts, memories, strict=True):
-            yield part, block, Estimate(estimate.value[block], memory)
+        value, memories = estimate.value, estimate.memory or self._empty
+        pairs = zip(self.parts, memories, strict=True)
+        return [(part, block, Estimate(value[block], own)) for (part, block), own in pairs]
 
-
-def _joined(blocks: Sequence[Estimate]) -> Estimate:
-    """Return the estimates of all blocks as one."""
-    value = np.concatenate([block.value for block in blocks])
-    return Estimate(value, tuple([block.memory for block in blocks]))
+    def _joined(self, blocks: Sequence[Estimate]) -> Estimate:
+        """Return the estimates of all blocks as one."""
+        value = np.concatenate([block.value for block in blocks])
+        return Estimate(value, tuple([block.memory for block in blocks]))

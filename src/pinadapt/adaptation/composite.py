@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import numbers, positive
 from ..exceptions import GainError
-from .adaptation import Adaptation, Drive, Estimate, Wrapper
+from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .least_squares import PredictionWeight
 
 # name of the inner adaptation -> of its composite, and of that with a memory
@@ -182,9 +182,7 @@ class CompositeMemory(Wrapper):
         self.name = _NAMES.get(inner.name, (inner.name,))[-1]
         self.torque_bandwidth = self._bandwidth = positive(bandwidth, "prediction_filter")
         self.speed = positive(rate, "prediction_rate")
-        self.noise = numbers(noise, "noise", error=GainError)
-        if self.noise.ndim > 1 or not (self.noise > 0.0).all():
-            raise GainError("expected a positive number, or one per joint.", where="noise")
+        self.noise = positive_numbers(noise, "noise")
         self.forgetting = positive(forgetting, "forgetting", zero=True)
         self.share = positive(share, "share")
         self.doubt = positive(doubt, "doubt", zero=True)
@@ -206,10 +204,10 @@ class CompositeMemory(Wrapper):
         (I + A P)^-1 A e besides: the memory keeps the other data with the stated accuracy.
         """
         estimate = super().init(value)
-        if information is None:
-            return estimate
-        A = self.unit * information
-        return Estimate(estimate.value, (A, A.dot(estimate.value), *estimate.memory[2:]))
+        if information is not None:
+            A = self.unit * information
+            estimate.memory = (A, A.dot(estimate.value), *estimate.memory[2:])
+        return estimate
 
     def recorded(self, estimate: Estimate) -> Estimate:
         """Return the estimate without the memory, which V does not contain."""
@@ -218,22 +216,20 @@ class CompositeMemory(Wrapper):
 
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return the inner adaptation's rates under drive and memory, dA/dt and db/dt."""
-        A, b, *rest = estimate.memory[: self._parts]
         gradient, fading = self._recalled(estimate, drive)
-        A_rate, b_rate = np.zeros(A.shape), np.zeros(b.shape)
-        if gradient is not None:
-            A_new, b_new = self._told(estimate, drive)
-            A_rate, b_rate = A_new - fading * A, b_new - fading * b
         rate = self.inner.rate(self._inner(estimate), self._total(drive, gradient))
-        still = (np.zeros(part.shape) for part in rest)
-        return Estimate(rate.value, (A_rate, b_rate, *still, *rate.memory))
+        rates = [0.0 * part for part in estimate.memory[: self._parts]]
+        if gradient is not None:
+            new = zip(self._told(estimate, drive), estimate.memory[:2], strict=True)
+            rates[:2] = [told - fading * part for told, part in new]
+        return Estimate(rate.value, (*rates, *rate.memory))
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; fading is integrated exactly."""
         A, b, gradient, due, told = estimate.memory[: self._parts]
         if drive.W is None or drive.saturated:
             after = self.inner.step(self._inner(estimate), self._total(drive, None), dt)
-            return Estimate(after.value, (A, b, gradient, due, told, *after.memory))
+            return self._outer(estimate.memory[: self._parts], after)
         if due[0] < 0.5 * dt:
             span = max(self.interval, dt)
             due = np.array([span])
@@ -242,7 +238,7 @@ class CompositeMemory(Wrapper):
             A_new, b_new = self._told(estimate, drive)
             A, b = span * A_new + kept * A, span * b_new + kept * b
         after = self.inner.step(self._inner(estimate), self._total(drive, gradient), dt)
-        return Estimate(after.value, (A, b, gradient, due - dt, told, *after.memory))
+        return self._outer((A, b, gradient, due - dt, told), after)
 
     def dissipation(self, estimate: Estimate, drive: Drive, truth: np.ndarray) -> float:
         """Return -(rho / kappa) da^T H da, and what the inner adaptation adds to dV/dt."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._checks import MOST_PARAMETERS, definite_matrix, flag, numbers, positive, whole
 from .._kernels import estimates as kernels
 from ..exceptions import GainError
-from .adaptation import Adaptation, Drive, Estimate
+from .adaptation import Adaptation, Drive, Estimate, positive_numbers
 
 
 class PredictionWeight:
@@ -42,9 +42,7 @@ class PredictionWeight:
             definite_matrix(self.constant, len(np.atleast_1d(self.constant)), "weight")
         if rate is not None:
             self.rate = positive(rate, "prediction_rate")
-            self.floor = np.atleast_1d(numbers(floor, "floor", error=GainError))
-            if not (self.floor > 0.0).all():
-                raise GainError("must be positive; at rest it bounds the weight.", where="floor")
+            self.floor = np.atleast_1d(positive_numbers(floor, "floor"))
 
     def at(self, drive: Drive, times_Gamma: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Return R (n, n) for a drive with W (n, p), by a function that multiplies by Gamma."""
@@ -167,23 +165,20 @@ class LeastSquares(Adaptation):
     def rate(self, estimate: Estimate, drive: Drive) -> Estimate:
         """Return da/dt (p) and dP^-1/dt, which is zero without a prediction error."""
         information, W = self._information(estimate), drive.W
+        value = self.value_rate(estimate, drive)
         if W is None:
-            rate = np.linalg.solve(information, -drive.gradient)
-            return Estimate(rate, (np.zeros(information.shape),))
-        R = self.weight(estimate, drive)
-        rate = np.linalg.solve(information, -drive.weighted(R).gradient)
-        return Estimate(rate, (W.T.dot(R).dot(W) - self._forgotten(information),))
+            return Estimate(value, (np.zeros(information.shape),))
+        learned = W.T.dot(self.weight(estimate, drive)).dot(W)
+        return Estimate(value, (learned - self._forgotten(information),))
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return da/dt (p)."""
-        if drive.W is None:
-            return self.rate(estimate, drive).value
-        return self._moved(estimate, drive, 0.0, 1.0, 0.0)[0]
+        return self._moved(estimate, drive, 0.0)[0]
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held."""
         if drive.W is None:
-            return Estimate(estimate.value + dt * self.rate(estimate, drive).value, estimate.memory)
+            return Estimate(estimate.value + dt * self.value_rate(estimate, drive), estimate.memory)
         kept = math.exp(-self.forgetting * dt)
         restored = 1.0 - kept
         if not self.directional:  # d|P|/dt = lambda_0 (1 - |P|) |P|
@@ -193,16 +188,22 @@ class LeastSquares(Adaptation):
         return Estimate(estimate.value + dt * rate, (information,))
 
     def _moved(
-        self, estimate: Estimate, drive: Drive, dt: float, kept: float, restored: float
+        self,
+        estimate: Estimate,
+        drive: Drive,
+        dt: float,
+        kept: float = 1.0,
+        restored: float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean of da/dt (p) over dt [s], and P^-1 (p, p) after it.
 
         Of P^-1 the share ``kept`` is left, and the share ``restored`` of P(0)^-1 is added.
         """
-        if not self._weight.rate:
-            drive = drive.weighted(self.weight(estimate, drive))
         information, W, r = self._information(estimate), drive.W, drive.residual
-        assert W is not None and r is not None
+        if W is None or r is None:
+            W, r = empty((0, len(information))), empty(0)
+        elif not self._weight.rate:
+            drive = drive.weighted(self.weight(estimate, drive))
         R = np.zeros((len(W), len(W))) if drive.weight is None else drive.weight
         rate, after = empty(len(information)), empty(information.shape)
         kernels.fit(

@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import numbers, positive
+from .._checks import positive
 from ..exceptions import GainError
-from .adaptation import Adaptation, Drive, Estimate, Wrapper
+from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 
 
 class Leak(Wrapper):
@@ -100,7 +100,7 @@ class ErrorLeak(Leak):
             GainError: one of them is not positive.
         """
         super().__init__(inner, bandwidth)
-        self.size = _checked_size(size, "e1")
+        self.size = positive_numbers(size, "e1")
 
     def leak_rate(self, drive: Drive) -> float:
         """Return lambda |e| [1/s] under a drive; zero for a drive without tracking error."""
@@ -149,8 +149,8 @@ class DeadZone(Wrapper):
                 "expected the size of the tracking error, of the prediction error, or both.",
                 where="dead-zone",
             )
-        self.size = None if size is None else _checked_size(size, "dead-zone")
-        self.residual = None if residual is None else _checked_size(residual, "dead-zone")
+        self.size = None if size is None else positive_numbers(size, "dead-zone")
+        self.residual = None if residual is None else positive_numbers(residual, "dead-zone")
 
     def _driven(self, estimate: Estimate, drive: Drive) -> Drive:
         """Return the drive with the errors that remain outside the zone."""
@@ -207,18 +207,6 @@ class Normalised(Wrapper):
         """Return 1 / m^2 at an estimate for a regressor (k, p)."""
         trace = float(np.sum(Y.T * self.inner.gain_times(estimate, Y.T)))
         return 1.0 / (1.0 + trace / self.size)
-
-
-def _checked_size(size: ArrayLike, where: str) -> np.ndarray:
-    """Return a number or k of them as an array.
-
-    Raises:
-        GainError: one of them is not positive.
-    """
-    given = numbers(size, where, error=GainError)
-    if given.ndim > 1 or not (given > 0.0).all():
-        raise GainError("expected a positive number, or one for each error.", where=where)
-    return given
 
 
 def _scaled_error(e: np.ndarray, size: np.ndarray) -> float:

@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike
 
 from .._checks import MOST_PARAMETERS, instance, name_list, numbers, positive, vector, whole
 from .._kernels import estimates as kernels
-from ..exceptions import GainError, InputError, ParameterError
+from ..exceptions import ParameterError
 from ..models.basis import read_matrix
 from ..models.bodies import COEFFICIENTS, nearest_physical, unphysical_bodies
 from ..models.regressor import PER_BODY
-from .adaptation import Adaptation, Drive, Estimate
+from .adaptation import Adaptation, Drive, Estimate, positive_numbers
 
 # Of a sampled step in the metric, that is relative to the estimate. A load on a light wrist is many
 # lengths away from the wrist, so that it falls for 0.1 s at the start: 0.01: 23 mm on a UR10 at
@@ -43,6 +43,7 @@ class MatrixInequality:
     Attributes:
         F: (p, n, n) coefficient matrices of one block, symmetric and linearly independent.
         blocks: k.
+        size: number of parameters of all blocks.
         complete: whether the F_i span all symmetric matrices, p = n (n + 1) / 2.
     """
 
@@ -67,6 +68,7 @@ class MatrixInequality:
             )
         self.blocks = whole(blocks, "blocks", 0, most=MOST_PARAMETERS)
         self._p, self._n, _ = F.shape
+        self.size = self.blocks * self._p
         flat = F.reshape(self._p, -1)
         self.complete = self._p == self._n * (self._n + 1) // 2
         self._flat, self._dual = flat, np.linalg.solve(flat @ flat.T, flat)  # rows F_i and D_i
@@ -87,11 +89,6 @@ class MatrixInequality:
                 f"each row must hold n x n numbers, got {rows.shape[1]}.", where=str(path)
             )
         return cls(rows.reshape(-1, n, n))
-
-    @property
-    def size(self) -> int:
-        """Number of parameters of all blocks."""
-        return self.blocks * self._p
 
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, n, n) at parameters a (k p)."""
@@ -229,7 +226,6 @@ class Natural(Adaptation):
         self,
         gamma: float,
         cone: MatrixInequality,
-        name: str = "gamma_d",
         *,
         shares: ArrayLike | None = None,
     ) -> None:
@@ -238,23 +234,18 @@ class Natural(Adaptation):
         Args:
             gamma: the gain.
             cone: the set of the parameters.
-            name: of the gain, for messages.
             shares: (k) relative rates of the cone's matrices; None: all one.
 
         Raises:
-            GainError: gamma is not positive.
-            InputError: not a cone, or shares that are not k positive numbers.
+            GainError: gamma is not positive, or shares are not.
+            InputError: not a cone, or shares that are not k numbers.
         """
-        self.gamma = positive(gamma, name)
+        self.gamma = positive(gamma, "gamma_d")
         self.cone = instance(cone, MatrixInequality, "cone")
-        self.shares, self._scale = None, None
-        self._gammas = np.full(cone.blocks, self.gamma)
-        if shares is not None:
-            self.shares = vector(shares, cone.blocks, "shares")
-            if not (self.shares > 0.0).all():
-                raise InputError("expected positive numbers.", where="shares")
-            self._scale = np.repeat(self.shares, cone.size // cone.blocks)
-            self._gammas = self.gamma * self.shares
+        self.shares = None if shares is None else vector(shares, cone.blocks, "shares")
+        c = np.ones(cone.blocks) if self.shares is None else self.shares
+        self._gammas = self.gamma * positive_numbers(c, "shares")
+        self._scale = np.repeat(c, cone.size // max(cone.blocks, 1))
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:
         """Return the estimate to start from, inside the cone; see ``MatrixInequality.validate``."""
@@ -270,7 +261,7 @@ class Natural(Adaptation):
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s] with the drive held; inside the cone for any dt."""
-        g = drive.gradient if self._scale is None else self._scale * drive.gradient
+        g = drive.gradient if self.shares is None else self._scale * drive.gradient
         return Estimate(self.cone.step(estimate.value, g, self.gamma * dt, _LONGEST))
 
     def gain_times(self, estimate: Estimate, X: np.ndarray) -> np.ndarray:
@@ -316,16 +307,14 @@ class ExponentiatedGradient(Adaptation):
     name = "natural"
     sources = ("BoffiSlotine2021",)
 
-    def __init__(self, gamma: float, scale: ArrayLike, name: str = "gamma_joint") -> None:
-        """Choose the gain and the scales (p); ``name`` is the gain's, for messages.
+    def __init__(self, gamma: float, scale: ArrayLike) -> None:
+        """Choose the gain and the scales (p).
 
         Raises:
             GainError: one of them is not positive.
         """
-        self.gamma = positive(gamma, name)
-        self.scale = vector(scale, None, f"{name}: scale", error=GainError)
-        if not (self.scale > 0.0).all():
-            raise GainError(f"scales must be positive, got {self.scale.tolist()}.", where=name)
+        self.gamma = positive(gamma, "gamma_joint")
+        self.scale = vector(positive_numbers(scale, "gamma_joint: scale"), None, "gamma_joint")
         self._rates = self.gamma * self.scale
 
     def init(self, value: np.ndarray, information: np.ndarray | None = None) -> Estimate:

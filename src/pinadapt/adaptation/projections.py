@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from .._checks import vector
 from .._kernels import estimates as kernels
-from ..exceptions import DivergedError, GainError, ParameterError
-from ..models.bodies import InertialModel
+from ..exceptions import DivergedError, ParameterError
 from ..models.dynamics import Dynamics
+from ..models.inertial_model import InertialModel
 from ..robot.robot import Robot
-from .adaptation import Adaptation, Drive, Estimate, Wrapper
+from .adaptation import Adaptation, Drive, Estimate, Wrapper, positive_numbers
 from .gradient import Gradient
 
 _BOX = "limits.box"
@@ -108,14 +108,15 @@ class BoxProjection(Wrapper):
         """Return what keeps the rate of a value on the boundary from pointing out of the box."""
         if kernels.inside(estimate.value, self.low, self.high):
             return None
-        free = self.inner.rate(estimate, drive).value
-        return self._inward(free, estimate) - free
+        low = np.where(estimate.value <= self.low, 0.0, -np.inf)
+        high = np.where(estimate.value >= self.high, 0.0, np.inf)
+        free = self.inner.value_rate(estimate, drive)
+        return self._nearest(free, low, high, estimate) - free
 
     def value_rate(self, estimate: Estimate, drive: Drive) -> np.ndarray:
         """Return the value (p) of ``rate``."""
-        rate = self.inner.value_rate(estimate, drive)
-        inside = kernels.inside(estimate.value, self.low, self.high)
-        return rate if inside else self._inward(rate, estimate)
+        rate, added = self.inner.value_rate(estimate, drive), self._added(estimate, drive)
+        return rate if added is None else rate + added
 
     def step(self, estimate: Estimate, drive: Drive, dt: float) -> Estimate:
         """Return the estimate after dt [s]; its value is in the box for any dt."""
@@ -125,12 +126,6 @@ class BoxProjection(Wrapper):
         updated = after.with_value(estimate.value)  # with the gain that V has after the step
         nearest = self._nearest(after.value, self.low, self.high, updated)
         return after.with_value(self._within_domain(estimate.value, nearest))
-
-    def _inward(self, rate: np.ndarray, at: Estimate) -> np.ndarray:
-        """Return the rate (p) nearest to a given one that does not point out of the box."""
-        low = np.where(at.value <= self.low, 0.0, -np.inf)
-        high = np.where(at.value >= self.high, 0.0, np.inf)
-        return self._nearest(rate, low, high, at)
 
     def _nearest(
         self, x: np.ndarray, low: np.ndarray, high: np.ndarray, at: Estimate
@@ -270,9 +265,7 @@ class GravityProjection(Wrapper):
             GainError: bounds that are not positive.
         """
         super().__init__(inner)
-        self.bound = vector(bound, None, "gravity", error=GainError)
-        if not (self.bound > 0.0).all():
-            raise GainError(f"must be positive, got {self.bound.tolist()}.", where="gravity")
+        self.bound = vector(positive_numbers(bound, "gravity"), None, "gravity")
         self._dynamics, self._rest = dynamics, np.zeros(self.bound.size)
 
     def project(self, estimate: Estimate, q: np.ndarray) -> np.ndarray:

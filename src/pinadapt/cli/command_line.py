@@ -8,7 +8,8 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from ..rollout.rollout import Rollout
 
 DONE, REFUSED, DIVERGED, INCOMPLETE, INTERRUPTED = 0, 2, 3, 4, 130
+SCENARIO = ".toml"
 
 # Each command is a module of this folder: its ``arguments(parser)`` adds the arguments, and its
 # function of the same name runs the command and returns the exit status. A command that shares a
@@ -93,9 +95,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = shown
 
 
-def _options(arguments: Sequence[str]) -> argparse.Namespace:
+def _options(arguments: Sequence[str]) -> Namespace:
     """Return the parsed arguments; only the module of the chosen command is imported."""
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="pinadapt", description="Adaptive control of robots whose model is wrong."
     )
     parser.add_argument("--version", action="version", version=f"pinadapt {__version__}")
@@ -112,11 +114,11 @@ def _module(command: str) -> ModuleType:
     return import_module(f".{_SHARED.get(command, command)}", __package__)
 
 
-def robots_arguments(parser: argparse.ArgumentParser) -> None:
+def robots_arguments(parser: ArgumentParser) -> None:
     """Add nothing: the command has no arguments."""
 
 
-def robots(options: argparse.Namespace) -> int:
+def robots(options: Namespace) -> int:
     """Print the catalogue: name, number of joints, task, frame, source of the model, remark."""
     from .._output import Table  # here, because no other command needs them at once
     from ..description.catalogue import catalogue
@@ -180,13 +182,13 @@ def stopped_by_signals() -> Iterator[None]:
 # Arguments that several commands share, and the types of arguments
 
 
-def add_scenario(parser: argparse.ArgumentParser) -> None:
+def add_scenario(parser: ArgumentParser) -> None:
     """Add a scenario file and ``--set``, which overrides its keys."""
     parser.add_argument("scenario", type=Path, metavar="SCENARIO.toml")
     add_settings(parser)
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
+def add_settings(parser: ArgumentParser) -> None:
     """Add ``--set``."""
     parser.add_argument(
         "--set",
@@ -198,7 +200,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_out(parser: argparse.ArgumentParser, default: Path | str) -> None:
+def add_out(parser: ArgumentParser, default: Path | str) -> None:
     """Add ``--out``, a folder; a default that is not a path describes it in words."""
     parser.add_argument(
         "--out",
@@ -209,7 +211,7 @@ def add_out(parser: argparse.ArgumentParser, default: Path | str) -> None:
     )
 
 
-def add_out_file(parser: argparse.ArgumentParser, default: str) -> None:
+def add_out_file(parser: ArgumentParser, default: str) -> None:
     """Add ``--out``, a scenario file, and ``--force``."""
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help=f"scenario file to write (default: {default})"
@@ -217,7 +219,7 @@ def add_out_file(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
-def add_unadapted(parser: argparse.ArgumentParser) -> None:
+def add_unadapted(parser: ArgumentParser) -> None:
     """Add ``--unadapted``."""
     parser.add_argument(
         "--unadapted",
@@ -226,22 +228,12 @@ def add_unadapted(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_description(parser: argparse.ArgumentParser) -> None:
+def add_description(parser: ArgumentParser) -> None:
     """Add ``--xacro`` and ``--mass``, which complete a robot description."""
-    parser.add_argument(
-        "--xacro",
-        type=assignment,
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="an argument of a xacro file; may be repeated",
-    )
-    parser.add_argument(
-        "--mass",
-        type=float,
-        metavar="KG",
-        help="total mass of a robot that has links without inertia in its description",
-    )
+    from ..robot.loading import load
+
+    several = {"type": assignment, "action": "append", "default": [], "metavar": "NAME=VALUE"}
+    add_arguments_of(parser, load, {"xacro": several, "mass": float})
 
 
 def add_arguments_of(
@@ -252,18 +244,26 @@ def add_arguments_of(
     Args:
         parser: of the command.
         make: the class or function.
-        types: of its arguments, by name: what makes a value of a text, ``bool``, or the choices.
-            An option that is not given is None.
+        types: of its arguments, by name: what makes a value of a text, ``bool``, the choices, or
+            options of ``add_argument``. An option that is not given is None.
     """
     from .._output import meanings  # here, because commands without such options need it not
 
     about = meanings(make)
     for name, kind in types.items():
-        option: dict[str, Any] = {"choices": kind} if isinstance(kind, tuple) else {"type": kind}
-        if kind is bool:
+        option = {"choices": kind} if isinstance(kind, tuple) else {"type": kind}
+        if isinstance(kind, dict):
+            option = kind
+        elif kind is bool:
             option = {"action": "store_true", "default": None}
         words = about[name].replace("%", "%%")
         parser.add_argument(f"--{name.replace('_', '-')}", help=words, **option)
+
+
+def given(options: Namespace, names: Iterable[str]) -> dict[str, Any]:
+    """Return the values of those of some options that are given."""
+    values = {name: getattr(options, name) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def check_new(file: Path, *, force: bool) -> None:
@@ -289,8 +289,13 @@ def names(text: str) -> list[str]:
     """
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
-        raise argparse.ArgumentTypeError("at least one name is expected")
+        raise ArgumentTypeError("at least one name is expected")
     return found
+
+
+def one_word(found: list[str] | None) -> str | list[str] | None:
+    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
+    return found[0] if found is not None and len(found) == 1 else found
 
 
 def assignment(text: str) -> tuple[str, str]:
@@ -301,33 +306,15 @@ def assignment(text: str) -> tuple[str, str]:
     """
     name, equals, value = text.partition("=")
     if not (equals and name.strip()):
-        raise argparse.ArgumentTypeError(f"name=value is expected, got {text}")
+        raise ArgumentTypeError(f"name=value is expected, got {text}")
     return name.strip(), value
 
 
-def at_least(least: int) -> Callable[[str], int]:
-    """Return what makes an integer of a text.
-
-    Raises:
-        ArgumentTypeError: it is too small or not an integer.
-    """
-
-    def integer(text: str) -> int:
-        number = int(text) if text.strip().lstrip("+-").isdecimal() else least - 1
-        if number < least:
-            raise argparse.ArgumentTypeError(
-                f"a whole number of at least {least} is expected, got {text}"
-            )
-        return number
-
-    return integer
-
-
-def add_processes(parser: argparse.ArgumentParser) -> None:
+def add_processes(parser: ArgumentParser) -> None:
     """Add ``--processes``."""
     parser.add_argument(
         "--processes",
-        type=at_least(0),
+        type=int,
         metavar="N",
         help="number of processes, 0 for none besides this one (default: one per core)",
     )

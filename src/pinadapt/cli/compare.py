@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import warnings
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from .._output import check_writable, one_run, write_text
+from .._output import check_writable, one_run, write_json
 from ..description.catalogue import robots_folder
 from ..exceptions import UnusedGainWarning
 from ..laws import LAWS
@@ -31,7 +31,7 @@ TABLE, FIGURE = "compare.json", "compare.png"
 _FILES = [*(f"{law}/{name}" for law in LAWS for name in RUN_FILES), FIGURE, TABLE]
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     add_out(parser, "out/ and the scenario's name and -compare")
@@ -44,7 +44,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_unadapted(parser)
 
 
-def compare(options: argparse.Namespace) -> int:
+def compare(options: Namespace) -> int:
     """Run a scenario under several laws, print one table, write outputs, table and one figure.
 
     The table is ``compare.json``, the figure with the errors of all laws ``compare.png``. Files of
@@ -61,21 +61,28 @@ def compare(options: argparse.Namespace) -> int:
     check_writable(folder, [TABLE, FIGURE])
     for law in laws:
         check_writable(folder / law, RUN_FILES)
-    rollouts: list[Rollout] = []
-    try:
-        with one_run(folder, _FILES, partly=False) as beside:
-            for law, pair in zip(laws, pairs, strict=True):
-                rollouts.append(run_beside(*pair))
-                write_run(rollouts[-1], beside / law, html=False)
-                if interrupted(rollouts):
-                    break
-            (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
-            summaries = [rollout.summary() for rollout in rollouts]
-            write_text(beside / TABLE, json.dumps(summaries, indent=2) + "\n")
-    finally:
-        print(comparison_table(rollouts))
+    with one_run(folder, _FILES, partly=False) as beside:
+        rollouts = _run_all(pairs, [beside / law for law in laws], html=False)
+        (beside / FIGURE).write_bytes(overlay_figure(rollouts).png(dpi=130))
+        write_json(beside / TABLE, [rollout.summary() for rollout in rollouts])
     print(f"\nwritten to {folder}")
     return INTERRUPTED if interrupted(rollouts) else DONE
+
+
+def _run_all(
+    pairs: Iterable[tuple[Scenario, Scenario | None]], folders: Sequence[Path], *, html: bool
+) -> list[Rollout]:
+    """Run scenarios and those without adaptation until one is interrupted; print one table."""
+    rollouts: list[Rollout] = []
+    try:
+        for pair, folder in zip(pairs, folders, strict=True):
+            rollouts.append(run_beside(*pair))
+            write_run(rollouts[-1], folder, html=html)
+            if interrupted(rollouts):
+                break
+    finally:
+        print(comparison_table(rollouts))
+    return rollouts
 
 
 # The demo
@@ -87,29 +94,22 @@ SHOWCASE = {
 }
 
 
-def demo_arguments(parser: argparse.ArgumentParser) -> None:
+def demo_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``demo``."""
     add_out(parser, Path("out/demo"))
 
 
-def demo(options: argparse.Namespace) -> int:
+def demo(options: Namespace) -> int:
     """Run the showcases, print one table, write all outputs; return 3 if one diverged, else 0."""
     folders = [options.out / name for name in SHOWCASE]
     for folder in folders:
         check_writable(folder, RUN_FILES)
-    rollouts: list[Rollout] = []
-    try:
-        for file, folder in zip(SHOWCASE.values(), folders, strict=True):
-            path = robots_folder() / file
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UnusedGainWarning)  # of a run without adaptation
-                without = Scenario.read(path, [NOT_ADAPTED])
-            rollouts.append(run_beside(Scenario.read(path), without))
-            write_run(rollouts[-1], folder, html=True)
-            if interrupted(rollouts):
-                break
-    finally:
-        print(comparison_table(rollouts))
+    pairs = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedGainWarning)  # of a run without adaptation
+        for path in (robots_folder() / file for file in SHOWCASE.values()):
+            pairs.append((Scenario.read(path), Scenario.read(path, [NOT_ADAPTED])))
+    rollouts = _run_all(pairs, folders, html=True)
     print(
         f"\nplots and animations: {options.out}/*/"
         "error.png, parameters.png, torque.png, animation.html"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import runpy
 import time
+from argparse import ArgumentParser, Namespace
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from .._output import Sheet, Table
 from ..controller.learned import LearnedParameters
 from ..exceptions import InputError, ScenarioError
 from ..realtime.arm import Arm, ProcessArm
+from ..realtime.franka import FrankaArm, at_task_frame
 from ..realtime.realtime_loop import RealtimeLoop, Scheduling, Stage
 from ..realtime.recorder import COMMANDS, CycleLog, Recorder
 from ..realtime.recorder import tell as tell_loop
@@ -27,10 +28,17 @@ from ..reference import starting_from
 from ..robot.changes import Payload
 from ..robot.robot import Robot
 from ..scenario.scenario import Scenario, described_robot, trajectory_of
-from ..scenario.tables import Tables, at_folder, made, put, read_tables, setting, with_values
+from ..scenario.tables import Tables, at_folder, made, read_tables, setting, with_values
 from ..trajectories.trajectory import Trajectory
 from ..tuning.preflight import preflight
-from .command_line import DIVERGED, DONE, INTERRUPTED, add_settings, at_least
+from .command_line import (
+    DIVERGED,
+    DONE,
+    INTERRUPTED,
+    add_arguments_of,
+    add_settings,
+    given,
+)
 
 _STAGES = {
     "log-only": (Stage.LOG, "compute and log torques, send none (default)"),
@@ -43,12 +51,12 @@ _COLLISION = ("collision", "forces")
 _FRANKA = {
     "title": "Franka, load unknown",
     "robot": {"source": "panda", "task": "joint"},
-    "trajectory": {"kind": "sinusoid", "amplitude": 0.1, "period": 6.0},
+    "trajectory": {"kind": "sinusoid", "period": 6.0},
     "controller": {"compensated": "nominal"},
 }
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``drive``."""
     parser.add_argument(
         "kind",
@@ -79,30 +87,20 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="for `pinadapt tell` and `view`, on this machine only (default: any)",
     )
-    parser.add_argument(
-        "--recover", action="store_true", help="acknowledge the error of an earlier run (Franka)"
-    )
-    parser.add_argument(
+    franka = parser.add_argument_group("only of a Franka")
+    of_franka = {
+        "recover": {"action": "store_true"},
+        "collision": {"type": float, "nargs": 7, "metavar": "NM"},
+        "forces": {"type": float, "nargs": 6, "metavar": "N"},
+    }
+    add_arguments_of(franka, FrankaArm.__init__, of_franka)
+    franka.add_argument(
         "--load",
         metavar="JSON",
-        help="load that is set on the robot, which then compensates it (Franka): mass, com "
-        """and inertia in the axes of the flange, such as '{"mass": 0.7, "com": [0, 0, 0.1]}'""",
+        help="load that is set on the robot, which then compensates it: mass, com and inertia in "
+        """the axes of the flange, such as '{"mass": 0.7, "com": [0, 0, 0.1]}'""",
     )
-    parser.add_argument(
-        "--collision",
-        type=float,
-        nargs=7,
-        metavar="NM",
-        help="external torques at which the robot's own reflex stops it (Franka)",
-    )
-    parser.add_argument(
-        "--forces",
-        type=float,
-        nargs=6,
-        metavar="N",
-        help="the same for force and torque at the flange (Franka)",
-    )
-    parser.add_argument("--core", type=at_least(1), metavar="N", help="processor core to stay on")
+    parser.add_argument("--core", type=int, metavar="N", help="processor core to stay on")
     parser.add_argument(
         "--safety",
         nargs="+",
@@ -113,7 +111,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def drive(options: argparse.Namespace) -> int:
+def drive(options: Namespace) -> int:
     """Drive an arm, print the histogram of its cycles, and save what was learned beside the log.
 
     Return 3 if a finding ended it, 130 after Ctrl-C, else 0.
@@ -122,8 +120,8 @@ def drive(options: argparse.Namespace) -> int:
         InputError: arm, scenario or settings cannot be used.
         ArmError: the arm refuses.
     """
-    given = dict(setting(text, "--safety") for text in options.safety)
-    safety: Safety = made(Safety, given, "safety")
+    numbers = dict(setting(text, "--safety") for text in options.safety)
+    safety: Safety = made(Safety, numbers, "safety")
     _check_arm(options)
     tables, folder = _tables(options)
     load = None
@@ -166,7 +164,7 @@ def drive(options: argparse.Namespace) -> int:
     return DIVERGED if ending.failed else DONE
 
 
-def _tables(options: argparse.Namespace) -> tuple[Tables, Path]:
+def _tables(options: Namespace) -> tuple[Tables, Path]:
     """Return the tables of the scenario, and the folder that its paths are relative to."""
     if options.file is not None:
         return read_tables(options.file, options.set), options.file.parent
@@ -181,15 +179,15 @@ def _tables(options: argparse.Namespace) -> tuple[Tables, Path]:
     return deepcopy(_FRANKA), Path()
 
 
-def _check_arm(options: argparse.Namespace) -> None:
+def _check_arm(options: Namespace) -> None:
     """Refuse an arm that does not exist, and options that it has not.
 
     Raises:
         InputError: it is refused.
     """
     kind = options.kind
-    for name in ("load", *_COLLISION):
-        if kind != "franka" and getattr(options, name) is not None:
+    for name in given(options, ("load", *_COLLISION)):
+        if kind != "franka":
             raise InputError("is set on a Franka only.", where=f"--{name}")
     if kind == "franka" and options.address is None:
         raise InputError("is needed: the robot's address, such as 172.16.0.2.", where="ADDRESS")
@@ -204,7 +202,7 @@ def _check_arm(options: argparse.Namespace) -> None:
         )
 
 
-def _connect(options: argparse.Namespace, scenario: Scenario, load: Payload | None) -> Arm:
+def _connect(options: Namespace, scenario: Scenario, load: Payload | None) -> Arm:
     """Return the arm of the options.
 
     Raises:
@@ -218,11 +216,8 @@ def _connect(options: argparse.Namespace, scenario: Scenario, load: Payload | No
     if kind == "moteus":
         return _motors(scenario, address)
     if kind == "franka":
-        from ..realtime.franka import FrankaArm
-
-        given = {name: getattr(options, name) for name in _COLLISION}
-        known = {name: value for name, value in given.items() if value is not None}
-        return FrankaArm(address, scenario.estimated, load=load, recover=options.recover, **known)
+        known = given(options, ("recover", *_COLLISION))
+        return FrankaArm(address, scenario.estimated, load=load, **known)
     file, _, name = kind.rpartition(":")
     found = runpy.run_path(file).get(name)
     arm = None if found is None else found(address, scenario.estimated)
@@ -249,8 +244,6 @@ def _carry(load: Payload, tables: Tables, folder: Path) -> None:
     Raises:
         InputError: the scenario has a load already, or its robot no flange.
     """
-    from ..realtime.franka import at_task_frame
-
     if "payload" in tables.get("controller", {}):
         raise ScenarioError(
             "is also given by --load; give only one of them.", where="controller.payload"
@@ -258,8 +251,7 @@ def _carry(load: Payload, tables: Tables, folder: Path) -> None:
     seen = at_task_frame(load, described_robot(at_folder(tables, folder)))
     com, inertia = np.asarray(seen.com).tolist(), np.asarray(seen.inertia).tolist()
     known = {"mass": seen.mass, "com": com, "inertia": inertia}
-    put(tables, "controller.payload", known)
-    put(tables, "controller.compensated", {"payload": known})
+    with_values(tables, {"controller.payload": known, "controller.compensated": {"payload": known}})
 
 
 def _motors(scenario: Scenario, channel: str | None) -> Arm:
@@ -294,13 +286,13 @@ def _new_motion(robot: Robot, table: Any, measurement: Measurement) -> Trajector
 # --- replay -------------------------------------------------------------------------------------
 
 
-def replay_arguments(parser: argparse.ArgumentParser) -> None:
+def replay_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``replay``."""
     parser.add_argument("log", type=Path, metavar="LOG", help="MCAP file of `pinadapt drive`")
     add_settings(parser)
 
 
-def replay(options: argparse.Namespace) -> int:
+def replay(options: Namespace) -> int:
     """Print the torques of a log beside those that its controller, or another one, computes.
 
     Return 3 if the same controller computes others, else 0.
@@ -340,14 +332,14 @@ def replay(options: argparse.Namespace) -> int:
 # --- tell ---------------------------------------------------------------------------------------
 
 
-def tell_arguments(parser: argparse.ArgumentParser) -> None:
+def tell_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``tell``."""
-    parser.add_argument("port", type=at_least(1), metavar="PORT", help="of the running loop")
+    parser.add_argument("port", type=int, metavar="PORT", help="of the running loop")
     parser.add_argument("what", choices=COMMANDS, metavar="COMMAND", help=", ".join(COMMANDS))
     parser.add_argument("value", nargs="?", metavar="JSON", help='such as true, or {"mass": 1.0}')
 
 
-def tell(options: argparse.Namespace) -> int:
+def tell(options: Namespace) -> int:
     """Send a command to a running loop and print its answer.
 
     Raises:

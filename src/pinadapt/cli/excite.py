@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import tomlkit
 
@@ -18,25 +16,27 @@ from ..excitation.exciting_motion import excite as find
 from ..robot.loading import load
 from ..scenario.scenario import Scenario
 from ..scenario.tables import Tables, at_folder
+from ..scenario.template import significant
 from ..tuning.unknowns import Unknown
 from .command_line import (
+    SCENARIO,
     add_arguments_of,
     add_out_file,
-    at_least,
     check_new,
+    given,
     names,
+    one_word,
 )
 from .init import warn_of_findings
 
-_SCENARIO = ".toml"
 _SEARCH = {
     **dict.fromkeys(("duration", "excursion", "load", "floor"), float),
     "srdf": Path,
-    "seed": at_least(0),
+    "seed": int,
 }
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "source",
@@ -55,27 +55,26 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help="unknown joint coefficients: armature, viscous, coulomb, all or none (default: all)",
     )
-    parser.add_argument(
-        "--frame",
-        metavar="LINK",
-        help="end of the chain (default: the likeliest link at the robot's end)",
-    )
+    add_arguments_of(parser, load, {"frame": str})
     add_arguments_of(parser, find, _SEARCH)
     add_out_file(parser, "the robot's name and _excited.toml")
 
 
-def excite(options: argparse.Namespace) -> int:
+def excite(options: Namespace) -> int:
     """Find an exciting motion for a robot or a scenario, print it and write a scenario with it.
 
     Raises:
         InputError: the file exists and --force is not given, or no motion was found.
     """
     source = str(options.source)
-    out = options.out or Path(f"{_name(source)}_excited{_SCENARIO}")
+    name = Path(source.removesuffix(".xacro")).stem if is_path(source) else source
+    out = options.out or Path(f"{name}_excited{SCENARIO}")
     check_new(out, force=options.force)
-    tables, motion = _of_scenario(options) if _is_scenario(source) else _of_robot(options)
+    found, folder = _of_robot, Path()
+    if source.endswith(SCENARIO):
+        found, folder = _of_scenario, Path(source).parent
+    tables, motion = found(options)
     print(motion)
-    folder = Path(source).parent if _is_scenario(source) else Path()
     tables = exciting_tables(at_folder(tables, folder.absolute()), motion)
     scenario = Scenario.build(tables, out.parent)
     write_text(out, f"# {_HEADER}\n{tomlkit.dumps(tables)}")
@@ -84,7 +83,7 @@ def excite(options: argparse.Namespace) -> int:
     return 0
 
 
-def _of_scenario(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
+def _of_scenario(options: Namespace) -> tuple[Tables, ExcitingMotion]:
     """Return the tables of a scenario and a motion for its unknown parameters."""
     if options.unknown or options.joint:
         raise InputError(
@@ -97,20 +96,20 @@ def _of_scenario(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
     if controller.nominal is not None:  # collisions are checked with the shapes
         unloaded = replace(controller.nominal.unloaded, drawn=drawn)
         controller.nominal = replace(controller.nominal, unloaded=unloaded)
-    return read_toml(path), find(controller, **_found(options))
+    return read_toml(path), find(controller, **given(options, _SEARCH))
 
 
-def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
+def _of_robot(options: Namespace) -> tuple[Tables, ExcitingMotion]:
     """Return tables of a scenario for a robot and a motion for the given unknown parameters."""
     robot = load(options.source, frame=options.frame)
-    names, joint = options.unknown or ["all"], options.joint or ["all"]
-    unknown = Unknown(tool=False, bodies=_words(names)).with_names(joint=_words(joint))
+    bodies, joint = one_word(options.unknown) or "all", one_word(options.joint) or "all"
+    unknown = Unknown(tool=False, bodies=bodies).with_names(joint=joint)
     tables = {
         "title": f"{robot.name}, an exciting motion",
         "robot": {
             "source": options.source,
             "frame": robot.frame,
-            "q0": [float(f"{angle:.12g}") + 0.0 for angle in robot.home_angles],
+            "q0": significant(robot.home_angles, digits=12),
         },
         "unknown": {
             "bodies": unknown.bodies,
@@ -119,27 +118,7 @@ def _of_robot(options: argparse.Namespace) -> tuple[Tables, ExcitingMotion]:
             "effects": list(unknown.effects),
         },
     }
-    return tables, find(robot, unknown=unknown, **_found(options))
-
-
-def _found(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the search that are given."""
-    given = {name: getattr(options, name) for name in _SEARCH}
-    return {name: value for name, value in given.items() if value is not None}
-
-
-def _words(names: Sequence[str]) -> str | list[str]:
-    """Return a single word, or a list of names."""
-    return names[0] if len(names) == 1 else list(names)
-
-
-def _is_scenario(source: str) -> bool:
-    return source.endswith(_SCENARIO)
-
-
-def _name(source: str) -> str:
-    """Return the name of a robot or a scenario."""
-    return Path(source.removesuffix(".xacro")).stem if is_path(source) else source
+    return tables, find(robot, unknown=unknown, **given(options, _SEARCH))
 
 
 _OF_TRANSLATIONS = (

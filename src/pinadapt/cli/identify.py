@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import partial
@@ -26,21 +27,22 @@ from .command_line import (
     DONE,
     INCOMPLETE,
     REFUSED,
+    SCENARIO,
     add_arguments_of,
     add_description,
     add_out,
     assignment,
+    given,
     names,
+    one_word,
 )
 from .run import RUN_FILES
 
-_SCENARIO = ".toml"
 
-
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``identify``."""
     _add_log_and_robot(parser)
-    parser.add_argument("--task", metavar="TASK", help="xyz, xy, xz, yz, pose or joint")
+    add_arguments_of(parser, load, {"task": str})
     for option, what in (
         (
             "--kinematic",
@@ -54,33 +56,16 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         ),
     ):
         parser.add_argument(option, type=names, metavar="A,B", help=what)
-    parser.add_argument(
-        "--adaptation",
-        choices=(
-            "natural-memory",
-            "natural-composite",
-            "composite-memory",
-            "composite",
-            "least-squares",
-        ),
-        default="natural-memory",
-        help="adaptation of the online estimator (default: %(default)s)",
+    several = {"type": Path, "nargs": "+", "action": "extend", "default": [], "metavar": "LOG"}
+    adaptations = (
+        "natural-memory",
+        "natural-composite",
+        "composite-memory",
+        "composite",
+        "least-squares",
     )
-    parser.add_argument(
-        "--test",
-        type=Path,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="LOG",
-        help="logs whose torques are predicted, in place of the last quarter",
-    )
-    parser.add_argument(
-        "--empty",
-        type=Path,
-        metavar="LOG",
-        help="a log of the arm without its load: the load is the difference to it",
-    )
+    of_log = {"adaptation": adaptations, "test": several, "empty": Path}
+    add_arguments_of(parser, identify_log, of_log)
     parser.add_argument(
         "--compare",
         type=Path,
@@ -103,32 +88,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/ and the log's name and -identified")
 
 
-def calibrate_arguments(parser: argparse.ArgumentParser) -> None:
+def calibrate_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``calibrate``."""
     _add_log_and_robot(parser)
-    parser.add_argument(
-        "--unknown",
-        type=names,
-        default=calibration.ALL,
-        metavar="A,B",
-        help="placements: base, joints, tool, names of joints; or offsets, of the encoders alone "
-        "(default: base,joints,tool)",
-    )
-    parser.add_argument(
-        "--tracker",
-        action="store_true",
-        help=(
-            "x is in the axes of a tracker at an unknown pose (default: in those of the "
-            "robot's base)"
-        ),
-    )
+    placements = {"type": names, "metavar": "A,B"}
+    add_arguments_of(parser, calibration.calibrate, {"unknown": placements, "tracker": bool})
     _add_import_options(parser)
     add_description(parser)
     add_out(parser, "out/ and the log's name and -calibrated")
     parser.set_defaults(task=None, test=[], empty=None, write_intake=False)
 
 
-def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
+def _add_log_and_robot(parser: ArgumentParser) -> None:
     """Add the logs, the robot, its frame and its locked joints."""
     parser.add_argument(
         "log",
@@ -143,7 +114,7 @@ def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
         metavar="ROBOT",
         help="URDF, xacro or MJCF file, a name as for `init`, or a scenario: its initial model",
     )
-    parser.add_argument("--frame", metavar="LINK", help="task frame (default: as for `init`)")
+    add_arguments_of(parser, load, {"frame": str})
     parser.add_argument(
         "--lock",
         type=names,
@@ -152,7 +123,7 @@ def _add_log_and_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_import_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+def _add_import_options(parser: ArgumentParser) -> argparse._ArgumentGroup:
     """Add a group of options that say how a log is to be read, see ``ImportOptions``; return it."""
     group = parser.add_argument_group(
         "how the log is read",
@@ -221,23 +192,23 @@ def _listed(text: str) -> Any:
     """
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if not parts:
-        raise argparse.ArgumentTypeError("at least one value is expected")
+        raise ArgumentTypeError("at least one value is expected")
     if "=" in text:
         return {name: toml_value(value) for name, value in map(assignment, parts)}
     values = [toml_value(part) for part in parts]
     return values[0] if len(values) == 1 else values
 
 
-def _import_options(options: argparse.Namespace) -> ImportOptions | None:
+def _import_options(options: Namespace) -> ImportOptions | None:
     """Return how the logs are to be read; None: each by the file beside it.
 
     Raises:
         InputError: options for several logs, of which others than the first have such a file.
     """
-    given = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
-    given["columns"] = dict(given["columns"]) or None
+    said = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
+    said["columns"] = dict(said["columns"]) or None
     logs: list[Path] = [*options.log, *options.test, *filter(None, [options.empty])]
-    if options.intake is None and all(value is None for value in given.values()):
+    if options.intake is None and all(value is None for value in said.values()):
         return None
     beside = [place for log in logs[1:] if (place := ImportOptions.beside(log)) is not None]
     if options.intake is None and beside:
@@ -249,10 +220,10 @@ def _import_options(options: argparse.Namespace) -> ImportOptions | None:
     place = options.intake or ImportOptions.beside(logs[0])
     if options.write_intake and place is not None and not place.is_file():
         place = None  # it is to be written
-    return ImportOptions.of(place).updated(**given)
+    return ImportOptions.of(place).updated(**said)
 
 
-def identify(options: argparse.Namespace) -> int:
+def identify(options: Namespace) -> int:
     """Estimate a robot's parameters from a log, write the outputs and print report and verdict.
 
     Nothing is written before the estimation is complete.
@@ -267,19 +238,17 @@ def identify(options: argparse.Namespace) -> int:
         path.name: load(path, frame=robot.frame, locked=options.lock or (), joint_effects=True)
         for path in options.compare
     }
-    named = {name: _words(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
+    named = {name: one_word(getattr(options, name)) for name in ("kinematic", "dynamic", "joint")}
     try:
         found = identify_log(
             options.log,
             robot,
-            test=options.test,
-            empty=options.empty,
-            adaptation=options.adaptation,
             intake=intake,
             unknown=unknown.with_names(**named),
+            **given(options, ("adaptation", "test", "empty")),
         )
     except TorqueMismatchError as error:
-        print(error.check.sheet())
+        print(error.check)
         raise
 
     def page(beside: Path) -> None:
@@ -303,7 +272,7 @@ def identify(options: argparse.Namespace) -> int:
     return (INCOMPLETE if missing else DONE) if found.trusted else REFUSED
 
 
-def calibrate(options: argparse.Namespace) -> int:
+def calibrate(options: Namespace) -> int:
     """Calibrate a robot's placements from a log, write the outputs and print the report.
 
     Nothing is written before the calibration is complete.
@@ -314,9 +283,8 @@ def calibrate(options: argparse.Namespace) -> int:
     found = calibration.calibrate(
         options.log,
         robot,
-        unknown=options.unknown,
-        tracker=options.tracker,
         intake=_import_options(options),
+        **given(options, ("unknown", "tracker")),
     )
     try:
         with one_run(folder, calibration.FILES) as beside:
@@ -327,9 +295,7 @@ def calibrate(options: argparse.Namespace) -> int:
     return DONE if found.trusted else REFUSED
 
 
-def _write_import_options(
-    options: argparse.Namespace, source: Path, intake: ImportOptions | None
-) -> int:
+def _write_import_options(options: Namespace, source: Path, intake: ImportOptions | None) -> int:
     """Read and check a log, write how it was read beside it, and print what was found."""
     place = options.intake or place_beside(source)
     robot, _ = _robot_and_unknown(options)
@@ -341,7 +307,7 @@ def _write_import_options(
         f"Checked: {check.verdict}",
     ]
     write_text(place, intake.text(about))
-    print(check.sheet())
+    print(check)
     print(f"\nwritten to {place}")
     return DONE if check.fits else REFUSED
 
@@ -361,18 +327,13 @@ def _check_place(folder: Path, files: Sequence[str]) -> None:
         )
 
 
-def _robot_and_unknown(options: argparse.Namespace) -> tuple[Robot, Unknown]:
+def _robot_and_unknown(options: Namespace) -> tuple[Robot, Unknown]:
     """Return the robot and what is unknown; a scenario gives its estimated model and [unknown]."""
-    chosen = {name: getattr(options, name) for name in ("frame", "task", "mass")}
+    chosen = given(options, ("frame", "task", "mass"))
     chosen |= {"locked": options.lock or (), "xacro": dict(options.xacro) or None}
-    if Path(options.robot).suffix != _SCENARIO:
+    if Path(options.robot).suffix != SCENARIO:
         return load(options.robot, **chosen), Unknown()
     if any(chosen.values()):
         raise InputError("the scenario says which frame, task and joints.", where="robot")
     scenario = Scenario.read(Path(options.robot))
     return scenario.estimated, parts(scenario.tables)["unknown"]
-
-
-def _words(given: list[str] | None) -> str | list[str] | None:
-    """Return the word of a list of one, so that "all" is not taken for the name of a joint."""
-    return given[0] if given is not None and len(given) == 1 else given

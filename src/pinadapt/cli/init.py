@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
 import warnings
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from .._output import write_text
-from ..laws import DEFAULT, LAWS
+from ..laws import LAWS
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
-from .command_line import add_description, add_out_file, check_new
+from .command_line import add_arguments_of, add_description, add_out_file, check_new, given, names
+
+_CHOICES = {
+    "frame": {"type": names, "action": "extend"},
+    "task": str,
+    "law": tuple(name for name, law in LAWS.items() if law.adapts),
+    "tracker": bool,
+}
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "source",
@@ -21,52 +28,21 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="URDF, xacro or MJCF file, a name from `pinadapt robots`, or a name from the package "
         "robot_descriptions",
     )
-    parser.add_argument(
-        "--frame",
-        action="append",
-        default=[],
-        metavar="LINK",
-        help="task frame (default: the likeliest link at the robot's end); several, given again or "
-        "with commas between, are moved by one controller",
-    )
-    parser.add_argument(
-        "--task",
-        metavar="TASK",
-        help="xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: "
-        "xyz, or a plane if the chain is planar)",
-    )
-    parser.add_argument(
-        "--law",
-        choices=[name for name, law in LAWS.items() if law.adapts],
-        default=DEFAULT,
-        metavar="NAME",
-        help="an adaptive law: %(choices)s; those of joint space get the task joint (default: "
-        "%(default)s)",
-    )
-    parser.add_argument(
-        "--tracker",
-        action="store_true",
-        help="x is measured in the axes of an uncalibrated tracker",
-    )
+    add_arguments_of(parser, Template.of, _CHOICES)
     add_description(parser)
     add_out_file(parser, "the robot's name and .toml")
 
 
-def init(options: argparse.Namespace) -> int:
+def init(options: Namespace) -> int:
     """Write a scenario for a robot description or a robot's name, ready to run, and check it.
 
     Raises:
         InputError: the file exists and --force is not given, or the robot cannot be used.
     """
-    frames = [name.strip() for given in options.frame for name in given.split(",")]
     template = Template.of(
         options.source,
-        frames=frames,
-        task=options.task,
         xacro=dict(options.xacro),
-        mass=options.mass,
-        law=options.law,
-        tracker=options.tracker,
+        **given(options, (*_CHOICES, "mass")),
     )
     file = options.out or Path(f"{template.name}.toml")
     check_new(file, force=options.force)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,6 @@ from .command_line import (
     add_scenario,
     add_settings,
     add_unadapted,
-    at_least,
     status_of,
 )
 
@@ -38,7 +37,7 @@ RUN_FILES = (
 )
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``run``."""
     add_scenario(parser)
     add_out(parser, "out/ and the scenario's name")
@@ -49,27 +48,39 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_unadapted(parser)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run a scenario, write its outputs, print its table and, as the last line, its verdict.
-
-    Return 3 if the loop diverged, 130 if it was interrupted, else 0.
-    """
+def run(options: Namespace) -> int:
+    """Run a scenario as ``run_into`` does."""
     scenario = Scenario.read(options.scenario, options.set)
     without = None
     if options.unadapted:
         without = Scenario.read(options.scenario, [*options.set, NOT_ADAPTED])
     folder = options.out or Path("out") / options.scenario.stem
+    return run_into(folder, scenario, without, html=not options.no_html, live=options.live)
+
+
+def run_into(
+    folder: Path,
+    scenario: Scenario,
+    without: Scenario | None = None,
+    *,
+    html: bool = True,
+    live: bool = False,
+) -> int:
+    """Run a scenario, write its outputs, print its table and, as the last line, its verdict.
+
+    Return 3 if the loop diverged, 130 if it was interrupted, else 0.
+    """
     check_writable(folder, RUN_FILES)
-    rollout = run_beside(scenario, without, live=options.live)
+    rollout = run_beside(scenario, without, live=live)
     try:
-        write_run(rollout, folder, html=not options.no_html)
+        write_run(rollout, folder, html=html)
     finally:
         print(sheet(rollout, rollout.numbers))  # even if it could not be written
     print(f"\nwritten to {folder}\n\n{rollout.verdict}")
     return status_of(rollout)
 
 
-def view_arguments(parser: argparse.ArgumentParser) -> None:
+def view_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``view``."""
     parser.add_argument(
         "scenario",
@@ -81,13 +92,13 @@ def view_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
     parser.add_argument(
         "--attach",
-        type=at_least(1),
+        type=int,
         metavar="PORT",
         help="show a running `pinadapt drive` of this scenario, which prints its port",
     )
 
 
-def view(options: argparse.Namespace) -> int:
+def view(options: Namespace) -> int:
     """Show the animation in a folder, or run a scenario live and print its table.
 
     The address of the page is printed; without a display, nothing else happens. Return 3 if the
@@ -132,15 +143,15 @@ def _show(folder: Path) -> int:
     address = page.resolve().as_uri()
     print(address)
     open_in_browser(address)
-    return 0
+    return DONE
 
 
-def cite_arguments(parser: argparse.ArgumentParser) -> None:
+def cite_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of ``cite``."""
     add_scenario(parser)
 
 
-def cite(options: argparse.Namespace) -> int:
+def cite(options: Namespace) -> int:
     """Print the BibTeX entries of what a scenario's controller uses."""
     print(citation(Scenario.read(options.scenario, options.set).controller), end="")
     return 0
@@ -156,8 +167,9 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
         rollout.save,
         rollout.plot,
         partial(_keep_learned, rollout),
-        *([partial(_animate, rollout)] if html else []),
     ]
+    if html:
+        steps.append(lambda beside: rollout.animate().save(beside / "animation.html"))
     try:
         with one_run(folder, RUN_FILES) as beside:
             for k in watched(range(len(steps)), None, f"{rollout.title}: outputs"):
@@ -165,10 +177,6 @@ def write_run(rollout: Rollout, folder: Path, *, html: bool) -> None:
     except OSError as error:
         words = f"{folder}: not all could be written: {error.strerror or error}."
         raise OSError(words) from error
-
-
-def _animate(rollout: Rollout, folder: Path) -> None:
-    rollout.animate().save(folder / "animation.html")
 
 
 def _keep_learned(rollout: Rollout, folder: Path) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from .._output import check_writable
 from ..exceptions import InputError
-from ..rollout.summary import sheet
 from ..sweep.cases import COPY, METHODS, Plan
-from ..sweep.execution import ScenarioWork, claimed, run_plan, work_of
+from ..sweep.execution import claimed, run_plan, scenario_of, work_of
 from ..sweep.table import CaseTable, read
 from .command_line import (
     DONE,
@@ -19,13 +17,20 @@ from .command_line import (
     add_out,
     add_processes,
     add_scenario,
-    at_least,
-    status_of,
+    given,
 )
-from .run import RUN_FILES, write_run
+from .run import run_into
+
+_OWN = {
+    **dict.fromkeys(("samples", "repeat"), int),
+    "method": METHODS,
+    "seed": int,
+    "timeout": float,
+    "success": str,
+}
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     parser.epilog = (
@@ -41,14 +46,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUES",
         help="a dotted key of the scenario and its values; several keys are combined",
     )
-    types = {
-        **dict.fromkeys(("samples", "repeat"), at_least(1)),
-        "method": METHODS,
-        "seed": at_least(0),
-        "timeout": float,
-        "success": str,
-    }
-    add_arguments_of(parser, Plan, types)
+    add_arguments_of(parser, Plan, _OWN)
     add_processes(parser)
     parser.add_argument(
         "--column", default="", metavar="NAME", help="the result in ranking and figures"
@@ -59,24 +57,24 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="with --resume, run what crashed, failed or took too long again",
     )
-    parser.add_argument("--case", type=at_least(0), metavar="N", help="run one case alone")
+    parser.add_argument("--case", type=int, metavar="N", help="run one case alone")
     parser.add_argument("--force", action="store_true", help="remove another sweep in the folder")
     add_out(parser, "out/ and the file's name and -sweep")
 
 
-def sweep(options: argparse.Namespace) -> int:
+def sweep(options: Namespace) -> int:
     """Run the cases of a sweep, print its report and write table, figures and page.
 
     A folder in place of a file: with ``--resume`` its missing cases are run, with ``--case`` one of
     them alone, else its report is made anew.
     """
-    given: Path = options.scenario
+    path: Path = options.scenario
     plan, folder = _plan(options)
     if options.case is not None:
         return _alone(plan, options.case, folder)
-    if given.is_dir() and not (options.resume or options.retry):
+    if path.is_dir() and not (options.resume or options.retry):
         return _show(read(folder), plan, options.column, folder)
-    if not given.is_dir():
+    if not path.is_dir():
         claimed(folder, plan, resume=options.resume or options.retry, anew=options.force)
     try:
         table = run_plan(plan, options.processes, folder, retry=options.retry)
@@ -90,19 +88,17 @@ def sweep(options: argparse.Namespace) -> int:
     return _show(table, plan, options.column, folder)
 
 
-def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
+def _plan(options: Namespace) -> tuple[Plan, Path]:
     """Return the sweep and its folder.
 
     Raises:
         InputError: a folder holds no sweep, or something is varied that the folder has fixed.
     """
     path: Path = options.scenario
-    names = ("samples", "method", "repeat", "seed", "timeout", "success")
-    own = {name: getattr(options, name) for name in names}
     if not path.is_dir():
-        plan = Plan.read(path, options.vary, options.set, **own)
+        plan = Plan.read(path, options.vary, options.set, **given(options, _OWN))
         return plan, options.out or Path("out") / f"{path.stem}-sweep"
-    fixed = [name for name in (*names, "vary", "set") if getattr(options, name) not in (None, [])]
+    fixed = [name for name, value in given(options, (*_OWN, "vary", "set")).items() if value != []]
     if fixed:
         raise InputError(
             f"{', '.join(fixed)}: the folder holds a sweep, which says this.",
@@ -114,22 +110,17 @@ def _plan(options: argparse.Namespace) -> tuple[Plan, Path]:
 
 def _alone(plan: Plan, number: int, folder: Path) -> int:
     """Run one case in this process: of a scenario with all outputs, of a function with its row."""
-    if number >= len(plan.cases):
+    if not 0 <= number < len(plan.cases):
         raise InputError(
             f"there are {len(plan.cases)} cases, from 0 to {len(plan.cases) - 1}.", where="--case"
         )
-    case, work = plan.cases[number], work_of(plan)
+    case = plan.cases[number]
     for key, value in case.values.items():
         print(f"{key} = {value}")
-    if not isinstance(work, ScenarioWork):
-        print(CaseTable([{"case": number, "seed": case.seed, **dict(work(case))}]))
+    if plan.scenario is None:
+        print(CaseTable([{"case": number, "seed": case.seed, **work_of(plan)(case)}]))
         return DONE
-    place = folder / f"case-{number}"
-    check_writable(place, RUN_FILES)
-    rollout = work.scenario(case).run()
-    write_run(rollout, place, html=True)
-    print(f"{sheet(rollout, rollout.numbers)}\n\nwritten to {place}\n\n{rollout.verdict}")
-    return status_of(rollout)
+    return run_into(folder / f"case-{number}", scenario_of(plan.scenario, plan.folder, case))
 
 
 def _show(table: CaseTable, plan: Plan, column: str, folder: Path) -> int:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
-import json
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from .._output import check_writable, write_text
+from .._output import check_writable, write_json
 from ..sweep.cases import Plan
 from ..sweep.tune import tune as search
 from .command_line import (
@@ -16,13 +15,13 @@ from .command_line import (
     add_processes,
     add_scenario,
     assignment,
-    at_least,
+    given,
 )
 
 FILE = "tune.json"
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     add_scenario(parser)
     parser.epilog = (
@@ -39,7 +38,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="what is searched: controller.alpha=loguniform(5, 100), uniform(a, b), choice([...])",
     )
     parser.add_argument("--vary", nargs="+", action="extend", default=[], metavar="KEY=VALUES")
-    counts = dict.fromkeys(("samples", "trials", "validation"), at_least(1))
+    counts = dict.fromkeys(("samples", "trials", "validation"), int)
     add_arguments_of(parser, search, {**counts, "objective": str})
     parser.add_argument(
         "--percentile",
@@ -55,7 +54,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/ and the file's name and -tune")
 
 
-def tune(options: argparse.Namespace) -> int:
+def tune(options: Namespace) -> int:
     """Search gains, validate them on other seeds, and say whether the defaults are as good.
 
     Writes ``tune.json`` with all trials.
@@ -63,16 +62,14 @@ def tune(options: argparse.Namespace) -> int:
     plan = Plan.read(options.scenario, options.vary, options.set, samples=options.samples)
     folder = options.out or Path("out") / f"{options.scenario.stem}-tune"
     check_writable(folder, [FILE])
-    given = {"trials": options.trials, "objective": options.objective}
     found = search(
         plan,
         dict(options.gain),
         share=options.percentile,
-        validation=options.validation,
         executor=options.processes,
-        **{name: value for name, value in given.items() if value is not None},
+        **given(options, ("trials", "objective", "validation")),
     )
-    write_text(folder / FILE, json.dumps(found.numbers, indent=2) + "\n")
+    write_json(folder / FILE, found.numbers)
     if found.numbers["better"]:
         print(
             "--set " + " ".join(f"{key}={value}" for key, value in found.numbers["gains"].items())

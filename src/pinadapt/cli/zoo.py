@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
-import json
-import math
-from collections.abc import Mapping, Sequence
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-from .._output import Table, check_writable, write_text
+from .._output import Record, check_writable, records_table, write_json
 from ..description.catalogue import catalogue_entry
-from ..laws import DEFAULT, LAWS
+from ..laws import LAWS
 from ..simulation.simulate import watched
-from ..zoo.experiment import CONVERGED, POSE, run_zoo, zoo_names
-from .command_line import DONE, INTERRUPTED, add_out, add_processes, at_least, names
+from ..tasks.task import DISPLAYS
+from ..zoo.experiment import CONVERGED, POSE, POSITION, run_zoo, zoo_names
+from .command_line import DONE, INTERRUPTED, add_arguments_of, add_out, add_processes, given, names
 
 TABLE = "zoo.json"
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def arguments(parser: ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         "--robots",
@@ -27,90 +26,46 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help="names from `pinadapt robots` (default: all that fit the task)",
     )
-    parser.add_argument(
-        "--law",
-        choices=[
-            name
-            for name, law in LAWS.items()
-            if law.adapts and not (law.joint_space or law.set_point)
-        ],
-        default=DEFAULT,
-        metavar="NAME",
-        help="an adaptive law: %(choices)s (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--task",
-        choices=("position", "pose"),
-        default="position",
-        help="position: a circle; pose: a circle with a swinging tool, for chains of six and more "
-        "joints (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=at_least(0),
-        default=0,
-        metavar="N",
-        help="random seed of friction, tools and model errors (default: %(default)s)",
-    )
+    laws = [law for law in LAWS.values() if law.adapts and not (law.joint_space or law.set_point)]
+    types = {"law": tuple(law.name for law in laws), "task": (POSITION, POSE), "seed": int}
+    add_arguments_of(parser, run_zoo, types)
     add_processes(parser)
     add_out(parser, Path("out/zoo"))
 
 
-def zoo(options: argparse.Namespace) -> int:
+def zoo(options: Namespace) -> int:
     """Run the zoo, print one table and write ``zoo.json``; a failure is a row of the table."""
-    names = zoo_names(options.task)
+    names = zoo_names(options.task or POSITION)
     if options.robots:
         names = [catalogue_entry(name).name for name in options.robots]
     folder: Path = options.out
     check_writable(folder, [TABLE])
-    coming = run_zoo(
-        names, options.law, seed=options.seed, processes=options.processes, task=options.task
-    )
-    rows: list[Mapping[str, Any]] = []
-    status = DONE
-    try:
+    chosen = given(options, ("law", "task", "seed", "processes"))
+    coming = run_zoo(names, **chosen)
+    rows: list[Record] = []
+    with suppress(KeyboardInterrupt):
         for row, _ in zip(coming, watched(range(len(names)), None, "zoo"), strict=False):
             rows.append(row)
-    except KeyboardInterrupt:
-        status = INTERRUPTED
     rows.sort(key=lambda row: names.index(row["robot"]))
-    write_text(folder / TABLE, json.dumps(rows, indent=2) + "\n")
+    write_json(folder / TABLE, rows)
     converged = sum(row["verdict"] == CONVERGED for row in rows)
     print(zoo_table(rows))
     print(f"\n{converged} of {len(rows)} converged; written to {folder / TABLE}")
     if len(rows) < len(names):
         print(f"interrupted, {len(names) - len(rows)} have not run")
-    return status
+        return INTERRUPTED
+    return DONE
 
 
-_COLUMNS = {  # key -> title
-    "radius": "radius [m]",
-    "unadapted": "unadapted [mm]",
-    "adapted": "adapted [mm]",
-    "unadapted_angle": "unadapted [deg]",
-    "adapted_angle": "adapted [deg]",
-    "min_eig_M_hat": "min eig M_hat",
-    "min_singular_J_hat": "min sing J_hat",
-}
-
-
-def zoo_table(rows: Sequence[Mapping[str, Any]]) -> str:
+def zoo_table(rows: Sequence[Record]) -> str:
     """Return a row for each robot; errors are the largest of the last 10 % of the duration."""
-    posed = any(row.get("task") == POSE for row in rows)
-    titles = {key: title for key, title in _COLUMNS.items() if posed or "angle" not in key}
-    cells = [
-        [
-            row["robot"],
-            str(row.get("joints") or "-"),
-            *(_shown(row.get(key), title) for key, title in titles.items()),
-            row.get("verdict", ""),
-        ]
-        for row in rows
-    ]
-    return str(Table(cells, ["robot", "joints", *titles.values(), "verdict"]))
-
-
-def _shown(value: float | None, title: str) -> str:
-    """Return a number in SI units in the unit of its column."""
-    scale = 1e3 if "[mm]" in title else 180.0 / math.pi if "[deg]" in title else 1.0
-    return "-" if value is None else f"{scale * value:.3g}"
+    columns = {
+        "radius [m]": ("radius", 1.0, 3),
+        "unadapted [mm]": ("unadapted", 1e3, 3),
+        "adapted [mm]": ("adapted", 1e3, 3),
+        "unadapted [deg]": ("unadapted_angle", DISPLAYS["rad"].scale, 3),
+        "adapted [deg]": ("adapted_angle", DISPLAYS["rad"].scale, 3),
+        "min eig M_hat": ("min_eig_M_hat", 1.0, 5),
+        "min sing J_hat": ("min_singular_J_hat", 1.0, 5),
+    }
+    return str(records_table(rows, {"robot": "robot", "joints": "joints"}, columns, "verdict"))

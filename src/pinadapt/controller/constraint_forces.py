@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from types import ModuleType
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from ..exceptions import DivergedError, InputError, RobotError
+from .._checks import optional
+from ..exceptions import DivergedError, RobotError
 from ..robot.constraints import Contact
 from ..robot.robot import Robot
 
@@ -41,7 +43,9 @@ class ConstraintForces:
         """
         self.constraints, self._motors = robot.constrained, robot.motors
         self._contacts = [part for part in robot.constraints if isinstance(part, Contact)]
-        self._solver = _solver() if self._contacts else None
+        self._solver: Any = None
+        if self._contacts:
+            self._solver = optional("proxsuite", "contacts", "contacts").proxqp
         self._limits = np.full(int(self._motors.sum()), _NONE)
         if limits is not None:
             self._limits = np.minimum(limits[self._motors], _NONE)
@@ -54,8 +58,15 @@ class ConstraintForces:
                 hint="A free base is held by one sole or three point feet, not in a line.",
             )
 
-    def torque(self, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    def torque(
+        self, q: np.ndarray, wanted: np.ndarray, stands: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return the torques (n), zero where there is no motor, for a wanted torque (n).
+
+        Args:
+            q: (nq) configuration.
+            wanted: (n) torque of the law [N m or N].
+            stands: (c) which contacts bear a force, points all of them; None: all.
 
         Raises:
             DivergedError: the wanted torque is not finite.
@@ -63,6 +74,10 @@ class ConstraintForces:
         if not np.isfinite(wanted).all():
             raise DivergedError("the torque is no longer finite.")
         motors, A = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
+        contacts = self._contacts
+        if stands is not None:
+            A = np.delete(A, len(A) - 3 * len(stands) + _rows(~stands), axis=0)
+            contacts = [part for part, bears in zip(contacts, stands, strict=True) if bears]
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m = len(A), len(idle)
         H, g, right = own.T @ own + _FORCES * np.eye(k), -own.T @ asked, wanted[~motors]
@@ -72,7 +87,7 @@ class ConstraintForces:
         else:  # with what is missed as further unknowns
             H = np.block([[H, np.zeros((k, m))], [np.zeros((m, k)), _SLACK * np.eye(m)]])
             g, equal = np.concatenate([g, np.zeros(m)]), np.hstack([idle, np.eye(m)])
-            cones = self._cones(k)
+            cones = self._cones(contacts, k)
             C = np.zeros((len(cones) + len(own), k + m))
             C[: len(cones), :k], C[len(cones) :, :k] = cones, own
             low = np.concatenate([np.zeros(len(cones)), asked - self._limits])
@@ -83,19 +98,24 @@ class ConstraintForces:
         torque[motors] = np.clip(asked - own @ f, -self._limits, self._limits)
         return torque
 
-    def _cones(self, k: int) -> np.ndarray:
-        """Return the rows (., k) that are positive for possible forces of the contacts.
+    def _cones(self, contacts: Sequence[Contact], k: int) -> np.ndarray:
+        """Return the rows (., k) that are positive for possible forces of contacts.
 
         The contacts are the last of the constraints.
         """
-        rows, first = [], k - sum(contact.size for contact in self._contacts)
-        for contact in self._contacts:
+        rows, first = [], k - sum(contact.size for contact in contacts)
+        for contact in contacts:
             own, last = _pyramid(contact), first + contact.size
             if contact.sole is not None:  # stated in the axes of the sole
                 own = own @ np.kron(np.eye(2), self.constraints.axes(contact.frame).T)
             rows.append(np.zeros((len(own), k)))
             rows[-1][:, first:last], first = own, last
         return np.concatenate(rows)
+
+
+def _rows(points: np.ndarray) -> np.ndarray:
+    """Return the rows of those point contacts (c) that are true, three each."""
+    return np.flatnonzero(np.repeat(points, 3))
 
 
 def _pyramid(contact: Contact) -> np.ndarray:
@@ -116,20 +136,3 @@ def _pyramid(contact: Contact) -> np.ndarray:
     for i, half in enumerate((width, length, lever)):
         rows += [[0.0, 0.0, half, *(sign * (j == i) for j in range(3))] for sign in (-1.0, 1.0)]
     return np.array(rows)
-
-
-def _solver() -> ModuleType:
-    """Return the module of the solver, imported at first use.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        from proxsuite import proxqp
-    except ImportError as error:
-        raise InputError(
-            "the solver of the contact forces, proxsuite, is not installed.",
-            where="contacts",
-            hint='Install it: pip install "pinadapt[contacts]".',
-        ) from error
-    return proxqp

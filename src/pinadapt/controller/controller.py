@@ -162,7 +162,8 @@ class Controller:
         other, torque = copy.copy(self), torque_limits(self.kinematics.robot, torque)
         governor = self.limits.governor
         if governor is not None:
-            governor = governor.limited(torque)
+            limits = np.full(governor.lower.size, np.inf) if torque is None else torque
+            governor = replace(governor, torque=limits)
         other.limits = replace(self.limits, torque=torque, governor=governor)
         other._alone = self._alone
         return other
@@ -200,7 +201,7 @@ class Controller:
         flag(adapting, "adapting")
         with self.reserved():
             measurement = self._inputs.first(measurement)
-            return self._first_state(measurement, a_k, a_d, information, information_k, adapting)
+            return self.first_state(measurement, a_k, a_d, information, information_k, adapting)
 
     def _reserve(self) -> None:
         """Take the scratch, or refuse it to another thread."""
@@ -224,14 +225,14 @@ class Controller:
         finally:
             self._alone.release()
 
-    def _first_state(
+    def first_state(
         self,
         measurement: Measurement,
-        a_k: np.ndarray | None,
-        a_d: np.ndarray | None,
-        information: np.ndarray | None,
-        information_k: np.ndarray | None,
-        adapting: bool,
+        a_k: np.ndarray | None = None,
+        a_d: np.ndarray | None = None,
+        information: np.ndarray | None = None,
+        information_k: np.ndarray | None = None,
+        adapting: bool = True,
     ) -> ControllerState:
         """Return the state to start from, as ``init``, for a measurement that was checked."""
         kinematics, dynamics = self.kinematics, self.dynamics
@@ -485,7 +486,7 @@ class Controller:
             dt = elapsed if 0.0 < elapsed <= LATEST * period else period
             damping = min(damping, _DAMPED / period)
             model, dynamics = self.kinematics.robot.model, self.dynamics
-            sensed = self.senses.believed(state.sensed, measurement, dt, damping, model)
+            sensed = self.senses.believed(state.sensed, measurement, dt, damping)
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
             torque = np.array(dynamics.torque(sensed.q, zero, zero))
@@ -594,7 +595,7 @@ class Controller:
             if self._lead is not None and command.feedforward is not None:
                 torque = torque + self._led(command.feedforward, s.filtered_torque, s.residual)
         if self._forces is not None:
-            torque = self._forces.torque(s.q, torque)
+            torque = self._forces.torque(s.q, torque, s.stands)
         if limits is not None and kernels.exceeds(torque, limits):
             torque, drives = np.clip(torque, -limits, limits), drives.without_tracking()
         return (torque if self.compensation is None else torque - self.compensation(s.q)), drives
@@ -649,6 +650,11 @@ class Controller:
         self.dynamics.load(s.a_d)
         s.J, s.Jdot_v, s.Y_k = kinematics.J, kinematics.Jdot_v, kinematics.Y_k
         s.inverse = kinematics.inverse(s.q, s.v, self.limits.singular)
+        feet = desired.feet
+        s.stands = None if feet is None else feet.stands
+        if feet is not None and kinematics.constraints is not None:
+            alpha = float(getattr(self.law, "alpha", 0.0))
+            s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))
         s.xd_hat, s.xd_d, s.xdd_d = kinematics.xd_hat, xd_d, xdd_d
         s.dx, s.xd, s.delta = kinematics.task.errors(s.x, x_d, sample.xd, s.xd_hat, xd_d)
         s.epsilon, s.X_k = sensed.epsilon, sensed.X_k
@@ -682,7 +688,7 @@ class Controller:
         time [s]. Without a period dt [s] the time is not checked.
         """
         measurement, desired = self._inputs.sample(state, measurement, desired)
-        guards, before, elapsed, since = self.senses.guards, state.sensed, 0.0, None
+        guards, before, elapsed, since = self.senses.guards, state.sensed, 0.0, math.inf
         if dt is not ...:
             elapsed = guards.elapsed(state.t, measurement.t, dt, self.period, before.trail)
             since = measurement.t - state.t if guards.clock else elapsed

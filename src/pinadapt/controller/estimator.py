@@ -18,7 +18,7 @@ from ..models.delay_compensation import SensedState
 from ..records import Measurement
 from ..robot.robot import Robot
 from .controller import Controller
-from .inputs import InputCheck, initial_estimate, squared
+from .inputs import InputCheck
 from .learned import learned_robot
 from .sensing import LATEST
 from .state import ControllerState
@@ -107,21 +107,13 @@ class Estimator:
         """
         with self.controller.reserved():
             sample = self._checked(measurement)
-            parts = self.controller
-            kinematics, dynamics = parts.kinematics, parts.dynamics
-            a_k = initial_estimate(a_k, kinematics.initial, "start.a_k", kinematics.names)
-            a_d = initial_estimate(a_d, dynamics.initial, "start.a_d", dynamics.names)
-            dynamic = parts.adaptation_d.init(a_d, squared(information, dynamics.size))
-            kinematic = parts.adaptation_k.init(a_k)
-            return ControllerState(
-                t=sample.t,
-                dynamic=dynamic,
-                kinematic=kinematic,
-                a_0=dynamic.value.copy(),
+            a_k = self._kinematics.initial if a_k is None else a_k
+            state = self.controller.first_state(sample, a_k, a_d, information)
+            return state._replace(
                 filters=(),
-                load=None if parts.nominal is None else parts.nominal.load,
-                sensed=self._senses.init(sample, kinematics, kinematic.value),
+                sensed=state.sensed._replace(first=None),
                 torque_filter=self._anew(sample.q, sample.v),
+                path=None,
             )
 
     def step(self, state: ControllerState, measurement: Measurement) -> ControllerState:
@@ -154,7 +146,12 @@ class Estimator:
             a_k = state.a_k
             paused = elapsed > LATEST * parts.period
             sensed, still, sample = self._senses.read(
-                state.sensed, state.t, sample, self._kinematics, a_k, None if paused else elapsed
+                state.sensed,
+                state.t,
+                sample,
+                self._kinematics,
+                a_k,
+                math.inf if paused else elapsed,
             )
             dynamic, kinematic = state.dynamic, state.kinematic
             filtered = self._filtered(state, sensed, sample.tau, elapsed)

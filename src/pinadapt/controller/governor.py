@@ -9,7 +9,7 @@ error stays an error in space: while the path waits, the error does not grow by 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -53,12 +53,7 @@ class PathTime(NamedTuple):
 
     def desired(self, motion: Trajectory, t: float) -> Desired:
         """Return x_d(s(t)) with its derivatives by the chain rule."""
-        desired = motion.at(t - self.lag)
-        rate, acceleration = self.rate, self.acceleration
-        if rate == 1.0 and acceleration == 0.0:
-            return desired
-        x_d, velocity, curvature = desired
-        return Desired(x_d, rate * velocity, rate * rate * curvature + acceleration * velocity)
+        return motion.at(t - self.lag).at_rate(self.rate, self.acceleration)
 
 
 @dataclass(frozen=True)
@@ -150,7 +145,8 @@ class Governor:
         model = robot.model
         lower, upper = position_limits(model)
         slides = np.array([is_slide(joint) for joint in model.joints[1:]])
-        joints = isinstance(task, JointTask)
+        causes = EFFORT, STOP, SPEED  # as the kernel ``path_rate`` counts them
+        of_joints = (f"{what} of {joint}" for what in causes for joint in robot.joint_names)
         length, angle = 1.0 / (self.position * robot.reach), 1.0 / self.angle
         weight = np.full(task.size, angle)
         weight[: task.positions] = length
@@ -158,9 +154,9 @@ class Governor:
             weight[slides[list(task.dofs)]] = length
         return PathGovernor(
             self,
-            names=_causes(robot.joint_names),
+            names=("", ERROR, FRAMES, *of_joints),
             weight=weight,
-            positions=-1 if joints else task.positions,
+            positions=-1 if isinstance(task, JointTask) else task.positions,
             places=None
             if model.nq == model.nv
             else np.array([joint.idx_q for joint in model.joints[1:]]),
@@ -170,12 +166,6 @@ class Governor:
             torque=np.full(model.nv, np.inf) if torque is None else torque,
             frames=explained_age(sensors) + _SPARE,
         )
-
-
-def _causes(joints: list[str]) -> tuple[str, ...]:
-    """Return what each answer of the kernel ``path_rate`` means."""
-    of_joints = (f"{what} of {joint}" for what in (EFFORT, STOP, SPEED) for joint in joints)
-    return ("", ERROR, FRAMES, *of_joints)
 
 
 def explained_age(sensors: Sensors) -> float:
@@ -261,10 +251,6 @@ class PathGovernor:
             if room < target:
                 return room, SINGULAR
         return target, cause
-
-    def limited(self, torque: np.ndarray | None) -> PathGovernor:
-        """Return the governor with other torque limits (n) [N m or N], None for none."""
-        return replace(self, torque=np.full(self.lower.size, np.inf) if torque is None else torque)
 
     def step(self, path: PathTime, target: float, cause: str, dt: float) -> PathTime:
         """Return the time of the path after dt [s] with the target held: exact for any dt."""

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import numbers
+from .._checks import instance, numbers
 from ..exceptions import InputError, MeasurementError, ParameterError
 from ..models.task_kinematics import TaskKinematics
-from ..records import Desired, Measurement
+from ..records import Desired, DesiredSteps, Feet, Measurement
 from .state import ControllerState
 
 _FLOAT, _ARRAY = np.dtype(float), np.ndarray
@@ -31,6 +31,7 @@ class InputCheck:
         self._q, self._v = (kinematics.nq,), (kinematics.nv,)
         self._x, self._m = (task.coordinates,), (task.size,)
         self._a_k, self._a_d = (kinematics.size,), (dynamic_size,)
+        self._contacts = kinematics.robot.contacts
 
     def sample(
         self, state: ControllerState, measurement: Measurement, desired: Desired
@@ -63,6 +64,7 @@ class InputCheck:
                 and (w is None or _is(w, self._v))
                 and (x_time is None or (x_time.__class__ is float and x_time - x_time == 0.0))
                 and a is None
+                and desired.__class__ is Desired
                 and t.__class__ is float
                 and t - t == 0.0
             )
@@ -150,11 +152,30 @@ class InputCheck:
         if not isinstance(given, Desired):
             raise InputError(f"expected a Desired, got {given!r}.", where="desired")
         x_d, xd_d, xdd_d = given
-        return Desired(
+        desired = Desired(
             _array(x_d, self._x, "x_d", InputError),
             _array(xd_d, self._m, "xd_d", InputError),
             _array(xdd_d, self._m, "xdd_d", InputError),
         )
+        return desired if given.feet is None else DesiredSteps.of(desired, self._feet(given.feet))
+
+    def _feet(self, given: Feet) -> Feet:
+        """Return the motion of the contacts as arrays of floats.
+
+        Raises:
+            InputError: of the wrong size, not made of numbers, or of a robot with soles.
+        """
+        instance(given, Feet, "desired.feet")
+        if not self._contacts or any(contact.sole is not None for contact in self._contacts):
+            raise InputError("only point contacts change.", where="desired.feet")
+        c, stands = len(self._contacts), np.asarray(given.stands)
+        if stands.shape != (c,) or stands.dtype != bool:
+            raise InputError(f"expected {c} bools, got {stands!r}.", where="desired.feet.stands")
+        motion = (
+            _array(part, (c, 3), f"feet.{name}", InputError)
+            for name, part in zip(Feet._fields[1:], given[1:], strict=True)
+        )
+        return Feet(stands, *motion)
 
     def finite(self, measurement: Measurement, desired: Desired | None = None) -> None:
         """Refuse numbers that are not finite, and quaternions that are not of unit length.
@@ -164,7 +185,7 @@ class InputCheck:
             MeasurementError: in the measurement.
         """
         if desired is not None:
-            if not np.isfinite(np.concatenate(desired)).all():
+            if not _finite(desired):
                 raise InputError(f"the desired motion is not finite: {desired}.", where="desired")
             if flaw := self._task.flaw(desired.x_d):
                 raise InputError(f"{flaw}.", where="desired.x_d")
@@ -174,6 +195,11 @@ class InputCheck:
                 raise MeasurementError(name, value)
         if measurement.x is not None and (flaw := self._task.flaw(measurement.x)):
             raise MeasurementError("x", measurement.x, flaw)
+
+
+def _finite(desired: Desired) -> bool:
+    """Return whether all numbers of a desired motion are finite."""
+    return all(np.isfinite(part).all() for part in (*desired, *(desired.feet or ())))
 
 
 def _is(value: Any, shape: tuple[int, ...]) -> bool:
@@ -190,7 +216,7 @@ def _array(
     except ValueError:  # ragged
         array = np.zeros(())
     if array.shape != shape or array.dtype.kind not in "fiu":
-        expected = f"expected {shape[0]} numbers"
+        expected = f"expected {' x '.join(map(str, shape))} numbers"
         if refuse is InputError:
             raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
         raise MeasurementError(name, value, f"must be {shape[0]} numbers, and is not")

@@ -16,9 +16,9 @@ from .._output import percent, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..exceptions import ParameterError, did_you_mean
-from ..models.excited import Excited, around, names_together
+from ..models.excited import Excited, names_together
 from ..models.joint_effects import KINDS
-from ..models.physical_fit import nearest_with
+from ..models.physical_fit import around, nearest_with
 from ..models.regressor import LABELS
 from ..robot.changes import Friction, Shaft
 from ..robot.robot import Robot
@@ -38,7 +38,7 @@ class AlongExcited:
 
     Attributes:
         excited: the combinations of the parameters that the motion excites.
-        error: of the torques that the estimate predicts, as ``TorqueSums.relative_error``.
+        error: of the torques that the estimate predicts, as ``TorqueErrors.relative_error``.
     """
 
     excited: Excited
@@ -152,6 +152,7 @@ class LearnedParameters:
             rows: (r, p) the information of the data.
         """
         a_d, words = (state.a_d, "") if along is None else along.estimate(controller, state)
+        rows = np.zeros((0, 0)) if rows is None else rows
         kinematics, dynamics = controller.kinematics, controller.dynamics
         units = dict(zip(kinematics.names, kinematics.units, strict=True))
         units |= dict(zip(dynamics.names, dynamics.units, strict=True))
@@ -161,7 +162,7 @@ class LearnedParameters:
             dict(zip(dynamics.names, a_d.tolist(), strict=True)),
             units,
             remark=words,
-            information=() if rows is None else _rounded(rows),
+            information=tuple(tuple(float(f"{x:.9g}") for x in row) for row in rows),
             shape=_shape_of(kinematics.robot.friction),
         )
 
@@ -245,16 +246,11 @@ class LearnedParameters:
         return replace(found, information=tuple(tuple(row) for row in rows.tolist()))
 
 
-def _rounded(rows: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    """Return rows of numbers with the nine digits that a file keeps."""
-    return tuple(tuple(float(f"{x:.9g}") for x in row) for row in rows)
-
-
 def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> np.ndarray:
     """Return what rows (r, p) say whatever the ten parameters of some bodies are.
 
-    With Q an orthonormal basis of the columns of these, (1 - Q Q^T) R: its square is the Schur
-    complement of their block in R^T R.
+    With C the columns of these, (1 - C C^+) R: its square is the Schur complement of their block in
+    R^T R.
     """
     loaded = {f"{body}.{part}" for body in bodies for part in LABELS}
     own = [k for k, name in enumerate(names) if name in loaded]
@@ -262,9 +258,7 @@ def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> n
         return rows
     sizes = np.linalg.norm(rows[:, own], axis=0)
     columns = rows[:, own] / np.maximum(sizes, np.finfo(float).tiny)
-    U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    Q = U[:, s > _NEGLIGIBLE * s.max(initial=0.0)]
-    left = rows - Q @ (Q.T @ rows)
+    left = rows - columns @ (np.linalg.pinv(columns, _NEGLIGIBLE) @ rows)
     left[:, own] = 0.0
     return np.asarray(left)
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -46,21 +46,19 @@ _RECENT = 0.02  # [s] in which turns are remembered; half: late frames trip it, 
 _STRONGER = 3.0  # than a motor can be; half: gears with overload trip it, double: units pass
 _BEYOND = 0.18  # [rad or m] by which real arms stand beyond their limits; degrees are farther
 _AWRY = math.radians(30.0)  # of the first orientation; another order of a quaternion is farther
-_NOTHING, _NO_COLUMNS = np.zeros(0), np.zeros((0, 0))
-_PERFECT = SensorQuality()
+_NOT_SEEN = SensedState._field_defaults
 _FLAWS = {
     kernels.JUMP: ("q", "has jumped", "a wrap at +-pi, a lost count, degrees?", "differences"),
     kernels.SPIKE: ("v", "is implausible", "in degrees?", "differences"),
     kernels.APART: ("v", "is not the rate of q", "the wrong sign, unit or joint?", "differences"),
     kernels.STOPPED: ("q", "is stuck", "has the encoder stopped?", "differences"),
     kernels.OUT: ("q", "is out of range", "in degrees, millimetres or another order?", "limits"),
-    kernels.FAR: ("x", "is implausible", "in millimetres? another frame or origin?", "position"),
+    kernels.MOVED: ("x", "has jumped", "in millimetres? another frame, marker, tool?", "position"),
     kernels.TURNED: ("x", "is turned", "in the order wxyz? other axes?", "position"),
-    kernels.MOVED: ("x", "has jumped", "another marker, a tool not announced?", "position"),
     kernels.FROZEN: ("x", "has not changed", "does the camera repeat its last frame?", "position"),
     kernels.STRONG: ("tau", "is more than the motors give", "in another unit?", "gravity"),
-}  # channel, flaw, guess and guard
-Judged: TypeAlias = tuple[int, np.ndarray, np.ndarray, np.ndarray]
+}  # signal, flaw, guess and guard
+_CHANNELS = {"q": kernels.JOINTS, "v": kernels.JOINTS, "x": kernels.FRAME, "tau": kernels.TORQUE}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +66,11 @@ class Guards:
     """Bounds of plausible measurements, see the kernels ``check_joints`` and ``check_frame``.
 
     Attributes:
-        bounds: (5, n) largest |v| [rad/s or m/s]; tol [rad or m]; the largest change of v in a
-            sample; v at which a joint moves; |v| below which an arm may be resting.
+        model: of the robot.
+        bounds: (7, n) largest |v| [rad/s or m/s]; tol [rad or m]; the largest change of v in a
+            sample; v at which a joint moves; |v| below which an arm may be resting; lowest and
+            highest q of the first sample.
         places: (n + 1) where each joint begins in q, and the end.
-        range: (2, n) lowest and highest q of the first sample.
         frame: largest distance of x from x_hat [m]; change of the error of a frame [m], and for
             each radian that the joints turn [m].
         torque: (n) that no motor gives [N m or N].
@@ -82,9 +81,9 @@ class Guards:
         first: the torque against the momentum, in the first samples; None: it is not compared.
     """
 
+    model: pin.Model
     bounds: np.ndarray
     places: np.ndarray
-    range: np.ndarray
     frame: np.ndarray
     torque: np.ndarray
     late: float = 1.0
@@ -95,11 +94,10 @@ class Guards:
     @classmethod
     def none(cls, model: pin.Model) -> Guards:
         """Return guards that accept everything."""
-        bounds = np.full((kernels.SLOW + 1, model.nv), np.inf)
-        bounds[kernels.SLOW] = 0.0
+        bounds = np.full((kernels.HIGHEST + 1, model.nv), np.inf)
+        bounds[kernels.SLOW], bounds[kernels.LOWEST] = 0.0, -np.inf
         places = np.array([joint.idx_q for joint in model.joints[1:]] + [model.nq], dtype=np.int64)
-        every = np.full((2, model.nv), np.inf)
-        return cls(bounds, places, every * [[-1.0], [1.0]], np.full(3, np.inf), every[0])
+        return cls(model, bounds, places, np.full(3, np.inf), np.full(model.nv, np.inf))
 
     def elapsed(
         self, before: float, now: float, dt: float, period: float, trail: np.ndarray
@@ -150,7 +148,7 @@ class Senses:
     guards: Guards
     compensator: DelayCompensator = field(default_factory=DelayCompensator)
     low_pass: LowPass | None = None
-    quality: SensorQuality = _PERFECT
+    quality: SensorQuality = field(default_factory=SensorQuality)
     sensors: Sensors = field(default_factory=Sensors)
 
     def init(
@@ -162,29 +160,20 @@ class Senses:
             ImplausibleError: this robot cannot be there.
         """
         _, q, v, x, *_ = measurement
-        guards, model, m = self.guards, kinematics.robot.model, kinematics.positions
+        guards, m = self.guards, kinematics.positions
         before = SensedState(q.copy(), v.copy(), trail=new_trail(v))
-        judged = self._judged(before, q, v, math.inf, model)
-        if judged[0] == 2:
-            self._bridged(judged, measurement, math.inf, model)
-        for i, joint in enumerate(model.joints[1:]):
-            angle, (low, high) = q[joint.idx_q], guards.range[:, i]
-            if joint.nq == 1 and not low <= angle <= high:
-                bound = low if angle < low else high
-                raise _error(
-                    kernels.OUT, measurement, f"joint '{model.names[i + 1]}'", angle, bound
-                )
+        answer, _, _, trail = self._judged(before, q, v, math.inf)
+        if answer == 2:
+            self._bridged(measurement, trail, math.inf)
         kinematics.update(a_k, q, v)
-        if m and x is not None:
-            off, far = np.linalg.norm(kinematics.p_hat - x[:m]), guards.frame[kernels.FARTHEST]
-            if off > far:
-                raise _error(kernels.FAR, measurement, "[m] from the model's", off, far)
-            turn = kinematics.task.error(x, kinematics.x_hat)[m:]
+        if not m:
+            x = kinematics.x_hat
+        elif x is not None:
+            self._checked_frame(measurement, kinematics.p_hat, trail, math.inf)
+            turn = np.linalg.norm(kinematics.task.error(x, kinematics.x_hat)[m:])
             known = kinematics.calibrated and guards.frame[kernels.FLOOR] < math.inf
-            if known and np.linalg.norm(turn) > _AWRY:
-                angle = float(np.linalg.norm(turn))
-                raise _error(kernels.TURNED, measurement, "[rad] from the model's", angle, _AWRY)
-        x = x if m else kinematics.task.measured(None, q)
+            if known and turn > _AWRY:
+                _bridge(kernels.TURNED, measurement, "[rad] against the model,", turn, _AWRY, trail)
         first = None if guards.first is None else guards.first.init()
         return before._replace(x=None if x is None else x.copy(), first=first)
 
@@ -195,14 +184,14 @@ class Senses:
         measurement: Measurement,
         kinematics: TaskKinematics,
         a_k: np.ndarray,
-        since: float | None,
+        dt: float,
         position_error: bool = True,
     ) -> tuple[SensedState, bool, Measurement]:
         """Return what is known at a sample, whether its joints rest, and the sample.
 
         The estimated kinematics are updated to the sample, which is returned without the frame and
         the torque that were bridged. What is known shares no memory with it. ``before`` and
-        ``t_before`` [s] are of the sample before; ``since`` is the time since then [s], None if the
+        ``t_before`` [s] are of the sample before; dt is the time since then [s], infinite if the
         sample does not follow it; the estimate a_k is (p_k) [m]; ``position_error`` says whether
         the prediction error of the position is used.
 
@@ -211,53 +200,43 @@ class Senses:
                 what the first samples show is impossible.
             MeasurementError: a frame was taken later than the sample, or q or v is not finite.
         """
-        guards, first, model = self.guards, before.first, kinematics.robot.model
-        dt = math.inf if since is None else since
-        judged = self._judged(before, measurement.q, measurement.v, dt, model)
-        answer, q, v, trail = judged
+        first, m = before.first, kinematics.positions
+        answer, q, v, trail = self._judged(before, measurement.q, measurement.v, dt)
         if answer == 2:
-            self._bridged(judged, measurement, dt, model)
-        if measurement.tau is not None and since is not None:
-            measurement = self._checked_torque(measurement, dt, kinematics, trail)
-        if first is not None and since is not None and guards.first is not None:
+            self._bridged(measurement, trail, dt)
+        if measurement.tau is not None and dt < math.inf:
+            measurement = self._checked_torque(measurement, trail, dt)
+        if first is not None and self.guards.first is not None and dt < math.inf:
             mean = 0.5 * (v + row(before.trail, kernels.RATE))
-            first = guards.first.after(first, q, mean, dt)
+            first = self.guards.first.after(first, q, mean, dt)
         t, _, _, x, x_time, *_ = measurement
         if self.low_pass is not None:
             v = self.low_pass.advance(before.v, v, t - t_before)
         kinematics.update(a_k, q, v)
-        p_hat, resting = kinematics.p_hat, answer == 1
-        if not kinematics.positions:  # a joint task
-            x, X_k = kinematics.x_hat, kinematics.X_k
-            return SensedState(q, v, x, p_hat, X_k, None, (), first, trail), resting, measurement
-        late = x_time is not None and x_time != t
-        if x is not None and not late and kernels.check_frame(x, p_hat, guards.frame, trail):
-            measurement, x = _without_frame(measurement, p_hat, trail, dt), None
-        if x is not None and not late and self.compensator.smoothing == math.inf:
-            epsilon, X_k = _NOTHING, _NO_COLUMNS
+        resting, late = answer == 1, x_time is not None and x_time != t
+        if not m:  # a joint task
+            x, late = kinematics.x_hat, False
+        elif x is not None and not late:
+            measurement = self._checked_frame(measurement, kinematics.p_hat, trail, dt)
+            x = measurement.x
+        if x is not None and not late and (self.compensator.smoothing == math.inf or not m):
+            error, X_k = _NOT_SEEN["epsilon"], _NOT_SEEN["X_k"]
             if position_error:
-                epsilon = p_hat - x[: p_hat.size]
+                error = kinematics.p_hat - x[:m]
                 X_k = kinematics.X_k if kinematics.calibrated else kinematics.explaining(x)
             x = x.copy()
-            return SensedState(q, v, x, epsilon, X_k, None, (), first, trail), resting, measurement
+            return SensedState(q, v, x, error, X_k, None, (), first, trail), resting, measurement
         follow = before, t_before, t, q, v
         sensed = self.compensator.update(*follow, x, x_time if late else None, kinematics)
         if late and x is not None and sensed.frame is not before.frame:
-            p_hat = sensed.epsilon + x[: p_hat.size]
-            if kernels.check_frame(x, p_hat, guards.frame, trail):
-                measurement = _without_frame(measurement, p_hat, trail, dt)
+            measurement = self._checked_frame(measurement, sensed.epsilon + x[:m], trail, dt)
+            if measurement.x is None:
                 sensed = self.compensator.update(*follow, None, None, kinematics)
         return sensed._replace(first=first, trail=trail), resting, measurement
 
     def _judged(
-        self,
-        before: SensedState,
-        q: np.ndarray,
-        v: np.ndarray,
-        dt: float,
-        model: pin.Model,
-        decay: float = 0.0,
-    ) -> Judged:
+        self, before: SensedState, q: np.ndarray, v: np.ndarray, dt: float, decay: float = 0.0
+    ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Return the answer of ``check_joints``, q (nq), v (n) as they are used, and the trail."""
         guards, trail = self.guards, empty(before.trail.size)
         q_used, v_used = empty(q.size), empty(v.size)
@@ -265,16 +244,13 @@ class Senses:
             q, before.q, v, dt, decay, guards.late, guards.bounds, guards.places, before.trail,
             trail, q_used, v_used,
         )  # fmt: skip
-        judged = answer, q_used, v_used, trail
-        if answer != 2 or not (doubted := self._doubted(before, v, trail, model)).any():
-            return judged
+        if answer != 2 or not (doubted := self._doubted(before, v, trail)).any():
+            return answer, q_used, v_used, trail
         kept = before.trail.copy()
         row(kept, kernels.DISTRUST)[doubted] = kernels.NO_Q + kernels.NO_V
-        return self._judged(before._replace(trail=kept), q, v, dt, model, decay)
+        return self._judged(before._replace(trail=kept), q, v, dt, decay)
 
-    def _doubted(
-        self, before: SensedState, v: np.ndarray, trail: np.ndarray, model: pin.Model
-    ) -> np.ndarray:
+    def _doubted(self, before: SensedState, v: np.ndarray, trail: np.ndarray) -> np.ndarray:
         """Return which joints (n) have stopped, and the others do not show it.
 
         Kinematics cannot tell a joint that stands from an encoder that does; the momentum can. A
@@ -283,16 +259,17 @@ class Senses:
         """
         doubted = row(trail, kernels.KIND) == kernels.STOPPED
         doubted &= row(before.trail, kernels.DISTRUST) == 0.0
+        model = self.guards.model
         for i in np.flatnonzero(doubted).tolist():
             M, rate = pin.crba(model, model.createData(), before.q), row(before.trail, kernels.RATE)
             push, change = np.linalg.inv(M)[i], v - rate
             push *= -rate[i] / push[i]
             push[i] = change[i] = 0.0
-            least = self.guards.bounds[kernels.CLEAR, i] + CERTAIN * self.quality.v
+            least = 2.0 * self.guards.bounds[kernels.CLEAR, i]
             doubted[i] = np.linalg.norm(push) > least and push @ M @ (change - 0.5 * push) < 0.0
         return doubted
 
-    def _bridged(self, judged: Judged, sample: Measurement, dt: float, model: pin.Model) -> None:
+    def _bridged(self, sample: Measurement, trail: np.ndarray, dt: float) -> None:
         """Count a sample of which something was replaced.
 
         Raises:
@@ -302,53 +279,65 @@ class Senses:
         for name, value in (("q", sample.q), ("v", sample.v)):
             if not np.isfinite(value).all():
                 raise MeasurementError(name, value)
-        trail = judged[3]
         kinds, distrust = row(trail, kernels.KIND), row(trail, kernels.DISTRUST)
         wrong = (kinds != kernels.FOLLOWS) & (kinds != kernels.STOPPED) | (distrust != 0.0)
         apart = (kinds == kernels.APART).any()  # a sum has lasted when it is beyond its bound
         if not wrong.any():
             trail[kernels.BRIDGED + kernels.JOINTS] = 0.0
-        elif _lasts(trail, kernels.JOINTS, dt) or apart:
-            i = int(np.argmax(wrong))
-            residual, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
-            kind = int(kinds[i]) or kernels.STOPPED  # of which v alone is not zero any more
-            raise _error(kind, sample, f"joint '{model.names[i + 1]}'", residual, bound)
+            return
+        i = int(np.argmax(wrong))
+        size, bound = row(trail, kernels.SIZE)[i], row(trail, kernels.BOUND)[i]
+        where, dt = f"joint '{self.guards.model.names[i + 1]}',", math.inf if apart else dt
+        _bridge(int(kinds[i]), sample, where, size, bound, trail, dt)
 
-    def _checked_torque(
-        self, sample: Measurement, dt: float, kinematics: TaskKinematics, trail: np.ndarray
-    ) -> Measurement:
+    def _checked_torque(self, sample: Measurement, trail: np.ndarray, dt: float) -> Measurement:
         """Return a sample without its torque where no motor gives it, and count that in the trail.
 
         Raises:
             ImplausibleError: it has lasted.
         """
         most, tau = self.guards.torque, np.asarray(sample.tau)
-        usable = tau.shape == most.shape and tau.dtype.kind in "fiu"
-        if usable and not (np.abs(tau) > most).any():
-            trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
-            return sample
-        if usable and _lasts(trail, kernels.TORQUE, dt):
+        if tau.shape == most.shape and tau.dtype.kind in "fiu":
             i = int(np.argmax(np.abs(tau) / most))
-            where = f"joint '{kinematics.joint_names[i]}'"
-            raise _error(kernels.STRONG, sample, where, tau[i], most[i])
+            if not abs(tau[i]) > most[i]:
+                trail[kernels.BRIDGED + kernels.TORQUE] = 0.0
+                return sample
+            where = f"joint '{self.guards.model.names[i + 1]}',"
+            _bridge(kernels.STRONG, sample, where, tau[i], most[i], trail, dt)
         return sample._replace(tau=None)
 
+    def _checked_frame(
+        self, sample: Measurement, p_hat: np.ndarray, trail: np.ndarray, dt: float
+    ) -> Measurement:
+        """Return a sample without a frame that does not follow, and count that in the trail.
+
+        p_hat (m_p) is the estimated position when it was taken [m].
+
+        Raises:
+            ImplausibleError: it has lasted, or there is nothing to bridge it with.
+        """
+        x: Any = sample.x
+        bound = kernels.check_frame(x, p_hat, self.guards.frame, trail)
+        if not bound:
+            return sample
+        m = p_hat.size
+        same = np.array_equal(x[:m], trail[kernels.PLACE : kernels.PLACE + m])
+        change = np.linalg.norm(p_hat - x[:m] - trail[kernels.ERROR : kernels.ERROR + m])
+        flaw, since = kernels.FROZEN if same else kernels.MOVED, 0.0 if dt < math.inf else dt
+        _bridge(flaw, sample, "[m] against the model,", change, bound, trail, since)
+        return sample._replace(x=None, x_time=None, xd=None)
+
     def believed(
-        self,
-        before: SensedState,
-        sample: Measurement | None,
-        dt: float,
-        decay: float,
-        model: pin.Model,
+        self, before: SensedState, sample: Measurement | None, dt: float, decay: float
     ) -> SensedState:
         """Return the plausible q and v at a sample, whatever is wrong with it; None: there is none.
 
         The way of each joint since the first such sample is in the trail, and for how long nothing
         of it was used. Without either, the velocity decays at a rate [1/s].
         """
-        q = _numbers(None if sample is None else sample.q, model.nq)
-        v = _numbers(None if sample is None else sample.v, model.nv)
-        _, q, v, trail = self._judged(before, q, v, dt, model, decay)
+        q = _numbers(None if sample is None else sample.q, before.q.size)
+        v = _numbers(None if sample is None else sample.v, before.v.size)
+        _, q, v, trail = self._judged(before, q, v, dt, decay)
         return before._replace(q=q, v=v, trail=trail)
 
 
@@ -365,41 +354,32 @@ def row(trail: np.ndarray, which: int) -> np.ndarray:
     return trail[kernels.TRAIL + which :: kernels.ROWS]
 
 
-def _lasts(trail: np.ndarray, channel: int, dt: float) -> bool:
-    """Count a bridged sample of a channel, and tell whether that has lasted too long."""
+def _bridge(
+    flaw: int,
+    sample: Measurement,
+    where: str,
+    residual: Any,
+    bound: Any,
+    trail: np.ndarray,
+    dt: float = math.inf,
+) -> None:
+    """Count a bridged sample of a channel, and refuse what lasts; a frame grows in the kernel.
+
+    Raises:
+        ImplausibleError: with the residual and its bound.
+    """
+    name, words, guess, guard = _FLAWS[flaw]
+    channel = _CHANNELS[name]
     since = trail[kernels.BRIDGED + channel]
     trail[channel] += 1.0
     trail[kernels.BRIDGED + channel] = since + dt if since or dt == math.inf else 1e-12
-    return bool(trail[kernels.BRIDGED + channel] > LASTS)
-
-
-def _without_frame(
-    sample: Measurement, p_hat: np.ndarray, trail: np.ndarray, dt: float
-) -> Measurement:
-    """Return a sample without its frame, which does not follow, and count it in the trail.
-
-    Raises:
-        ImplausibleError: it has lasted, or there is nothing to bridge it with.
-    """
-    x, m = np.asarray(sample.x), p_hat.size
-    if _lasts(trail, kernels.FRAME, 0.0 if dt < math.inf else dt):  # the kernel lets it grow
-        same = np.array_equal(x[:m], trail[kernels.PLACE : kernels.PLACE + m])
-        off, last = p_hat - x[:m], trail[kernels.ERROR : kernels.ERROR + m]
-        flaw, where = kernels.FROZEN if same else kernels.MOVED, "[m] from the model's, before"
-        raise _error(flaw, sample, where, np.linalg.norm(off), np.linalg.norm(last))
-    return sample._replace(x=None, x_time=None, xd=None)
-
-
-def _error(
-    flaw: int, sample: Measurement, where: str, residual: Any, bound: Any
-) -> ImplausibleError:
-    """Return the error of a residual beyond its bound."""
-    channel, words, guess, guard = _FLAWS[flaw]
-    words = f"{words}: {where}, {residual:.3g} beyond {bound:.3g}"
-    hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
-    if channel == "x":
-        hint = f"If the base's axes or origin are unknown: unknown=pa.Unknown(base=True). {hint}"
-    return ImplausibleError(channel, getattr(sample, channel), words, guess, hint)
+    if trail[kernels.BRIDGED + channel] > LASTS:
+        words = f"{words}: {where} {residual:.3g} beyond {bound:.3g}"
+        hint = f"limits=pa.Limits(guards={{'{guard}': False}}) switches this check off."
+        if name == "x":
+            unknown = "If the base's axes or origin are unknown: unknown=pa.Unknown(base=True)."
+            hint = f"{unknown} {hint}"
+        raise ImplausibleError(name, getattr(sample, name), words, guess, hint)
 
 
 def _numbers(given: Any, size: int) -> np.ndarray:
@@ -407,7 +387,7 @@ def _numbers(given: Any, size: int) -> np.ndarray:
     try:
         array = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
-        array = _NOTHING
+        array = np.full(size, np.nan)
     return array if array.shape == (size,) else np.full(size, np.nan)
 
 
@@ -430,48 +410,44 @@ def make_guards(
     """
     on = dict.fromkeys(GUARDS, guards is not False)
     on |= guards if isinstance(guards, Mapping) else {}
-    model, n, size, none = robot.model, robot.model.nv, robot.reach, Guards.none(robot.model)
-    bounds, frame, torque, limits, first = none.bounds, none.frame, none.torque, none.range, None
+    model, size, guard = robot.model, robot.reach, Guards.none(robot.model)
+    bounds, frame, torque, first = guard.bounds, guard.frame, guard.torque, None
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     lengths, fast = np.where(slides, min(1.0, size), 1.0), velocity_limits(model)
     if on["velocity"]:
         bounds[kernels.FASTEST] = 10.0 * fast  # half or double: the same faults are found
     if on["differences"]:
-        counts = np.broadcast_to(np.asarray(sensors.encoder, float), n)
         noise = sensors.deviation("q") + sensors.deviation("v") * math.sqrt(dt * kernels.MEMORY)
-        bounds[kernels.TOLERANCE] = _WAY * lengths + 2.0 * counts + CERTAIN * noise
+        counts = 2.0 * np.asarray(sensors.encoder, float)
+        bounds[kernels.TOLERANCE] = _WAY * lengths + counts + CERTAIN * noise
         bounds[kernels.LEAP] = 0.5 * fast + 2.0 * CERTAIN * quality.v  # half or double: as above
         if not robot.constraints:  # else forces that nobody measures stop joints at once
-            bounds[kernels.CLEAR] = _BRAKED * dt * lengths + CERTAIN * sensors.deviation("v")
+            bounds[kernels.CLEAR] = _BRAKED * dt * lengths + CERTAIN * quality.v
     if on["limits"]:
         most = 8.0 * math.pi  # [rad or m] of joints without limits
         low, high = np.clip(position_limits(model), -most, most)
-        limits = np.array([low - _BEYOND, high + _BEYOND])
+        bounds[kernels.LOWEST :] = low - _BEYOND, high + _BEYOND
     if on["rest"]:
         bounds[kernels.SLOW] = _SLOW * lengths + CERTAIN * quality.v
     if on["position"] and kinematics.positions:
         frame[kernels.FARTHEST] = 20.0 * size  # in unknown axes; millimetres are farther
-    if on["position"] and kinematics.positions and kinematics.calibrated:
-        span = np.zeros(0) if box is None else box[1] - box[0]
-        off, start = [0.0, 0.0], 0  # by the base, and by the others
-        for part in kinematics.translations:
-            inside = np.linalg.norm(span[start : start + part.size])
-            off[part.joint != FIRST] += float(np.linalg.norm(part.directions, 2) * inside)
-            start += part.size
-        frame[kernels.FARTHEST] = _UNEXPLAINED * size + sum(off) + CERTAIN * quality.x
-        frame[kernels.FLOOR] = _FRAME * size + 2.0 * CERTAIN * quality.x
-        frame[kernels.UNKNOWN] = _UNEXPLAINED * size + 0.5 * off[1]
+        if kinematics.calibrated:
+            span, start = np.zeros(kinematics.size) if box is None else box[1] - box[0], 0
+            off, turned = 0.0, 0.0  # by what is unknown, and by what the joints turn of it
+            for part in kinematics.translations:
+                inside = float(np.linalg.norm(span[start : start + part.size]))
+                off, start = off + inside, start + part.size
+                turned += inside * (part.joint != FIRST)
+            frame[kernels.FARTHEST] = _UNEXPLAINED * size + off + CERTAIN * quality.x
+            frame[kernels.FLOOR] = _FRAME * size + 2.0 * CERTAIN * quality.x
+            frame[kernels.UNKNOWN] = _UNEXPLAINED * size + 0.5 * turned
     if on["gravity"]:
-        deviation = np.broadcast_to(np.asarray(sensors.noise.get("tau", 0.0), float), n)
-        torque = _STRONGER * effort_limits(model) + CERTAIN * deviation
+        deviation = np.asarray(sensors.noise.get("tau", 0.0), float)
+        torque[:] = _STRONGER * effort_limits(model) + CERTAIN * deviation
         if not robot.constraints:
             first = make_first_samples(robot, unloaded, sensors, compensation, dt)
-    return Guards(
-        bounds,
-        none.places,
-        limits,
-        frame,
-        torque,
+    return replace(
+        guard,
         late=_RECENT + 3.0 * quality.age,
         clock=on["time"],
         near=_NEAR * (size if kinematics.positions else 1.0) + CERTAIN * quality.x,

@@ -51,11 +51,9 @@ class Start(NamedTuple):
         size: of the motion [m]; zero while the estimates rest.
         filters: state of the filters of the law of the joints.
         taken: time of the last frame [s].
-        frames: how many there were.
-        information: (p, p) sum of X_k^T X_k over the frames.
-        score: (p) sum of X_k^T epsilon, epsilon at the estimate that is held until the end [m].
-        squares: sum of epsilon^T epsilon.
-        positions: m_p.
+        rows: how many coordinates the frames have.
+        sums: (p + 1, p + 1) of (X_k epsilon)^T (X_k epsilon) over the frames, X_k (m_p, p) and the
+            prediction error epsilon (m_p) [m] at the estimate that is held until the end.
     """
 
     q: np.ndarray
@@ -63,40 +61,19 @@ class Start(NamedTuple):
     size: float
     filters: Any
     taken: float
-    frames: int
-    information: np.ndarray
-    score: np.ndarray
-    squares: float
-    positions: int
+    rows: int
+    sums: np.ndarray
 
-    def with_frame(self, X_k: np.ndarray, epsilon: np.ndarray, taken: float) -> Start:
-        """Return this with one more frame.
-
-        Args:
-            X_k: (m_p, p) regressor of its prediction error.
-            epsilon: (m_p) the error [m].
-            taken: its time [s].
-        """
-        return self._replace(
-            taken=taken,
-            frames=self.frames + 1,
-            information=self.information + X_k.T.dot(X_k),
-            score=self.score + epsilon.dot(X_k),
-            squares=self.squares + float(epsilon.dot(epsilon)),
-        )
-
-    def variance(self, step: np.ndarray, least: float, parameters: int | None = None) -> float:
+    def variance(self, step: np.ndarray, least: float, fitted: int) -> float:
         """Return the variance of a coordinate of the noise that the residual shows [m^2].
 
         Args:
             step: (p) from the estimate that is held to the one that has the residual.
             least: standard deviation, at least [m].
-            parameters: how many were fitted; None: p.
+            fitted: how many parameters were fitted.
         """
-        left = self.squares + step.dot(2.0 * self.score + self.information.dot(step))
-        fitted = len(step) if parameters is None else parameters
-        rows = self.frames * self.positions
-        return max(float(left) / max(1, rows - fitted), least**2)
+        change = np.append(step, 1.0)
+        return max(float(change @ self.sums @ change) / max(1, self.rows - fitted), least**2)
 
 
 class SlowStart(Controller):
@@ -143,9 +120,11 @@ class SlowStart(Controller):
         vars(other).pop("_joints", None)
         return other
 
-    def _first_state(self, measurement: Measurement, a_k: Any, *given: Any) -> ControllerState:
+    def first_state(
+        self, measurement: Measurement, a_k: Any = None, *given: Any
+    ) -> ControllerState:
         """Return the state to start from, as ``Controller.init``."""
-        state, joints = super()._first_state(measurement, a_k, *given), self._joints
+        state, joints = super().first_state(measurement, a_k, *given), self._joints
         if a_k is not None or joints is None:
             return state
         q, robot, p = state.sensed.q, self.kinematics.robot, self.kinematics.size
@@ -158,11 +137,8 @@ class SlowStart(Controller):
             size=0.0,
             filters=joints.law.filters.init(state.sensed, joints.kinematics),
             taken=-math.inf,
-            frames=0,
-            information=np.zeros((p, p)),
-            score=np.zeros(p),
-            squares=0.0,
-            positions=self.kinematics.positions,
+            rows=0,
+            sums=np.zeros((p + 1, p + 1)),
         )
         return state._replace(start=start, path=PathTime(rate=0.0, cause=AXES))
 
@@ -182,10 +158,8 @@ class SlowStart(Controller):
         start, joints, path = state.start, self._joints, state.path
         if start is None or joints is None or path is None:
             return super().step(state, measurement, desired, dt)
-        cycle, place = (
-            self._motion,
-            path.lag - _SETTLING,
-        )  # time in the cycle; negative: before the first
+        cycle, place = self._motion, path.lag - _SETTLING
+        # time in the cycle; negative: before the first
         place = place if place < 0.0 else math.fmod(place, cycle.settles + self._rest)
         with self.reserved():
             sensed, _, held, _, elapsed = self._sensed(state, measurement, desired, dt)
@@ -194,7 +168,9 @@ class SlowStart(Controller):
             if taken > start.taken and sensed.epsilon.size:
                 rests = place - cycle.settles - (t - taken)
                 first = 0.0 <= rests < taken - start.taken  # frame of this rest
-                start = start.with_frame(sensed.X_k, sensed.epsilon, taken)
+                rows = np.column_stack([sensed.X_k, sensed.epsilon])
+                sums, seen = start.sums + rows.T.dot(rows), start.rows + len(rows)
+                start = start._replace(taken=taken, rows=seen, sums=sums)
                 if first and state.adapting:
                     begun = self._begun(state, start, measurement)
         if begun is not None:
@@ -249,13 +225,13 @@ class SlowStart(Controller):
             start: with the frames.
             a_k: (p) the estimate whose prediction errors they are.
         """
-        kinematics, H, score = self.kinematics, start.information, start.score
+        kinematics, H, score = self.kinematics, start.sums[:-1, :-1], start.sums[:-1, -1]
         prior, least = np.diag(1.0 / kinematics.sizes**2), _LEAST_NOISE * kinematics.robot.reach
         variance = least**2
         for _ in range(3):  # the variance is that of the residual
             information = H / variance + prior
             found = a_k - np.linalg.solve(information, score) / variance
-            variance = start.variance(found - a_k, least)
+            variance = start.variance(found - a_k, least, len(a_k))
         uncertain, size = self._uncertain(start, found, np.linalg.inv(information))
         if isinstance(kinematics, TrackerKinematics):
             rigid, of_rigid = kinematics.explaining_tracker(

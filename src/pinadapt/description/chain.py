@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -35,8 +35,7 @@ def frame_id(model: pin.Model, name: str) -> int:
             f"'{model.name}' has no frame '{name}'.{did_you_mean(name, names)}",
             where="frame",
         )
-    links = [i for i in found if model.frames[i].type == pin.FrameType.BODY]
-    return (links or found)[0]
+    return max(found, key=lambda i: model.frames[i].type == pin.FrameType.BODY)
 
 
 def links_of(model: pin.Model, joint: int) -> list[str]:
@@ -60,18 +59,24 @@ def is_physical(pi: np.ndarray) -> bool:
     This holds if the pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018). The bound on
     its eigenvalues is relative: rows and columns are scaled to a unit diagonal.
     """
-    return bool(are_physical(pi[None])[0])
+    P = pin.PseudoInertia.FromDynamicParameters(pi).toMatrix()
+    scale = np.sqrt(np.maximum(np.diag(P), 0.0))
+    return bool(scale.all() and np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > 1e-9)
 
 
-def are_physical(tens: np.ndarray) -> np.ndarray:
-    """Return of each of k bodies, ten parameters (k, 10), whether they are physical (k)."""
-    P = np.array([pin.PseudoInertia.FromDynamicParameters(pi).toMatrix() for pi in tens])
-    squares = np.diagonal(P.reshape(-1, 4, 4), axis1=1, axis2=2)
-    found = (tens[:, 0] > 0.0) & (squares > 0.0).all(axis=1)
-    scale = np.sqrt(squares[found])
-    relative = P.reshape(-1, 4, 4)[found] / (scale[:, :, None] * scale[:, None, :])
-    found[found] = np.linalg.eigvalsh(relative)[:, 0] > 1e-9
-    return found
+def check_physical(body: pin.Inertia, link: str, where: str) -> None:
+    """Refuse the inertia of a link that no distribution of mass has.
+
+    Raises:
+        RobotError: it is not physical.
+    """
+    if not is_physical(np.array(body.toDynamicParameters())):
+        raise RobotError(
+            f"the inertia of the body of link '{link}' is not physical: no distribution of mass "
+            "has it.",
+            where=where,
+            hint='The adaptation "natural" keeps all bodies physical.',
+        )
 
 
 def chain_joints(model: pin.Model, frame: int) -> list[int]:
@@ -92,23 +97,29 @@ def is_free_flyer(joint: pin.JointModel) -> bool:
 # Reducing a model to the chain
 
 
-def reduced(
-    model: pin.Model, keep: Sequence[int], q_reference: np.ndarray, *shapes: pin.GeometryModel
-) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
-    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes.
-
-    ``pin.buildReducedModel`` refuses links that share their name with a joint: they are renamed
-    meanwhile.
-    """
-    lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
-    model = model.copy()
-    times = Counter(frame.name for frame in model.frames)
+def with_unique_names(model: pin.Model) -> pin.Model:
+    """Return a copy whose links share no name with a joint, which Pinocchio asks for sometimes."""
+    model, times = model.copy(), Counter(frame.name for frame in model.frames)
     for frame in model.frames:
         if frame.type == pin.FrameType.BODY and times[frame.name] > 1:
             frame.name = _LINK_MARK + frame.name
-    chain, geometries = pin.buildReducedModel(model, list(shapes), lock, q_reference)
-    for frame in chain.frames:
+    return model
+
+
+def restore_names(model: pin.Model) -> None:
+    """Undo ``with_unique_names`` in a model that was made from its copy."""
+    for frame in model.frames:
         frame.name = frame.name.removeprefix(_LINK_MARK)
+
+
+def reduced(
+    model: pin.Model, keep: Sequence[int], q_reference: np.ndarray, *shapes: pin.GeometryModel
+) -> tuple[pin.Model, Sequence[pin.GeometryModel]]:
+    """Return a copy with all joints but ``keep`` locked at ``q_reference`` (nq), and its shapes."""
+    lock = [joint for joint in range(1, model.njoints) if joint not in set(keep)]
+    unique = with_unique_names(model)
+    chain, geometries = pin.buildReducedModel(unique, list(shapes), lock, q_reference)
+    restore_names(chain)
     return chain, geometries
 
 
@@ -134,20 +145,18 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     URDF files write 0, 1.8e308 or infinity for "no limit". A range that is empty or wider than two
     turns therefore counts as no limit.
     """
-    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
-    for joint, low, high in _stated_limits(model):
-        if low < high and high - low <= 4 * np.pi:
-            lower[model.idx_vs[joint]], upper[model.idx_vs[joint]] = low, high
-    return lower, upper
+    low, high = _stated_limits(model)
+    limited = (low < high) & (high <= low + 4.0 * np.pi)
+    return np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
 
 
-def _stated_limits(model: pin.Model) -> Iterator[tuple[int, float, float]]:
-    """Yield index and lower and upper limit of each joint of one coordinate."""
-    for joint in model.joints[1:]:
-        if joint.nq == 1:
-            at = joint.idx_q
-            low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
-            yield joint.id, float(low), float(high)
+def _stated_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return lower and upper limits (nv) of the description; NaN for joints of two coordinates."""
+    joints = model.joints[1:]
+    at, turns = [joint.idx_q for joint in joints], [joint.nq > 1 for joint in joints]
+    limits = model.lowerPositionLimit[at], model.upperPositionLimit[at]
+    low, high = (np.where(turns, np.nan, limit) for limit in limits)
+    return low, high
 
 
 def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
@@ -159,14 +168,16 @@ def position_bounds(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
 
 def effort_limits(model: pin.Model) -> np.ndarray:
     """Return the effort limits (nv) [N m or N]; inf if the description has 0, 1.8e308 or inf."""
-    limits = np.array(model.effortLimit, dtype=float)
-    return np.where((limits > 0.0) & (limits < LARGEST), limits, np.inf)
+    return _limits(model.effortLimit)
 
 
 def velocity_limits(model: pin.Model) -> np.ndarray:
     """Return the velocity limits (nv) [rad/s or m/s]; inf if it has 0, 1.8e308 or inf."""
-    limits = np.array(model.velocityLimit, dtype=float)
-    return np.where((limits > 0.0) & (limits < LARGEST), limits, np.inf)
+    return _limits(model.velocityLimit)
+
+
+def _limits(stated: np.ndarray) -> np.ndarray:
+    return np.where((stated > 0.0) & (stated < LARGEST), stated, np.inf)
 
 
 def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
@@ -198,10 +209,16 @@ def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> 
     slides = [joint - 1 for joint in own if is_slide(model.joints[joint])]
     lower, upper = (limit[slides] for limit in position_bounds(model))
     limited = np.isfinite(position_limits(model)[0][slides])
-    steps = [model.jointPlacements[joint].translation for joint in own[1:]]
-    steps.append(model.frames[frame].placement.translation)
-    length = sum(map(np.linalg.norm, steps)) + (upper - lower)[limited].sum()
+    steps = [*(model.jointPlacements[joint] for joint in own[1:]), model.frames[frame].placement]
+    length = sum(np.linalg.norm(step.translation) for step in steps)
+    length += (upper - lower)[limited].sum()
     return float(length or (upper - lower).sum())
+
+
+def _steps(model: pin.Model, frame: int) -> list[np.ndarray]:
+    """Return the way (3) [m] from each joint to the next, and from the last one to a frame."""
+    placements = [*list(model.jointPlacements)[2:], model.frames[frame].placement]
+    return [placement.translation for placement in placements]
 
 
 def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarray]:
@@ -221,13 +238,11 @@ def jacobian_bounds(model: pin.Model, frame: int) -> tuple[np.ndarray, np.ndarra
     low, high = position_limits(model)
     slides = np.array([is_slide(joint) for joint in model.joints[1:]])
     stroke = np.where(slides, np.maximum(np.abs(low), np.abs(high)), 0.0)
-    tip = model.frames[frame].placement.translation
-    steps = [model.jointPlacements[i].translation for i in range(2, model.njoints)] + [tip]
-    lengths = np.array([np.linalg.norm(step) for step in steps])
-    linear = np.ones(model.nv)
-    for i in np.flatnonzero(~slides):
-        first = np.linalg.norm(np.cross(axes[:, i], data.oMi[int(i) + 1].rotation @ steps[i]))
-        linear[i] = first + lengths[i + 1 :].sum() + stroke[i + 1 :].sum()
+    steps, linear = _steps(model, frame), np.ones(model.nv)
+    for i in np.flatnonzero(~slides).tolist():
+        first = np.linalg.norm(np.cross(axes[:, i], data.oMi[i + 1].rotation @ steps[i]))
+        rest = sum(map(np.linalg.norm, steps[i + 1 :]))
+        linear[i] = first + rest + stroke[i + 1 :].sum()
     return linear, np.where(slides, 0.0, 1.0)
 
 
@@ -292,11 +307,10 @@ def check_position_limits(model: pin.Model) -> None:
     Raises:
         RobotError: there is one; the message names the joint and both numbers.
     """
-    for joint, low, high in _stated_limits(model):
+    for name, low, high in zip(model.names[1:], *_stated_limits(model), strict=True):
         if low > high:
             raise RobotError(
-                f"the lower limit of joint '{model.names[joint]}', {low:g}, is above its upper "
-                f"limit, {high:g}.",
+                f"the lower limit of joint '{name}', {low:g}, is above its upper limit, {high:g}.",
                 where=model.name,
                 hint="Swap them in the description, or set both to 0 for no limit.",
             )

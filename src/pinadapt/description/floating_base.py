@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pinocchio as pin
 
+from .chain import restore_names, with_unique_names
+
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 _KINDS = (
     *(pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
@@ -22,6 +24,8 @@ def with_base_joints(tree: pin.Model) -> pin.Model:
     for name, kind in zip(BASE_JOINTS, _KINDS, strict=True):
         joint = base.addJoint(joint, kind(), pin.SE3.Identity(), name)
         base.addJointFrame(joint)
+    tree = with_unique_names(tree)
     model = pin.appendModel(base, tree, base.nframes - 1, pin.SE3.Identity())
+    restore_names(model)
     model.name, model.gravity.linear = tree.name, tree.gravity.linear
     return model

@@ -15,9 +15,9 @@ import pinocchio as pin
 from ..exceptions import RobotError
 from .chain import (
     Mimics,
+    check_physical,
     effort_limits,
     frame_id,
-    is_physical,
     is_slide,
     links_of,
     position_limits,
@@ -161,9 +161,8 @@ def mjcf_text(robot: Any) -> str:
     for index, name in enumerate(names, 1):
         link, joint = free_name(links_of(model, index)[0], taken), model.joints[index]
         place = {"name": link, **_at(model.jointPlacements[index])}
-        body = ElementTree.SubElement(bodies[model.parents[index]], "body", place)
-        bodies.append(body)
-        _write_inertia(body, model.inertias[index])
+        bodies.append(ElementTree.SubElement(bodies[model.parents[index]], "body", place))
+        _write_inertia(bodies[-1], model.inertias[index])
         written = {
             "name": name,
             "type": "slide" if is_slide(joint) else "hinge",
@@ -172,7 +171,7 @@ def mjcf_text(robot: Any) -> str:
         }
         if np.isfinite(limits[index - 1]).all():
             written["range"] = digits(limits[index - 1])
-        ElementTree.SubElement(body, "joint", written)
+        ElementTree.SubElement(bodies[-1], "joint", written)
         motor = ElementTree.SubElement(motors, "motor", name=f"{name}_motor", joint=name)
         if np.isfinite(effort := efforts[index - 1]):
             motor.set("ctrlrange", digits([-effort, effort]))
@@ -197,12 +196,7 @@ def _write_inertia(body: ElementTree.Element, inertia: pin.Inertia) -> None:
     Raises:
         RobotError: the inertia is not physical.
     """
-    if not is_physical(np.array(inertia.toDynamicParameters())):
-        raise RobotError(
-            f"the inertia of body '{body.get('name')}' is not physical: no distribution of mass "
-            "has it, and MuJoCo refuses it.",
-            where="mjcf",
-        )
+    check_physical(inertia, body.get("name", ""), "mjcf")
     full = [*np.diag(inertia.inertia), *inertia.inertia[np.triu_indices(3, 1)]]
     written = {"pos": inertia.lever, "mass": inertia.mass, "fullinertia": full}
     texts = {name: digits(numbers) for name, numbers in written.items()}

@@ -116,20 +116,17 @@ class Urdf:
         A warning lists these meshes. If one cannot be read, there are no shapes at all.
         """
         root, tag = self.root, "visual" if kind == pin.GeometryType.VISUAL else "collision"
-        missing = self.packages.find_files(root)
-        lost = [
-            (link, shape)
-            for link in root.iter("link")
-            for shape in [*link.findall("visual"), *link.findall("collision")]
-            if shape.tag != tag or any(m.get("filename") in missing for m in shape.iter("mesh"))
-        ]
-        for link, shape in lost:
-            link.remove(shape)
-        names = {mesh.get("filename", "") for _, shape in lost for mesh in shape.iter("mesh")}
-        if names & missing:
+        missing, lost = self.packages.find_files(root), set[str]()
+        for link in root.iter("link"):
+            for shape in link.findall(tag):
+                files = {mesh.get("filename", "") for mesh in shape.iter("mesh")} & missing
+                if files:
+                    link.remove(shape)
+                lost |= files
+        if lost:
             warnings.warn(
                 f"{self.path}: shapes not drawn, as their meshes are not found: "
-                f"{', '.join(sorted(names & missing))}. {WHERE_PACKAGES_ARE}",
+                f"{', '.join(sorted(lost))}. {WHERE_PACKAGES_ARE}",
                 stacklevel=2,
             )
         try:

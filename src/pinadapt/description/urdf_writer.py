@@ -11,8 +11,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from .._version import __version__
-from ..exceptions import RobotError
 from .chain import (
+    check_physical,
     effort_limits,
     frame_id,
     is_physical,
@@ -69,11 +69,6 @@ class _Edited:
         self.robot, self.described = robot, origin.model
         self.joints = {joint.get("name", ""): joint for joint in self.root.findall("joint")}
         self.links = {link.get("name", ""): link for link in self.root.findall("link")}
-        self.placements = {  # of links, in the axes of the moving joint before them
-            str(frame.name): frame.placement.copy()
-            for frame in self.described.frames
-            if frame.type == pin.FrameType.BODY
-        }
 
     def written(self) -> ElementTree.Element:
         """Write everything that differs; return the root element."""
@@ -85,10 +80,8 @@ class _Edited:
                 self._place(self.joints[name], now)
         for name in self.robot.frames:
             self._place_tool(name)
-        if len(own) < len(names):  # the root link, which the last of the base's joints moves
-            self._write_inertia(len(BASE_JOINTS), self._heaviest(len(BASE_JOINTS)))
-        for index, name in own:
-            self._write_inertia(index, _end(self.joints[name], "child"))
+        for index in range(max(own[0][0] - 1, 1), len(names) + 1):  # with a free base, its root
+            self._write_inertia(index)
         for attribute, values in _effects(self.robot).items():
             if attribute != "armature" or not np.array_equal(values, self.described.armature):
                 for index, name in own:
@@ -96,49 +89,45 @@ class _Edited:
                     stated = child(self.joints[name], "dynamics").attrib
                     if float(stated.get(attribute, "nan")) != value:
                         stated[attribute] = digits(value)
+                        stated |= {"damping": "0", "friction": "0"} | stated  # URDF asks for both
         self.packages.find_files(self.root)
         if self.root.find("mujoco") is None and next(self.root.iter("mesh"), None) is not None:
             extension = ElementTree.SubElement(self.root, "mujoco")  # which accepts absolute paths
             ElementTree.SubElement(extension, "compiler", strippath="false")
         return self.root
 
-    def _heaviest(self, index: int) -> str:
-        """Return the name of the link with the largest mass of those that a joint moves."""
-        names = [
-            str(frame.name)
-            for frame in self.described.frames
-            if frame.type == pin.FrameType.BODY and frame.parentJoint == index
-        ]
-        return max(names, key=lambda name: _read_inertia(self.links[name]).mass)
-
     def _place_tool(self, name: str) -> None:
-        """Move a task frame: the joint of a last link that is fixed, else a new link."""
+        """Move a task frame: the joint of a last link without mass, else a new link."""
         frame = self.robot.model.frames[frame_id(self.robot.model, name)]
-        if _same(frame.placement, self.described.frames[frame_id(self.described, name)].placement):
+        if _same(frame.placement, self._placement(name)):
             return
         parents = {_end(joint, "parent") for joint in self.joints.values()}
         for joint in self.joints.values():
-            if _end(joint, "child") == name not in parents and joint.get("type") == "fixed":
+            last = _end(joint, "child") == name not in parents and joint.get("type") == "fixed"
+            if last and not _read_inertia(self.links[name]).mass:
                 self._place(joint, frame.placement)
-                self.placements[name] = frame.placement.copy()
                 return
         new = f"{name}_learned" if name in self.links else name
-        carrier = _end(self.joints[str(self.robot.model.names[frame.parentJoint])], "child")
+        carrier = links_of(self.described, frame.parentJoint)[0]
         ElementTree.SubElement(self.root, "link", name=new)
         self._place(_joint(self.root, f"{new}_fixed", "fixed", carrier, new), frame.placement)
+
+    def _placement(self, name: str) -> pin.SE3:
+        """Return the placement of a link or frame in the axes of the moving joint before it."""
+        return self.described.frames[frame_id(self.described, name)].placement
 
     def _place(self, joint: ElementTree.Element, placement: pin.SE3) -> None:
         """Set the placement of a joint, given in the axes of the moving joint before it.
 
         Angles that are the same up to rounding keep their digits.
         """
-        placement = self.placements[_end(joint, "parent")].actInv(placement)
+        placement = self._placement(_end(joint, "parent")).actInv(placement)
         before, origin = _read_origin(joint).rotation, child(joint, "origin")
         origin.set("xyz", digits(placement.translation))
         if np.abs(before - placement.rotation).max() > _SAME:
             origin.set("rpy", digits(pin.rpy.matrixToRpy(placement.rotation)))
 
-    def _write_inertia(self, index: int, name: str) -> None:
+    def _write_inertia(self, index: int) -> None:
         """Write what changed of a body to its first link.
 
         Where that has no physical inertia then, it has that of the body, the others lose theirs.
@@ -150,24 +139,17 @@ class _Edited:
         before = np.array(self.described.inertias[index].toDynamicParameters())
         if np.allclose(now, before, rtol=_SAME, atol=_SAME * np.abs(now).max()):
             return
-        if not is_physical(now):
-            raise RobotError(
-                f"the inertia of the body of link '{name}' is not physical: no distribution of "
-                "mass has it.",
-                where="urdf",
-                hint='The adaptation "natural" keeps all bodies physical.',
-            )
-        own = self.placements[name].act(_read_inertia(self.links[name])).toDynamicParameters()
-        changed = own + now - before
+        names = links_of(self.described, index)
+        check_physical(self.robot.model.inertias[index], names[0], "urdf")
+        first, placement = self.links[names[0]], self._placement(names[0])
+        changed = placement.act(_read_inertia(first)).toDynamicParameters() + now - before
         if not is_physical(changed):
             changed = now
-            for frame in self.described.frames:
-                if frame.type == pin.FrameType.BODY and frame.parentJoint == index:
-                    link = self.links[frame.name]
-                    for inertial in link.findall("inertial"):
-                        link.remove(inertial)
-        body = self.placements[name].actInv(pin.Inertia.FromDynamicParameters(changed))
-        inertial = child(self.links[name], "inertial")
+            for link in map(self.links.__getitem__, names):
+                for inertial in link.findall("inertial"):
+                    link.remove(inertial)
+        body = placement.actInv(pin.Inertia.FromDynamicParameters(changed))
+        inertial = child(first, "inertial")
         child(inertial, "origin").attrib.update(xyz=digits(body.lever), rpy="0 0 0")
         child(inertial, "mass").set("value", digits(body.mass))
         for entry, number in zip(ENTRIES, body.inertia[np.triu_indices(3)], strict=True):
@@ -200,31 +182,28 @@ def _same(one: pin.SE3, other: pin.SE3) -> bool:
 
 
 def _skeleton(robot: Any) -> Origin:
-    """Return a URDF of a chain alone, with its limits, without placements, inertias and effects.
+    """Return a URDF of the joints alone, with their limits, without placements, inertias, effects.
 
     For a joint without velocity or effort limit, 0 is written, as is usual; without position
     limits, 1e9.
     """
     model, root = robot.model, ElementTree.Element("robot", name=robot.name)
     taken = set(robot.frames)
-    links = [free_name("base", taken)]  # that of each joint
+    links = [free_name("base", taken)]
     ElementTree.SubElement(root, "link", name=links[0])
     lower, upper = np.clip(position_limits(model), -1e9, 1e9)
-    effort, velocity = effort_limits(model), velocity_limits(model)
+    limits = {"effort": effort_limits(model), "velocity": velocity_limits(model)}
+    limits = {name: np.where(np.isfinite(each), each, 0.0) for name, each in limits.items()}
+    limits |= {"lower": lower, "upper": upper}
     for index, name in enumerate(robot.joint_names, 1):
-        link, joint_type = free_name(links_of(model, index)[0], taken), "revolute"
-        ElementTree.SubElement(root, "link", name=link)
-        if is_slide(model.joints[index]):
-            joint_type = "prismatic"
-        elif model.joints[index].nq == 2:
-            joint_type = "continuous"
-        joint = _joint(root, name, joint_type, links[model.parents[index]], link)
+        part = model.joints[index]
+        kind = "prismatic" if is_slide(part) else "continuous" if part.nq == 2 else "revolute"
+        links.append(free_name(links_of(model, index)[0], taken))
+        ElementTree.SubElement(root, "link", name=links[-1])
+        joint = _joint(root, name, kind, links[model.parents[index]], links[-1])
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
-        limits = {"lower": lower, "upper": upper, "effort": effort, "velocity": velocity}
-        at = {word: values[index - 1] for word, values in limits.items()}
-        texts = {word: digits(value if np.isfinite(value) else 0.0) for word, value in at.items()}
-        ElementTree.SubElement(joint, "limit", texts)
-        links.append(link)
+        at = {word: digits(each[index - 1]) for word, each in limits.items()}
+        ElementTree.SubElement(joint, "limit", at)
     for frame in robot.frames:
         carrier = links[model.frames[frame_id(model, frame)].parentJoint]
         ElementTree.SubElement(root, "link", name=frame)

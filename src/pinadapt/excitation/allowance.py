@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -82,34 +82,25 @@ class Shapes:
             geometry.addGeometryObject(pin.GeometryObject(_FLOOR, 0, 0, pin.SE3.Identity(), below))
             links.append(_FLOOR)
         joints = [shape.parentJoint for shape in geometry.geometryObjects]
-        pairs = [
-            (i, j)
-            for i, j in combinations(range(len(links)), 2)
-            if abs(joints[i] - joints[j]) > 1 and frozenset((links[i], links[j])) not in allowed
-        ]
-        _set_pairs(geometry, pairs)
-        at_home = _distances_of(robot.model, geometry, robot.q0[None])[0]
+        for i, j in combinations(range(len(links)), 2):
+            if abs(joints[i] - joints[j]) > 1 and frozenset((links[i], links[j])) not in allowed:
+                geometry.addCollisionPair(pin.CollisionPair(i, j))
+        pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+        at_home, names, apart = _distances_of(robot.model, geometry, robot.q0[None])[0], [], []
         for (i, j), distance in zip(pairs, at_home, strict=True):
-            if links[j] == _FLOOR and joints[i] > 2 and distance < _TOUCHING:
+            if distance > _TOUCHING:
+                names.append((links[i], links[j]))
+                apart.append(distance)
+                continue
+            if links[j] == _FLOOR and joints[i] > 2:
                 raise _below(links[i], distance, robot)
-        kept = [k for k, distance in enumerate(at_home) if distance > _TOUCHING]
-        if not kept:
-            return None
-        _set_pairs(geometry, [pairs[k] for k in kept])
-        names = tuple((links[pairs[k][0]], links[pairs[k][1]]) for k in kept)
-        margins = np.minimum(_APART * robot.reach, 0.5 * at_home[kept])
-        return cls(robot.model, geometry, names, margins)
+            geometry.removeCollisionPair(pin.CollisionPair(i, j))
+        margins = np.minimum(_APART * robot.reach, 0.5 * np.array(apart))
+        return cls(robot.model, geometry, tuple(names), margins) if names else None
 
     def distances(self, q: np.ndarray) -> np.ndarray:
         """Return the distances (N, k) at configurations (N, nq) [m], negative in contact."""
-        different, which = np.unique(q, axis=0, return_inverse=True)
-        return _distances_of(self.model, self.geometry, different)[which.ravel()]
-
-
-def _set_pairs(geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]) -> None:
-    geometry.removeAllCollisionPairs()
-    for i, j in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(i, j))
+        return _distances_of(self.model, self.geometry, q)
 
 
 def _below(name: str, distance: float, robot: Robot) -> RobotError:
@@ -124,15 +115,16 @@ def _below(name: str, distance: float, robot: Robot) -> RobotError:
 def _distances_of(model: pin.Model, geometry: pin.GeometryModel, q: np.ndarray) -> np.ndarray:
     """Return the distances (N, k) of the pairs at configurations (N, nq)."""
     data, found = model.createData(), geometry.createData()
+    different, which = np.unique(q, axis=0, return_inverse=True)
     for request in found.distanceRequests:  # accurate enough for differences, in contact too
         request.gjk_tolerance = request.epa_tolerance = 1e-9
         request.gjk_max_iterations = request.epa_max_iterations = 256
     results = list(found.distanceResults)  # places where Pinocchio writes; copies cost much more
-    distances = np.zeros((len(q), len(geometry.collisionPairs)))
-    for row, each in zip(distances, q, strict=True):
+    distances = np.zeros((len(different), len(geometry.collisionPairs)))
+    for row, each in zip(distances, different, strict=True):
         pin.computeDistances(model, data, geometry, found, each)
         row[:] = [result.min_distance for result in results]
-    return distances
+    return distances[which.ravel()]
 
 
 def _convex(geometry: pin.GeometryModel) -> pin.GeometryModel:
@@ -255,9 +247,7 @@ class Allowance:
         """Return the distances (N) of configurations (N, nq) from the plane [m], or infinity."""
         if self.plane is None:
             return np.full(len(q), np.inf)
-        different, which = np.unique(q, axis=0, return_inverse=True)
-        found = self.plane.distances(self.robot.model, self.robot.frame_id, different)
-        return np.asarray(found[which.ravel()])
+        return self.plane.distances(self.robot.model, self.robot.frame_id, q)
 
     def apart(self, q: np.ndarray) -> tuple[float, str]:
         """Return the smallest distance of two shapes in configurations (N, nq) [m], and whose."""

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import MOST_SAMPLES, instance, numbers, positive, whole
-from .._output import Sheet, Table
+from .._checks import MOST_PARAMETERS, instance, numbers, positive, whole
+from .._output import Printed, Sheet, Table
 from ..controller.controller import Controller
 from ..description.chain import effort_limits, position_limits, velocity_limits
 from ..exceptions import InputError, ParameterError, RobotError
@@ -87,7 +87,7 @@ def excite(
     nominal, dynamics = _nominal_and_dynamics(robot, unknown)
     nominal.check_single_frame()
     duration = positive(duration, "duration", error=InputError)
-    harmonics = whole(harmonics, "harmonics", 2, most=MOST_SAMPLES)
+    harmonics = whole(harmonics, "harmonics", 2, most=MOST_PARAMETERS)
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))
     shapes = Shapes.of(nominal, srdf, level)
     allowed = Allowance.of(nominal, excursion, load, shapes, level)
@@ -260,7 +260,7 @@ class _Search:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ExcitingMotion:
+class ExcitingMotion(Printed):
     """A motion of the joints from home and back, and the information expected of it.
 
     ``print`` shows the use of each limit, the identifiable combinations, and the uncertainty that
@@ -287,23 +287,17 @@ class ExcitingMotion:
 
     def reference(self) -> dict[str, Any]:
         """Return the motion as the table ``[trajectory]`` of a scenario with ``task = "joint"``."""
-        series = self.trajectory
+        series = self.trajectory  # to eight decimals, 10 nm
         return {
             "kind": "fourier",
-            "center": _written(series.center),
-            "cosine": [_written(row) for row in series.cosine],
-            "sine": [_written(row) for row in series.sine],
+            "center": series.center.round(8).tolist(),
+            "cosine": series.cosine.round(8).tolist(),
+            "sine": series.sine.round(8).tolist(),
             "period": series.period,
         }
 
-    def __repr__(self) -> str:
+    def sheet(self) -> Sheet:
         """Return tables of limits and of parameters."""
-        return str(self._sheet())
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
-
-    def _sheet(self) -> Sheet:
         limits, found = self.limits, self.information
         rows = [
             ("duration", f"{self.duration:g} s, {self.trajectory.harmonics} harmonics"),
@@ -317,11 +311,6 @@ class ExcitingMotion:
             note += " Nor are those with itself: the description has no collision geometry."
         tables = [Table(rows), limits.table(), parameter_table(found, self.units)]
         return Sheet("Exciting motion", tables, note)
-
-
-def _written(values: np.ndarray) -> list[float]:
-    """Return numbers to seven digits, as a file has them."""
-    return [float(f"{value:.7g}") + 0.0 for value in values]
 
 
 @dataclass(frozen=True, eq=False)

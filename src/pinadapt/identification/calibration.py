@@ -23,10 +23,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,11 +32,11 @@ import numpy as np
 import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
-from .._checks import flag, name_list, positive
-from .._output import Sheet, Table, write_text
+from .._checks import flag, name_list, positive, word
+from .._output import Printed, Sheet, Table, write_text
 from .._version import __version__
-from ..exceptions import InputError, LogError, did_you_mean
-from ..information.information import estimate_table, gauss_newton
+from ..exceptions import InputError, LogError
+from ..information.information import estimate_table, gauss_newton, rms, spread
 from ..information.measured_motion import at_times
 from ..information.tracker import LEAST_NOISE, LEAST_WAY, check_axes
 from ..logs.formats import read_log
@@ -52,13 +50,13 @@ from ..robot.loading import load
 from ..robot.robot import Robot
 from ..rollout.rollout import Rollout
 from ..tasks.frame import TASKS, FrameTask, matrix
-from .report import plain, rms
+from .report import plain
 
 OFFSETS, JOINTS = "offsets", "joints"
 ALL = (BASE, JOINTS, TOOL)
 FILES = ("learned.urdf", "summary.json")
 
-_ROBOTS = ("described", "robot", "sheet")  # attributes that are no numbers
+_ROBOTS = ("described", "robot")  # attributes that are no numbers
 _WORST = 0.02  # of the motion, from which not even the calibrated robot explains it
 _OWN = "offset"
 
@@ -83,7 +81,7 @@ class FrameErrors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration:
+class Calibration(Printed):
     """A robot with calibrated geometry; ``print`` shows a report.
 
     Attributes:
@@ -138,10 +136,9 @@ class Calibration:
         placement has the same effect, three times the deviation is granted to the offset, so that
         nine tenths of the effect are taken for it.
         """
-        pairs = zip(self.estimate.tolist(), self.deviations.tolist(), strict=True)
-        found = dict(zip(self.names, pairs, strict=True))
-        keys = {name: f"{name}.{_OWN}" for name in self.described.joint_names}
-        return {name: found[key] for name, key in keys.items() if key in found}
+        rows = zip(self.names, self.estimate.tolist(), self.deviations.tolist(), strict=True)
+        parts = ((name.rpartition("."), *numbers) for name, *numbers in rows)
+        return {name: (value, known) for (name, _, kind), value, known in parts if kind == _OWN}
 
     @property
     def trusted(self) -> bool:
@@ -160,16 +157,8 @@ class Calibration:
             "frame, of this robot, and timed on the clock of q? Are these enough frames?"
         )
 
-    def __repr__(self) -> str:
-        """Return the report."""
-        return str(self.sheet)
-
-    def _repr_html_(self) -> str:
-        return self.sheet.html()
-
-    @cached_property
     def sheet(self) -> Sheet:
-        """The report: what was measured, the parameters, and what the motion does not identify."""
+        """Return what was measured, the parameters, and what the motion does not identify."""
         noise = FrameErrors(self.noise[0], np.nan, self.noise[1])
         others = ", ".join(self.unidentified) or "-"
         summary = [
@@ -242,41 +231,41 @@ def calibrate(
     described.check_single_frame()
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     words = name_list(unknown, "unknown", InputError)
-    logs = []
-    for source in log if isinstance(log, list | tuple) else (log,):
-        way = ImportOptions.of(ImportOptions.beside(source) if intake is None else intake)
-        logs.append(read_log(source, described, intake=way, torques=False))
+    logs = [
+        read_log(source, described, intake=intake, torques=False)
+        for source in (log if isinstance(log, list | tuple) else (log,))
+    ]
     name = ", ".join(one.source for one in logs)
     seen = _seen(logs, described, name)
     start = _start(described, seen, name, tracker=flag(tracker, "tracker"))
-    parts = _unknown_placements(described, words, seen.task, start if tracker else None)
-
-    whole = _Geometry(described, parts, start)
+    placements = _Unknown.of(described, words, seen.task, start if tracker else None)
+    whole = _Geometry(described, placements, start)
     fit = _fitted(whole, seen, name)
     kept, held = fit.kept, _held_out(len(seen.x), share)
     last, first = seen.only(kept & held), seen.only(kept & ~held)
     errors = []
-    for some in ([part for part in parts if part.tracked], parts):
+    for some in (placements.only(placements.tracked), placements):
         geometry = _Geometry(described, some, start)
-        if some:
+        if some.names:
             _fitted(geometry, first, name, fit.noise)
         errors.append(_errors(geometry, last))
-    identified = _identified(whole, fit.rows)
+    identified = _identified(placements.along, fit.rows)
+    R = np.linalg.qr(np.vstack([fit.rows, np.eye(len(placements.names))]), mode="r")
     return Calibration(
         described=described,
         robot=whole.robot(described, f"Placements calibrated from frames of {name}."),
         tracker=whole.tracker() if tracker else None,
-        names=whole.names,
+        names=placements.names,
         estimate=whole.value(),
-        deviations=fit.deviations,
-        prior=whole.prior,
-        combinations=tuple(whole.names[k] for k in identified),
+        deviations=np.linalg.norm(np.linalg.inv(R), axis=1) * placements.prior,
+        prior=placements.prior,
+        combinations=tuple(placements.names[k] for k in identified),
         noise=(float(fit.noise[0]), float(fit.noise[1]) if len(fit.noise) > 1 else None),
         frames=int(np.count_nonzero(kept)),
         outliers=int(np.count_nonzero(~kept)),
         before=errors[0],
         after=errors[1],
-        motion=_rms_distance(seen.x[:, : seen.task.positions]),
+        motion=math.sqrt(seen.task.positions) * spread(seen.x[:, : seen.task.positions]),
         source=name,
     )
 
@@ -349,7 +338,7 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
             turned where they should be those of the base.
     """
     p = np.array([robot.placement(q).translation for q in seen.q])
-    x, motion = seen.x[:, : seen.task.positions], _rms_distance(p) / math.sqrt(3.0)
+    x, motion = seen.x[:, : seen.task.positions], spread(p)
     if motion < LEAST_WAY * robot.reach:
         raise LogError(
             f"the arm moves its frame by {1e3 * motion:.2g} mm (rms) only.",
@@ -363,7 +352,7 @@ def _start(robot: Robot, seen: _MeasuredFrames, where: str, *, tracker: bool) ->
         return pin.SE3.Identity()
     U, _, V = np.linalg.svd((x - x.mean(axis=0)).T @ (p - p.mean(axis=0)))
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
-    straight, turned, mirrored = (_rms_distance(x - p @ part.T) for part in (np.eye(3), R, U @ V))
+    straight, turned, mirrored = (spread(x - p @ part.T) for part in (np.eye(3), R, U @ V))
     check_axes(U @ V if mirrored < 0.5 * turned else R, p, x, motion)
     if tracker:
         return pin.SE3(R, x.mean(axis=0) - R @ p.mean(axis=0))
@@ -390,116 +379,110 @@ _TOOL = (1.0, 0.5)  # a turn [rad] and a shift [reaches] of the tool
 _TRACKER = (10.0, 100.0)  # of the base, where x is in the axes of a tracker
 
 
-class _Displacement(NamedTuple):
-    """Unknown displacements of a placement, k parameters.
+class _Unknown(NamedTuple):
+    """Unknown displacements of placements, p parameters.
 
     Attributes:
-        joint: whose placement it is; of the tool their number.
-        names: (k) of the parameters.
-        axes: (6, k) shift and turn, in the axes of what is placed.
-        prior: (k) standard deviations of the description [m or rad].
-        along: (k) whether they are along or about the axis of the joint.
-        tracked: whether it is that of the base in the axes of a tracker.
+        names: (p) of the parameters.
+        joints: (p) whose placement each displaces; of the tool their number.
+        axes: (6, p) shift and turn, in the axes of what is placed.
+        prior: (p) standard deviations of the description [m or rad].
+        along: (p) whether they are along or about the axis of the joint.
+        tracked: (p) whether they are of the base in the axes of a tracker.
     """
 
-    joint: int
     names: tuple[str, ...]
+    joints: np.ndarray
     axes: np.ndarray
     prior: np.ndarray
     along: np.ndarray
-    tracked: bool = False
+    tracked: np.ndarray
 
+    @classmethod
+    def of(
+        cls, robot: Robot, words: Sequence[str], task: FrameTask, base: pin.SE3 | None
+    ) -> _Unknown:
+        """Return the displacements of the placements that a user's words name.
 
-def _unknown_placements(
-    robot: Robot, words: Sequence[str], task: FrameTask, base: pin.SE3 | None
-) -> list[_Displacement]:
-    """Return the displacements of the placements that a user's words name.
+        Args:
+            robot: as described.
+            words: of the user.
+            task: coordinates of x.
+            base: first guess of its placement in the axes of a tracker; None: the axes are those of
+                the base.
 
-    Args:
-        robot: as described.
-        words: of the user.
-        task: coordinates of x.
-        base: first guess of its placement in the axes of a tracker; None: the axes are those of the
-            base.
-
-    Raises:
-        InputError: an unknown word, or none.
-    """
-    known, model = [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names], robot.model
-    for word in words:
-        if word not in known:
+        Raises:
+            InputError: an unknown word, or none.
+        """
+        known, model = [BASE, JOINTS, TOOL, OFFSETS, *robot.joint_names], robot.model
+        for given in words:
+            word(given, known, "unknown")
+        found = []
+        labels = [f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"]
+        for joint, name in enumerate(robot.joint_names, 1):
+            axes, own = axes_of(model, joint)
+            prior = np.repeat([SHIFT * robot.reach, TURN], 3)
+            prior[own] *= _OFFSET
+            if tracked := joint == FIRST and base is not None:
+                turned = base.rotation @ model.jointPlacements[FIRST].rotation
+                axes, own, name = np.kron(np.eye(2), turned).T, -1, TRACKER
+                prior = np.repeat([_TRACKER[1] * robot.reach, _TRACKER[0]], 3)
+            whole = tracked or {name, BASE if joint == FIRST else JOINTS} & set(words)
+            for k, label in enumerate(labels):
+                if whole or (k == own and OFFSETS in words):
+                    full = f"{name}.{_OWN if k == own else label}"
+                    along = not tracked and k % 3 == own % 3
+                    found.append((full, joint, axes[:, k], prior[k], along, tracked))
+        if TOOL in words:  # a position does not show how a tool is turned
+            prior = np.repeat([_TOOL[1] * robot.reach, _TOOL[0]], 3)
+            for k in range(6 if task.size > task.positions else 3):
+                part = f"{TOOL}.{labels[k]}", model.njoints, np.eye(6)[k], prior[k], False, False
+                found.append(part)
+        if not found:
             raise InputError(
-                f"there is no placement '{word}'; expected {', '.join(known)}."
-                f"{did_you_mean(word, known)}",
-                where="unknown",
+                "nothing is unknown, so there is nothing to calibrate.", where="unknown"
             )
-    found = []
-    labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
-    reach, six = robot.reach, np.arange(6)
-    for joint, name in enumerate(robot.joint_names, 1):
-        if joint == FIRST and base is not None:
-            turned = base.rotation @ model.jointPlacements[FIRST].rotation
-            axes, prior = np.kron(np.eye(2), turned).T, np.repeat(_TRACKER[::-1], 3)
-            names = tuple(f"{TRACKER}.{label}" for label in labels)
-            prior[:3] *= reach
-            found.append(_Displacement(joint, names, axes, prior, six < 0, tracked=True))
-            continue
-        axes, own = axes_of(model, joint)
-        prior = np.repeat([SHIFT * reach, TURN], 3)
-        prior[own] *= _OFFSET
-        whole = {name, BASE if joint == FIRST else JOINTS} & set(words)
-        kept = six >= 0 if whole else (six == own) & (OFFSETS in words)
-        names = tuple(f"{name}.{_OWN if k == own else labels[k]}" for k in six[kept])
-        along = (six % 3 == own % 3)[kept]
-        found.append(_Displacement(joint, names, axes[:, kept], prior[kept], along))
-    if TOOL in words:  # a position does not show how a tool is turned
-        size = 6 if task.size > task.positions else 3
-        prior = np.repeat([_TOOL[1] * reach, _TOOL[0]], 3)[:size]
-        names = tuple(f"{TOOL}.{label}" for label in labels[:size])
-        found.append(
-            _Displacement(model.njoints, names, np.eye(6)[:, :size], prior, six[:size] < 0)
-        )
-    found = [one for one in found if one.names]
-    if not found:
-        raise InputError("nothing is unknown, so there is nothing to calibrate.", where="unknown")
-    return found
+        names, joints, columns, *others = zip(*found, strict=True)
+        return cls(names, np.array(joints), np.column_stack(columns), *map(np.array, others))
+
+    def only(self, chosen: np.ndarray) -> _Unknown:
+        """Return the displacements of a mask (p)."""
+        names = tuple(name for name, kept in zip(self.names, chosen, strict=True) if kept)
+        return _Unknown(names, self.joints[chosen], self.axes[:, chosen], *(
+            part[chosen] for part in self[3:]
+        ))  # fmt: skip
 
 
 # The chain that is moved
 
 
 class _Geometry:
-    """A chain whose unknown placements are moved by p parameters.
+    """A chain whose unknown placements are moved.
 
     Attributes:
+        unknown: the displacements, p parameters.
         reach: of the robot [m].
-        names, prior, along: (p) of all displacements, one after the other.
     """
 
-    def __init__(self, robot: Robot, parts: Sequence[_Displacement], base: pin.SE3) -> None:
+    def __init__(self, robot: Robot, unknown: _Unknown, base: pin.SE3) -> None:
         """Use the unknown placements of a robot, its base at a placement in the axes of x."""
         self.model, self._frame, self.reach = robot.model.copy(), robot.frame_id, robot.reach
         move_base(self.model, base)
-        self._data = self.model.createData()
-        self.names = tuple(name for part in parts for name in part.names)
-        self.prior = np.concatenate([np.zeros(0), *(part.prior for part in parts)])
-        self.along = np.concatenate([np.zeros(0, bool), *(part.along for part in parts)])
-        ends = np.cumsum([0, *(len(part.names) for part in parts)])
-        self._parts = [
-            (part, slice(*own), self._place(self.model, part.joint).copy())
-            for part, own in zip(parts, pairwise(ends.tolist()), strict=True)
-        ]
+        self._data, self.unknown = self.model.createData(), unknown
+        self._described = self.model.copy()
         self._first = robot.model.jointPlacements[FIRST].copy()
 
-    def _place(self, model: pin.Model, joint: int) -> pin.SE3:
-        """Return the placement of a joint, or of the task frame, as a view."""
-        return placement_of(model, self._frame, None if joint == model.njoints else joint)
+    def _placements(self, model: pin.Model) -> Iterator[tuple[np.ndarray, pin.SE3, pin.SE3]]:
+        """Yield the mask (p) of each placement's parameters, and views of it in both models."""
+        for joint in np.unique(self.unknown.joints).tolist():
+            of = None if joint == model.njoints else joint
+            now, other = (placement_of(one, self._frame, of) for one in (self.model, model))
+            yield self.unknown.joints == joint, now, other
 
     def move(self, step: np.ndarray) -> None:
         """Move the placements by a step (p) of their displacements."""
-        for part, own, _ in self._parts:
-            place = self._place(self.model, part.joint)
-            moved = place * pin.exp6(part.axes @ step[own])
+        for own, place, _ in self._placements(self.model):
+            moved = place * pin.exp6(self.unknown.axes[:, own] @ step[own])
             place.translation, place.rotation = moved.translation, moved.rotation
         self._data = self.model.createData()
 
@@ -508,21 +491,19 @@ class _Geometry:
 
         That of a tracker is the placement of the base in its axes.
         """
-        found = np.zeros(len(self.names))
-        for part, own, described in self._parts:
-            now = self._place(self.model, part.joint)
-            off = self.tracker() if part.tracked else described.actInv(now)
-            six = np.concatenate([off.translation, pin.log3(off.rotation)])
-            found[own] = six if part.tracked else part.axes.T @ six
+        found, axes, tracked = np.zeros(len(self.unknown.names)), *self.unknown[2::3]
+        for own, now, described in self._placements(self._described):
+            six = _shift_and_turn(described.actInv(now))
+            found[own] = axes[:, own].T @ six
+        found[tracked] = _shift_and_turn(self.tracker())[: np.count_nonzero(tracked)]
         return found
 
     def robot(self, described: Robot, remark: str) -> Robot:
         """Return a described robot with these placements, but for that of the tracker."""
         model = described.model.copy()
-        for part, _, _ in self._parts:
-            if not part.tracked:
-                place, moved = (self._place(m, part.joint) for m in (model, self.model))
-                place.translation, place.rotation = moved.translation, moved.rotation
+        for own, now, place in self._placements(model):
+            if not self.unknown.tracked[own].any():
+                place.translation, place.rotation = now.translation, now.rotation
         return replace(described, model=model, remark=remark)
 
     def tracker(self) -> pin.SE3:
@@ -537,21 +518,25 @@ class _Geometry:
             a turn, exp(phi) R = R_measured, in the axes of x.
         """
         model, data, count = self.model, self._data, seen.task.positions
-        r, W = np.zeros((len(seen.q), 6)), np.zeros((len(seen.q), 6, len(self.names)))
-        pose, place = seen.task.size > count, seen.task.place
+        unknown, pose, place = self.unknown, seen.task.size > count, seen.task.place
+        r, W = np.zeros((len(seen.q), 6)), np.zeros((len(seen.q), 6, len(unknown.names)))
         for k, (q, x) in enumerate(zip(seen.q, seen.x, strict=True)):
             pin.computeJointJacobians(model, data, q)
             at = pin.updateFramePlacement(model, data, self._frame)
             K = pin.computeFrameKinematicRegressor(
                 model, data, self._frame, pin.LOCAL_WORLD_ALIGNED
             )
-            K = np.hstack([K, np.kron(np.eye(2), at.rotation)])
-            for part, own, _ in self._parts:
-                W[k, :, own] = K[:, 6 * part.joint - 6 : 6 * part.joint] @ part.axes
+            K = np.hstack([K, np.kron(np.eye(2), at.rotation)]).reshape(6, -1, 6)
+            W[k] = np.einsum("ipk,kp->ip", K[:, unknown.joints - 1], unknown.axes)
             r[k, :3][place] = x[:count] - at.translation[place]
             if pose:
                 r[k, 3:] = pin.log3(matrix(x[3:]) @ at.rotation.T)
         return r[:, seen.task.rows], W[:, seen.task.rows]
+
+
+def _shift_and_turn(placement: pin.SE3) -> np.ndarray:
+    """Return translation and rotation vector (6) of a placement [m, rad]."""
+    return np.concatenate([placement.translation, pin.log3(placement.rotation)])
 
 
 # The fit
@@ -563,18 +548,18 @@ _OUTLIER = 6.0
 
 
 class _GeometryFit(NamedTuple):
-    """A fit of p parameters to M frames.
+    """The equations of M frames at a geometry of p parameters.
 
     Attributes:
-        kept: (M) whether a frame was used.
-        rows: (N, p) of the used frames, in units of their noise.
-        deviations: (p) standard deviations [m or rad].
+        kept: (M) whether a frame is used.
+        rows: (N, p) of the used frames, in units of their noise and of the prior.
+        left: (N) residuals of these.
         noise: of a coordinate of the position [m], and of the orientation [rad] of poses.
     """
 
     kept: np.ndarray
     rows: np.ndarray
-    deviations: np.ndarray
+    left: np.ndarray
     noise: np.ndarray
 
 
@@ -596,37 +581,24 @@ def _fitted(
     Raises:
         LogError: too few frames, or too many that do not fit.
     """
-    prior, (count, m) = geometry.prior, (len(seen.x), seen.task.size)
+    prior, m = geometry.unknown.prior, seen.task.size
     groups = [group.rows for group in seen.task.groups]
     least = np.array([LEAST_NOISE * geometry.reach, LEAST_NOISE])[: len(groups)]
-    kept, explained, noise = np.ones(count, dtype=bool), 0.0, least
 
-    def whitened(geometry: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return slopes (M, m, p), residuals (M, m) in units of the noise, and the prior's (p)."""
-        nonlocal kept, noise
+    def fit() -> _GeometryFit:
+        """Return the equations at the placements as they are."""
         r, W = geometry.rows(seen)
         squares = np.column_stack([np.mean(r[:, part] ** 2, axis=1) for part in groups])
-        if known is None:
-            most = np.maximum(_OUTLIER**2 * np.median(squares, axis=0), least**2)
-            kept = (squares <= most).all(axis=1)
-            noise = np.sqrt(np.mean(squares[kept], axis=0) / (1.0 - explained))
-        noise = np.maximum(noise if known is None else known, least)
+        most = np.maximum(_OUTLIER**2 * np.median(squares, axis=0), least**2)
+        kept = (squares <= most).all(axis=1) | (known is not None)
+        noise = np.maximum(
+            np.sqrt(np.mean(squares[kept], axis=0)) if known is None else known, least
+        )
         sigma = np.repeat(noise, [part.stop - part.start for part in groups])
-        W = W * kept[:, None, None] * prior / sigma[:, None]
-        return W, r * kept[:, None] / sigma, -geometry.value() / prior
-
-    def moved(geometry: _Geometry, step: np.ndarray) -> _Geometry:
-        geometry.move(step * prior)
-        return geometry
-
-    for _ in range(2 if known is None else 1):  # at first as if no parameter explained the noise
-        gauss_newton(whitened, moved, geometry, np.ones(len(prior)))
-        rows = whitened(geometry)[0][kept].reshape(-1, len(prior))
-        R = np.linalg.qr(np.vstack([rows, np.eye(len(prior))]), mode="r")
-        shares = np.linalg.norm(np.linalg.inv(R), axis=1)
-        rank = len(prior) - float(np.sum(shares**2))
-        explained = rank / len(rows)
-        if explained > 1.0 / _LEAST:
+        rows, left = (W[kept] * prior / sigma[:, None]).reshape(-1, len(prior)), r[kept] / sigma
+        squared = np.linalg.svd(rows, compute_uv=False) ** 2
+        rank = float(np.sum(squared / (1.0 + squared)))
+        if _LEAST * rank > len(rows):
             raise LogError(
                 f"{len(rows) // m} frames of {m} numbers are too few for {rank:.0f} combinations "
                 "of the geometry.",
@@ -634,21 +606,34 @@ def _fitted(
                 hint=f"Record {math.ceil(2.0 * _LEAST * rank / m)} or more, or name fewer "
                 "unknowns.",
             )
-    if np.mean(~kept) > 0.2:
+        share = 1.0 if known is not None else math.sqrt(1.0 - rank / len(rows))  # not explained
+        return _GeometryFit(kept, share * rows, share * left.ravel(), noise / share)
+
+    def equations(_: _Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        found = fit()
+        return found.rows, found.left, -geometry.value() / prior
+
+    def moved(_: _Geometry, step: np.ndarray) -> _Geometry:
+        geometry.move(step * prior)
+        return geometry
+
+    gauss_newton(equations, moved, geometry, np.ones(len(prior)))
+    found = fit()
+    if np.mean(~found.kept) > 0.2:
         raise LogError(
-            f"no geometry near the described one explains these frames: {np.mean(~kept):.0%} of "
-            "them do not fit the others.",
+            "no geometry near the described one explains these frames: "
+            f"{np.mean(~found.kept):.0%} of them do not fit the others.",
             where=where,
             hint="Is x of this frame, of this robot, and timed on the clock of q? Lost frames of a "
             "tracker are NaN, not 0.",
         )
-    return _GeometryFit(kept, rows, shares * prior, noise)
+    return found
 
 
 _KEPT_LAST = 1e-4  # weight of columns that the QR is to take last
 
 
-def _identified(geometry: _Geometry, rows: np.ndarray) -> np.ndarray:
+def _identified(along: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return the indices of the parameters that rows (N, p) identify where the others are known.
 
     A QR factorisation with column pivoting takes the parameters by turns: the one whose effect is
@@ -658,7 +643,7 @@ def _identified(geometry: _Geometry, rows: np.ndarray) -> np.ndarray:
     """
     from scipy.linalg import qr  # here, because scipy is slow to import
 
-    last = np.where(geometry.along, _KEPT_LAST, 1.0)
+    last = np.where(along, _KEPT_LAST, 1.0)
     R, order = qr(rows * last, mode="r", pivoting=True)
     order = order[: min(R.shape)]
     return np.sort(order[np.abs(np.diag(R)) > last[order]])
@@ -669,8 +654,3 @@ def _errors(geometry: _Geometry, seen: _MeasuredFrames) -> FrameErrors:
     r, _ = geometry.rows(seen)
     distances, *turns = (np.linalg.norm(r[:, group.rows], axis=1) for group in seen.task.groups)
     return FrameErrors(rms(distances), float(distances.max()), rms(turns[0]) if turns else None)
-
-
-def _rms_distance(points: np.ndarray) -> float:
-    """Return the rms distance of points (M, m) from their mean."""
-    return math.sqrt(float(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))

@@ -15,14 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
 
 from ..exceptions import LogError, ParameterError
-from ..information.information import Information, fitted, position_rows
+from ..information.information import Information, fitted, position_rows, rms
 from ..information.measured_motion import Averages, MeasuredMotion, at_times
-from ..information.payload import PayloadEstimate, payload_of
+from ..information.payload import PayloadEstimate, of_load
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
 from ..models.physical_fit import PhysicalSet, physical_fit
@@ -60,10 +61,10 @@ def torque_fit(
     for _ in range(3 if names else 0):
         rows = (windows.W / noise[:, None]).reshape(windows.y.size, len(names))
         a = physical_fit(rows, (windows.y / noise).ravel(), physical, gamma=WEIGHT, near=a)
-        noise = np.maximum(columns_rms(windows.residual(a)), least)
+        noise = np.maximum(rms(windows.residual(a), 0), least)
     a = physical.center if a is None else a
     residual = windows.residual(a)
-    noise = np.maximum(columns_rms(residual) * np.sqrt(_repetition(residual)), least)
+    noise = np.maximum(rms(residual, 0) * np.sqrt(_repetition(residual)), least)
     return Information.of_rows(names, a, windows.W, residual, noise)
 
 
@@ -107,18 +108,15 @@ def load_fit(
     )
     names = [*dynamics.names[:size], *LABELS, *dynamics.names[size:]]
     found = torque_fit(names, whole, Windows(t, np.concatenate(rows), y, tau, both[0].length))
-    return payload_of(found, slice(size, size + PER_BODY), robot)
+    gradient, part = np.zeros((PER_BODY, len(names))), slice(size, size + PER_BODY)
+    value, gradient[:, part] = of_load(robot, found.estimate[part])
+    return PayloadEstimate.of(value, found.deviation(gradient))
 
 
 def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what noise (n) torques (N, n) are first assumed to have, and the least that counts."""
-    level = np.maximum(columns_rms(tau), np.finfo(float).tiny)
+    level = np.maximum(rms(tau, 0), np.finfo(float).tiny)
     return 0.05 * level, 1e-4 * level  # a tenth and ten times the first: the same
-
-
-def columns_rms(values: np.ndarray) -> np.ndarray:
-    """Return the root mean square of each column of (N, n); zero of none."""
-    return np.asarray(np.sqrt(np.sum(values**2, axis=0) / max(len(values), 1)))
 
 
 def _repetition(residual: np.ndarray) -> np.ndarray:
@@ -128,12 +126,9 @@ def _repetition(residual: np.ndarray) -> np.ndarray:
     """
     found = np.ones(residual.shape[1])
     for j, column in enumerate((residual - residual.mean(axis=0)).T):
-        size = float(column @ column)
-        for lag in range(1, len(column) // 2):
-            correlation = float(column[lag:] @ column[:-lag]) / size if size else 0.0
-            if correlation <= 0.0:
-                break
-            found[j] += 2.0 * correlation
+        size, *later = np.correlate(column, column, "full")[len(column) - 1 :]
+        for product in takewhile(lambda product: product > 0.0, later[: len(column) // 2 - 1]):
+            found[j] += 2.0 * product / size
     return found
 
 
@@ -172,54 +167,35 @@ def frames_of(log: Log, robot: Robot) -> Frames:
     return Frames(t[order], x[order])
 
 
-class PositionRows(NamedTuple):
-    """The equations of M frames, r = W (a - a_0), with a_0 the described translations.
+def position_windows(kinematics: TaskKinematics, motion: MeasuredMotion, frames: Frames) -> Windows:
+    """Return the equations of the frames within a motion, as windows of no length.
 
-    Attributes:
-        t: (M) times [s].
-        W: (M, m, p) dx/da.
-        r: (M, m) measured less described positions [m].
+    Their signal is the measured less the described position, less its mean [m].
     """
-
-    t: np.ndarray
-    W: np.ndarray
-    r: np.ndarray
-
-    @classmethod
-    def of(cls, kinematics: TaskKinematics, motion: MeasuredMotion, frames: Frames) -> PositionRows:
-        """Take the frames within a motion, at the configuration of each one's time."""
-        within, q, v = at_times(kinematics.robot.model, motion.t, motion.q, frames.t)
-        rows = position_rows(kinematics, kinematics.initial, q, v, frames.x[within])
-        return cls(frames.t[within], *rows)
-
-    def split(self, t: float) -> tuple[PositionRows, PositionRows]:
-        """Return the rows before a time [s], and those from it on."""
-        first = self.t < t
-        before, after = (PositionRows(*(one[part] for one in self)) for part in (first, ~first))
-        return before, after
-
-    def residual(self, step: np.ndarray) -> np.ndarray:
-        """Return the errors (M, m) at translations a_0 + step (p) [m]."""
-        return np.asarray(self.r - self.W @ step)
+    within, q, v = at_times(kinematics.robot.model, motion.t, motion.q, frames.t)
+    W, r = position_rows(kinematics, kinematics.initial, q, v, frames.x[within])
+    moved = r - r.mean(axis=0) if len(r) else r
+    return Windows(frames.t[within], W, r + W @ kinematics.initial, moved, 0.0)
 
 
-def position_fit(kinematics: TaskKinematics, rows: PositionRows) -> Information:
+def position_fit(kinematics: TaskKinematics, windows: Windows) -> Information:
     """Return the least-squares estimate of all translations with its information.
 
     What the motion does not identify stays as described.
     """
-    level = np.full(rows.r.shape[1], kinematics.robot.reach)
-    return fitted(kinematics.names, kinematics.initial, rows.W, rows.r, level).refined()
+    start = kinematics.initial
+    level = np.full(windows.y.shape[1], kinematics.robot.reach)
+    return fitted(kinematics.names, start, windows.W, windows.residual(start), level).refined()
 
 
 class Windows(NamedTuple):
-    """Averages over N windows of a motion.
+    """Averages over N windows of a motion, or N frames.
 
     Attributes:
         t: (N) times of their middles [s].
         W: (N, n, p) regressor.
-        y: (N, n) torque without its known part [N m or N].
-        tau: (N, n) torque [N m or N].
+        y: (N, n) torque without its known part [N m or N], or position [m].
+        tau: (N, n) torque, or how far the frame moved.
         length: of a window [s].
     """
 
@@ -230,22 +206,29 @@ class Windows(NamedTuple):
     length: float
 
     @classmethod
-    def of(
-        cls, motion: MeasuredMotion, averages: Averages, dynamics: Dynamics, *, held: bool
-    ) -> Windows:
+    def of(cls, motion: MeasuredMotion, averages: Averages, dynamics: Dynamics) -> Windows:
         """Take the windows of a motion that have no gap.
 
         Args:
             motion: the samples.
             averages: over its windows.
             dynamics: of the unknown parameters.
-            held: whether torques were held from each sample to the next; else each is of its
-                instant.
         """
-        whole = averages.whole
-        W, y = _equations(motion, averages, dynamics)
-        tau = averages.held_mean(motion.tau) if held else averages.mean(motion.tau)
-        return cls(averages.t[whole], W[whole], (tau - y)[whole], tau[whole], averages.length)
+        n, size = motion.v.shape[1], dynamics.size
+        found = np.zeros((len(averages.t), n * (size + 1)))
+        for start in range(0, len(motion.t), 1000):
+            part = slice(start, start + 1000)
+            moving, rest = [], []
+            for q, v in zip(motion.q[part], motion.v[part], strict=True):
+                Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
+                moving.append(np.column_stack([Y_M, p_0]).ravel())
+                rest.append(np.column_stack([Y_0, tau_0]).ravel())
+            found += averages.phi[:, part] @ np.array(rest)
+            found -= averages.rate[:, part] @ np.array(moving)
+        whole, both = averages.whole, found.reshape(-1, n, size + 1)
+        tau = averages.mean(motion.tau)
+        y = tau - both[:, :, size]
+        return cls(averages.t[whole], both[whole, :, :size], y[whole], tau[whole], averages.length)
 
     def between(self, first: float, last: float) -> Windows:
         """Return the windows that lie wholly between two times [s]."""
@@ -257,23 +240,3 @@ class Windows(NamedTuple):
     def residual(self, a: np.ndarray) -> np.ndarray:
         """Return y - W a (N, n) [N m or N] at parameters a (p)."""
         return np.asarray(self.y - self.W @ a)
-
-
-def _equations(
-    motion: MeasuredMotion, averages: Averages, dynamics: Dynamics
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return W (K, n, p) and the averages (K, n) of the known part of the torque."""
-    size = dynamics.size
-    n = motion.v.shape[1]
-    found = np.zeros((len(averages.t), n * (size + 1)))
-    for start in range(0, len(motion.t), 1000):
-        part = slice(start, start + 1000)
-        moving, rest = [], []
-        for q, v in zip(motion.q[part], motion.v[part], strict=True):
-            Y_M, Y_0, p_0, tau_0 = dynamics.momentum(q, v)
-            moving.append(np.column_stack([Y_M, p_0]).ravel())
-            rest.append(np.column_stack([Y_0, tau_0]).ravel())
-        found += averages.phi[:, part] @ np.array(rest)
-        found -= averages.rate[:, part] @ np.array(moving)
-    both = found.reshape(-1, n, size + 1)
-    return both[:, :, :size], both[:, :, size]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import positive
+from .._checks import name_list, positive
 from ..adaptation.adaptation import Adaptation
 from ..controller.estimator import Estimator
 from ..exceptions import InputError, LogError, ParameterError, TorqueMismatchError
@@ -21,7 +21,7 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log, joined, starts_of
 from ..models.physical_fit import physical_set
 from ..models.task_kinematics import TaskKinematics
-from ..models.translations import FIRST, PlacedTranslations
+from ..models.translations import FIRST
 from ..robot.loading import load
 from ..robot.motors import compensation_of
 from ..robot.robot import Robot
@@ -29,20 +29,20 @@ from ..rollout.rollout import Rollout
 from ..simulation.simulate import Progress, watched
 from ..tasks.task import JointTask
 from ..tuning.make_controller import make_estimator
-from ..tuning.unknowns import Unknown, nominal_dynamics
+from ..tuning.unknowns import EFFECTS, Unknown, nominal_dynamics
 from .fits import (
     Frames,
-    PositionRows,
     Windows,
     frames_of,
     load_fit,
     position_fit,
+    position_windows,
     torque_fit,
 )
 from .logged_motion import motion_of_log
 from .online_estimates import estimate_online, measurements
 from .report import Identification
-from .selection import choose_effects
+from .selection import choose_effects, with_shafts
 from .torque_check import TorqueCheck, check_torques, on_wall
 
 _FEWEST = 4  # windows, both in the fitted and in the held-out part
@@ -121,12 +121,14 @@ def identify(
     split = float(motion.t[-1] - share * (motion.t[-1] - motion.t[0]))
     if tests:
         split = starts[len(sources)] + float(logs[len(sources)].t[0]) - 0.5 * _PAUSE
-    rows = PositionRows.of(kinematics, motion, frames)
-    located = position_fit(kinematics, rows.split(split)[0] if tests else rows)
+    seen = position_windows(kinematics, motion, frames)
+    seen_first = seen.between(-np.inf, split)
+    located = position_fit(kinematics, seen_first if tests else seen)
     placed = _placed(nominal, kinematics, located.estimate)
     averages = Averages(motion.t, found.period)
-    bodies = nominal_dynamics(placed, unknown, ()).inertial
-    windows = Windows.of(motion, averages, bodies, held=found.held)
+    whole = replace(unknown, friction=True, armature=True, effects=EFFECTS)
+    everything = nominal_dynamics(with_shafts(placed), whole, ())
+    windows = Windows.of(motion, averages, everything)
     first = windows.between(-np.inf, split)
     if min(len(first.t), len(windows.t) - len(first.t)) < _FEWEST:
         raise LogError(
@@ -143,25 +145,28 @@ def identify(
             motion,
             averages,
             first,
-            physical_set(bodies, nominal),
+            everything,
+            physical_set(everything.inertial, nominal),
             armature=given.armature is None,
             effects=others,
         )
         nominal, placed = (replace(one, friction=effects.friction) for one in (nominal, placed))
-        given = replace(given, **effects.unknown(given))
+        said = name_list(given.effects, "unknown.effects")
+        known = bool(given.armature)
+        given = replace(given, effects=(*said, *effects.words), armature=known)
         unknown = replace(given, regressor="nominal").with_joints()
         estimator = _estimator(nominal, unknown, adaptation, found.period)
     dynamics, model = estimator.controller.dynamics, nominal_dynamics(placed, unknown, ())
     names, physical = dynamics.names, physical_set(dynamics, nominal)
-    windows = Windows.of(motion, averages, model, held=found.held)
+    windows = Windows.of(motion, averages, model)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows
     load_estimate = None
     for one in without:
         still = motion_of_log(nominal, one)
-        bare = Windows.of(still, Averages(still.t, one.period), model, held=one.held)
+        bare = Windows.of(still, Averages(still.t, one.period), model)
         load_estimate = load_fit(model, physical_set(model, nominal), (learned_from, bare), nominal)
-    recorded = measurements(motion_of_log(nominal, first_log), frames, held=first_log.held)
+    recorded = measurements(motion_of_log(nominal, first_log), frames)
     steps = watched(range(len(first_log.t)), progress, "online")
     samples = (sample for sample, _ in zip(recorded, steps, strict=False))
     return Identification(
@@ -170,14 +175,14 @@ def identify(
         described=described,
         estimator=estimator,
         windows=windows,
-        rows=rows,
+        rows=seen,
         split=split,
         dynamic=torque_fit(names, physical, learned_from),
         kinematic=located,
         before_split=torque_fit(names, physical, first).estimate,
         unknown=unknown,
         effects=effects,
-        position_before_split=position_fit(kinematics, rows.split(split)[0]).estimate,
+        position_before_split=position_fit(kinematics, seen_first).estimate,
         online=estimate_online(estimator, samples, len(first_log.t)),
         tested=tuple(one.source for one in logs[len(sources) :]),
         load=load_estimate,
@@ -193,11 +198,12 @@ def _several(given: Any) -> tuple[Any, ...]:
 
 def _motion_of(robot: Robot, logs: Sequence[Log]) -> MeasuredMotion:
     """Return the motions of logs one after another, as in ``joined``; each is smoothed alone."""
-    parts = [motion_of_log(robot, log) for log in logs]
-    shifts = starts_of(logs, _PAUSE)
-    t = np.concatenate([part.t + shift for part, shift in zip(parts, shifts, strict=True)])
-    q, v, a, tau = (np.concatenate([part[k] for part in parts]) for k in range(1, 5))
-    return MeasuredMotion(t, q, v, a, tau, any(part.smoothed for part in parts))
+    parts = [
+        (log_motion := motion_of_log(robot, log))._replace(t=log_motion.t + start)
+        for log, start in zip(logs, starts_of(logs, _PAUSE), strict=True)
+    ]
+    *arrays, smoothed = zip(*parts, strict=True)
+    return MeasuredMotion._make([*map(np.concatenate, arrays), any(smoothed)])
 
 
 def _estimator(
@@ -251,7 +257,7 @@ def _placed(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Robot:
     if all(part.joint in (None, FIRST) for part in kinematics.translations):
         return robot
     model = robot.model.copy()
-    PlacedTranslations(model, robot.frame_id, kinematics.translations).write(a_k)
+    kinematics.write(model, a_k)
     return replace(robot, model=model)
 
 

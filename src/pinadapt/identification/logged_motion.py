@@ -17,6 +17,8 @@ _TOLERANCE = 5e-3
 def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:
     """Return the motion in a log at its own times, without samples that are not finite.
 
+    Torques that were held are interpolated between the middles of their periods, by cubics.
+
     Args:
         robot: whose joints were recorded.
         log: of the motion.
@@ -24,8 +26,11 @@ def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:
     Raises:
         LogError: fewer than two samples are finite.
     """
-    q = log.configurations(robot)
-    signals = np.hstack([q, log.tau, *([] if log.v is None else [log.v])])
+    q, tau = log.configurations(robot), log.tau
+    if log.held:
+        around = np.pad(tau, ((2, 1), (0, 0)), mode="edge")
+        tau = (9.0 * (around[1:-2] + around[2:-1]) - around[:-3] - around[3:]) / 16.0
+    signals = np.hstack([q, tau, *([] if log.v is None else [log.v])])
     finite = np.isfinite(signals).all(axis=1)
     if np.count_nonzero(finite) < 2:
         raise LogError(
@@ -34,5 +39,5 @@ def motion_of_log(robot: Robot, log: Log) -> MeasuredMotion:
             hint="Record all joints at the same times, or interpolate.",
         )
     v = None if log.v is None else log.v[finite]
-    parts = log.t[finite], q[finite], v, log.tau[finite]
+    parts = log.t[finite], q[finite], v, tau[finite]
     return measured_motion(robot.model, *parts, log.period, CUTOFF, _TOLERANCE)

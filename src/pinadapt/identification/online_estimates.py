@@ -66,16 +66,15 @@ def estimate_online(
     return OnlineEstimates(np.array(t), np.array(a_k), np.array(a_d), state)
 
 
-def measurements(motion: MeasuredMotion, frames: Frames, *, held: bool) -> Iterator[Measurement]:
+def measurements(motion: MeasuredMotion, frames: Frames) -> Iterator[Measurement]:
     """Yield one measurement a sample: q, v, the mean torque since the last one, x if there is one.
 
     Args:
         motion: of a log.
         frames: of the log.
-        held: whether torques were held from each sample to the next.
     """
     tau = motion.tau
-    mean = np.vstack([tau[:1], tau[:-1] if held else 0.5 * (tau[1:] + tau[:-1])])
+    mean = 0.5 * (tau + np.vstack([tau[:1], tau[:-1]]))
     last = np.searchsorted(frames.t, motion.t, side="right") - 1
     new = np.diff(last, prepend=-1) > 0
     for k, t in enumerate(motion.t.tolist()):

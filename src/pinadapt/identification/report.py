@@ -14,19 +14,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Sheet, Table, html_page, whole_file, write_text
+from .._output import Printed, Sheet, Table, cell, html_page, whole_file, write_text
 from .._version import __version__
 from ..adaptation.adaptation import Estimate
 from ..controller.estimator import Estimator
 from ..controller.learned import LearnedParameters
 from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
-from ..information.information import Excitation, Information, known_to
+from ..information.information import CERTAIN, Excitation, Information, lateness, rms
 from ..information.measured_motion import Averages, MeasuredMotion
 from ..information.payload import (
     ArmPrior,
     PayloadEstimate,
     described_robot,
+    described_values,
     payload_estimate,
     payload_of_uncertain_arm,
 )
@@ -34,7 +35,7 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import PositionRows, Windows, columns_rms
+from .fits import Windows
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
 from .torque_check import TorqueCheck
@@ -52,6 +53,16 @@ FILES = (
 )
 
 
+class Parameter(NamedTuple):
+    """An identified parameter: described, value and known_to in its unit."""
+
+    name: str
+    described: float
+    value: float
+    known_to: float
+    unit: str
+
+
 class Errors(NamedTuple):
     """Root mean squares over time of n joints or m coordinates.
 
@@ -67,25 +78,10 @@ class Errors(NamedTuple):
     learned_held_out: np.ndarray
     gain: float | None
 
-    @classmethod
-    def of(cls, signal: np.ndarray, described: np.ndarray, learned: np.ndarray) -> Errors:
-        """Take the signal (N, n), and the errors in the held-out part (K, n)."""
-        size, before, after = map(columns_rms, (signal, described, learned))
-        return cls(size, before, after, rms(before) / rms(after) if rms(after) > 0.0 else None)
-
     def change(self, scale: float = 1.0) -> str:
         """Return the errors of the held-out part before and after, in words."""
         both = self.described_held_out, self.learned_held_out
         return " -> ".join(f"{scale * rms(part):.3g}" for part in both)
-
-
-_CERTAIN = 5.0  # deviations of a lateness that is told; half: healthy logs are told of, double:
-# twice the lateness passes
-
-
-def rms(values: np.ndarray) -> float:
-    """Return the root mean square of all numbers; NaN of none."""
-    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else np.nan
 
 
 def plain(value: Any) -> Any:
@@ -104,7 +100,7 @@ def plain(value: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
+class Identification(Printed):
     """A robot identified from a log, in SI units; ``print`` shows a report.
 
     Attributes:
@@ -134,7 +130,7 @@ class Identification:
     described: Robot
     estimator: Estimator
     windows: Windows
-    rows: PositionRows
+    rows: Windows
     split: float
     dynamic: Information
     kinematic: Information
@@ -167,8 +163,7 @@ class Identification:
 
     def parameters(self) -> LearnedParameters:
         """Return the estimates by name and their information, from which a controller can start."""
-        rows = self.dynamic.equations[0][: self.dynamic.rank]
-        return LearnedParameters.of(self.estimator.controller, self.state, rows=rows)
+        return LearnedParameters.of(self.estimator.controller, self.state, rows=self.dynamic.R)
 
     def payload(self) -> PayloadEstimate:
         """Return the load that best explains the change of all bodies, and what else does.
@@ -195,46 +190,33 @@ class Identification:
     def described_parameters(self) -> np.ndarray:
         """The dynamic parameters (p_d) of the description, its friction and rotors included."""
         controller = self.estimator.controller
-        value = controller.dynamics.value(controller.kinematics.robot)
-        return controller.dynamics.initial if value is None else value
-
-    @cached_property
-    def _held_out(self) -> Windows:
-        return self.windows.between(self.split, np.inf)
+        return described_values(controller.dynamics, controller.kinematics.robot)
 
     @cached_property
     def torque_errors(self) -> Errors:
         """Errors of the window-averaged torques of the joints (n) [N m or N]."""
-        last = self._held_out
-        before = last.residual(self.described_parameters)
-        return Errors.of(self.windows.tau, before, last.residual(self.before_split))
+        return self._errors(self.windows, self.described_parameters, self.before_split)
 
     @cached_property
     def online_held_out(self) -> np.ndarray:
         """Errors (n) of the held-out torques with the online estimate at the split [N m or N]."""
-        return columns_rms(self._held_out.residual(self.online.at(self.split)))
+        last = self.windows.between(self.split, np.inf)
+        return np.asarray(rms(last.residual(self.online.at(self.split)), 0))
 
     @cached_property
     def late(self) -> tuple[float, float]:
-        """How much later the torques seem to be than the positions, and its deviation [s].
-
-        The torque's rate as one more column, beside which all parameters are fitted again.
-        """
-        averages = Averages(self.motion.t, self.log.period)
-        left = self.windows.residual(self.dynamic.estimate)
-        noise = np.sqrt(np.mean(left**2, axis=0)) + np.finfo(float).tiny
-        column = (-averages.derivative(self.motion.tau)[averages.whole] / noise).ravel()
-        rows = (self.windows.W / noise[:, None]).reshape(column.size, -1)
-        own = column - rows @ np.linalg.lstsq(rows, column, rcond=None)[0]
-        size = float(own @ own)
-        return float(own @ (left / noise).ravel()) / size, 1.0 / np.sqrt(size)
+        """How much later the torques seem to be than the positions, and its deviation [s]."""
+        averages, a = Averages(self.motion.t, self.log.period), self.dynamic.estimate
+        left = self.windows.residual(a)
+        rate = averages.derivative(self.motion.tau)[averages.whole]
+        return lateness(a, self.windows.W, left, rate, rms(left, 0) + np.finfo(float).tiny)
 
     def _notes(self) -> Iterator[str]:
         """Yield what a user should look at: another clock, bodies that became others."""
         if not self.dynamic.names:
             return
         late, known = self.late
-        if abs(late) > _CERTAIN * known:
+        if abs(late) > CERTAIN * known:
             yield (
                 f"the torques seem to be {1e3 * late:.2g} +- {1e3 * known:.1g} ms later than the "
                 "positions; part of this is learned as friction and inertia."
@@ -249,12 +231,18 @@ class Identification:
     @cached_property
     def position_errors(self) -> Errors | None:
         """Errors of the positions (m) [m], or None where no translation was estimated."""
-        rows, start = self.rows, self.estimator.controller.kinematics.initial
-        if not len(rows.t) or not self.kinematic.names:
+        if not len(self.rows.between(self.split, np.inf).t) or not self.kinematic.names:
             return None
-        last = rows.split(self.split)[1]
-        after = last.residual(self.position_before_split - start)
-        return Errors.of(rows.r - rows.r.mean(axis=0), last.r, after)
+        start = self.estimator.controller.kinematics.initial
+        return self._errors(self.rows, start, self.position_before_split)
+
+    def _errors(self, windows: Windows, described: np.ndarray, learned: np.ndarray) -> Errors:
+        """Return the errors of two parameters (p) in the held-out part."""
+        last = windows.between(self.split, np.inf)
+        size, before, after = (
+            rms(part, 0) for part in (windows.tau, last.residual(described), last.residual(learned))
+        )
+        return Errors(size, before, after, rms(before) / rms(after) if rms(after) > 0.0 else None)
 
     @property
     def trusted(self) -> bool:
@@ -303,12 +291,12 @@ class Identification:
         except ParameterError:
             return None
 
-    def _rows(self, part: Information, described: np.ndarray) -> list[dict[str, Any]]:
-        """Return a record of each parameter: name, described, value, known_to, unit."""
-        units, columns = self.parameters().units, ("described", "value", "known_to")
+    def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
+        """Return a record of each parameter."""
+        units = self.parameters().units
         numbers = np.column_stack([described, part.estimate, part.deviations]).tolist()
         return [
-            {"name": name, **dict(zip(columns, row, strict=True)), "unit": units.get(name, "")}
+            Parameter._make([name, *row, units.get(name, "")])
             for name, row in zip(part.names, numbers, strict=True)
         ]
 
@@ -347,7 +335,7 @@ class Identification:
         """Return the numbers of ``summary.json``; None stands for what is not finite."""
         return dict(plain(self._record))
 
-    def _sheet(self, compared: Mapping[str, Robot] | None = None) -> Sheet:
+    def sheet(self, compared: Mapping[str, Robot] | None = None) -> Sheet:
         """Return the whole report, with the held-out errors of other models by name.
 
         Raises:
@@ -355,7 +343,7 @@ class Identification:
         """
         of = self._record
         rows = [
-            (name.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+            (name.replace("_", " "), cell(value))
             for name, value in of.items()
             if isinstance(value, str | float | int) and name != "verdict"
         ]
@@ -367,23 +355,12 @@ class Identification:
             tables.append(self.check.table())
         if self.dynamic.names:
             tables.append(self._torque_table(compared or {}))
-        gains = [
-            (one.words, f"{one.share:.1%}", f"+- {one.deviation:.1%}") for one in of["effects"]
-        ]
-        if gains:
-            what = "effect of the joints, beside viscous and Coulomb friction"
-            tables.append(Table(gains, (what, "lowers the squared error by", "")))
         if of["payload"] is not None:
             tables.append(of["payload"].table())
-        for parameters in filter(None, (of["kinematic"], of["dynamic"])):
-            cells = [
-                (one["name"], f"{one['described']:.4g}", f"{one['value']:.4g}",
-                 known_to(one["known_to"]), one["unit"])
-                for one in parameters
-                if np.isfinite(one["known_to"])
-            ]  # fmt: skip
-            header = ("parameter", "described", "learned", "known to", "unit")
-            tables.append(Table(cells, header))
+        for part in ("effects", "kinematic", "dynamic"):
+            records = [one for one in of[part] if np.isfinite(getattr(one, "known_to", 0.0))]
+            if records:
+                tables.append(Table.of(records)._replace(title=part))
         title = f"{self.described.name}, identified from {self.log.source}"
         return Sheet(title, tables, self.verdict)
 
@@ -403,8 +380,8 @@ class Identification:
             nothing = Unknown(bodies="none", friction=False, armature=False)
             dynamics = nominal_dynamics(robot, nothing, ())
             averages = Averages(self.motion.t, self.log.period)
-            windows = Windows.of(self.motion, averages, dynamics, held=self.log.held)
-            others[name] = columns_rms(windows.between(self.split, np.inf).y)
+            windows = Windows.of(self.motion, averages, dynamics)
+            others[name] = rms(windows.between(self.split, np.inf).y, 0)
         columns = {
             "torque": errors.size,
             "described": errors.described_held_out,
@@ -421,12 +398,7 @@ class Identification:
 
     def report(self) -> str:
         """Return the estimates, their prediction errors, and what is not identifiable."""
-        return str(self._sheet())
-
-    __repr__ = report
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
+        return str(self)
 
     def save(self, folder: Path | str, *, mjcf: bool = False) -> None:
         """Write ``learned.urdf``, ``learned.json``, ``estimates.npz`` and ``summary.json``.
@@ -474,7 +446,7 @@ class Identification:
         Raises:
             ParameterError: a compared robot has other joints.
         """
-        whole = self._sheet(compared)
+        whole = self.sheet(compared)
         data = b64encode(self.plot().torque.png(dpi=100)).decode()
         parts = [
             f"<h1>{escape(whole.title)}</h1>",

@@ -26,13 +26,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from threadpoolctl import threadpool_limits
 
-from .._output import Sheet, Table
+from .._output import Printed, Sheet, Table, cell
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import LogError
+from ..information.information import Information, rms
 from ..information.measured_motion import Averages
 from ..logs.log import Log
-from ..models.regressor import PER_BODY
+from ..models.regressor import LABELS, PER_BODY
 from ..robot.robot import Robot
 from .logged_motion import motion_of_log
 
@@ -77,7 +79,7 @@ class JointFactor(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TorqueCheck:
+class TorqueCheck(Printed):
     """The comparison of a log with a description; ``print`` shows a table.
 
     Attributes:
@@ -116,17 +118,14 @@ class TorqueCheck:
 
     def table(self) -> Table:
         """Return one row for each joint."""
-        header = ("joint", "torque, rms", "described", "factor", "correlation", "")
         rows = [
-            (
-                one.joint,
-                *(f"{value:.3g}" for value in (one.torque, one.described)),
-                *(f"{value:.2f}" for value in (one.factor, one.correlation)),
+            [
+                *map(cell, one[:5]),
                 ("fits" if one.fits else "DOES NOT FIT") if one.judged else "too little to judge",
-            )
+            ]
             for one in self.joints
         ]
-        return Table(rows, header)
+        return Table(rows, [*JointFactor._fields[:5], ""])
 
     def summary(self) -> dict[str, Any]:
         """Return all numbers and words for a file."""
@@ -136,11 +135,8 @@ class TorqueCheck:
         """Return table and verdict."""
         return Sheet(f"torques of {self.source}", [self.table()], self.verdict)
 
-    def __repr__(self) -> str:
-        """Return table and verdict."""
-        return str(self.sheet())
 
-
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     """Compare the torques of a log with those that a description predicts.
 
@@ -154,12 +150,11 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
     motion = _averages(log, robot)
     if not len(motion.q):
         return TorqueCheck(log.source, (), ())
-    comparison = _Comparison(motion, robot)
-    plain = comparison.fit(motion)
-    likely = sorted(
-        (one for one in comparison.mistakes(named=bool(log.joints)) if one[1].fits.all()),
-        key=lambda one: one[1].score,
+    plain = _fit(motion, robot)
+    undone = (
+        (cause, _fit(other, robot, **options)) for cause, other, options in _mistakes(motion, robot)
     )
+    likely = sorted((one for one in undone if one[1].fits.all()), key=lambda one: one[1].score)
     causes: list[str] = []
     if likely and (not plain.fits.all() or likely[0][1].score < plain.score - _SURELY):
         best = likely[0][1].score
@@ -171,13 +166,8 @@ def check_torques(log: Log, robot: Robot) -> TorqueCheck:
             for j in np.flatnonzero(~plain.fits)
         ]
         causes = [f"{'; '.join(shown)}, and no single mistake explains that"]
-    numbers = np.sqrt(np.mean(motion.tau**2, axis=0)), plain.described, plain.factor
-    rows = zip(
-        robot.joint_names,
-        *(part.tolist() for part in (*numbers, plain.correlation, plain.judged, plain.fits)),
-        strict=True,
-    )
-    joints = tuple(JointFactor._make(row) for row in rows)
+    columns = (part.tolist() for part in (rms(motion.tau, 0), *plain[:5]))
+    joints = tuple(map(JointFactor, robot.joint_names, *columns))
     return TorqueCheck(log.source, joints, tuple(causes), plain.load)
 
 
@@ -192,8 +182,7 @@ def on_wall(log: Log, robot: Robot) -> Robot:
         LogError: the torques fit no direction of gravity, or one along the third axis best.
     """
     motion = _averages(log, robot)
-    comparison = _Comparison(motion, robot)
-    fits = [(gravity, comparison.fit(motion, gravity)) for gravity in comparison.mountings()]
+    fits = [(gravity, _fit(motion, robot, gravity)) for gravity in _mountings(robot)]
     gravity, likeliest = min(fits, key=lambda one: one[1].score)
     if gravity[2] or not likeliest.fits.all():
         raise LogError(
@@ -238,27 +227,28 @@ def _averages(log: Log, robot: Robot) -> _Motion:
     if model.nq != model.nv:
         angles = np.unwrap([angles_from_configuration(model, q) for q in motion.q], axis=0)
     averages = Averages(motion.t, log.period)
+    whole = np.flatnonzero(averages.whole)
     # twice as many windows give the same verdicts on the real logs
-    some = np.unique(np.linspace(0, averages.whole.sum() - 1, 125).astype(int))
+    some = whole[np.unique(np.linspace(0, len(whole) - 1, min(len(whole), 125)).astype(int))]
     parts = angles, motion.v, motion.a, motion.tau, np.tanh(motion.v / 0.02)
-    return _Motion(*(averages.mean(part)[averages.whole][some] for part in parts))
+    return _Motion(*(averages.mean(part)[some] for part in parts))
 
 
 class _Fit(NamedTuple):
     """A comparison of torques with described ones, arrays (n).
 
     Attributes:
-        factor, correlation: see the module.
         described: root mean squares without friction [N m or N].
+        factor, correlation: see the module.
         judged: whether the description predicts enough of each joint.
         fits: whether each joint is as described, as far as it is judged.
         left: what neither the description nor friction explains, a share of the torque.
         load: that was taken off [kg].
     """
 
+    described: np.ndarray
     factor: np.ndarray
     correlation: np.ndarray
-    described: np.ndarray
     judged: np.ndarray
     fits: np.ndarray
     left: np.ndarray
@@ -271,151 +261,116 @@ class _Fit(NamedTuple):
         return own + 0.5 * _SURELY if self.load else own
 
 
-def _fit(
-    motion: _Motion, tau: np.ndarray, described: np.ndarray, sizes: np.ndarray, load: float
-) -> _Fit:
-    """Return the comparison of torques (K, n), without those of a load, with described ones.
+def _each(motion: _Motion, model: pin.Model, function: Any) -> np.ndarray:
+    """Return a function of configuration, velocity and acceleration in each window."""
+    data, q = model.createData(), motion.q
+    if model.nq != model.nv:
+        q = np.array([configuration_from_angles(model, row) for row in q])
+    states = zip(q, motion.v, motion.a, strict=True)
+    return np.array([function(model, data, *each).copy() for each in states])
 
-    Residuals are relative to ``sizes`` (n).
+
+def _fit(
+    motion: _Motion,
+    robot: Robot,
+    gravity: np.ndarray | None = None,
+    added: np.ndarray | float = 0.0,
+) -> _Fit:
+    """Return the likelier fit of those without and with a load that is not described.
+
+    The load is that on the last body which best explains what the description leaves, near a usual
+    one. One that is heavier than an arm can carry, or lack, or farther away than it reaches is
+    taken in part.
+    Residuals are relative to the torques of the motion, less what is ``added`` (K, n).
     """
+    model = robot.model.copy()
+    if gravity is not None:
+        model.gravity.linear = gravity
+    d, tau = _each(motion, model, pin.rnea), motion.tau + added
+    bare = _compared(motion, tau, d)
+    usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
+    usual *= _HEAVIEST ** np.repeat([1, 2, 3], [1, 3, 6])
+    Y = _each(motion, model, pin.computeJointTorqueRegressor)[:, :, -PER_BODY:] * usual
+    rows = motion.without_friction(np.concatenate([Y, (tau - d)[..., None]], axis=2))
+    noise = np.hypot(bare.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
+    none = np.zeros(PER_BODY)
+    x = Information.of_rows(LABELS, none, rows[..., :-1], rows[..., -1], noise, 1.0).correction
+    body, mass = float(model.inertias[model.njoints - 1].mass), float(x[0] * usual[0])
+    moment = float(np.linalg.norm(x[1:4])) * usual[1]
+    body = max(body, _EPS)
+    heavy, far = mass / (_HEAVIEST * robot.mass), moment / robot.reach / max(mass, body)
+    share = max(1.0, heavy, -mass / body, far)
+    loaded = _compared(motion, tau - Y @ x / share, d, mass / share)
+    fits = bare.fits if bare.fits.all() else loaded.fits & (share == 1.0)
+    return min(bare, loaded, key=lambda one: one.score)._replace(fits=fits)
+
+
+def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray, load: float = 0.0) -> _Fit:
+    """Return the comparison of torques (K, n), without those of a load, with described ones."""
     from scipy.optimize import nnls  # here, because scipy is slow to import
 
-    both = motion.without_friction(np.stack([tau, described], axis=2))
-    t, d = both[..., 0], both[..., 1]
-    size, level = (np.maximum(np.linalg.norm(part, axis=0), _EPS) for part in (d, t))
-    factor = (t * d).sum(axis=0) / size**2
+    both = motion.without_friction(np.stack([tau, d], axis=2))
+    level, size = np.maximum(np.linalg.norm(both, axis=0), _EPS).T
+    factor = both.prod(axis=2).sum(axis=0) / size**2
     correlation = factor * size / level
     clear = (np.abs(correlation) >= _CLEAR) | (size >= _LEAST * level)
     judged = clear & (size > _VISIBLE * size.max())
     inside = (factor >= _FACTORS[0]) & (factor <= _FACTORS[1]) & (correlation >= _LEAST)
-    rest = tau - np.clip(factor, *_USUAL) * described
+    rest = tau - np.clip(factor, *_USUAL) * d
     left = [nnls(columns, part)[1] for columns, part in zip(motion.friction, rest.T, strict=True)]
-    shares = np.minimum(np.array(left) / sizes, 1.0)
+    shares = np.minimum(left / np.maximum(np.linalg.norm(motion.tau, axis=0), _EPS), 1.0)
     described = size / math.sqrt(len(tau))
-    return _Fit(factor, correlation, described, judged, ~judged | inside, shares, load)
+    return _Fit(described, factor, correlation, judged, ~judged | inside, shares, load)
 
 
-class _Comparison:
-    """A motion beside a description, and what mistakes would make of them."""
-
-    def __init__(self, motion: _Motion, robot: Robot) -> None:
-        self._motion, self._robot, self._model = motion, robot, robot.model.copy()
-        self._data, self._down = self._model.createData(), np.array(robot.model.gravity.linear)
-
-    def fit(
-        self,
-        motion: _Motion,
-        gravity: np.ndarray | None = None,
-        added: np.ndarray | float = 0.0,
-    ) -> _Fit:
-        """Return the likelier fit of those without and with a load that is not described.
-
-        Residuals are relative to the torques of the motion, less what is ``added``.
-        """
-        self._model.gravity.linear = self._down if gravity is None else gravity
-        sizes = np.maximum(np.linalg.norm(motion.tau, axis=0), _EPS)
-        d, tau = self._each(motion, pin.rnea), motion.tau + added
-        bare = _fit(motion, tau, d, sizes, 0.0)
-        noise = np.hypot(bare.left, _LEAST_RESIDUAL) * sizes / math.sqrt(len(tau))
-        mass, torque, whole = self._load(motion, tau - d, noise)
-        loaded = _fit(motion, tau - torque, d, sizes, mass)
-        fits = bare.fits if bare.fits.all() else loaded.fits & whole
-        return min(bare, loaded, key=lambda one: one.score)._replace(fits=fits)
-
-    def _each(self, motion: _Motion, function: Any) -> np.ndarray:
-        """Return a function of configuration, velocity and acceleration in each window."""
-        model, data, q = self._model, self._data, motion.q
-        if model.nq != model.nv:
-            q = np.array([configuration_from_angles(model, row) for row in q])
-        states = zip(q, motion.v, motion.a, strict=True)
-        return np.array([function(model, data, *each).copy() for each in states])
-
-    def _load(
-        self, motion: _Motion, rest: np.ndarray, noise: np.ndarray
-    ) -> tuple[float, np.ndarray, bool]:
-        """Return the load on the last body that best explains a rest (K, n), near a usual one.
-
-        One that is heavier than an arm can carry, or lack, or farther away than it reaches is taken
-        in part.
-
-        Returns:
-            Its mass [kg], its torque (K, n), and whether it is the whole of it.
-        """
-        robot = self._robot
-        usual = robot.mass * np.repeat([1.0, robot.reach, robot.reach**2], [1, 3, 6])
-        usual *= _HEAVIEST ** np.repeat([1, 2, 3], [1, 3, 6])
-        Y = self._each(motion, pin.computeJointTorqueRegressor)[:, :, -PER_BODY:] * usual
-        rows = motion.without_friction(np.concatenate([Y, rest[..., None]], axis=2))
-        rows = (rows / noise[:, None]).reshape(-1, PER_BODY + 1)
-        H = rows.T @ rows
-        x = np.linalg.solve(H[:-1, :-1] + np.eye(PER_BODY), H[:-1, -1])
-        body = max(float(self._model.inertias[self._model.njoints - 1].mass), _EPS)
-        mass, moment = float(x[0] * usual[0]), np.linalg.norm(x[1:4]) * usual[1]
-        parts = (
-            mass / (_HEAVIEST * robot.mass),
-            -mass / body,
-            moment / robot.reach / max(mass, body),
+def _mistakes(
+    motion: _Motion, robot: Robot
+) -> Iterator[tuple[str, _Motion, dict[str, np.ndarray]]]:
+    """Yield the usual mistakes, and the motion and the options of ``_fit`` that undo each."""
+    names = robot.joint_names
+    for gravity in _mountings(robot):
+        option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in gravity)}"
+        yield f"the base is mounted another way; {option}", motion, {"gravity": gravity}
+    cause = "they are without gravity, which the arm adds; --compensated nominal"
+    rest = np.zeros_like(motion.v)
+    weight = _each(motion._replace(v=rest, a=rest), robot.model, pin.rnea)
+    yield cause, motion, {"added": weight}
+    slides = np.array(list(robot.slides.values()))
+    degrees = motion.turned(np.where(slides, 1.0, math.radians(1.0)))
+    yield "the angles are degrees; --degrees", degrees, {}
+    whole = np.arange(len(names))
+    for j, name in enumerate(names):
+        sign = np.where(whole == j, -1.0, 1.0)
+        cause = f"the torque of {name} has the wrong sign; --flip {name}"
+        yield cause, motion._replace(tau=motion.tau * sign), {}
+        cause = f"the position of {name} has the wrong sign; --flip q:{name}"
+        yield cause, motion.turned(sign), {}
+    for i, j in combinations(range(len(names)), 2):
+        order = whole.copy()
+        order[[i, j]] = j, i
+        listed, pair = ",".join(names[k] for k in order), f"{names[i]} and {names[j]}"
+        cause = f"the columns of {pair} are swapped; --joints {listed}"
+        yield cause, _Motion(*(part[:, order] for part in motion)), {}
+        cause = f"the torques of {pair} are swapped; --joints tau:{listed}"
+        yield cause, motion._replace(tau=motion.tau[:, order]), {}
+    cause = "the torque of all joints has the wrong sign; --torque-gain=-1"
+    yield cause, motion._replace(tau=-motion.tau), {}
+    bare = _compared(motion, motion.tau, _each(motion, robot.model, pin.rnea))
+    factors = bare.factor[bare.judged & (np.abs(bare.correlation) >= _CLEAR)]
+    if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1]:
+        common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
+        cause = (
+            f"all torques are about {common:.2g} times the described ones, as motor currents "
+            f"(A) or torques before the gear are; --torque-gain={1.0 / common:.3g}, or rather "
+            "the data sheet's gains"
         )
-        share = max(1.0, *parts)
-        return mass / share, Y @ x / share, bool(share == 1.0)
+        yield cause, motion._replace(tau=motion.tau / common), {}
 
-    def mistakes(self, *, named: bool) -> Iterator[tuple[str, _Fit]]:
-        """Yield all mistakes that are considered, and the fit when each is undone.
 
-        Args:
-            named: whether the log names its joints.
-        """
-        motion, names, fit = self._motion, self._robot.joint_names, self.fit
-        n = len(names)
-        for gravity in self.mountings():
-            option = f"--gravity={','.join(f'{x + 0.0:.3g}' for x in gravity)}"
-            yield f"the base is mounted another way; {option}", fit(motion, gravity)
-        self._model.gravity.linear = self._down
-        rest = np.zeros_like(motion.v)
-        weight = self._each(motion._replace(v=rest, a=rest), pin.rnea)
-        cause = "they are without gravity, which the arm adds; --compensated nominal"
-        yield cause, fit(motion, added=weight)
-        slides = np.array(list(self._robot.slides.values()))
-        degrees = motion.turned(np.where(slides, 1.0, math.radians(1.0)))
-        yield "the angles are degrees; --degrees", fit(degrees)
-        whole = np.arange(n)
-        for j, name in enumerate(names):
-            sign = np.where(whole == j, -1.0, 1.0)
-            cause = f"the torque of {name} has the wrong sign; --flip {name}"
-            yield cause, fit(motion._replace(tau=motion.tau * sign))
-            cause = f"the position of {name} has the wrong sign; --flip q:{name}"
-            yield cause, fit(motion.turned(sign))
-        for i, j in combinations(range(n), 2):
-            order = whole.copy()
-            order[[i, j]] = j, i
-            listed, pair = ",".join(names[k] for k in order), f"{names[i]} and {names[j]}"
-            cause = f"the columns of {pair} are swapped; --joints {listed}"
-            yield cause, fit(_Motion(*(part[:, order] for part in motion)))
-            cause = f"the torques of {pair} are swapped; --joints tau:{listed}"
-            yield cause, fit(motion._replace(tau=motion.tau[:, order]))
-        yield from self._gains()
-
-    def _gains(self) -> Iterator[tuple[str, _Fit]]:
-        """Yield explanations by factors of the torques: all joints' sign, a unit, a gear."""
-        motion = self._motion
-        cause = "the torque of all joints has the wrong sign; --torque-gain=-1"
-        yield cause, self.fit(motion._replace(tau=-motion.tau))
-        d, sizes = self._each(motion, pin.rnea), np.ones(len(self._robot.joint_names))
-        plain = _fit(motion, motion.tau, d, sizes, 0.0)
-        clear = plain.judged & (np.abs(plain.correlation) >= _CLEAR)
-        factors = plain.factor[clear]
-        if factors.size and not _FACTORS[0] < np.abs(factors).mean() < _FACTORS[1]:
-            common = float(np.exp(np.mean(np.log(np.abs(factors)))) * np.sign(factors[0]))
-            cause = (
-                f"all torques are about {common:.2g} times the described ones, as motor currents "
-                f"(A) or torques before the gear are; --torque-gain={1.0 / common:.3g}, or rather "
-                "the data sheet's gains"
-            )
-            yield cause, self.fit(motion._replace(tau=motion.tau / common))
-
-    def mountings(self) -> Iterator[np.ndarray]:
-        """Yield gravity (3) along the other axes of the base [m/s^2]."""
-        size = float(np.linalg.norm(self._down))
-        for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
-            if size and not np.allclose(gravity, self._down, atol=0.1 * size):
-                yield gravity
+def _mountings(robot: Robot) -> Iterator[np.ndarray]:
+    """Yield gravity (3) along the other axes of the base [m/s^2]."""
+    down = robot.model.gravity.linear
+    size = float(np.linalg.norm(down))
+    for gravity in size * np.vstack([np.eye(3), -np.eye(3)]):
+        if size and not np.allclose(gravity, down, atol=0.1 * size):
+            yield gravity

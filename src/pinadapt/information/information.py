@@ -10,45 +10,47 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
-from .._output import Sheet, Table
+from .._output import Printed, Sheet, Table
 from ..controller.controller import Controller
 from ..controller.learned import AlongExcited
 from ..controller.state import ControllerState, Sample
 from ..models.dynamics import Dynamics
-from ..models.excited import Excited, TorqueSums, scales
+from ..models.excited import Excited, TorqueErrors, scales
+from ..models.physical_fit import square
 from ..models.task_kinematics import TaskKinematics
 from ..records import Measurement
 from .measured_motion import MeasuredMotion, at_times, motion_of_samples
 
 BLOCK = 0.05  # [s] over which rows of the torque are averaged, so that their noise is independent
-CUTOFF = 30.0  # [Hz] for noisy positions; averages over a block are at half (-6 dB) at 12 Hz
-_UNEXCITED = 1e-10  # share of the largest eigenvalue up to which a direction was not excited
+_UNEXCITED = 1e-5  # share of the largest singular value up to which a direction was not excited
 _OUTSIDE = 1e-3  # share of a gradient that may lie along directions that were not excited
 _ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size up to which it is rounding
+
+CERTAIN = 5.0  # deviations of a certain lateness; half: healthy logs have it, twice: twice passes
 
 State = TypeVar("State")
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information of N rows of data on p parameters, linearised at an estimate of them.
+    """Information of rows of data on p parameters, linearised at an estimate of them.
 
     Attributes:
         names: of the parameters (p).
         estimate: (p) at which the residuals were taken.
-        H: (p, p) information matrix W^T S^-1 W, in units of 1 / (parameter unit)^2.
-        score: (p) W^T S^-1 r of the residuals r = y - W a: zero at the least-squares estimate.
+        R: (k, p) of the information matrix R^T R = W^T S^-1 W, in 1 / (parameter unit).
+        c: (k) R d = c are the equations for the step d to the least-squares estimate.
     """
 
     names: tuple[str, ...]
     estimate: np.ndarray
-    H: np.ndarray
-    score: np.ndarray
+    R: np.ndarray
+    c: np.ndarray
 
     @classmethod
     def of_rows(
@@ -59,6 +61,7 @@ class Information:
         r: np.ndarray,
         noise: np.ndarray | float = 1.0,
         prior: np.ndarray | float = 0.0,
+        off: np.ndarray | float = 0.0,
     ) -> Information:
         """Return the information of rows W (N, n, p) with residuals r (N, n), and of a prior.
 
@@ -68,85 +71,75 @@ class Information:
             W: slopes of the signals.
             r: residuals at the estimate.
             noise: (n) of the signals.
-            prior: (p) inverse variances with which the estimate was known before.
+            prior: (p) inverse variances of what was known before.
+            off: (p) what was known before, less the estimate.
         """
-        sizes = np.broadcast_to(noise, r.shape[1:])
-        rows = (W / sizes[:, None]).reshape(r.size, len(names))
-        H = rows.T @ rows + np.diag(np.broadcast_to(prior, len(names)))
-        return cls(tuple(names), estimate, H, rows.T @ (r / sizes).ravel())
+        p, sizes = len(names), np.broadcast_to(noise, r.shape[1:])
+        known = np.broadcast_to(np.sqrt(prior), p)
+        rows = np.concatenate([(W / sizes[:, None]).reshape(r.size, p), np.diag(known)])
+        return cls(tuple(names), estimate, *square(rows, np.append(r / sizes, known * off)))
+
+    @property
+    def H(self) -> np.ndarray:
+        """The information matrix (p, p), in units of 1 / (parameter unit)^2."""
+        return self.R.T @ self.R
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """Scale (p) of each parameter's effect, sqrt(H_ii); the largest one if it has no effect."""
-        sizes = np.sqrt(np.diag(self.H))
+        """Scale (p) of each parameter's effect; the largest one if it has no effect."""
+        sizes = np.linalg.norm(self.R, axis=0)
         largest = sizes.max(initial=0.0) or 1.0
         return np.where(sizes > _ROUNDING * largest, sizes, largest)
 
     @cached_property
-    def _eigen(self) -> tuple[np.ndarray, np.ndarray]:
-        values, vectors = np.linalg.eigh(self.H / np.outer(self.scale, self.scale))
-        return values[::-1], vectors[:, ::-1]
+    def _singular(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """U (k, r), singular values (r) and V (p, r) of R / scale in the excited directions."""
+        U, s, V = np.linalg.svd(self.R / self.scale, full_matrices=False)
+        r = np.count_nonzero(s > _UNEXCITED * s.max(initial=0.0))
+        return U[:, :r], s[:r], V[:r].T
 
     @property
     def rank(self) -> int:
         """Number of identifiable combinations of the parameters."""
-        values, _ = self._eigen
-        return int(np.count_nonzero(values > _UNEXCITED * values.max(initial=0.0)))
+        return self._singular[1].size
+
+    @property
+    def combinations(self) -> np.ndarray:
+        """The identifiable combinations (r, p) of the parameters."""
+        return self._singular[2].T * self.scale
 
     @cached_property
     def _root(self) -> np.ndarray:
-        """L (p, r) of the covariance L L^T, R L = 1 with the first r rows of R."""
-        values, vectors = self._eigen
-        root = vectors[:, : self.rank] / np.sqrt(values[: self.rank])
-        return np.asarray(root / self.scale[:, None])
+        """L (p, r) of the covariance L L^T."""
+        _, s, V = self._singular
+        return V / s / self.scale[:, None]
 
     @property
-    def covariance(self) -> np.ndarray:
-        """Covariance (p, p) of the least-squares estimate within the excited directions."""
-        return self._root @ self._root.T
-
-    @cached_property
     def correction(self) -> np.ndarray:
         """Step (p) from the estimate to the least-squares one, within the excited directions."""
-        return self._root @ (self._root.T @ self.score)
-
-    @cached_property
-    def equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """R (p, p) and c (p), the p equations R d = c for a step d that stand for all rows.
-
-        H = R^T R and, within the excited directions, score = R^T c.
-        """
-        values, vectors = self._eigen
-        R = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * self.scale
-        c = np.zeros(len(values))
-        c[: self.rank] = self._root.T @ self.score
-        return R, c
+        return self._root @ (self._singular[0].T @ self.c)
 
     def refined(self) -> Information:
         """Return the information at the least-squares estimate from all rows."""
-        best = self.estimate + self.correction
-        return replace(self, estimate=best, score=np.zeros_like(self.score))
+        return replace(self, estimate=self.estimate + self.correction, c=0.0 * self.c)
 
     def marginalised(self, root: np.ndarray) -> Information:
         """Return the information if the parameters may also be off by L z, |z| normal of size one.
 
-        With H = R^T R and A = R L it is R^T (1 + A A^T)^-1 R, computed as a square of its own so
-        that nothing cancels when the data are much better than what is known of L z.
+        It is R^T (1 + A A^T)^-1 R with A = R L, computed as a square of its own so that nothing
+        cancels when the data are much better than what is known of L z.
 
         Args:
             root: L (p, k).
         """
-        R, c = self.equations
-        U, s, _ = np.linalg.svd(R @ root, full_matrices=False)
+        U, s, _ = np.linalg.svd(self.R @ root, full_matrices=False)
         less = (U * (1.0 - 1.0 / np.sqrt(1.0 + s**2))) @ U.T
-        R, c = R - less @ R, c - less @ c
-        return replace(self, H=R.T @ R, score=R.T @ c)
+        return replace(self, R=self.R - less @ self.R, c=self.c - less @ self.c)
 
     def within(self, part: Sequence[int]) -> Information:
         """Return the information on some parameters (k) where the others are as estimated."""
-        names, index = tuple(self.names[i] for i in part), np.array(part)
-        H, score = self.H[np.ix_(index, index)], self.score[index]
-        return replace(self, names=names, estimate=self.estimate[index], H=H, score=score)
+        names, index = tuple(self.names[i] for i in part), list(part)
+        return replace(self, names=names, estimate=self.estimate[index], R=self.R[:, index])
 
     def deviation(self, gradient: np.ndarray) -> np.ndarray:
         """Return the uncertainty (k) of quantities whose gradients are the rows of (k, p).
@@ -154,7 +147,7 @@ class Information:
         The root of variance plus squared correction; infinite for a quantity that changes along a
         direction that was not excited.
         """
-        excited, scaled = self._eigen[1][:, : self.rank], gradient / self.scale
+        excited, scaled = self._singular[2], gradient / self.scale
         outside = np.linalg.norm(scaled - scaled @ excited @ excited.T, axis=1)
         variance = np.sum((gradient @ self._root) ** 2, axis=1)
         total = np.sqrt(variance + (gradient @ self.correction) ** 2)
@@ -184,10 +177,6 @@ def dynamic_information(
 ) -> Information:
     """Return the information of measured motion and torque of a chain on dynamic parameters.
 
-    With noisy sensors, torques of a joint whose dry friction is unknown are left out while its
-    velocity may change sign within the noise: the sign of the friction is then random, which would
-    bias all parameters.
-
     Args:
         dynamics: of p parameters.
         model: of the chain.
@@ -195,19 +184,15 @@ def dynamic_information(
         a_d: (p) at which the residuals are taken.
         least_noise: of a torque, as a share of its mean size.
     """
-    motion = motion_of_samples(model, samples, cutoff=CUTOFF)
+    motion = motion_of_samples(model, samples)
     W, r = _torque_rows(dynamics, a_d, motion)
-    kept, joints = np.ones(r.shape, dtype=bool), dynamics.joints
-    if motion.smoothed and joints is not None:
-        kept = np.array([joints.sliding(v) for v in motion.v])
     size = max(1, round(BLOCK / motion.period)) if motion.period else 1
-    W, r, kept = (
-        part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]) for part in (W, r, kept)
+    W, r = (
+        part[: len(part) // size * size].reshape(-1, size, *part.shape[1:]).mean(axis=1)
+        for part in (W, r)
     )
-    kept = np.asarray(kept.all(axis=1))
     level = np.abs(motion.tau).sum(axis=0) / max(len(motion.t), 1)
-    W, r = W.mean(axis=1) * kept[:, :, None], r.mean(axis=1) * kept
-    return fitted(dynamics.names, a_d, W, r, level, kept=kept, least_noise=least_noise)
+    return fitted(dynamics.names, a_d, W, r, level, least_noise)
 
 
 def _torque_rows(
@@ -271,24 +256,60 @@ def fitted(
     W: np.ndarray,
     r: np.ndarray,
     level: np.ndarray,
-    *,
-    kept: np.ndarray | None = None,
     least_noise: float = _ROUNDING,
 ) -> Information:
-    """Return the information of rows W (N, n, p) with residuals r (N, n), zero where not ``kept``.
+    """Return the information of rows W (N, n, p) with residuals r (N, n).
 
     The noise of each signal is its residual at the least-squares estimate. It is found in two
     rounds: signals are weighted by their ``level`` (n) in the first, by their noise in the second.
     """
-    counts = np.full(r.shape[1], len(r)) if kept is None else kept.sum(axis=0)
-    count, level = int(counts.sum()), np.maximum(level, np.finfo(float).tiny)
+    level = np.maximum(level, np.finfo(float).tiny)
     found = Information.of_rows(names, a, W, r, level)
-    for _ in range(2 if count else 0):
-        squares = np.sum((r - W @ found.correction) ** 2, axis=0)
-        variance = squares / np.maximum(counts, 1) / max(1.0 - found.rank / count, 1.0 / count)
-        noise = np.maximum(np.sqrt(variance), least_noise * level)
-        found = Information.of_rows(names, a, W, r, np.where(counts > 0, noise, level))
+    for _ in range(2 if r.size else 0):
+        free = max(r.size - found.rank, 1) / r.size
+        noise = np.maximum(rms(r - W @ found.correction, 0) / np.sqrt(free), least_noise * level)
+        found = Information.of_rows(names, a, W, r, noise)
     return found
+
+
+def lateness(
+    estimate: np.ndarray,
+    W: np.ndarray,
+    r: np.ndarray,
+    rate: np.ndarray,
+    noise: np.ndarray | float,
+    prior: np.ndarray | float = 0.0,
+    off: np.ndarray | float = 0.0,
+) -> tuple[float, float]:
+    """Return how much later signals of N rows were than their times, and its deviation [s].
+
+    The lateness is one more parameter, beside which the others are fitted again.
+
+    Args:
+        estimate: (p) of parameters.
+        W: (N, n, p) slopes of the signals.
+        r: (N, n) residuals at the estimate.
+        rate: (N, n) of the signals.
+        noise: (n) of the signals.
+        prior: (p) inverse variances of what was known before.
+        off: (p) what was known before, less the estimate.
+    """
+    W, p = np.concatenate([W, -rate[..., None]], axis=2), estimate.size
+    prior, off = (np.append(np.broadcast_to(part, p), 0.0) for part in (prior, off))
+    at = np.append(estimate, 0.0)
+    found = Information.of_rows([""] * at.size, at, W, r, noise, prior, off)
+    return float(found.correction[-1]), float(found.refined().deviations[-1])
+
+
+def rms(values: np.ndarray, axis: int | None = None) -> Any:
+    """Return the root mean square of all numbers, or along an axis."""
+    found = np.sqrt(np.mean(np.square(values), axis=axis))
+    return float(found) if axis is None else found
+
+
+def spread(points: np.ndarray) -> float:
+    """Return the rms distance of points (N, m) from their mean along one coordinate."""
+    return rms(points - points.mean(axis=0))
 
 
 def gauss_newton(
@@ -321,7 +342,7 @@ def gauss_newton(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Excitation:
+class Excitation(Printed):
     """Information of a run on all parameters; ``print`` shows a table.
 
     Attributes:
@@ -334,14 +355,7 @@ class Excitation:
     kinematic: Information
     units: Mapping[str, str]
 
-    def __repr__(self) -> str:
-        """Return rank and conditioning of both, and each estimate with its uncertainty."""
-        return str(self._sheet())
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
-
-    def _sheet(self) -> Sheet:
+    def sheet(self) -> Sheet:
         """Return an overview, then a table of the kinematic and one of the dynamic parameters."""
         parts = {"kinematic": self.kinematic, "dynamic": self.dynamic}
         seen = {name: part for name, part in parts.items() if part.names}
@@ -393,7 +407,7 @@ class MotionTorques:
     """
 
     excited: Excited
-    sums: TorqueSums
+    sums: TorqueErrors
     first: np.ndarray
     last: np.ndarray
 
@@ -452,7 +466,7 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
         return None
     first, last = samples[0].state.a_d, samples[-1].state.a_d
     model = controller.kinematics.robot.model
-    motion = motion_of_samples(model, samples, cutoff=CUTOFF)
+    motion = motion_of_samples(model, samples)
     if not len(motion.t):
         return None
     tau = motion.tau
@@ -464,18 +478,13 @@ def motion_torques(controller: Controller, samples: Sequence[Sample]) -> MotionT
     t, q, v, a, tau = (part[some] for part in (*motion[:4], tau))
     if not all(np.isfinite(part).all() for part in (first, last, q, v, a, tau)):
         return None
-    sums = TorqueSums(model.nv, last)
     Y, residual = _torque_rows(dynamics, last, MeasuredMotion(t, q, v, a, tau, False))
     if (constraints := controller.kinematics.constraints) is not None:  # forces nobody measures
         free = np.array([constraints.free(*state) for state in zip(q, v, strict=True)])
-        Y, residual, tau = free @ Y, _times(free, residual), _times(free, tau)
-    sums.add(Y, residual, tau)
+        Y = free @ Y
+        residual, tau = (np.einsum("kij,kj->ki", free, part) for part in (residual, tau))
+    sums = TorqueErrors(Y, residual, tau, last)
     return MotionTorques(sums.excited(dynamics.names, scales(dynamics, first)), sums, first, last)
-
-
-def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return the products (k, n) of matrices (k, n, n) and vectors (k, n)."""
-    return np.einsum("kij,kj->ki", matrices, vectors)
 
 
 def along_excited(

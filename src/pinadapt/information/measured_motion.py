@@ -24,9 +24,9 @@ CUTOFF = 15.0  # [Hz] for noisy positions, above the band of a window
 LENGTH = 0.2  # [s] of a window, which is at half (-6 dB) at 6.5 Hz
 OVERLAP = 3  # windows at any time
 _FEWEST = 16  # samples in a window, which is longer for a log of a lower rate
-_GAP = 8  # the longest gap between two samples in a window, as so many parts of its length
 
 _SETTLING = 0.1  # [s] left out at both ends, where the low pass has data on one side only
+_CUTOFF = 30.0  # [Hz] for noisy positions of a run, well above the band of a block of 50 ms
 
 # Relative difference, root mean square, up to which the velocities of a run are those of the
 # positions. Half: noise of encoders smooths them; twice: filtered velocities pass.
@@ -57,9 +57,7 @@ class MeasuredMotion(NamedTuple):
         return float(self.t[-1] - self.t[0]) / (len(self.t) - 1) if len(self.t) > 1 else 0.0
 
 
-def motion_of_samples(
-    model: pin.Model, samples: Sequence[Sample], *, cutoff: float
-) -> MeasuredMotion:
+def motion_of_samples(model: pin.Model, samples: Sequence[Sample]) -> MeasuredMotion:
     """Return the motion measured in samples of a constant rate, halfway between them.
 
     There the mean of both velocities and their difference over the period are exact to the square
@@ -68,7 +66,6 @@ def motion_of_samples(
     Args:
         model: of the chain.
         samples: of a run; of fewer than three there is no motion.
-        cutoff: of the low pass [Hz].
     """
     t = np.array([sample.t for sample in samples])
     if len(samples) < 3 or t[-1] <= t[0]:
@@ -82,7 +79,7 @@ def motion_of_samples(
         ]
     )
     tau, period = np.vstack([held, held[-1:]]), float(t[-1] - t[0]) / (len(t) - 1)
-    t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, cutoff, _TOLERANCE)
+    t, q, v, _, tau, noisy = measured_motion(model, t, q, v, tau, period, _CUTOFF, _TOLERANCE)
     middle = integrated(model, q[:-1], 0.5 * differences(model, q))
     a = np.diff(v, axis=0) / period
     return MeasuredMotion(t[:-1] + 0.5 * period, middle, 0.5 * (v[:-1] + v[1:]), a, tau[:-1], noisy)
@@ -134,15 +131,11 @@ def _at(t: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def differences(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Return how far the joints moved (N - 1, n) between configurations (N, nq) [rad or m]."""
-    if model.nq == model.nv:
-        return np.diff(q, axis=0)
     return np.array([pin.difference(model, *ends) for ends in pairwise(q)])
 
 
 def integrated(model: pin.Model, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return the configurations (N, nq) to which others, (N, nq) or (nq), move by (N, n)."""
-    if model.nq == model.nv:
-        return np.asarray(q + moved)
     starts = np.broadcast_to(q, (len(moved), model.nq))
     found = [pin.integrate(model, start, part) for start, part in zip(starts, moved, strict=True)]
     return np.array(found).reshape(-1, model.nq)
@@ -188,31 +181,23 @@ class Averages:
         self.length = length = max(LENGTH, _FEWEST * period)
         count = max(int(np.floor((t[-1] - t[0]) / length * OVERLAP)) - OVERLAP + 1, 0)
         self.t = t[0] + 0.5 * length + np.arange(count) * length / OVERLAP
-        first = np.searchsorted(t, self.t - 0.5 * length, side="right")
-        sizes = np.maximum(np.searchsorted(t, self.t + 0.5 * length) - first, 0)
-        gaps = np.append(0, np.cumsum(np.diff(t) > length / _GAP))  # before each sample
-        around = np.clip([first - 1, first + sizes], 0, len(t) - 1)
+        first, last = np.searchsorted(t, self.t + 0.5 * length * np.array([[-1.0], [1.0]]))
+        gaps = np.append(0, np.cumsum(np.diff(t) > 2.0 * length / _FEWEST))  # before each sample
+        around = np.clip([first - 1, last], 0, len(t) - 1)
         self.whole = gaps[around[0]] == gaps[around[1]]
-        window = np.repeat(np.arange(count), sizes)
-        sample = np.arange(len(window)) + np.repeat(first - np.cumsum(sizes) + sizes, sizes)
-        steps = np.diff(t)
-        trapezoids = 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))[sample]
-        away, steps = t[sample] - self.t[window], np.append(steps, 0.0)[sample]
-        phi, rate = _window(away, length)
-        later, _ = _window(away + 0.5 * steps, length)
-        self.phi, self.rate, self._held = (
-            csc_array((weights, (window, sample)), shape=(count, len(t)))
-            for weights in (phi * trapezoids, rate * trapezoids, later * steps)
+        window = np.repeat(np.arange(count), last - first)
+        sample = np.array([k for ends in zip(first, last, strict=True) for k in range(*ends)], int)
+        steps = np.append(np.diff(t), 0.0)
+        trapezoids = 0.5 * (steps + np.roll(steps, 1))[sample]
+        self.phi, self.rate = (
+            csc_array((weights * trapezoids, (window, sample)), shape=(count, len(t)))
+            for weights in _window(t[sample] - self.t[window], length)
         )
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of values (N, ...) at the samples."""
         found = self.phi @ values.reshape(len(values), -1)
         return np.asarray(found.reshape(-1, *values.shape[1:]))
-
-    def held_mean(self, values: np.ndarray) -> np.ndarray:
-        """Return the averages (K, n) of values (N, n) that are held from a sample to the next."""
-        return np.asarray(self._held @ values)
 
     def derivative(self, values: np.ndarray) -> np.ndarray:
         """Return the averages (K, ...) of the time derivative of values (N, ...)."""

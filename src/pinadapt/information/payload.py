@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from .._output import Sheet, Table
+from .._output import Printed, Sheet, Table
 from ..controller.controller import Controller
 from ..controller.state import ControllerState, Sample
 from ..exceptions import ParameterError
@@ -40,7 +40,7 @@ _USUAL = 0.1  # of the robot's mass and reach: mass and radius of a load that is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PayloadEstimate:
+class PayloadEstimate(Printed):
     """A load on the last body and its uncertainty; ``print`` shows a table.
 
     Axes and origin are those of the described task frame, as of ``Payload``. An uncertainty is one
@@ -69,16 +69,16 @@ class PayloadEstimate:
         cls, value: np.ndarray, deviation: np.ndarray, explained: float = 1.0
     ) -> PayloadEstimate:
         """Take mass, centre of mass and inertia (10), and their uncertainties (10)."""
-        (mass, *com), (mass_known_to, *com_known_to) = value[:4].tolist(), deviation[:4].tolist()
-        return cls(
-            mass,
-            mass_known_to,
-            np.array(com),
-            np.array(com_known_to),
-            value[4:],
-            deviation[4:],
-            explained,
+        (mass, com, inertia), known = (
+            (float(part[0]), part[1:4], part[4:]) for part in (value, deviation)
         )
+        return cls(mass, known[0], com, known[1], inertia, known[2], explained)
+
+    @property
+    def numbers(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mass, centre of mass and inertia (10), and their uncertainties (10)."""
+        known = [self.mass_known_to, *self.com_known_to, *self.inertia_known_to]
+        return np.array([self.mass, *self.com, *self.inertia]), np.array(known)
 
     def payload(self) -> Payload:
         """Return the load, as ``Robot.changed`` and ``Controller.announce`` take it.
@@ -88,24 +88,16 @@ class PayloadEstimate:
         """
         return Payload(self.mass, self.com, self.inertia)
 
-    def __repr__(self) -> str:
-        """Return a table."""
-        return str(self._sheet())
-
-    def _repr_html_(self) -> str:
-        return self._sheet().html()
-
-    def _sheet(self) -> Sheet:
+    def sheet(self) -> Sheet:
+        """Return the table, and what the load accounts for."""
         note = f"A load on the last body accounts for {self.explained:.3%} of the change."
         return Sheet("Load", [self.table()], note)
 
     def table(self) -> Table:
         """Return the load with its uncertainty."""
         names = ("mass", "centre x", "centre y", "centre z", *LABELS[4:])
-        values = np.concatenate([[self.mass], self.com, self.inertia])
-        known = np.concatenate([[self.mass_known_to], self.com_known_to, self.inertia_known_to])
         units = ["kg", *["m"] * 3, *["kg m^2"] * 6]
-        return estimate_table(names, values, known, units, "load")
+        return estimate_table(names, *self.numbers, units, "load")
 
 
 def payload_estimate(
@@ -141,7 +133,7 @@ def payload_estimate(
     change = replace(found, estimate=found.estimate - prior.mean).marginalised(prior.root)
     load, rest = _explained(change, part)
     _, rest_without_load = _explained(change, joints)
-    value, gradient = _of_load(robot, load.estimate[:PER_BODY])
+    value, gradient = of_load(robot, load.estimate[:PER_BODY])
     deviation = load.deviation(np.hstack([gradient, np.zeros((PER_BODY, len(joints)))]))
     share = 1.0 - rest / rest_without_load if rest_without_load > 0.0 else 1.0
     return PayloadEstimate.of(value, deviation, share)
@@ -165,42 +157,25 @@ def payload_of_uncertain_arm(
     """
     robot = described_robot(controller)
     plain = payload_estimate(controller, found, ArmPrior.of(robot, dynamics, 0.0))
-    other = payload_estimate(controller, found, ArmPrior.likeliest(robot, dynamics, found))
-    return replace(
-        plain,
-        mass_known_to=float(np.hypot(other.mass_known_to, other.mass - plain.mass)),
-        com_known_to=np.hypot(other.com_known_to, other.com - plain.com),
-        inertia_known_to=np.hypot(other.inertia_known_to, other.inertia - plain.inertia),
-    )
+    likeliest = ArmPrior.likeliest(robot, dynamics, found)
+    value, known = payload_estimate(controller, found, likeliest).numbers
+    own, _ = plain.numbers
+    return PayloadEstimate.of(own, np.hypot(known, value - own), plain.explained)
 
 
 def _explained(change: Information, part: list[int]) -> tuple[Information, float]:
     """Return a change (p) explained by some parameters alone, and the squared rest of the fit."""
     rest = change.estimate.copy()
     rest[part] = 0.0
-    fit = replace(change, score=change.H @ rest).within(part).refined()
+    fit = replace(change, c=change.R @ rest).within(part).refined()
     rest[part] = change.estimate[part] - fit.estimate
-    left = change.H @ rest
-    squared = float(rest @ left)
-    variance = max(squared / max(change.rank - fit.rank, 1), 1.0)  # in parts of the noise's
-    score = (change.score + left)[part] / variance
-    return replace(fit, H=fit.H / variance, score=score), squared
+    left = change.R @ rest
+    squared = float(left @ left)
+    noise = np.sqrt(max(squared / max(change.rank - fit.rank, 1), 1.0))  # in parts of that
+    return replace(fit, R=fit.R / noise, c=(change.c + left) / noise), squared
 
 
-def payload_of(found: Information, part: slice, robot: Robot) -> PayloadEstimate:
-    """Return the load whose ten parameters, at the last joint, are a part of an estimate.
-
-    Args:
-        found: the estimate with its information.
-        part: where the ten parameters are.
-        robot: with the task frame.
-    """
-    gradient = np.zeros((PER_BODY, len(found.names)))
-    value, gradient[:, part] = _of_load(robot, found.estimate[part])
-    return PayloadEstimate.of(value, found.deviation(gradient))
-
-
-def _of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def of_load(robot: Robot, ten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return mass, centre and inertia about it (10) of ten parameters at the last joint.
 
     Centre and inertia are in the task frame. The second is the derivative (10, 10) by these
@@ -239,19 +214,20 @@ class ArmPrior:
         Raises:
             ParameterError: the description has bodies without inertia.
         """
-        mean, size = dynamics.value(robot), dynamics.inertial.size
-        covariance = prior_covariance(robot, dynamics) if share else np.zeros((size, size))
-        if mean is None or covariance is None:
-            raise ParameterError(
-                "the description has bodies without inertia, of which an uncertainty cannot be "
-                "stated as a share.",
-                where="arm",
-                hint="State the robot's mass when it is loaded, or leave arm out.",
-            )
-        values, vectors = np.linalg.eigh(covariance)
+        mean, size = described_values(dynamics, robot), dynamics.inertial.size
         root = np.zeros((dynamics.size, size + 1))
-        root[:size, :size] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
-        root[:size, size] = share * mean[:size]  # all bodies together, such as a wrong total mass
+        if share:
+            covariance = prior_covariance(robot, dynamics)
+            if covariance is None:
+                raise ParameterError(
+                    "the description has bodies without inertia, of which an uncertainty cannot "
+                    "be stated as a share.",
+                    where="arm",
+                    hint="State the robot's mass when it is loaded, or leave arm out.",
+                )
+            values, vectors = np.linalg.eigh(covariance)
+            root[:size, :size] = share / INERTIA * vectors * np.sqrt(np.maximum(values, 0.0))
+            root[:size, size] = share * mean[:size]  # all together, such as a wrong total mass
         return cls(mean, root, slice(size, dynamics.size))
 
     @classmethod
@@ -266,24 +242,24 @@ class ArmPrior:
             dynamics: of all bodies, see ``whole_arm``.
             found: information of the run about all of them.
         """
-        plain = cls.of(robot, dynamics, 0.0)
         if prior_covariance(robot, dynamics) is None:
-            return plain
+            return cls.of(robot, dynamics, 0.0)
+        plain = cls.of(robot, dynamics, 1.0)
         ball = pin.Inertia.FromSphere(_USUAL * robot.mass, _USUAL * robot.reach)
         ten = robot.model.frames[robot.frame_id].placement.act(ball).toDynamicParameters()
         load, last = np.zeros((dynamics.size, PER_BODY)), plain.coefficients.start
         load[last - PER_BODY : last] = PhysicalSet(1, ten).local(ten)[0]
-        R, c = plain._equations(found)
-        root, evidence = cls.of(robot, dynamics, 1.0).root, []
+        (R, c), evidence = plain._equations(found), []
         for share in _SHARES:
-            U, s, _ = np.linalg.svd(R @ np.hstack([load, share * root]), full_matrices=False)
+            both = np.hstack([load, share * plain.root])
+            U, s, _ = np.linalg.svd(R @ both, full_matrices=False)
             explained = s**2 / (1.0 + s**2)
             evidence.append(float(explained @ (U.T @ c) ** 2 - np.sum(np.log1p(s**2))))
-        return replace(plain, root=_SHARES[int(np.argmax(evidence))] * root)
+        return replace(plain, root=_SHARES[int(np.argmax(evidence))] * plain.root)
 
     def _equations(self, found: Information) -> tuple[np.ndarray, np.ndarray]:
         """Return R and c = R (change of the bodies), less what the joints' coefficients explain."""
-        R, c = found.equations
+        R, c = found.R, found.c
         Q, _ = np.linalg.qr(R[:, self.coefficients])
         R, c = R - Q @ (Q.T @ R), c - Q @ (Q.T @ c)
         return R, c + R @ (found.estimate - self.mean)
@@ -330,10 +306,15 @@ def whole_arm_information(
     """
     robot = described_robot(controller)
     adapted = dict(zip(controller.dynamics.names, state.a_d, strict=True))
-    value = dynamics.value(robot)
-    described = dynamics.initial if value is None else value
+    described = described_values(dynamics, robot)
     a = [adapted.get(name, each) for name, each in zip(dynamics.names, described, strict=True)]
     return dynamic_information(dynamics, robot.model, samples, np.array(a), LEAST_NOISE)
+
+
+def described_values(dynamics: Dynamics, robot: Robot) -> np.ndarray:
+    """Return the parameters (p) of a robot, the initial ones where it has none."""
+    value = dynamics.value(robot)
+    return dynamics.initial if value is None else value
 
 
 def described_robot(controller: Controller) -> Robot:

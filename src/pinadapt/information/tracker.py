@@ -13,32 +13,38 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from .._output import Sheet, Table
+from .._output import Printed, Sheet, Table
 from ..exceptions import LogError
 from ..models.camera_kinematics import CameraKinematics
+from ..models.projected_kinematics import OFF
 from ..models.task_kinematics import TaskKinematics
 from ..models.tracker_kinematics import Tracker, TrackerKinematics
 from ..records import Measurement
-from .information import Information, estimate_table, frames, gauss_newton
+from .information import (
+    CERTAIN,
+    Information,
+    estimate_table,
+    frames,
+    gauss_newton,
+    lateness,
+    spread,
+)
 
 LEAST_WAY = 2e-3  # of the reach: rms motion of the frame that shows anything
-_PRIOR = 0.1  # of the reach: standard deviation of a described translation
 LEAST_NOISE = 1e-6  # of the reach, and [rad]
 _LUMPED = 1e-5  # of the reach: deviation of a frame when lumped parameters are fitted
 _SCALE = 0.7  # logarithm by which the size of a motion may differ
 _WORST = 0.05  # rms residual over rms motion, from which no tracker explains the frames
 _LATE = 0.02  # [s]: axes that are off by 2 degrees look like frames that are late by up to 0.01 s
-_CERTAIN = 5.0  # deviations from which frames have another clock
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FoundTracker:
+class FoundTracker(Printed):
     """A tracker found from frames; ``print`` shows a table.
 
     Attributes:
@@ -63,21 +69,13 @@ class FoundTracker:
     frames: int
     unseen: tuple[str, ...]
 
-    def __repr__(self) -> str:
-        """Return a table."""
-        return str(self.sheet)
-
-    def _repr_html_(self) -> str:
-        return self.sheet.html()
-
     @property
     def start(self) -> dict[str, np.ndarray]:
         """``a_k`` and ``information_k`` for ``simulate(..., start=...)`` or ``Controller.init``."""
         return {"a_k": self.a_k, "information_k": self.information}
 
-    @cached_property
     def sheet(self) -> Sheet:
-        """The table."""
+        """Return the table."""
         placement, a = self.tracker.placement, self.tracker.a
         values = np.concatenate([pin.log3(placement.rotation), placement.translation, a])
         units = [*["rad"] * 3, *["m"] * (len(values) - 3)]
@@ -109,7 +107,7 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
         )
     reach, a = kinematics.robot.reach, kinematics.initial
     seen = _Seen.of(kinematics, samples)
-    p, x, motion = seen.p, seen.x, _rms(seen.p - seen.p.mean(axis=0))
+    p, x, motion = seen.p, seen.x, spread(seen.p)
     X, left, _ = seen.rows(a)
     size = np.arange(a.size).reshape(x.shape[1], -1)
     lumped = a.copy()
@@ -125,17 +123,18 @@ def find_tracker(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> 
     for _ in range(4):  # in which the noise is found
         sigma = _noise(seen.rows(kinematics.parameters(tracker))[1], len(names), reach)
         H, score = W.T @ W / sigma**2, W.T @ y / sigma**2
-        tracker, H_tracker = kinematics.explaining_tracker(H, score, tracker)
+        tracker, told = kinematics.explaining_tracker(H, score, tracker)
     a = kinematics.parameters(tracker)
     _, left, _ = seen.rows(a)
     seen.check("tracker", left, sigma, motion)
-    none = np.zeros(len(names))
-    deviations = Information(names, none, H_tracker, none).deviations
-    known = np.repeat([1.0, reach, _PRIOR * reach], [3, 3, len(tracker.a)])
+    known = np.repeat([1.0, reach, OFF * reach], [3, 3, len(tracker.a)])
+    prior = np.append(np.zeros(6), known[6:] ** -2)
+    rows = (X @ kinematics.slopes(tracker)).reshape(*x.shape, len(names))
+    deviations = Information.of_rows(names, known, rows, 0.0 * x, sigma, prior).deviations
     return FoundTracker(
         tracker,
         a,
-        np.linalg.cholesky(kinematics.information(tracker, H_tracker)).T,
+        np.linalg.cholesky(kinematics.information(tracker, told)).T,
         deviations,
         names,
         sigma,
@@ -158,8 +157,8 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     if not isinstance(kinematics, CameraKinematics):
         raise LogError("these kinematics have no camera.", hint='Take the task "image".')
     seen, reach = _Seen.of(kinematics, samples), kinematics.robot.reach
-    motion = _rms(seen.x - seen.x.mean(axis=0))
-    size = motion / _rms(seen.p - seen.p.mean(axis=0))
+    motion = spread(seen.x)
+    size = motion / spread(seen.p)
     if size > 10.0:
         raise LogError(
             f"the picture moves {size:.3g} times as far as the arm. In pixels?",
@@ -177,12 +176,8 @@ def find_camera(kinematics: TaskKinematics, samples: Sequence[Measurement]) -> I
     _, left, rate = seen.rows(a)
     sigma = _noise(left, len(a), reach)
     seen.check("camera", left, sigma, motion)
-    also_late = np.concatenate([W, -rate[..., None] / sigma], axis=2)
-    names, prior = (*kinematics.names, "late"), np.append(known, 0.0)
-    timed = Information.of_rows(names, np.append(a, 0.0), also_late, r, prior=prior)
-    timed.score[:-1] = 0.0  # at the best fit
-    late, deviation = timed.correction[-1], math.sqrt(timed.covariance[-1, -1])
-    if abs(late) > max(_LATE, _CERTAIN * deviation):
+    late, deviation = lateness(a, W, r, rate / sigma, 1.0, known, a_0 - a)
+    if abs(late) > max(_LATE, CERTAIN * deviation):
         raise LogError(
             "the frames have another clock than q: frames taken about "
             f"{1e3 * late:.2g} ms before their time stamps would explain them.",
@@ -217,8 +212,8 @@ class _Seen(NamedTuple):
             LogError: fewer than four, or they hardly move.
         """
         q, v, x = frames(kinematics, samples)
-        p = np.array([kinematics.in_base(*each)[0] for each in zip(q, v, strict=True)])
-        moved = min(_rms(part - part.mean(axis=0)) if len(part) else 0.0 for part in (p, x))
+        p = np.array([kinematics.robot.placement(each).translation for each in q]).reshape(-1, 3)
+        moved = min(spread(part) if len(part) else 0.0 for part in (p, x))
         if len(p) < 4 or moved < LEAST_WAY * kinematics.robot.reach:
             what = "tracker" if isinstance(kinematics, TrackerKinematics) else "camera"
             raise LogError(
@@ -258,7 +253,7 @@ class _Seen(NamedTuple):
 
 def check_axes(B: np.ndarray, p: np.ndarray, x: np.ndarray, motion: float) -> None:
     """Refuse frames whose rotation block B (m_p, 3) shows another unit or another handedness."""
-    size = _rms(x - x.mean(axis=0)) / motion * math.sqrt(x.shape[1] / 3.0)
+    size = spread(x) / motion * math.sqrt(x.shape[1] / 3.0)
     if abs(math.log(max(size, LEAST_NOISE))) > _SCALE:
         raise LogError(
             f"the frames move {size:.3g} times as far as the arm. In millimetres, or frozen?",
@@ -275,7 +270,3 @@ def _noise(residual: np.ndarray, parameters: int, reach: float) -> float:
     """Return the standard deviation of the noise that leaves a residual (N, m_p) [m]."""
     variance = float(np.sum(residual**2)) / max(1, residual.size - parameters)
     return max(math.sqrt(variance), LEAST_NOISE * reach)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from .._checks import definite_matrix, numbers
+from .._checks import definite_matrix, vector
 from ..adaptation.adaptation import Adaptation, Drive, Drives
 from ..adaptation.projections import GravityProjection
 from ..description.chain import jacobian_bounds, position_bounds
@@ -59,13 +59,7 @@ class Saturation:
         Raises:
             GainError: not positive, of another size, or different on the axes of a rotation.
         """
-        given, size = numbers(self.width, "width", error=GainError), self.task.size
-        if given.shape not in ((), (size,)) or not (given > 0.0).all():
-            raise GainError(
-                f"expected a positive number or {size} of them, got {given.tolist()}.",
-                where="width",
-            )
-        object.__setattr__(self, "width", np.broadcast_to(given, size).astype(float))
+        object.__setattr__(self, "width", _positives(self.width, self.task.size, "width"))
         if any(np.ptp(self.width[rows]) > 0.0 for rows in self._rotations):
             raise GainError("must be one number on the rotation rows.", where="width")
 
@@ -384,7 +378,8 @@ class BoundedTorque(ApproximateJacobian):
         """
         super().__post_init__()
         for name in ("bound", "gravity"):
-            object.__setattr__(self, name, _torques(getattr(self, name), self.kinematics, name))
+            torques = _positives(getattr(self, name), self.kinematics.nv, name)
+            object.__setattr__(self, name, torques)
         if not (self.brake_limit > 0.0).all():
             i = int(np.argmin(self.brake_limit))
             raise GainError(
@@ -420,7 +415,7 @@ class BoundedTorque(ApproximateJacobian):
         if bound is None:
             free = (asked + 2.0 * spring) / (1.0 - _LEAST)
             bound = np.where(np.isfinite(motion.efforts), motion.efforts, free)
-        bound = _torques(bound, kinematics, "bound")
+        bound = _positives(bound, kinematics.nv, "bound")
         if gravity is None:
             gravity = np.maximum(asked, bound - 2.0 * spring)
             gravity = np.clip(gravity, _LEAST * bound, (1.0 - _LEAST) * bound)
@@ -456,19 +451,16 @@ class BoundedTorque(ApproximateJacobian):
         return GravityProjection(adaptation, dynamics, self.gravity)
 
 
-def _torques(given: Any, kinematics: TaskKinematics, name: str) -> np.ndarray:
-    """Return one torque a joint (n) [N m or N].
+def _positives(given: Any, size: int, name: str) -> np.ndarray:
+    """Return positive numbers (size) of as many, or of one.
 
     Raises:
         GainError: of another size, or not positive.
     """
-    torques = numbers(given, name, error=GainError)
-    if torques.shape not in ((), (kinematics.nv,)) or not (torques > 0.0).all():
-        raise GainError(
-            f"expected a positive number or {kinematics.nv} of them, got {torques.tolist()}.",
-            where=name,
-        )
-    return np.broadcast_to(torques, kinematics.nv).copy()
+    found = vector(given, size, name, error=GainError)
+    if not (found > 0.0).all():
+        raise GainError(f"must be positive, got {found.tolist()}.", where=name)
+    return found
 
 
 def _spring(kinematics: TaskKinematics, K_P: np.ndarray, width: np.ndarray) -> np.ndarray:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
-from numpy import empty
 from numpy.typing import ArrayLike
 
 from .._checks import definite_matrix, positive
@@ -91,16 +90,15 @@ class EstimatedModel:
         """
         if not self.stop_on_divergence:
             return Drive(Y, np.linalg.solve(M, e.dot(J)))
-        n, p = Y.shape
-        L, solution, gradient = empty((n, n)), empty(n), empty(p)
-        if not kernels.gradient_through_inverse(M, J, e, Y, L, solution, gradient):
+        solution = e.dot(J)
+        if not kernels.solve_definite(M.copy(), solution):
             raise DivergedError(
                 "the estimated mass matrix is no longer positive definite, and this law inverts "
                 "it. Natural and projected adaptation keep it positive definite; with plain "
                 "gradient adaptation try a smaller gamma_d, or the law 'separation' or "
                 "'adaptive-jacobian', which invert no mass matrix."
             )
-        return Drive(Y, solution, gradient=gradient)
+        return Drive(Y, solution)
 
 
 class Truth(NamedTuple):

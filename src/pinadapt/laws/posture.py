@@ -81,10 +81,9 @@ class Posture:
 
     def offset(self, q: np.ndarray) -> np.ndarray:
         """Return how far q (nq) is from rest (n) [rad or m], more where a limit is near."""
-        rest, low, high, margin = self.rows
-        d = self.coordinates(q) - rest
-        e = np.maximum(d - high, 0.0) + np.minimum(d - low, 0.0)
-        return np.asarray(d + 2.0 * e * np.abs(e) / margin)
+        still, offset, rate = np.zeros(self.damping.size), *np.empty((2, self.damping.size))
+        kernels.posture_velocity(self.coordinates(q), self.rows, still, -1.0, offset, rate)
+        return offset
 
     def null_motion(self, s: Signals) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
         """Return psi (n) = -w offset(q) [rad/s or m/s] and its rate, None without null space."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import optional
 from ..exceptions import LogError
 from .import_options import ImportOptions
 from .log import Log
@@ -41,19 +42,12 @@ def read_bag(path: Path, joints: Sequence[str], options: ImportOptions) -> Log:
     Raises:
         LogError: it cannot be read, has no such topic, or lacks a joint.
     """
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise LogError(
-            f"a bag needs the package rosbags: {error}.",
-            where=str(path),
-            hint='Install it: pip install "pinadapt[bags]".',
-        ) from error
+    reader = optional("rosbags.highlevel", "bags", str(path), LogError)
+    types = optional("rosbags.typesys", "bags", str(path), LogError)
     frames = None
     # for messages whose types it does not hold
-    store = Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else Stores.ROS2_HUMBLE
-    with AnyReader([path], default_typestore=get_typestore(store)) as bag:
+    store = types.Stores.ROS1_NOETIC if path.suffix.lower() == ".bag" else types.Stores.ROS2_HUMBLE
+    with reader.AnyReader([path], default_typestore=types.get_typestore(store)) as bag:
         topic = _topic(bag, options.topic, _STATES, path)
         t, (q, v, tau) = _series(bag, topic, list(joints), path)
         if options.pose_topic is not None:

@@ -311,16 +311,10 @@ def joined(logs: Sequence[Log], pause: float) -> Log:
 
     Times of each count on from the one before. Velocities and positions of the frame are kept if
     all logs have them.
-
-    Raises:
-        LogError: torques that are held in one log and measured at their instants in another.
     """
     if len(logs) == 1:
         return logs[0]
     source = ", ".join(log.source for log in logs)
-    if len({log.held for log in logs}) > 1:
-        words = "torques are held in one of the logs, and measured at their instants in another."
-        raise LogError(words, where=source)
     times = list(zip(logs, starts_of(logs, pause), strict=True))
     parts: dict[str, Any] = {
         "t": np.concatenate([log.t + start for log, start in times]),

@@ -26,10 +26,9 @@ from ..exceptions import ParameterError
 from ..robot.robot import Robot
 from .bodies import InertialDynamics
 from .dynamics import Dynamics
-from .regressor import PER_BODY, State, random_states
+from .regressor import PER_BODY, SAMPLES, State, random_states
 from .task_kinematics import TaskKinematics
 
-_SAMPLES = 60  # states; 20 suffice for seven joints
 _NEGLIGIBLE = 1e-8  # share of a torque or column that counts as rounding; true ones lie far above
 
 
@@ -56,10 +55,10 @@ class BasisDynamics(InertialDynamics):
         super().__init__(robot, B)
         self.bodies = range(robot.model.nv)
         self.names = names or tuple(f"a{i + 1}" for i in range(self.size))
-        states = random_states(robot.model, _SAMPLES)
+        states = random_states(robot.model, SAMPLES)
         Y = np.vstack([self._regressor(*state) for state in states])
-        largest = np.linalg.norm(Y, axis=0).max() * np.linalg.norm(B, axis=0)
-        if len(independent_columns(Y @ B, largest)[0]) < self.size:
+        sizes = np.maximum(np.linalg.norm(B, axis=0), np.finfo(float).tiny)
+        if len(independent_columns(Y @ (B / sizes))[0]) < self.size:
             raise ParameterError(
                 "not all columns of the basis can be identified: Y B has dependent columns.",
                 where="unknown.basis",
@@ -175,7 +174,7 @@ class BaseParameters:
 
 
 def base_parameters(
-    model: Dynamics | TaskKinematics, robot: Robot, *, samples: int = _SAMPLES
+    model: Dynamics | TaskKinematics, robot: Robot, *, samples: int = SAMPLES
 ) -> BaseParameters:
     """Return the identifiable combinations of the parameters of a model.
 
@@ -203,31 +202,22 @@ def base_parameters(
     return BaseParameters(tuple(model.names), chosen, regrouping, dead)
 
 
-def independent_columns(
-    W: np.ndarray, largest: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def independent_columns(W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the columns (b) of W (N, p) that do not depend on those before them, and R (b, p).
 
-    W = W[:, chosen] R. Columns are compared by direction, so that units do not matter.
-
-    Args:
-        W: (N, p).
-        largest: (p) sizes of the columns of whose rounding W may consist; a column below 1e-8 of
-            that is zero. None: the largest column of W.
+    W = W[:, chosen] R. Columns are compared by direction, so that units do not matter; one below
+    1e-8 of the largest is zero.
     """
     sizes = np.linalg.norm(W, axis=0)
-    floor = _NEGLIGIBLE * (sizes.max(initial=0.0) if largest is None else largest)
-    Q = np.zeros((len(W), min(W.shape)))
-    chosen: list[int] = []
-    for j in np.flatnonzero(sizes > floor):
-        left, before = W[:, j] / sizes[j], Q[:, : len(chosen)]
-        for _ in range(2):  # the second pass removes rounding
-            left = left - before @ (before.T @ left)
-        length = np.linalg.norm(left)
-        if length > _NEGLIGIBLE:
-            Q[:, len(chosen)] = left / length
-            chosen.append(int(j))
+    floor = _NEGLIGIBLE * sizes.max(initial=0.0)
     units = W / np.where(sizes > floor, sizes, 1.0) * (sizes > floor)
+    left, chosen = units.copy(), []
+    for j in range(len(sizes)):
+        length = np.linalg.norm(left[:, j])
+        if length > _NEGLIGIBLE:
+            chosen.append(j)
+            direction = left[:, j] / length
+            left -= np.outer(direction, direction @ left)
     R = np.linalg.lstsq(units[:, chosen], units, rcond=None)[0]
     R[np.abs(R) < _NEGLIGIBLE] = 0.0
     R *= sizes / sizes[chosen][:, None]

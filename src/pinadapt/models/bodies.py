@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from .._checks import instance, name_list
-from ..description.chain import are_physical
+from ..description.chain import is_physical
 from ..description.floating_base import BASE_JOINTS
 from ..exceptions import ParameterError, RobotError
 from ..robot.changes import joint_id
 from ..robot.robot import Robot
 from .dynamics import Dynamics
-from .inertial_model import InertialModel as InertialModel
+from .inertial_model import InertialModel, VirtualChains
 from .regressor import (
     LABELS,
     PER_BODY,
@@ -45,18 +44,13 @@ class InertialDynamics(Dynamics):
     ) -> None:
         """Use the model of a nominal robot, B, and the known part (10 n), by default zero."""
         instance(robot, Robot, "robot", RobotError)
-        self._model = InertialModel(robot.model)
-        self._regressor = Regressor(robot.model)
+        self._model: InertialModel | VirtualChains = InertialModel(robot.model)
+        self._regressor: Regressor | VirtualChains = Regressor(robot.model)
         self._armature = np.array(robot.model.armature)
         self._rotors = bool(self._armature.any())
         self._pi = inertial_parameters(robot.model)
         self.B, self._known = B, known
         self.size = self._pi.size if B is None else B.shape[1]
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore from a copy, whose model has to load the estimate again."""
-        self.__dict__.update(state)
-        self._model.load(self._pi)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of a robot's bodies; None if other torques differ too.
@@ -217,28 +211,22 @@ class BodyDynamics(InertialDynamics):
 # 2018).
 
 
-_ROWS, _COLUMNS = np.tril_indices(3)  # of Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 UNCERTAINTY = 0.3  # as far as a described body may be off, in the metric of natural adaptation
 
 
 def pseudo_inertia(pi: np.ndarray) -> np.ndarray:
     """Return P (4, 4) of the ten parameters pi (10) of a body."""
-    P, inertia = np.zeros((4, 4)), np.zeros((3, 3))
-    inertia[_ROWS, _COLUMNS] = inertia[_COLUMNS, _ROWS] = pi[4:]
-    P[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    P[3, :3] = P[:3, 3] = pi[1:4]
-    P[3, 3] = pi[0]
-    return P
+    return np.asarray(pin.PseudoInertia.FromDynamicParameters(pi).toMatrix())
 
 
 COEFFICIENTS = np.array([pseudo_inertia(one) for one in np.eye(PER_BODY)])  # P = sum_i pi_i F_i
+COLUMNS = COEFFICIENTS.reshape(PER_BODY, -1)  # the same with P row by row (16)
+_FROM_MATRIX = np.linalg.pinv(COLUMNS)
 
 
 def ten_parameters(P: np.ndarray) -> np.ndarray:
     """Return the ten parameters (..., 10) of bodies with pseudo-inertias P (..., 4, 4)."""
-    Sigma = P[..., :3, :3]
-    inertia = np.trace(Sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - Sigma
-    return np.concatenate([P[..., 3, 3:], P[..., 3, :3], inertia[..., _ROWS, _COLUMNS]], axis=-1)
+    return P.reshape(*P.shape[:-2], -1) @ _FROM_MATRIX
 
 
 def nearest_physical(
@@ -264,5 +252,5 @@ def nearest_physical(
 
 def unphysical_bodies(a_d: np.ndarray, names: Sequence[str]) -> list[str]:
     """Return the names of the bodies with unphysical parameters, stacked in a_d (10 k)."""
-    physical = are_physical(a_d.reshape(-1, PER_BODY))
-    return [name for name, is_one in zip(names, physical, strict=True) if not is_one]
+    bodies = zip(names, a_d.reshape(-1, PER_BODY), strict=True)
+    return [name for name, pi in bodies if not is_physical(pi)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -17,12 +16,12 @@ from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
-from .projected_kinematics import OFF, ProjectedKinematics
+from .linear_kinematics import BOUND
+from .projected_kinematics import ProjectedKinematics
 from .translations import Translation
 
 CAMERA = "camera"
 _NEAR = 0.5  # of 1 / reach: change of the relative depth by a motion [1/m]
-_WIDE = 10.0  # times these: the bounds
 _FAR = 100.0  # reaches: bounds of the picture at home, from a corner of the image or elsewhere
 
 
@@ -45,18 +44,12 @@ class CameraKinematics(ProjectedKinematics):
         """
         picks = instance(robot.frame_task, ImageTask, "robot.task", RobotError).picks
         self._project(robot, unknown, [camera for camera, _ in picks])
-        (m, width), count = self._shape, self._below[0]
         self.initial = self.parameters(self.task, self.nominal)
-        small = np.repeat([1.0, OFF * robot.reach], [3, width - 3])
-        deep = small[:-1] * _NEAR / robot.reach
-        self.sizes = np.concatenate([np.tile(small, m), np.tile(deep, count)])
-        wide = _WIDE * self.sizes
+        deep = self.sizes[: self._below[1]] * _NEAR / robot.reach
+        self.sizes = np.concatenate([self.sizes, np.tile(deep, self._below[0])])
+        wide = BOUND * self.sizes
         wide[: self._split].reshape(self._shape)[:, -1] = _FAR * robot.reach
         self.bounds = self.initial + wide * np.array([[-1.0], [1.0]])
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return CameraKinematics, (self.robot, self.translations)
 
     def parameters(self, task: ImageTask, translations: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of the cameras of a task and of translations (k) [m]."""
@@ -66,22 +59,22 @@ class CameraKinematics(ProjectedKinematics):
         first = np.unique(self._camera, return_index=True)[1]
         return np.concatenate([(above / depth).ravel(), (below / depth)[first, :-1].ravel()])
 
-    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray | None:
+    def _described(self, robot: Robot) -> np.ndarray | None:
         """Return the parameters (p) of the cameras of a robot, as ``Robot.filmed_by`` gives."""
-        task = robot.task
-        return self.parameters(task, translations) if isinstance(task, ImageTask) else None
+        if not isinstance(robot.task, ImageTask):
+            return None
+        return self.parameters(robot.task, self.nominal + self.displacement(robot.model))
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with the cameras of an estimate a_k (p)."""
-        cameras = np.zeros((self._below[0], 3, 4))
-        D = np.ones(self._shape)
+        N, D = a_k[: self._split].reshape(self._shape), np.ones(self._shape)
         D[:, :-1] = a_k[self._split :].reshape(self._below)[self._camera]
-        N = a_k[: self._split].reshape(self._shape)
-        for (camera, row), *rows in zip(self.task.picks, N, D, strict=True):
-            for place, found in zip((row, 2), rows, strict=True):
-                cameras[camera, place] = *found[:3], found[-1] - found[:3].dot(self._home[:3])
-        given = tuple(tuple(map(tuple, H.tolist())) for H in cameras)
-        return replace(self.robot, task=replace(self.task, cameras=given))
+        cameras = np.zeros((self._below[0], 3, 4))
+        for rows, places in ((N, [row for _, row in self.task.picks]), (D, 2)):
+            translation = rows[:, -1] - rows[:, :3].dot(self._home[:3])
+            cameras[self._camera, places] = np.column_stack([rows[:, :3], translation])
+        task = ImageTask.seen_by(self.task, list(cameras), self.task.pixel)
+        return replace(self.robot, task=task)
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write nothing: a picture does not separate a translation from the camera's scale."""

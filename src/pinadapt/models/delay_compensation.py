@@ -29,7 +29,6 @@ from ..exceptions import ImplausibleError, MeasurementError
 from .task_kinematics import TaskKinematics
 
 _SAME = 1e-9  # difference below which two times are the same [s]
-_EMPTY, _NO_COLUMNS = np.zeros(0), np.zeros((0, 0))
 
 
 class Frame(NamedTuple):
@@ -73,12 +72,12 @@ class SensedState(NamedTuple):
     q: np.ndarray
     v: np.ndarray
     x: np.ndarray | None = None
-    epsilon: np.ndarray = _EMPTY
-    X_k: np.ndarray = _NO_COLUMNS
+    epsilon: np.ndarray = np.zeros(0)
+    X_k: np.ndarray = np.zeros((0, 0))
     frame: Frame | None = None
     history: tuple[tuple[float, np.ndarray], ...] = ()
     first: np.ndarray | None = None
-    trail: np.ndarray = _EMPTY
+    trail: np.ndarray = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -138,8 +137,7 @@ class DelayCompensator:
         if x is not None and taken > frame.t + _SAME:
             if taken > t + _SAME:
                 raise MeasurementError("x_time", x_time, f"is later than the sample's own, {t:g} s")
-            history = _since(history, taken)
-            q_c = _at(history, taken, kinematics)
+            history, q_c = _at(history, taken, kinematics)
             frame = self._frame(taken, q_c, x, kinematics, frame)
         elif t - frame.t > self.longest_gap:
             raise ImplausibleError("x", None, f"has not been seen for {t - frame.t:.3g} s")
@@ -169,20 +167,16 @@ class DelayCompensator:
         return Frame(t, X_k, b, X_smooth, b_smooth, turn)
 
 
-def _since(
-    history: tuple[tuple[float, np.ndarray], ...], t: float
-) -> tuple[tuple[float, np.ndarray], ...]:
-    """Return the history from the last sample before or at time t [s]."""
-    return history[max(bisect_right([sample[0] for sample in history], t) - 1, 0) :]
-
-
 def _at(
     history: tuple[tuple[float, np.ndarray], ...], t: float, kinematics: TaskKinematics
-) -> np.ndarray:
-    """Return the configuration (nq) at time t [s], between the first two samples or the first."""
-    t_0, q_0 = history[0]
-    if t <= t_0 + _SAME or len(history) == 1:
-        return q_0
-    t_1, q_1 = history[1]
+) -> tuple[tuple[tuple[float, np.ndarray], ...], np.ndarray]:
+    """Return the history from the last sample before time t [s], and the configuration (nq) at t.
+
+    At times before all samples it is that of the first one.
+    """
+    history = history[max(bisect_right(history, t, key=lambda sample: sample[0]) - 1, 0) :]
+    (t_0, q_0), (t_1, q_1) = history[0], history[min(1, len(history) - 1)]
+    if t <= t_0 + _SAME or t_1 == t_0:
+        return history, q_0
     share = (t - t_0) / (t_1 - t_0)
-    return np.asarray(pin.interpolate(kinematics.robot.model, q_0, q_1, share))
+    return history, np.asarray(pin.interpolate(kinematics.robot.model, q_0, q_1, share))

@@ -13,7 +13,7 @@ from ..exceptions import InputError, ParameterError
 from ..robot.robot import Robot
 from .joint_effects import JointEffects, without_joint_effects
 from .regressor import Momentum
-from .translations import PlacedTranslations, Translation
+from .translations import Translation, place
 
 
 class Dynamics(ABC):
@@ -124,7 +124,7 @@ class Dynamics(ABC):
             model = robot.model.copy()
             for body, parameters in zip(self.bodies, ten, strict=True):
                 model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(parameters)
-            PlacedTranslations(model, robot.frame_id, self.translations).write(theta)
+            place(model, robot.frame_id, self.translations, theta)
             value = self.value(replace(robot, model=model))
             if value is None:
                 return None

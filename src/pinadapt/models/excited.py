@@ -16,66 +16,58 @@ from functools import cached_property
 
 import numpy as np
 
-from .bodies import UNCERTAINTY, nearest_physical, unphysical_bodies
+from .bodies import UNCERTAINTY
 from .dynamics import Dynamics
-from .physical_fit import PhysicalSet, signed_scales
-from .regressor import LABELS, PER_BODY
+from .physical_fit import LEAST, around
+from .regressor import LABELS
 
 TOLD_APART = 0.01  # share of the torques from which a combination is identifiable in practice
-_LEAST = 1e-3  # of the largest typical parameter: the least scale of one
 
 
-class TorqueSums:
-    """Sums over the instants of a motion, from which follow the errors of predicted torques.
+@dataclass(frozen=True, eq=False)
+class TorqueErrors:
+    """Errors of the torques that parameters predict at k instants of a motion of n joints.
 
-    They belong to the parameters ``at`` (p) at which the residuals were taken, and give the error
-    for any others: tau - Y a - tau_0 = r - Y (a - at).
+    Attributes:
+        Y: (k, n, p) regressors.
+        residual: (k, n) tau - Y a - tau_0 at the parameters ``at`` [N m or N].
+        tau: (k, n) torques [N m or N].
+        at: (p) parameters.
     """
 
-    def __init__(self, joints: int, at: np.ndarray) -> None:
-        """Begin with no instant, for n joints and p parameters."""
-        self._at, p = at, at.size
-        self._YY, self._Yr = np.zeros((joints, p, p)), np.zeros((joints, p))
-        self._rr, self._squares, self._count = np.zeros(joints), np.zeros(joints), 0
-
-    def add(self, Y: np.ndarray, residual: np.ndarray, tau: np.ndarray) -> None:
-        """Add k instants: regressors (k, n, p), residuals and torques (k, n) [N m or N]."""
-        rows = Y.transpose(1, 0, 2)
-        self._YY += rows.transpose(0, 2, 1) @ rows
-        self._Yr += np.einsum("knp,kn->np", Y, residual)
-        self._rr += np.sum(residual**2, axis=0)
-        self._squares += np.sum(tau**2, axis=0)
-        self._count += len(Y)
+    Y: np.ndarray
+    residual: np.ndarray
+    tau: np.ndarray
+    at: np.ndarray
 
     @property
     def size(self) -> float:
         """Root mean square of the torques, all joints together [N m or N]."""
-        return float(np.sqrt(self._squares.sum() / max(self._count * self._rr.size, 1)))
+        return _rms(self.tau)
 
     def error(self, a: np.ndarray) -> float:
         """Return the root mean square error of the torques at a (p) [N m or N]."""
-        return float(np.sqrt(self._mean_squares(a).mean()))
+        return _rms(self.residual - self.Y @ (a - self.at))
 
     def relative_error(self, a: np.ndarray) -> float:
         """Return the error at a (p) with each joint in shares of its own torque, rms of both."""
-        return float(np.sqrt(np.mean(self._mean_squares(a) / self._levels**2)))
+        return _rms((self.residual - self.Y @ (a - self.at)) / self._levels)
 
     def excited(self, names: Sequence[str], root: np.ndarray) -> Excited:
         """Return what the motion excites of p parameters with the scales L (p, p)."""
-        weights = 1.0 / (max(self._count * self._rr.size, 1) * self._levels**2)
-        return Excited(tuple(names), np.tensordot(weights, self._YY, axes=1), root)
+        A = (self.Y / self._levels[:, None]).reshape(self.tau.size, len(names))
+        return Excited(tuple(names), A.T @ A / max(self.tau.size, 1), root)
 
     @property
     def _levels(self) -> np.ndarray:
         """Root mean square (n) of each joint's torque, at least 1 % of the largest."""
-        levels = np.sqrt(self._squares / max(self._count, 1))
+        levels = np.sqrt(np.mean(self.tau**2, axis=0))
         return np.maximum(levels, max(TOLD_APART * levels.max(initial=0.0), 1e-12))
 
-    def _mean_squares(self, a: np.ndarray) -> np.ndarray:
-        """Return the mean squared error (n) of the torques at a (p)."""
-        d = a - self._at
-        squares = self._rr - 2.0 * self._Yr @ d + (self._YY @ d) @ d
-        return np.maximum(squares, 0.0) / max(self._count, 1)
+
+def _rms(values: np.ndarray) -> float:
+    """Return the root mean square of some values."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +86,11 @@ class Excited:
     root: np.ndarray
 
     @cached_property
-    def _eigen(self) -> tuple[np.ndarray, np.ndarray]:
+    def _eigen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Effects (p), descending; the combinations (p, p), whose inverse is L times the last."""
         values, vectors = np.linalg.eigh(self.root.T @ self.squares @ self.root)
-        return np.sqrt(np.maximum(values[::-1], 0.0)), vectors[:, ::-1]
+        values, vectors = np.sqrt(np.maximum(values[::-1], 0.0)), vectors[:, ::-1]
+        return values, np.linalg.solve(self.root.T, vectors).T, vectors
 
     @property
     def effects(self) -> np.ndarray:
@@ -124,19 +118,18 @@ class Excited:
 
         More than three quarters of its variance are then in the identifiable combinations.
         """
-        rest = self.root @ self._eigen[1][:, self.rank :]
+        rest = self.root @ self._eigen[2][:, self.rank :]
         return np.asarray(np.sum(rest**2, axis=1) < 0.25 * np.sum(self.root**2, axis=1))
 
     @cached_property
     def combinations(self) -> np.ndarray:
         """The identifiable combinations C (r, p): z = C da, |z| = 1 as far as one may be off."""
-        return np.linalg.solve(self.root.T, self._eigen[1][:, : self.rank]).T
+        return self._eigen[1][: self.rank]
 
     @cached_property
     def rows(self) -> np.ndarray:
         """A (p, p) up to a rotation: |A da| is the change of the torques, in shares of them."""
-        values, vectors = self._eigen
-        return values[:, None] * np.linalg.solve(self.root.T, vectors).T
+        return self._eigen[0][:, None] * self._eigen[1]
 
     def distance(self, a: np.ndarray, truth: np.ndarray) -> float:
         """Return how far the identifiable combinations of a (p) are off: |C (a - truth)|."""
@@ -150,29 +143,12 @@ def scales(dynamics: Dynamics, a: np.ndarray) -> np.ndarray:
     combinations by 30 % of their typical values.
     """
     typical, size = np.abs(dynamics.typical), dynamics.inertial.size
-    typical = np.maximum(typical, _LEAST * typical.max(initial=0.0) or 1.0)
+    typical = np.maximum(typical, LEAST * typical.max(initial=0.0) or 1.0)
     L = np.diag(np.concatenate([UNCERTAINTY * typical[:size], typical[size:]]))
     if dynamics.per_body:
         bodies = around(dynamics, a)
         L[:size, :size] = UNCERTAINTY * bodies.local(bodies.center)[0][:size, :size]
     return L
-
-
-def around(dynamics: Dynamics, a: np.ndarray) -> PhysicalSet:
-    """Return the physical parameters of bodies and joints, centred at a (p) or close by.
-
-    Bodies at a that are not physical are replaced by the nearest that are, coefficients that are
-    not positive by a thousandth of the typical one.
-    """
-    size = dynamics.inertial.size
-    tens = [
-        nearest_physical(pi) if unphysical_bodies(pi, [""]) else pi
-        for pi in a[:size].reshape(-1, PER_BODY)
-    ]
-    scales = signed_scales(dynamics)
-    joints = np.where(a[size:] > 0.0, a[size:], _LEAST * dynamics.typical[size:])
-    joints[joints.size - scales.size :] = a[a.size - scales.size :]
-    return PhysicalSet(len(tens), np.concatenate([*tens, joints]), scales=scales)
 
 
 def names_together(names: Sequence[str]) -> str:

@@ -45,7 +45,7 @@ class FramesKinematics(TaskKinematics):
                 where="unknown.translations",
                 hint='Take unknown "tool", or one frame at a time.',
             )
-        self._words = words
+        self.unknown = words
         self.robot, self.task, self.frame = robot.undrawn(), robot.task, robot.frame
         self.joint_names = robot.joint_names
         self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
@@ -70,10 +70,6 @@ class FramesKinematics(TaskKinematics):
         )
         self._still = np.zeros(self.nv)
         self.update(self.initial, robot.q0, self._still)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return FramesKinematics, (self.robot, self._words)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""

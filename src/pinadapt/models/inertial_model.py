@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from .._kernels import models as kernels
-from .regressor import PER_BODY, inertial_parameters
+from .regressor import PER_BODY, Regressor, inertial_parameters
 
 
 class InertialModel:
@@ -20,22 +21,20 @@ class InertialModel:
     M(pi) = M(pi + c u) - c M(u), exactly, for every pi.
     """
 
-    def __init__(self, model: pin.Model) -> None:
-        """Copy a chain's model."""
+    def __init__(self, model: pin.Model, pi: np.ndarray | None = None) -> None:
+        """Copy a chain's model, and load parameters pi (10 n), by default its own."""
         self._model, self._ballast_model = model.copy(), model.copy()
         self._data, self._ballast_data = self._model.createData(), self._ballast_model.createData()
         self._inertias, self._ballast_model.armature = self._model.inertias, np.zeros(model.nv)
-        self._pi, self._written, self._c = inertial_parameters(model), True, 0.0
-        self._tens = self._pi.copy()
+        self._pi, self._written = inertial_parameters(model) if pi is None else pi, False
+        self._tens = np.zeros(PER_BODY * model.nv)
         self._bodies = list(enumerate(self._tens.reshape(-1, PER_BODY), 1))  # views
-        self._ballast = np.tile(np.eye(PER_BODY)[0], model.nv)  # point masses at the joints
-        for joint in range(1, model.njoints):
-            point = pin.Inertia.FromDynamicParameters(self._ballast[:PER_BODY])
-            self._ballast_model.inertias[joint] = point
+        for joint in range(1, model.njoints):  # point masses at the joints
+            self._ballast_model.inertias[joint] = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
-        return type(self), (self._model,)
+        return type(self), (self._model, self._pi)
 
     def load(self, pi: np.ndarray) -> None:
         """Set the parameters (10 n) of all bodies; they must not change until others are set."""
@@ -43,7 +42,7 @@ class InertialModel:
 
     def _write(self) -> None:
         """Write the parameters into the model, before a torque or a mass matrix is computed."""
-        self._c = kernels.take(self._pi, self._ballast, self._tens)
+        self._c = kernels.take(self._pi, self._tens)
         inertias, from_ten = self._inertias, pin.Inertia.FromDynamicParameters
         for joint, ten in self._bodies:
             inertias[joint] = from_ten(ten)
@@ -66,3 +65,52 @@ class InertialModel:
         if self._c:
             M = M - self._c * pin.crba(self._ballast_model, self._ballast_data, q)
         return M
+
+
+class VirtualChains:
+    """Torque, mass matrix and regressors of virtual chains together, in the parameters a (p)."""
+
+    def __init__(
+        self, models: Sequence[pin.Model], columns: Sequence[np.ndarray], armature: np.ndarray
+    ) -> None:
+        """Use chains without rotors, the columns of each that count, and the rotors (n)."""
+        self._regressors = [Regressor(model) for model in models]
+        self._models = [InertialModel(model) for model in models]
+        self._columns, self._armature = columns, armature
+
+    def load(self, a_d: np.ndarray) -> None:
+        """Make a_d (p) the estimate, each virtual chain with its part."""
+        self._a_d, first = a_d, 0
+        for model, own in zip(self._models, self._columns, strict=True):
+            pi = np.zeros(PER_BODY * self._armature.size)
+            pi[own] = a_d[first : first + own.size]
+            model.load(pi)
+            first += own.size
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + C v + g (n) [N m or N], by the regressor, the fastest way."""
+        return self(q, v, a).dot(self._a_d) + self._armature * a
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """Return M (n, n), rotors included."""
+        return sum((model.mass_matrix(q) for model in self._models), np.diag(self._armature))
+
+    def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return Y(q, v, a) (n, p)."""
+        return self._of_base([regressor(q, v, a) for regressor in self._regressors])
+
+    def slotine_li(
+        self, q: np.ndarray, v: np.ndarray, v_r: np.ndarray, a_r: np.ndarray
+    ) -> np.ndarray:
+        """Return Y_r (n, p)."""
+        return self._of_base([each.slotine_li(q, v, v_r, a_r) for each in self._regressors])
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return Y_M and Y_0 (n, p)."""
+        Y_M, Y_0 = zip(*(each.momentum(q, v) for each in self._regressors), strict=True)
+        return self._of_base(Y_M), self._of_base(Y_0)
+
+    def _of_base(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the base's columns (n, p) of the chains' regressors (n, 10 n)."""
+        pairs = zip(parts, self._columns, strict=True)
+        return np.concatenate([Y[:, own] for Y, own in pairs], axis=1)

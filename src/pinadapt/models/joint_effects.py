@@ -32,14 +32,13 @@ _UNITS = {
     "offset": ("N m", "N"),
 }
 KINDS = tuple(_UNITS)
-USUAL = KINDS[:3]  # "all" that is usually unknown
+USUAL = "armature", "viscous", "coulomb"  # "all" that is usually unknown
 _SIGNED = KINDS.index("asymmetry")  # this and the following kinds may be negative
 _OF_SHAFTS = len(USUAL)  # kinds that a shaft of two joints has
 ALL, NONE = "all", "none"
 _SPEED = 0.5  # typical joint speed and acceleration [rad/s, rad/s^2, or in m]
 _OF_EFFORT = 0.02  # Coulomb friction of a motor, as a share of its effort limit,
 _BRAKING = 50.0  # and the largest deceleration that it causes [rad/s^2 or m/s^2]
-_SLIDING = 3.0  # thresholds of speed at which the smoothed sign is 0.995
 
 
 def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
@@ -62,7 +61,7 @@ def chosen_kinds(unknown: str | Sequence[str]) -> tuple[str, ...]:
                 f"{did_you_mean(word, (*KINDS, ALL, NONE))}",
                 where="unknown.effects",
             )
-    return tuple(word for kind in KINDS for word in chosen if word.rpartition(".")[2] == kind)
+    return tuple(sorted(chosen, key=lambda word: KINDS.index(word.rpartition(".")[2])))
 
 
 class JointEffects:
@@ -102,33 +101,24 @@ class JointEffects:
         names = [*robot.joint_names, *(part.name(robot.joint_names) for part in friction.shafts)]
         pairs = _pairs(chosen_kinds(unknown), names, self._n)
         at = tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)
-        self._shape, self._directions = _shape(friction), friction.directions
-        self._values = coefficients(robot)
-        typical = typical_coefficients(robot)
-        start = np.where(self._values > 0.0, self._values, 0.1 * _all_shafts(robot, typical))
-        start[_SIGNED:] = self._values[_SIGNED:]
-        self._values[at] = start[at]
-        self.known = self._values.copy()
-        self.known[at] = 0.0
-        columns = np.full(self._values.shape, -1, dtype=np.int64)
+        self.known, typical = coefficients(robot), typical_coefficients(robot)
+        start = np.where(self.known > 0.0, self.known, 0.1 * _all_shafts(robot, typical))
+        start[_SIGNED:] = self.known[_SIGNED:]
+        self.initial, self.known[at] = start[at], 0.0
+        columns = np.full(self.known.shape, -1, dtype=np.int64)
         columns[at] = np.arange(len(pairs))
-        shafts = np.concatenate([np.eye(self._n), self._directions])
-        self.places, self.tables = at, (columns, self._shape, shafts)
+        shafts = np.concatenate([np.eye(self._n), friction.directions])
+        self.places, self.tables = at, (columns, _shape(friction), shafts)
         self.names = tuple(f"{names[shaft]}.{KINDS[kind]}" for kind, shaft in pairs)
         self.size = len(pairs)
         self.signed = int(np.count_nonzero(at[0] >= _SIGNED))
         slides = list(robot.slides.values())
         slides += [slides[part.joints[0]] for part in friction.shafts]
         self.units = tuple(_UNITS[KINDS[kind]][slides[shaft]] for kind, shaft in pairs)
-        self.initial = self._values[at].copy()
         self.typical = _all_shafts(robot, expected_coefficients(robot, typical))[at]
         self.zero, self.nothing = np.zeros(self._n), np.zeros((self._n, 0))
         loaded = friction.loaded or KINDS.index("gear_friction") in at[0]
         self._bodies = InertialModel(robot.model) if loaded else None
-
-    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return Y_j (n, p) at q (nq), velocity v and acceleration a (n) of the joints."""
-        return self.added(self.known, q, v, a, 1.0, self.nothing, self.zero)[0]
 
     def added(
         self,
@@ -157,13 +147,12 @@ class JointEffects:
         )
         return Y, tau
 
-    def momentum(self, q: np.ndarray, v: np.ndarray, bodies: Momentum | None = None) -> Momentum:
-        """Return momentum and rest of the joints, added to those of the bodies if there are any.
+    def momentum(self, q: np.ndarray, v: np.ndarray, bodies: Momentum) -> Momentum:
+        """Return momentum and rest of the joints, added to those of the bodies.
 
         Rotors have the momentum diag(armature) v. Friction has none and belongs to the rest.
         """
-        zero = self.zero
-        Y_M, Y_0, p_0, tau_0 = bodies or (self.nothing, self.nothing, zero, zero)
+        (Y_M, Y_0, p_0, tau_0), zero = bodies, self.zero
         Y_M, p_0 = self.added(self.known, q, zero, v, 0.0, Y_M, p_0)
         Y_0, tau_0 = self.added(self.known, q, v, zero, 1.0, Y_0, tau_0)
         return Momentum(Y_M, Y_0, p_0, tau_0)
@@ -174,44 +163,27 @@ class JointEffects:
             return self.zero
         return np.abs(self._bodies.torque(q, self.zero, self.zero))
 
-    def sliding(self, v: np.ndarray) -> np.ndarray:
-        """Tell for each joint (n) whether noise of v (n) cannot change the sign of its friction.
-
-        That is, whether it moves faster than three thresholds, or its Coulomb friction is known.
-        """
-        if KINDS.index("coulomb") not in self.places[0]:
-            return np.ones(self._n, dtype=bool)
-        return np.abs(v) * self._shape[0, : self._n] > _SLIDING
-
     def robot(self, a_j: np.ndarray, nominal: Robot) -> Robot:
         """Return the nominal robot with the coefficients a_j (p)."""
         values, n = coefficients(nominal), self._n
         values[self.places] = a_j
-        armature, viscous, coulomb, geared, asymmetry, offset = values[:, :n]
+        joints = dict(zip(KINDS[1:], values[1:, :n], strict=True))
         shafts = tuple(
-            replace(part, armature=own[0], viscous=own[1], coulomb=own[2])
+            replace(part, **dict(zip(USUAL, own, strict=False)))
             for part, own in zip(nominal.friction.shafts, values[:, n:].T.tolist(), strict=True)
         )
-        friction = replace(
-            nominal.friction,
-            viscous=viscous,
-            coulomb=coulomb,
-            gear_friction=geared,
-            asymmetry=asymmetry,
-            offset=offset,
-            shafts=shafts,
-        )
-        return nominal.changed(armature=armature, friction=friction)
+        friction = replace(nominal.friction, **joints, shafts=shafts)
+        return nominal.changed(armature=values[0, :n], friction=friction)
 
     def value(self, robot: Robot) -> np.ndarray | None:
         """Return the coefficients (p) of a robot; None if those of a known kind differ."""
-        if not np.array_equal(robot.friction.directions, self._directions):
+        if not np.array_equal(robot.friction.directions, self.tables[2][self._n :]):
             return None
         true = coefficients(robot)
         a_j = true[self.places]
-        true[self.places] = self._values[self.places]
-        same = np.allclose(_shape(robot.friction), self._shape, atol=0.0)
-        return a_j if same and np.allclose(true, self._values) else None
+        true[self.places] = 0.0
+        same = np.allclose(_shape(robot.friction), self.tables[1], atol=0.0)
+        return a_j if same and np.allclose(true, self.known) else None
 
 
 def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int, int]]:
@@ -220,20 +192,20 @@ def _pairs(words: Sequence[str], names: Sequence[str], n: int) -> list[tuple[int
     Raises:
         ParameterError: a joint or shaft that does not exist, or has no such coefficient.
     """
-    found: set[tuple[int, int]] = set()
+    every = {
+        f"{names[shaft]}.{kind}": (number, shaft)
+        for number, kind in enumerate(KINDS)
+        for shaft in range(len(names) if number < _OF_SHAFTS else n)
+    }
     for word in words:
-        owner, _, kind = word.rpartition(".")
-        number = KINDS.index(kind)
-        shafts = len(names) if number < _OF_SHAFTS else n
-        if owner and owner not in names[:shafts]:
+        if word not in KINDS and word not in every:
+            owner, _, kind = word.rpartition(".")
             raise ParameterError(
-                f"there is no joint '{owner}' with such a coefficient."
-                f"{did_you_mean(owner, names[:shafts])}",
+                f"there is no joint '{owner}' with a coefficient {kind}."
+                f"{did_you_mean(word, every)}",
                 where="unknown.effects",
             )
-        chosen = [names.index(owner)] if owner else range(shafts)
-        found |= {(number, shaft) for shaft in chosen}
-    return sorted(found)
+    return [pair for name, pair in every.items() if name in words or KINDS[pair[0]] in words]
 
 
 def _shape(friction: Friction) -> np.ndarray:
@@ -257,11 +229,13 @@ def _all_shafts(robot: Robot, typical: np.ndarray) -> np.ndarray:
 
 def coefficients(robot: Robot) -> np.ndarray:
     """Return the coefficients (6, m) of all shafts of a robot, kinds in the order of ``KINDS``."""
-    friction, zero = robot.friction, [0.0] * (len(KINDS) - _OF_SHAFTS)
-    joints = (friction.viscous, friction.coulomb, friction.gear_friction, friction.asymmetry)
-    own = np.array([robot.model.armature, *joints, friction.offset], dtype=float)
-    shafts = [[part.armature, part.viscous, part.coulomb, *zero] for part in friction.shafts]
-    return np.column_stack([own, *shafts])
+    friction = robot.friction
+    joints = [robot.model.armature, *(getattr(friction, kind) for kind in KINDS[1:])]
+    values = np.zeros((len(KINDS), robot.model.nv + len(friction.shafts)))
+    values[:, : robot.model.nv] = joints
+    for own, part in zip(values.T[robot.model.nv :], friction.shafts, strict=True):
+        own[:_OF_SHAFTS] = part.armature, part.viscous, part.coulomb
+    return values
 
 
 def without_joint_effects(robot: Robot) -> Robot:
@@ -297,8 +271,7 @@ def expected_coefficients(robot: Robot, typical: np.ndarray) -> np.ndarray:
     is limited to the friction that decelerates the joint's inertia at home at 50 rad/s^2 (or
     m/s^2).
     """
-    inertia = np.diag(pin.crba(robot.model, robot.model.createData(), robot.q0))
-    efforts = effort_limits(robot.model)
+    inertia, efforts = 2.0 * typical[0], effort_limits(robot.model)
     motor = np.where(np.isfinite(efforts), _OF_EFFORT * efforts, 0.0)
     coulomb = np.maximum(typical[2], np.minimum(motor, _BRAKING * inertia))
     return np.array([typical[0], coulomb / _SPEED, coulomb])

@@ -19,9 +19,9 @@ a_k + y_k0(q, v): Wang and Xie (2009), equation (2), for any chain.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -35,13 +35,13 @@ from ..exceptions import ParameterError, RobotError
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PositionTask, quaternion
 from .basis import base_parameters
-from .regressor import live_array
+from .regressor import SAMPLES, live_array, random_states
 from .task_kinematics import TaskKinematics
 from .translations import (
     FIRST,
     TOOL,
-    PlacedTranslations,
     Translation,
+    placed_values,
     placement_of,
     unknown_translations,
 )
@@ -49,11 +49,10 @@ from .translations import (
 GEOMETRY = "geometry"
 TURN, SHIFT = 0.02, 0.005  # [rad] and share of the reach: standard deviations of a description
 _TOOL, _BASE = 10.0, 3.0  # times those, of the tool and of the base
-_UNIT = 0.1  # of the reach: what the size of one stands for
-_DEVIATIONS = 10.0  # standard deviations of a displacement: its bounds
+OFF = 0.1  # of the reach: how far off what has the size of one may be
+BOUND = 10.0  # of the sizes of displacements and of cameras: their bounds
 _WIDE, _WIDE_BASE = 0.5, 10.0  # of the reach: bounds of a translation
-_SHORTEST, _LONGEST = 0.2, 5.0  # of the nominal length
-_SAMPLES = 60  # configurations at which two geometries are compared
+_LONGEST = 5.0  # of the nominal length; its inverse is the shortest
 _SAME = 1e-9  # [m] or [rad]
 
 
@@ -100,22 +99,24 @@ def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -
     By default a length lies between a fifth and five times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
     """
-    placed = PlacedTranslations(robot.model, robot.frame_id, translations)
-    initial, bounds = placed.read(), np.zeros((2, placed.size))
-    joints = np.zeros(placed.size, dtype=np.int64)
-    for part, window in zip(translations, placed.windows, strict=True):
-        joints[window] = part.joint or robot.model.njoints
-        margin = (_WIDE_BASE if part.joint == FIRST else _WIDE) * robot.reach
-        bounds[:, window] = initial[window] + margin * np.array([[-1.0], [1.0]])
-        if part.size == 1:
-            bounds[:, window] = initial[window] * np.array([[_SHORTEST], [_LONGEST]])
+    values = placed_values(robot.model, robot.frame_id, translations)
+    sizes = [part.size for part in translations]
+    initial = np.concatenate([np.zeros(0), *values])
+    joints = [part.joint or robot.model.njoints for part in translations]
+    margins = [_WIDE_BASE if part.joint == FIRST else _WIDE for part in translations]
+    margin, length = (np.repeat(each, sizes) for each in (margins, np.equal(sizes, 1)))
+    shifts = np.concatenate([np.zeros((3, 0)), *(part.directions for part in translations)], axis=1)
     return Columns(
         tuple(label for part in translations for label in part.labels),
-        joints,
-        np.concatenate([placed.directions, np.zeros((3, placed.size))]),
+        np.repeat(joints, sizes).astype(np.int64),
+        np.concatenate([shifts, np.zeros(shifts.shape)]),
         initial,
-        np.ones(placed.size),
-        bounds,
+        np.ones(initial.size),
+        np.where(
+            length,
+            np.outer([1.0 / _LONGEST, _LONGEST], initial),
+            initial + np.outer([-robot.reach, robot.reach], margin),
+        ),
     )
 
 
@@ -126,28 +127,26 @@ def columns_of_geometry(robot: Robot) -> Columns:
     (4), in metres and radians: one along or about the axis of a joint is left out, as one of the
     next placement has the same effect.
     """
-    model, reach = robot.model, robot.reach
+    model, tip = robot.model, placement_of(robot.model, robot.frame_id, None)
     labels = np.array([f"{kind}_{axis}" for kind in ("shift", "turn") for axis in "xyz"])
-    names, motions = list(unknown_translations(robot, [TOOL])[0].labels), [np.eye(6)[:, :3]]
-    joints, sizes = [model.njoints] * 3, [np.full(3, _TOOL * SHIFT * reach)]
-    tip = placement_of(model, robot.frame_id, None)
-    motions[0] = np.kron(np.eye(2), tip.rotation) @ motions[0]
+    off = np.repeat([SHIFT * robot.reach, TURN], 3)
+    motions = np.kron(np.eye(2), tip.rotation)[:, :3]
+    parts = [(unknown_translations(robot, [TOOL])[0].labels, motions, _TOOL * off[:3])]
     for joint, name in enumerate(robot.joint_names, 1):
         axes, own = axes_of(model, joint)
         kept = (np.arange(6) % 3 != own % 3) | (joint == FIRST)
-        names += [f"{name}.{label}" for label in labels[kept]]
-        motions.append(np.kron(np.eye(2), model.jointPlacements[joint].rotation) @ axes[:, kept])
-        joints += [joint] * int(kept.sum())
-        size = np.repeat([SHIFT * reach, TURN], 3)[kept]
-        sizes.append(size * (_BASE if joint == FIRST else 1.0))
+        motions = np.kron(np.eye(2), model.jointPlacements[joint].rotation) @ axes[:, kept]
+        size = off[kept] * (_BASE if joint == FIRST else 1.0)
+        parts.append((tuple(f"{name}.{label}" for label in labels[kept]), motions, size))
+    names, moves, sizes = zip(*parts, strict=True)
     deviations = np.concatenate(sizes)
     return Columns(
-        tuple(names),
-        np.array(joints, dtype=np.int64),
-        np.concatenate(motions, axis=1),
-        np.zeros(len(names)),
-        deviations / (_UNIT * reach),
-        _DEVIATIONS * deviations * np.array([[-1.0], [1.0]]),
+        tuple(name for each in names for name in each),
+        np.repeat([model.njoints, *range(1, model.njoints)], [len(each) for each in names]),
+        np.concatenate(moves, axis=1),
+        np.zeros(deviations.size),
+        deviations / (OFF * robot.reach),
+        BOUND * deviations * np.array([[-1.0], [1.0]]),
     )
 
 
@@ -178,10 +177,7 @@ class _ObservedChain:
         carrier = self._model.frames[self._frame].parentJoint
         parents = np.append(self._model.parents, carrier)  # of the tool, which counts as a joint
         self._axes = data.J.reshape(6, n), data.dJ.reshape(6, n)
-        self._others = ~np.isin(np.arange(1, n + 1), self._model.supports[carrier])
-        self._branched = bool(self._others.any())
-        if self._branched:  # the axes of other branches count as zero
-            self._axes = np.zeros((6, n)), np.zeros((6, n))
+        self._others = np.setdiff1d(np.arange(n), np.array(self._model.supports[carrier]) - 1)
         self._of_chain = (
             live_array([placement.rotation for placement in data.oMi]),
             live_array([placement.translation for placement in data.oMi]),
@@ -190,7 +186,7 @@ class _ObservedChain:
             self.columns,
         )
         self._of_sensor = constants, entries, empty((4, 3))
-        self.motion, self.maps = np.zeros((2, width, n + 1)), empty(constants.shape)
+        self.motion, self.maps = np.zeros((2, width, n + 1)), constants.copy()
         self.G, self.Jdot, one = empty((rows, width)), empty((rows, n)), 3 * self.columns.shape[1]
         self.motion[0, one, n], self.z = 1.0, self.G[:, one]
         self._filled = self.motion, self.maps, self.G, self.Jdot
@@ -198,9 +194,9 @@ class _ObservedChain:
     def update(self, a: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return y, J, the rate of y, dJ/dt v, X and Y of ``observed_motion`` as new arrays."""
         pin.computeJointJacobiansTimeVariation(self._model, self._data, q, v)
-        if self._branched:
-            for axes, all_axes in zip(self._axes, (self._data.J, self._data.dJ), strict=True):
-                axes[:] = np.where(self._others, 0.0, all_axes)
+        if self._others.size:  # the axes of other branches count as zero
+            for axes in self._axes:
+                axes[:, self._others] = 0.0
         rows, p = len(self.G), a.size
         found = empty(rows), empty(self.Jdot.shape), empty(rows), empty(rows)
         X, Y = empty((rows, p)), empty((rows, p))
@@ -233,21 +229,21 @@ class LinearKinematics(TaskKinematics):
         self.positions, self._still = self.task.positions, np.zeros(self.nv)
         self._of_pose = self.task.size > self.positions
 
-    def _observe(self, constants: np.ndarray, entries: Sequence[tuple[int, int, int, int]]) -> None:
+    def _observe(self, constants: np.ndarray, places: np.ndarray) -> None:
         """Take a map whose entries are parameters, beside constants.
 
         Args:
             constants: (2, m_p, 4 + 3 k) of N and D.
-            entries: (parameter, 0 for N or 1 for D, row, column) of each that a parameter adds to.
+            places: (2, m_p, 4 + 3 k) the parameter that each entry has in addition; -1: none.
         """
-        m, one = constants.shape[1], constants.shape[2] - 1
+        _, m, width = constants.shape
         if self._of_pose:  # the rotation in N once more, for the angular velocity
-            constants = np.pad(constants, ((0, 0), (0, m), (0, 3)))
-            constants[0, m:, one + 1 :], constants[1, m:, one] = constants[0, :m, :3], 1.0
-            turning = [(j, of, m + i, one + 1 + c) for j, of, i, c in entries if c < 3]
-            entries = [*entries, *turning]
-        self._entries = np.array(entries, dtype=np.int64).reshape(-1, 4)
-        self._depths = bool(self._entries[:, 1].any())
+            wider = (0, 0), (0, m), (0, 3)
+            constants, places = np.pad(constants, wider), np.pad(places + 1, wider) - 1
+            constants[0, m:, width:], constants[1, m:, width - 1] = constants[0, :m, :3], 1.0
+            places[0, m:, width:] = places[0, :m, :3]
+        at = np.nonzero(places >= 0)
+        self._entries = np.column_stack([places[at], *at])
         self._now, self._past = (
             _ObservedChain(self.robot, self.columns, constants, self._entries) for _ in range(2)
         )
@@ -289,7 +285,7 @@ class LinearKinematics(TaskKinematics):
 
     def explaining(self, x: np.ndarray) -> np.ndarray:
         """Return X (m_p, p) with p_hat - x = X da_k, exactly, for measured coordinates x."""
-        if not self._depths:
+        if self.affine:
             return self.X_k
         return self._regressor(self._now.motion[0, :, -1], x, self._now)
 
@@ -299,7 +295,7 @@ class LinearKinematics(TaskKinematics):
         The estimate is that of the last update. The attributes do not change.
         """
         y, _, _, _, X, _ = self._past.update(self.a_k, q, self._still)
-        if self._depths and seen is not None:
+        if not self.affine and seen is not None:
             X = self._regressor(self._past.motion[0, :, -1], seen, self._past)
         m = self.positions
         return self._coordinates(y[:m], self._past), X[:m]
@@ -310,23 +306,17 @@ class LinearKinematics(TaskKinematics):
         Without the second part (17) of Wang and Xie does not hold.
         """
         chain, found = self._now, self._now.Jdot.copy()
-        kernels.add_map_rates(a_k_rate, self._entries, chain.motion, chain.z, found)
-        if self._depths:
-            (Phi, Phid), D = chain.motion, chain.maps[1]
-            j, _, i, c = self._entries[self._entries[:, 1] == 1].T
-            D_rate = np.zeros(D.shape)
-            D_rate[i, c] = a_k_rate[j]
-            yd = self.xd_hat + self.X_k.dot(a_k_rate)
-            zd = D.dot(Phid[:, -1]) + D_rate.dot(Phi[:, -1])
-            less = yd[:, None] * D + self.p_hat[:, None] * D_rate + zd[:, None] * chain.G
-            found -= (less[:, :-1] / chain.z[:, None]).dot(Phi[:-1, :-1])
+        kernels.add_map_rates(
+            a_k_rate, self._entries, chain.motion, chain.maps, chain.G, chain.z,
+            self._y, self.xd_hat, found,
+        )  # fmt: skip
         return found
 
     def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
         """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
         chain, (Phi, Phid) = self._now, self._now.motion
         found = self._regressor(Phi[:, :-1].dot(a) + Phid[:, :-1].dot(self._v), self._y, chain)
-        if self._depths:  # what the rate of y adds
+        if not self.affine:  # what the rate of y adds
             rate = Phid[:, -1]
             found += self._regressor(rate, 2.0 * self.xd_hat, chain)
             found -= self._regressor(rate, 0.0 * self._y, chain)
@@ -335,6 +325,38 @@ class LinearKinematics(TaskKinematics):
     def base(self, samples: int = 50) -> int:
         """Return the number of identifiable combinations of the parameters: the rank of Y_p."""
         return base_parameters(self, self.robot, samples=samples).size
+
+    @abstractmethod
+    def _described(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot, exact where other placements are the same.
+
+        None if it has no such sensor.
+        """
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the parameters (p) of a robot with the same chain.
+
+        None if no parameters give that robot's coordinates, because other placements differ, or if
+        it has no such sensor. A constant rotation between the frame and the marker that a tracker
+        sees has no effect.
+        """
+        m, start = self.positions, self._described(robot)
+        if start is None:
+            return None
+        rows, off = [], []
+        for q, _, _ in random_states(self.robot.model, SAMPLES):
+            self.update(start, q, self._still)
+            x = robot.position(q)
+            rows.append(self.explaining(x)[:m] * self.sizes)
+            off.append(self.task.error(x, self.x_hat))
+        W, left = np.concatenate(rows), np.array(off)
+        if not self.calibrated:
+            left = left[:, :m]
+        found = np.zeros(self.size)
+        if np.abs(left).max() >= _SAME:
+            found = np.linalg.lstsq(W, left[:, :m].ravel(), rcond=1e-10)[0]
+            left[:, :m] -= (W @ found).reshape(-1, m)
+        return start + found * self.sizes if np.abs(left).max() < _SAME else None
 
     def displace(self, model: pin.Model, off: np.ndarray) -> None:
         """Write the described placements, displaced by off (p), into a model of the chain."""
@@ -376,59 +398,39 @@ class FrameKinematics(LinearKinematics):
                 that is not one of positions alone.
         """
         task = instance(robot, Robot, "robot", RobotError).frame_task
-        self._whole = isinstance(unknown, str) and unknown == GEOMETRY
-        if self._whole and not isinstance(task, PositionTask):
+        whole, self.unknown = isinstance(unknown, str) and unknown == GEOMETRY, unknown
+        if whole and not isinstance(task, PositionTask):
             raise ParameterError(
                 f"the geometry is learned from positions only, and the task is '{task.name}'.",
                 where="unknown.geometry",
                 hint='Take a task of the position, such as "xyz", or `pinadapt calibrate` before.',
             )
-        self.translations = unknown_translations(robot, [TOOL] if self._whole else unknown)
+        self.translations = unknown_translations(robot, [TOOL] if whole else unknown)
         columns = (
             columns_of_geometry(robot)
-            if self._whole
+            if whole
             else columns_of_translations(robot, self.translations)
         )
         self._take(robot, columns)
         self.names, self.size = columns.names, len(columns.names)
         self.initial, self.sizes, self.bounds = columns.initial, columns.sizes, columns.bounds
         constants = np.zeros((2, self.positions, 4 + 3 * self.size))
-        constants[1, :, -1], entries = 1.0, []
+        constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)
         for i, row in enumerate(range(3)[task.place]):
-            constants[0, i, row], constants[0, i, 3 + row : -1 : 3] = 1.0, -self.initial
-            entries += [(j, 0, i, 3 * (1 + j) + row) for j in range(self.size)]
-        self._observe(constants, entries)
+            own = slice(3 + row, -1, 3)
+            constants[0, i, row], constants[0, i, own] = 1.0, -self.initial
+            places[0, i, own] = np.arange(self.size)
+        self._observe(constants, places)
         self.update(self.initial, robot.q0, self._still)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return FrameKinematics, (self.robot, GEOMETRY if self._whole else self.translations)
 
     @property
     def units(self) -> tuple[str, ...]:
         """The unit of each parameter (p)."""
         return tuple("rad" if turn.any() else "m" for turn in self.columns.motions[3:].T)
 
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot with the same chain.
-
-        None if no parameters give that robot's coordinates, because other placements differ.
-        """
-        rng, start = np.random.default_rng(0), self.displacement(robot.model)
-        rows, off = [], []
-        for _ in range(_SAMPLES):
-            q = pin.integrate(self.robot.model, self.robot.q0, rng.uniform(-2.0, 2.0, self.nv))
-            self.update(self.initial + start, q, self._still)
-            rows.append(np.zeros(self.Y_k.shape))
-            rows[-1][: self.positions] = self.X_k * self.sizes
-            off.append(self.task.error(robot.position(q), self.x_hat))
-        W, y = np.concatenate(rows), np.concatenate(off)
-        if np.abs(y).max() < _SAME:
-            return self.initial + start
-        found = np.linalg.lstsq(W, y, rcond=1e-10)[0]
-        if np.abs(y - W @ found).max() > _SAME:
-            return None
-        return self.initial + start + found * self.sizes
+    def _described(self, robot: Robot) -> np.ndarray:
+        """Return the parameters (p) of the placements of a robot."""
+        return self.read(robot.model, self.initial)
 
     def write(self, model: pin.Model, a_k: np.ndarray) -> None:
         """Write the placements of an estimate a_k (p) into a model of the chain."""

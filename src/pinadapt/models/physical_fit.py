@@ -25,18 +25,14 @@ import numpy as np
 
 from ..exceptions import ParameterError
 from ..robot.robot import Robot
-from .bodies import COEFFICIENTS, nearest_physical
+from .bodies import COEFFICIENTS, COLUMNS, nearest_physical
 from .dynamics import Dynamics
 from .regressor import PER_BODY
 
-GAMMA = 1e-4  # weight of the description, relative to one row
 _FALL = 3.0  # of gamma, from one value to the next
 _FARTHEST = 1e6  # divergence of parameters that ``nearest_with`` looks for
-_STEPS = 2000  # of Newton's method, at most
-_FEW = 10  # from the minimum for similar rows, or else gamma falls in steps
 _DECREMENT = 1e-8  # squared, of Newton's step in units of gamma
-_ON_THE_WAY = 1e-2  # the same, at larger gamma: there Newton's method converges quadratically
-_COLUMNS = COEFFICIENTS.reshape(PER_BODY, 16)  # P, row by row, of each of the ten parameters
+LEAST = 1e-3  # of a typical parameter: what stands for one that is not positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +60,7 @@ class PhysicalSet:
     def matrices(self, a: np.ndarray) -> np.ndarray:
         """Return P (k, 4, 4) of the bodies at a (p)."""
         tens = a[: PER_BODY * self.bodies].reshape(self.bodies, PER_BODY)
-        return (tens @ _COLUMNS).reshape(-1, 4, 4)
+        return (tens @ COLUMNS).reshape(-1, 4, 4)
 
     @cached_property
     def _centers(self) -> tuple[np.ndarray, np.ndarray]:
@@ -100,23 +96,19 @@ class PhysicalSet:
 
     def local(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return T (p, p), h (p) of D(a + T u) - D(a) = h . u + |u|^2 / 2, to second order in u."""
-        P, P_0 = self.matrices(a), self._centers[0]
-        T, h = np.zeros((a.size, a.size)), np.zeros(a.size)
+        from scipy.linalg import block_diag  # here, because scipy is slow to import
+
+        P, P_0, c = self.matrices(a), self._centers[0], self.coefficients(a)
         L = np.linalg.cholesky(P)
         inverse = np.linalg.inv(L)[:, None]
         B = (inverse @ COEFFICIENTS @ inverse.swapaxes(2, 3)).reshape(-1, PER_BODY, 16)
         Q, R = np.linalg.qr(B.swapaxes(1, 2))
         push = (L.swapaxes(1, 2) @ np.linalg.solve(P_0, L) - np.eye(4)).reshape(-1, 1, 16) @ Q
-        factors = np.sqrt(np.broadcast_to(self.body_weights, self.bodies))
-        for b, (block_of_T, factor) in enumerate(zip(np.linalg.inv(R), factors, strict=True)):
-            block = slice(PER_BODY * b, PER_BODY * (b + 1))
-            T[block, block], h[block] = block_of_T / factor, factor * push[b, 0]
-        c, first = self.coefficients(a), PER_BODY * self.bodies
-        root, last = np.sqrt(self.weights), first + c.size
-        T[first:last, first:last] = np.diag(c / root)
-        h[first:last] = root * (c / self.coefficients(self.center) - 1.0)
-        T[last:, last:], h[last:] = np.diag(self.scales), self.signed(a)
-        return T, h
+        roots = np.sqrt(np.broadcast_to(self.body_weights, self.bodies))[:, None, None]
+        root, share = np.sqrt(self.weights), c / self.coefficients(self.center)
+        others = np.diag(np.concatenate([c / root, self.scales]))
+        T = block_diag(*(np.linalg.inv(R) / roots), others)
+        return T, np.concatenate([(roots * push).ravel(), root * (share - 1.0), self.signed(a)])
 
 
 def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
@@ -134,19 +126,27 @@ def physical_set(dynamics: Dynamics, robot: Robot) -> PhysicalSet:
             where="identify",
             hint="An estimator takes any dynamics: see pinadapt.Estimator.",
         )
-    least_mass, least_radius = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
-    inertial, rest = np.split(dynamics.initial, [dynamics.inertial.size])
+    margins = 1e-3 * robot.mass / robot.model.nv, 1e-2 * robot.reach
+    return around(dynamics, dynamics.initial, *margins)
+
+
+def around(
+    dynamics: Dynamics, a: np.ndarray, least_mass: float = 1e-6, least_radius: float = 1e-3
+) -> PhysicalSet:
+    """Return the physical parameters of bodies and joints, centred at a (p) or close by.
+
+    Bodies without the margins of ``nearest_physical`` are replaced, and coefficients that are not
+    positive, by a thousandth of the typical ones.
+    """
+    size, typical = dynamics.inertial.size, dynamics.typical
+    first = a.size - (0 if dynamics.joints is None else dynamics.joints.signed)
     tens = [
         nearest_physical(pi, least_mass=least_mass, least_radius=least_radius)
-        for pi in inertial.reshape(-1, PER_BODY)
+        for pi in a[:size].reshape(-1, PER_BODY)
     ]
-    return PhysicalSet(len(tens), np.concatenate([*tens, rest]), scales=signed_scales(dynamics))
-
-
-def signed_scales(dynamics: Dynamics) -> np.ndarray:
-    """Return typical values of the coefficients that may be negative, the last parameters."""
-    signed = 0 if dynamics.joints is None else dynamics.joints.signed
-    return dynamics.typical[dynamics.size - signed :]
+    positive = np.where(a > 0.0, a, LEAST * typical)[size:first]
+    center = np.concatenate([*tens, positive, a[first:]])
+    return PhysicalSet(len(tens), center, scales=typical[first:])
 
 
 def physical_fit(
@@ -154,24 +154,21 @@ def physical_fit(
     b: np.ndarray,
     physical: PhysicalSet,
     *,
-    gamma: float = GAMMA,
+    gamma: float,
     near: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the minimiser (p) of |A a - b|^2 / 2 + gamma D(a), A (k, p) and b (k) whitened.
 
     ``near`` is the minimiser for similar rows, if it is known; it saves time.
     """
-    R, z = _square(A, b)
-    if near is not None:
-        a, reached = _newton(R, z, physical, near, gamma, most=_FEW)
-        if reached:
-            return a
-    a = physical.center
-    weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
+    R, z = square(A, b)
+    a, weight = physical.center if near is None else near, gamma
+    if near is None:
+        weight = max(gamma, float(np.linalg.norm(R @ physical.local(a)[0], 2) ** 2))
     while weight > gamma:
-        a, _ = _newton(R, z, physical, a, weight, _ON_THE_WAY)
+        a = _newton(R, z, physical, a, weight)
         weight = max(weight / _FALL, gamma)
-    return _newton(R, z, physical, a, gamma)[0]
+    return _newton(R, z, physical, a, gamma)
 
 
 def nearest_with(
@@ -201,14 +198,12 @@ def nearest_with(
             return x
         if 0.5 * (left**2 - tolerance**2) / weight + physical.divergence(x) > _FARTHEST:
             break
-        x, _ = _newton(rows, target, physical, x, 0.1 * weight)
+        x = _newton(rows, target, physical, x, 0.1 * weight)
     return None
 
 
-def _square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def square(A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return p equations equivalent to A a = b in least squares, by QR."""
-    if len(A) <= A.shape[1]:
-        return A, b
     R = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
     return R[: A.shape[1], :-1], R[: A.shape[1], -1]
 
@@ -219,23 +214,21 @@ def _newton(
     physical: PhysicalSet,
     a: np.ndarray,
     gamma: float,
-    decrement: float = _DECREMENT,
-    most: int = _STEPS,
-) -> tuple[np.ndarray, bool]:
-    """Return the minimum of |R a - z|^2 / 2 + gamma D(a), and whether ``most`` steps reached it."""
+) -> np.ndarray:
+    """Return the minimum of |R a - z|^2 / 2 + gamma D(a)."""
 
     def objective(x: np.ndarray) -> float:
         return float(0.5 * np.sum((R @ x - z) ** 2) + gamma * physical.divergence(x))
 
     root, value = np.sqrt(gamma), objective(a)
     rows = np.vstack([R, root * np.eye(a.size)])
-    for _ in range(most):
+    while True:
         T, h = physical.local(a)
         np.matmul(R, T, out=rows[: len(R)])
-        u = np.linalg.solve(*_square(rows, np.concatenate([z - R @ a, -root * h])))
+        u = np.linalg.solve(*square(rows, np.concatenate([z - R @ a, -root * h])))
         step, fall = T @ u, float(np.sum((rows @ u) ** 2))
-        if fall <= decrement * gamma:
-            return a, True
+        if fall <= _DECREMENT * gamma:
+            return a
         share = 1.0
         while share > 1e-12:
             after = objective(a + share * step)
@@ -243,6 +236,5 @@ def _newton(
                 break
             share *= 0.5
         else:
-            return a, True  # rounding prevents further progress
+            return a  # rounding prevents further progress
         a, value = a + share * step, after
-    return a, False

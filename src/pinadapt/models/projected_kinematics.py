@@ -12,20 +12,15 @@ prediction error is linear in the errors of N and D, exactly, however wrong they
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from .._checks import instance
 from ..exceptions import RobotError
 from ..robot.robot import Robot
-from .linear_kinematics import LinearKinematics, columns_of_translations
+from .linear_kinematics import OFF, LinearKinematics, columns_of_translations
 from .translations import Translation, unknown_translations
-
-_SAME = 1e-9  # [m]
-OFF = 0.1  # of the reach: how far translations and the position at home may be off
 
 
 class ProjectedKinematics(LinearKinematics):
@@ -46,7 +41,7 @@ class ProjectedKinematics(LinearKinematics):
     ) -> None:
         """Take a nominal robot, its unknown translations, and the camera of each row, if any."""
         instance(robot, Robot, "robot", RobotError)
-        self.translations = unknown_translations(robot, unknown)
+        self.translations, self.unknown = unknown_translations(robot, unknown), unknown
         columns = columns_of_translations(robot, self.translations)
         self._take(robot, columns)
         self.nominal, self.translation_names = columns.initial, columns.names
@@ -60,27 +55,19 @@ class ProjectedKinematics(LinearKinematics):
         self.size = len(self.names)
         self._shape, self._below = (self.positions, len(of) + 1), (len(deep), len(of))
         self._split = self.positions * self._shape[1]
-        m, width = self._shape
-        constants = np.zeros((2, m, width))
-        constants[1, :, -1] = 1.0
-        entries = [(i * width + c, 0, i, c) for i in range(m) for c in range(width)]
-        entries += [
-            (self._split + of_row * (width - 1) + c, 1, i, c)
-            for i, of_row in enumerate(camera)
-            for c in range(width - 1)
-        ]
-        self._observe(constants, entries)
+        small = np.repeat([1.0, OFF * robot.reach], [3, len(of) - 2])
+        self.sizes = np.tile(small, self.positions)
+        constants = np.zeros((2, *self._shape))
+        constants[1, :, -1], places = 1.0, np.full(constants.shape, -1)
+        places[0] = np.arange(self._split).reshape(self._shape)
+        if deep:
+            below = self._split + np.arange(np.prod(self._below)).reshape(self._below)
+            places[1, :, :-1] = below[self._camera]
+        self._observe(constants, places)
         self._now.update(np.zeros(self.size), robot.q0, self._still)
         self._home = self._now.motion[0, : len(of), -1].copy()
         for chain in (self._now, self._past):
             chain.columns[6:] = self._home.reshape(-1, 3).T
-
-    def in_base(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return p (3), r (3, k) and dp/dt (3) in the axes of the base, as described."""
-        self._past.update(self.initial, q, v)
-        values, rates = self._past.motion[:, : len(self._home), -1]
-        phi = (values + self._home).reshape(-1, 3)
-        return phi[0], phi[1:].T, rates[:3].copy()
 
     def _rows_of(self, H: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """Return the rows (., 4 + 3 k) of N that are rows H (., 4) of a map of positions.
@@ -93,23 +80,6 @@ class ProjectedKinematics(LinearKinematics):
     def _factors(self, translations: np.ndarray) -> np.ndarray:
         """Return one and the errors of translations (k) [m]."""
         return np.append(1.0, translations - self.nominal)
-
-    @abstractmethod
-    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray | None:
-        """Return the parameters (p) of a robot's sensor and translations (k); None: no sensor."""
-
-    def value(self, robot: Robot) -> np.ndarray | None:
-        """Return the parameters (p) of a robot with the same chain, whose sensor is described.
-
-        None if no parameters give what it sees, because other placements differ.
-        """
-        a_k = self._described(robot, self.nominal + self.displacement(robot.model))
-        if a_k is None:
-            return None
-        q = pin.integrate(self.robot.model, self.robot.q0, np.linspace(0.1, 0.3, self.nv))
-        self.update(a_k, q, self._still)
-        off = self.p_hat - robot.position(q)[: self.positions]
-        return a_k if np.abs(off).max() < _SAME else None
 
     def standing_at(self, y: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of coordinates that stay at y (m_p), however the arm moves."""
@@ -131,9 +101,8 @@ class ProjectedKinematics(LinearKinematics):
         return self.initial + self.standing_at((x[:m] - self.p_hat) * self._now.z[:m])
 
 
-def orthonormal(B: np.ndarray) -> np.ndarray:
-    """Return the nearest orthonormal rows to B (m, 3); of three rows a rotation."""
-    U, _, V = np.linalg.svd(B, full_matrices=False)
-    if len(B) == 3 and np.linalg.det(U @ V) < 0.0:
-        U[:, -1] *= -1.0
+def nearest_rotation(B: np.ndarray) -> np.ndarray:
+    """Return the nearest rotation to B (3, 3), in which one row may be unknown and zero."""
+    U, _, V = np.linalg.svd(B)
+    U[:, -1] *= np.sign(np.linalg.det(U @ V))
     return np.asarray(U @ V)

@@ -7,7 +7,6 @@ bodies, in the order of ``LABELS``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,8 +18,9 @@ from .._kernels import models as kernels
 from .._kernels.models import PER_BODY
 
 LABELS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+SAMPLES = 60  # states at which two models are compared; 20 suffice for seven joints
 State = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (nq), v (n) and a (n)
-UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
+UNITS = "kg", "kg m", "kg m", "kg m", *("kg m^2" for label in LABELS if label.startswith("I"))
 
 
 class Regressor:
@@ -34,6 +34,7 @@ class Regressor:
         self._model, self._weightless = model.copy(), model.copy()
         self._weightless.gravity.linear = np.zeros(3)
         self._data = self._model.createData()  # scratch for both
+        self._momentum = MomentumRegressor(model)
         self._zero = np.zeros(model.nv)
         self._many = model.nv > 1
         self._shape = (model.nv, PER_BODY * model.nv)  # Pinocchio returns a single row as a vector
@@ -44,7 +45,11 @@ class Regressor:
 
     def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return Y(q, v, a) (n, 10 n)."""
-        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, v, a)
+        return self._of(self._model, q, v, a)
+
+    def _of(self, model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the regressor (n, 10 n) of a model with these joints."""
+        Y = pin.computeJointTorqueRegressor(model, self._data, q, v, a)
         return Y if self._many else Y.reshape(self._shape)
 
     def slotine_li(
@@ -56,20 +61,13 @@ class Regressor:
         Y = Y(q, (v + v_r)/2, a_r) - Y0(q, (v - v_r)/2, 0), Y0 without gravity.
         """
         mean = 0.5 * (v + v_r)
-        Y = pin.computeJointTorqueRegressor(self._model, self._data, q, mean, a_r)
-        Y_0 = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v - mean, self._zero)
-        if Y.ndim == 1:
-            Y, Y_0 = Y.reshape(self._shape), Y_0.reshape(self._shape)
-        Y -= Y_0
+        Y = self._of(self._model, q, mean, a_r)
+        Y -= self._of(self._weightless, q, v - mean, self._zero)
         return Y
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return Y_M and Y_0 (n, 10 n): M a + C v + g = d/dt (Y_M pi) + Y_0 pi."""
         return self._momentum(q, v)
-
-    @cached_property
-    def _momentum(self) -> MomentumRegressor:
-        return MomentumRegressor(self._model)
 
 
 def inertial_parameters(model: pin.Model) -> np.ndarray:
@@ -172,7 +170,7 @@ def live_array(views: Sequence[np.ndarray]) -> np.ndarray:
     """
     places = np.array([view.__array_interface__["data"][0] for view in views])
     first, distance = views[0], int(places[1] - places[0]) if len(views) > 1 else 0
-    if (np.diff(places) != distance).any() or any(v.strides != first.strides for v in views):
+    if (np.diff(places) != distance).any():
         raise ValueError("the views are not at equal distances in memory.")
     return np.lib.stride_tricks.as_strided(
         first, (len(views), *first.shape), (distance, *first.strides), writeable=False

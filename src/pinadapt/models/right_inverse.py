@@ -39,7 +39,10 @@ class RightInverse:
         unique: whether J^+ is the inverse, so that there is no null space: J square, no damping.
     """
 
-    __slots__ = ("J", "_A_rate", "conditioning", "damping", "gram_inverse", "size", "unique")
+    __slots__ = (
+        *("J", "_A_rate", "_rows", "_rows_rate"),
+        *("conditioning", "damping", "gram_inverse", "size", "unique"),
+    )
 
     def __init__(
         self,
@@ -50,14 +53,16 @@ class RightInverse:
         """Invert the Jacobian (m, n); ``threshold`` is s_0, zero for no damping.
 
         Under constraints A r = 0, A (k, n) and dA/dt (k, n), it is that of [J; A], with u zero in
-        the rows of A.
+        the rows of A; see ``moving``.
 
         Raises:
             DivergedError: J has lost rank without damping, or is not finite.
         """
         self.size, self._A_rate = len(J), None
         if constraints is not None:
-            J, self._A_rate = np.concatenate([J, constraints[0]]), constraints[1]
+            A, self._A_rate = constraints
+            J, self._rows = np.concatenate([J, A]), np.zeros(len(A))
+            self._rows_rate = self._rows
         m, n = J.shape
         self.J, self.gram_inverse = J, empty((m, m))
         self.conditioning, self.damping, lost = kernels.invert_gram(J, threshold, self.gram_inverse)
@@ -72,14 +77,14 @@ class RightInverse:
     def solve(self, u: np.ndarray, psi: np.ndarray | None) -> np.ndarray:
         """Return J^+ u + (I - J^+ J) psi (n), u (m), psi (n), or None where J^+ is unique."""
         if self._A_rate is not None:
-            u = self._padded(u)
+            u = np.concatenate([u, self._rows])
         if psi is None:
             return self.gram_inverse.dot(u).dot(self.J)
         return psi + self.gram_inverse.dot(u - self.J.dot(psi)).dot(self.J)
 
-    def _padded(self, u: np.ndarray) -> np.ndarray:
-        """Return u (m) with zeros in the rows of the constraints."""
-        return np.concatenate([u, np.zeros(len(self.J) - self.size)])
+    def moving(self, rows: np.ndarray, rate: np.ndarray) -> None:
+        """Let A r be ``rows`` (k) in place of zero, and change at ``rate`` (k): feet in the air."""
+        self._rows, self._rows_rate = rows, rate
 
     def solve_with_rate(
         self,
@@ -95,14 +100,10 @@ class RightInverse:
         dr/dt = J^+ (ud - Jdot r - y d(mu^2)/dt) + (I - J^+ J) (psid + Jdot^T y).
         """
         if self._A_rate is not None:
-            u, ud, Jdot = (
-                self._padded(u), self._padded(ud), np.concatenate([Jdot, self._A_rate])
-            )  # fmt: skip
-            if psi is None or psid is None:
-                psi = psid = np.zeros(self.J.shape[1])
+            u, ud = np.concatenate([u, self._rows]), np.concatenate([ud, self._rows_rate])
+            Jdot = np.concatenate([Jdot, self._A_rate])
         if psi is None or psid is None:
-            r = self.solve(u, None)
-            return r, self.solve(ud - Jdot.dot(r), None)
+            psi = psid = np.zeros(self.J.shape[1])
         missed, y, r, rate = empty(u.size), empty(u.size), empty(psi.size), empty(psi.size)
         damping_rate = self._damping_rate(Jdot) if self.damping else 0.0
         kernels.right_inverse_and_rate(

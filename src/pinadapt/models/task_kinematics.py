@@ -34,6 +34,7 @@ class TaskKinematics(ABC):
         size: p.
         positions: m_p.
         initial: (p) the values of the nominal robot [m].
+        unknown: the words that chose the parameters.
         translations: the unknown translations, in the order of their parameters.
         calibrated: whether it is known how the axes of x stand against the robot's base.
         affine: whether positions and velocities are affine in the parameters; pictures are not.
@@ -72,6 +73,12 @@ class TaskKinematics(ABC):
     Y_k: np.ndarray
 
     constraints: Constraints | None = None
+    unknown: str | Sequence[str | Translation] = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by the arguments: Pinocchio's data is scratch."""
+        arguments: tuple[Any, ...] = (self.robot, self.unknown)
+        return type(self), arguments, {"constraints": self.constraints}
 
     def inverse(self, q: np.ndarray, v: np.ndarray, threshold: float) -> RightInverse:
         """Return the right inverse of J, under the constraints if there are any.
@@ -189,10 +196,6 @@ class JointKinematics(TaskKinematics):
         self.p_hat, self.X_k = np.zeros(0), np.zeros((0, 0))
         self._q, self.xd_hat = robot.q0, np.zeros(m)
         self.sizes, self.bounds = np.zeros(0), np.zeros((2, 0))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments."""
-        return JointKinematics, (self.robot,)
 
     def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
         """Set configuration q (nq) and velocity v (nv); a_k is empty."""

@@ -8,13 +8,14 @@ needs to remain a rotation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ..robot.robot import Robot
-from .projected_kinematics import OFF, ProjectedKinematics, orthonormal
+from .linear_kinematics import OFF
+from .projected_kinematics import ProjectedKinematics, nearest_rotation
 from .translations import Translation
 
 TRACKER = "tracker"
@@ -55,24 +56,17 @@ class TrackerKinematics(ProjectedKinematics):
         self._project(robot, unknown, ())
         k, self._rows = self.nominal.size, self.task.place
         self.initial = self.parameters(Tracker(pin.SE3.Identity(), self.nominal))
-        off = np.repeat([1.0, OFF * robot.reach], [3, 3 * k + 1])
         wide = np.repeat([_TURNED, _TURNED * 0.5 * robot.reach, _FARTHEST], [3, 3 * k, 1])
-        self.sizes = np.tile(off, self.positions)
         self._vague = np.diag(np.repeat([1.0, 1.0 / robot.reach**2, 0.0], [3, 3, k]))
         self.bounds = np.tile(wide, self.positions) * np.array([[-1.0], [1.0]])
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by the arguments: Pinocchio's data is scratch."""
-        return TrackerKinematics, (self.robot, self.translations)
-
     def _axes(self) -> np.ndarray:
         """Return the rotation (3, 3) nearest to R_c of the estimate."""
-        return orthonormal(self._now.maps[0, :3, :3])
+        return nearest_rotation(self._now.maps[0, :3, :3])
 
     def parameters(self, tracker: Tracker) -> np.ndarray:
         """Return the parameters (p) of a tracker and translations."""
-        R, t = tracker.placement.rotation, tracker.placement.translation
-        return self._theta(np.column_stack([R, t]), self._factors(tracker.a))
+        return self._theta(tracker.placement.homogeneous[:3], self._factors(tracker.a))
 
     def _theta(self, H: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """Return the parameters (p) of a map H (3, 4) of positions; see ``_rows_of``."""
@@ -83,15 +77,14 @@ class TrackerKinematics(ProjectedKinematics):
 
         The rotation is the nearest one to R_c of Theta, an orthogonal Procrustes problem (P. H.
         Schönemann, Psychometrika 31, 1966, 1-10); the translations are the nearest to a_i R_c then.
-        Of a task with two coordinates the third row is the cross product of theirs.
         """
-        Theta = a_k.reshape(self._shape)
-        first, *others = Theta[:, :-1].reshape(self.positions, -1, 3).swapaxes(0, 1)
-        R = orthonormal(first)
-        a = np.array([np.vdot(block, R) / self.positions for block in others])
-        t = np.zeros(3)
-        t[self._rows] = Theta[:, -1] - np.kron(np.append(1.0, a), R).dot(self._home)
-        return Tracker(pin.SE3(self._completed(R), t), a + self.nominal)
+        Theta, m = a_k.reshape(self._shape), self.positions
+        blocks = np.zeros((len(self.nominal) + 1, 3, 3))
+        blocks[:, self._rows] = Theta[:, :-1].reshape(m, -1, 3).swapaxes(0, 1)
+        R, t = nearest_rotation(blocks[0]), np.zeros(3)
+        a = np.tensordot(blocks[1:], R) / m
+        t[self._rows] = Theta[:, -1] - np.kron(np.append(1.0, a), R[self._rows]).dot(self._home)
+        return Tracker(pin.SE3(R, t), a + self.nominal)
 
     def slopes(self, tracker: Tracker) -> np.ndarray:
         """Return the derivatives (p, 6 + k) of the parameters of a tracker.
@@ -100,10 +93,8 @@ class TrackerKinematics(ProjectedKinematics):
         translations.
         """
         R, factors = tracker.placement.rotation, self._factors(tracker.a)
-        turns = [pin.skew(axis) @ R for axis in np.eye(3)]
-        maps = [np.column_stack([turn, np.zeros(3)]) for turn in turns]
-        maps += [np.column_stack([np.zeros((3, 3)), axis]) for axis in np.eye(3)]
-        found = [self._theta(H, factors) for H in maps]
+        ways = [np.column_stack([pin.skew(way[:3]) @ R, way[3:]]) for way in np.eye(6)]
+        found = [self._theta(way, factors) for way in ways]
         fixed = np.column_stack([R, np.zeros(3)])
         found += [self._theta(fixed, one) for one in np.eye(len(factors))[1:]]
         return np.array(found).T
@@ -155,19 +146,11 @@ class TrackerKinematics(ProjectedKinematics):
         found = np.linalg.inv(self.covariance(tracker, told) + np.diag(inexact.ravel()))
         return np.asarray(0.5 * (found + found.T))
 
-    def _completed(self, R: np.ndarray) -> np.ndarray:
-        """Return the rotation (3, 3) with rows R (m_p, 3) of the task's coordinates."""
-        found = np.zeros((3, 3))
-        found[self._rows] = R
-        for row in np.flatnonzero(~found.any(axis=1)):
-            found[row] = np.cross(found[row - 2], found[row - 1])
-        return found
-
-    def _described(self, robot: Robot, translations: np.ndarray) -> np.ndarray:
+    def _described(self, robot: Robot) -> np.ndarray:
         """Return the parameters (p) of the tracker of a robot, as ``Robot.seen_from`` gives."""
         base = self.robot.model.jointPlacements[1]
         placement = robot.model.jointPlacements[1] * base.inverse()
-        return self.parameters(Tracker(placement, translations))
+        return self.parameters(Tracker(placement, self.nominal + self.displacement(robot.model)))
 
     def seen(self, a_k: np.ndarray) -> Robot:
         """Return the nominal robot with x in the axes in which an estimate a_k (p) has it."""

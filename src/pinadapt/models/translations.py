@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -43,38 +42,31 @@ class Translation:
         return len(self.labels)
 
 
-class PlacedTranslations:
-    """The unknown translations of one model, read from and written to its placements.
+def placed_values(
+    model: pin.Model, frame: int, translations: Sequence[Translation]
+) -> list[np.ndarray]:
+    """Return the parameters (k) of each translation, from the placements of a model.
 
-    Attributes:
-        windows: the slice of each translation's parameters in theta (p).
-        size: p.
-        directions: (3, p) the directions of all translations side by side, parent axes.
+    Args:
+        model: of the chain.
+        frame: index of its task frame.
+        translations: the unknown ones.
     """
+    return [
+        part.directions.T.dot(placement_of(model, frame, part.joint).translation)
+        for part in translations
+    ]
 
-    def __init__(self, model: pin.Model, frame: int, translations: Sequence[Translation]) -> None:
-        """Use a model, the index of its task frame, and its unknown translations."""
-        sizes = [part.size for part in translations]
-        ends = np.cumsum([0, *sizes]).tolist()
-        self.windows = [slice(first, last) for first, last in pairwise(ends)]
-        self.size = ends[-1]
-        self.directions = np.concatenate(
-            [np.zeros((3, 0)), *(part.directions for part in translations)], axis=1
-        )
-        self._model = model  # owns the memory of the views
-        self._parts = list(translations)
-        self._live = [placement_of(model, frame, part.joint).translation for part in translations]
 
-    def read(self) -> np.ndarray:
-        """Return the parameters (p) of the model's placements."""
-        pairs = zip(self._parts, self._live, strict=True)
-        values = [part.directions.T.dot(translation) for part, translation in pairs]
-        return np.concatenate([np.zeros(0), *values])
-
-    def write(self, theta: np.ndarray) -> None:
-        """Write the placements of the parameters theta (p, floats) into the model."""
-        for part, window, translation in zip(self._parts, self.windows, self._live, strict=True):
-            translation[:] = part.directions.dot(theta[window])
+def place(
+    model: pin.Model, frame: int, translations: Sequence[Translation], theta: np.ndarray
+) -> None:
+    """Write the placements of the parameters theta (p) of translations into a model."""
+    first = 0
+    for part in translations:
+        own = theta[first : first + part.size]
+        placement_of(model, frame, part.joint).translation = part.directions.dot(own)
+        first += part.size
 
 
 def unknown_translations(

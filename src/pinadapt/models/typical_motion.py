@@ -37,11 +37,16 @@ class TypicalMotion:
 
     Task coordinates have a typical speed of a sixth of the reach per second (rotations and joints
     of a sixth of a radian per second), and the acceleration with which the feedback reacts to an
-    error of one per cent of the reach. Everything is computed once, on first use.
+    error of one per cent of the reach. What the dynamics give is computed on first use.
 
     Attributes:
         robot: the nominal robot.
         kinematics, dynamics: its models.
+        states: N states.
+        jacobians: (N, m, n) J at each state.
+        kinematic_regressors: Y_p (m_p, p_k), the position rows of Y_k, at each state.
+        position_regressors: X_k = dx/da_k (m_p, p_k) at each state.
+        right_inverses: (N, n, m) J^+ at each state, without directions that J hardly moves.
         bandwidth: of the feedback [rad/s].
         efforts: (n) limits of the motors [N m or N], infinite where there is none.
     """
@@ -59,37 +64,23 @@ class TypicalMotion:
         self.robot, self.bandwidth = robot.undrawn(), bandwidth
         self.kinematics, self.dynamics = kinematics, dynamics
 
-    @cached_property
-    def states(self) -> States:
-        """The states (N)."""
-        model, rng, kinematics = self.robot.model, np.random.default_rng(0), self.kinematics
+        model, rng = robot.model, np.random.default_rng(0)
         p, m = kinematics.task.positions, kinematics.task.size
-        size = np.repeat([self.robot.reach, 1.0], [p, m - p])
-        scale = np.array([[1.0 / 6.0], [0.01 * self.bandwidth**2]]) * size
-        found, rest = [], np.zeros(model.nv)
+        size = np.repeat([robot.reach, 1.0], [p, m - p])
+        scale = np.array([[1.0 / 6.0], [0.01 * bandwidth**2]]) * size
+        found = []
         for _ in range(_SAMPLES):
-            q = pin.integrate(model, self.robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
-            kinematics.update(kinematics.initial, q, rest)
-            found.append((q, kinematics.J, scale * rng.standard_normal((2, m))))
-        q, J, rates = (np.array(column) for column in zip(*found, strict=True))
-        inverse = np.linalg.pinv(J, rcond=_SINGULAR)
-        v, a = ((inverse @ rates[:, k, :, None])[..., 0] for k in range(2))
-        return States(q, v, a)
-
-    @property
-    def jacobians(self) -> np.ndarray:
-        """J (N, m, n) at each state."""
-        return self._kinematic[0]
-
-    @property
-    def kinematic_regressors(self) -> list[np.ndarray]:
-        """Y_p (m_p, p_k), the position rows of Y_k, at each state."""
-        return list(self._kinematic[1])
-
-    @property
-    def position_regressors(self) -> list[np.ndarray]:
-        """X_k = dx/da_k (m_p, p_k) at each state."""
-        return list(self._kinematic[2])
+            q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
+            kinematics.update(kinematics.initial, q, np.zeros(model.nv))
+            J = kinematics.J
+            inverse = np.linalg.pinv(J, rcond=_SINGULAR)
+            v, a = scale * rng.standard_normal((2, m)) @ inverse.T
+            kinematics.update(kinematics.initial, q, v)
+            found.append((q, v, a, J, inverse, kinematics.Y_p, kinematics.X_k))
+        columns = [np.array(column) for column in zip(*found, strict=True)]
+        self.states = States(*columns[:3])
+        self.jacobians, self.right_inverses = columns[3:5]
+        self.kinematic_regressors, self.position_regressors = map(list, columns[5:])
 
     @cached_property
     def regressors(self) -> np.ndarray:
@@ -110,11 +101,6 @@ class TypicalMotion:
         scaled = vectors / np.sqrt(np.abs(eigenvalues))[:, None, :]
         return np.asarray(scaled.swapaxes(1, 2))
 
-    @cached_property
-    def right_inverses(self) -> np.ndarray:
-        """J^+ (N, n, m) at each state, without directions that J hardly moves."""
-        return np.linalg.pinv(self.jacobians, rcond=_SINGULAR)
-
     @property
     def instants(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """J (m, n), M (n, n), J^+ (n, m) and W (n, n), see ``unit_masses``, at each state."""
@@ -130,16 +116,6 @@ class TypicalMotion:
     def momentum_effects(self) -> list[np.ndarray]:
         """M_hat^-1/2 Y (n, p_d): joint acceleration by them, in coordinates of unit mass."""
         return list(self.unit_masses @ self.regressors)
-
-    @cached_property
-    def _kinematic(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """J, Y_p and X_k at each state."""
-        found = []
-        for q, v, _ in zip(*self.states, strict=True):
-            self.kinematics.update(self.kinematics.initial, q, v)
-            found.append((self.kinematics.J, self.kinematics.Y_p, self.kinematics.X_k))
-        J, Y_p, X_k = (np.array(column) for column in zip(*found, strict=True))
-        return J, Y_p, X_k
 
 
 def felt_mass(robot: Robot) -> float:

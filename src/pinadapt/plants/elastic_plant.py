@@ -11,7 +11,7 @@ from ..exceptions import InputError, RobotError
 from ..records import Measurement
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
-from .plant import SimulatedPlant, fitted_friction, refuse_constraints, refuse_special_friction
+from .plant import SimulatedPlant, fitted_friction, refuse_missing
 
 
 class ElasticPlant(SimulatedPlant):
@@ -53,6 +53,7 @@ class ElasticPlant(SimulatedPlant):
         self._t, self._links, self._v = 0.0, self.robot.q0, np.zeros(self.nv)
         gravity = pin.computeGeneralizedGravity(self._model, self._data, self._links)
         self._d, self._w = gravity / self._K, np.zeros(self.nv)
+        self._read()
 
     def _take(self, robot: Robot) -> None:
         """Copy the model of a robot; its rotor inertias become those of the motors."""
@@ -64,32 +65,23 @@ class ElasticPlant(SimulatedPlant):
                 where="armature",
                 hint="Set it with Robot.changed(armature=...), in a scenario truth.armature.",
             )
-        refuse_special_friction(robot, "elastic joints")
-        refuse_constraints(robot, "elastic joints")
+        refuse_missing(robot, "elastic joints")
         self.robot, self._B = robot, rotors
         self._model = robot.model.copy()
         self._model.armature = np.zeros(self.nv)
         self._data = self._model.createData()
 
-    def motors(self, torque: np.ndarray) -> np.ndarray:
-        """Return the torque (nv) that the motors are to apply for a commanded one (nv) [N m or N].
-
-        As ``SimulatedPlant.motors``; what the arm adds is that at the measured q.
-        """
-        return self.motors_at(self._measured_q(), torque)
-
-    def _measured_q(self) -> np.ndarray:
-        """Return the configuration (nq) that the encoders measure."""
-        if self.actuators.encoders == "link":
-            return self._links
-        return np.asarray(pin.integrate(self._model, self._links, self._d))
+    def _read(self) -> None:
+        """Take the q and v that the encoders measure, at the links or at the motors."""
+        self._q, self._seen = self._links, self._v
+        if self.actuators.encoders == "motor":
+            self._q, self._seen = pin.integrate(self._model, self._links, self._d), self._w
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now, with the motors' velocity w."""
         robot, model = self.robot, self._model
         x, xd = robot.task.motion(model, self._data, robot.frame_id, self._links, self._v)
-        v = self._v if self.actuators.encoders == "link" else self._w
-        return Measurement(self._t, self._measured_q(), v, x, None, xd, w=self._w)
+        return Measurement(self._t, self._q, self._seen, x, None, xd, w=self._w)
 
     def hold(self, tau: np.ndarray, dt: float) -> None:
         """Move for dt [s] under a torque tau (nv) that the motors apply [N m or N]."""
@@ -104,6 +96,7 @@ class ElasticPlant(SimulatedPlant):
             self._d = self._d + h * (w_way - v_way)
             self._v, self._w = 2.0 * v_way - v, 2.0 * w_way - w
         self._t += dt
+        self._read()
 
     def _means(
         self, q: np.ndarray, v: np.ndarray, w: np.ndarray, tau: np.ndarray, h: float

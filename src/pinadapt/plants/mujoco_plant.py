@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from .._checks import word
+from .._checks import optional, word
 from ..description.chain import configuration_from_angles, frame_id, is_slide, position_limits
 from ..description.urdf_writer import axis_of
 from ..exceptions import InputError
@@ -22,7 +22,7 @@ from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PoseTask
 from ..tasks.several_frames import FramesTask
 from ..tasks.task import Task
-from .plant import LONGEST_STEP, SimulatedPlant, refuse_constraints, refuse_special_friction
+from .plant import LONGEST_STEP, SimulatedPlant, refuse_missing
 
 if TYPE_CHECKING:
     import mujoco
@@ -126,13 +126,13 @@ class MujocoPlant(SimulatedPlant):
 
 # The MuJoCo model
 
-# Constraints in MuJoCo are spring-dampers with a time constant [s] and a damping ratio (solref),
-# and a share of the ideal force (solimp). With these values a joint at 1 rad/s or 1 m/s exceeds
-# its limit by about 1 mrad or 1 mm; with half or twice of the time constant by half or twice of it.
 _TOE = 1e-4  # [m] radius of what touches the ground; half or double: a foot moves by as much
 _NO_SLIP = 10.0  # stiffness of friction over that of contact; half: feet creep twice as fast
-STIFF = [0.004, 1.0]
-HARD = [0.99, 0.999, 0.001, 0.5, 2.0]
+# Constraints in MuJoCo are spring-dampers with a time constant [s] (first of solref), and shares of
+# the ideal force at and beyond the limit (first two of solimp). With these values a joint at 1
+# rad/s or 1 m/s exceeds its limit by about 1 mrad or 1 mm; with half or twice of the time constant
+# by half or twice of it.
+_STIFF, _HARD = 0.004, (0.99, 0.999)
 
 _FRAME = "pinadapt task frame"
 
@@ -177,21 +177,7 @@ class MujocoChain(NamedTuple):
         return task.moving(self.placement(data), self.velocity(data))
 
 
-def mujoco_module() -> ModuleType:
-    """Return the module mujoco, imported at first use.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise InputError(
-            "MuJoCo is not installed.",
-            where="engine",
-            hint='Install it: pip install "pinadapt[mujoco]".',
-        ) from error
-    return mujoco
+mujoco_module = cache(partial(optional, "mujoco", "mujoco", "engine"))
 
 
 def chain_of(robot: Robot) -> MujocoChain:
@@ -212,33 +198,35 @@ def chain_of(robot: Robot) -> MujocoChain:
         body = bodies[chain.parents[i]].add_body(
             name=name, mass=1.0, inertia=[1.0] * 3, explicitinertial=True, **mass
         )
-        joint = body.add_joint(
-            name=name,
-            type=_kind(chain.joints[i]),
-            axis=axis_of(chain, i),
-        )
+        joint = body.add_joint(name=name, type=_kind(chain.joints[i]), axis=axis_of(chain, i))
         limits = low[i - 1], high[i - 1]
         joint.limited = bool(np.isfinite(limits).all())
         if joint.limited:
-            joint.range, joint.solref_limit, joint.solimp_limit = limits, STIFF, HARD
+            joint.range = limits
         bodies.append(body)
     for name in robot.frames:
         bodies[chain.frames[frame_id(chain, name)].parentJoint].add_site(name=name, **site)
     if robot.contacts:
         _add_contacts(spec, robot, bodies)
     model = spec.compile()
+    _stiffen(model.jnt_solref, model.jnt_solimp)
+    _stiffen(model.geom_solref, model.geom_solimp)
     first, *others = (int(model.site(name).id) for name in robot.frames)
     return MujocoChain(model, tuple(range(chain.nv)), first, 0, tuple(others))
+
+
+def _stiffen(solref: np.ndarray, solimp: np.ndarray) -> None:
+    """Make constraints with these parameters (2) and (5), or rows of them, stiff."""
+    solref[..., 0], solimp[..., :2] = _STIFF, _HARD
 
 
 def _add_contacts(spec: mujoco.MjSpec, robot: Robot, bodies: Sequence[Any]) -> None:
     """Add the ground, and small spheres that touch it: one a point foot, four a sole."""
     mj = mujoco_module()
     spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, _NO_SLIP
-    touching = {"condim": 3, "solref": STIFF, "solimp": HARD}
     least = min(contact.friction for contact in robot.contacts)
     plane = {"type": mj.mjtGeom.mjGEOM_PLANE, "size": [1.0, 1.0, 0.1]}
-    spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0], **touching)
+    spec.worldbody.add_geom(**plane, friction=[least, 0.0, 0.0])
     for contact in robot.contacts:
         frame = robot.model.frames[frame_id(robot.model, contact.frame)]
         sides: list[tuple[float, ...]] = [(0.0,), (0.0,)]
@@ -251,7 +239,6 @@ def _add_contacts(spec: mujoco.MjSpec, robot: Robot, bodies: Sequence[Any]) -> N
                 pos=frame.placement.act(np.array([*corner, 0.0])),
                 mass=0.0,
                 friction=[contact.friction, 0.0, 0.0],
-                **touching,
             )
 
 
@@ -261,8 +248,7 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
     They are written after compilation, as the compiler refuses what many descriptions have: bodies
     without mass, and inertias that are not physical.
     """
-    refuse_special_friction(robot, "MuJoCo")
-    refuse_constraints(robot, "MuJoCo", Contact)
+    refuse_missing(robot, "MuJoCo", Contact)
     mj, chain = mujoco_module(), robot.model
     for i in range(1, chain.njoints):
         write_place(chain.jointPlacements[i], model.body_pos[i], model.body_quat[i])
@@ -346,10 +332,8 @@ class MujocoFile:
             spec = mj.MjSpec.from_file(path)
             names = self._names(robot, [str(joint.name) for joint in spec.joints])
             site = self._site(spec, robot, names[-1])
+            self._hold(spec, spec.compile(), names)
             model = spec.compile()
-            if free := _other_joints(model, [model.joint(name).id for name in names]):
-                self._hold(spec, model, free)
-                model = spec.compile()
         except InputError:
             raise
         except ValueError as error:
@@ -365,9 +349,7 @@ class MujocoFile:
         """Return the names of the robot's joints in the file."""
         for name in self.joints:
             word(name, robot.joint_names, "joints")
-        names = [self.joints.get(name, name) for name in robot.joint_names]
-        for name in names:
-            word(name, there, "joints")
+        names = [word(self.joints.get(name, name), there, "joints") for name in robot.joint_names]
         if len(set(names)) < len(names):
             raise InputError(f"two joints of the chain have one name in {names}.", where="joints")
         return names
@@ -387,20 +369,23 @@ class MujocoFile:
         spec.body(name).add_site(name=_FRAME)
         return _FRAME
 
-    def _hold(self, spec: Any, model: mujoco.MjModel, joints: Sequence[int]) -> None:
-        """Hold the joints of the arm that are not part of the chain at their reference position."""
-        mj = mujoco_module()
-        for joint in joints:
-            name = str(model.joint(joint).name)
-            kind = mj.mjtJoint(model.jnt_type[joint])
+    def _hold(self, spec: Any, model: mujoco.MjModel, names: Sequence[str]) -> None:
+        """Hold the arm's joints other than those with ``names`` at their reference position."""
+        mj, roots = mujoco_module(), model.body_rootid[model.jnt_bodyid]
+        arm = {int(roots[model.joint(name).id]) for name in names}
+        for joint in range(model.njnt):
+            name, kind = str(model.joint(joint).name), mj.mjtJoint(model.jnt_type[joint])
+            if name in names or int(roots[joint]) not in arm:
+                continue
             if not name or kind not in (mj.mjtJoint.mjJNT_HINGE, mj.mjtJoint.mjJNT_SLIDE):
                 raise InputError(
                     f"the joint '{name}' is not part of the chain and cannot be held.",
                     where=str(self.path),
                     hint="Give it a name if it is a hinge or slide; else remove it.",
                 )
-            equality, held = mj.mjtEq.mjEQ_JOINT, mj.mjtObj.mjOBJ_JOINT
-            spec.add_equality(type=equality, objtype=held, name1=name, solref=STIFF, solimp=HARD)
+            equality, kind = mj.mjtEq.mjEQ_JOINT, mj.mjtObj.mjOBJ_JOINT
+            held = spec.add_equality(type=equality, objtype=kind, name1=name)
+            _stiffen(held.solref, held.solimp)
 
     def _base(self, model: mujoco.MjModel) -> int:
         """Return the id of the base; 0, the world, if there is none."""
@@ -411,16 +396,6 @@ class MujocoFile:
         if model.body_weldid[base]:
             raise InputError(f"the body '{self.base}' moves; the base must be fixed.", where="base")
         return base
-
-
-def _other_joints(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
-    """Return the joints in the same kinematic tree that are not part of the chain."""
-    trees = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in joints}
-    return [
-        joint
-        for joint in range(model.njnt)
-        if joint not in joints and int(model.body_rootid[model.jnt_bodyid[joint]]) in trees
-    ]
 
 
 # Between file and description: largest angle of axes and frames, as its cosine, and largest

@@ -36,6 +36,9 @@ class FittedMidpoint:
     47-66). For small z_i it is 1/2 + z_i / 12, hence the second order; for large z_i it tends to 1,
     hence L-stability. As theta_i >= 1/2, friction alone never increases the velocity, for any
     coupling of the joints, so M_ii may be taken at the home configuration.
+
+    Under constraints A v = 0 both stages solve for their forces too, and q moves with the mean of v
+    and v + h a, which keep them both.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -43,6 +46,8 @@ class FittedMidpoint:
         self._robot, self._model, self._theta = robot, robot.model.copy(), 0.5
         self._data, self._rotors = self._model.createData(), np.array(robot.model.armature)
         self._inertia = np.diag(pin.crba(self._model, self._data, robot.q0)).copy()
+        self._constraints = robot.constrained if robot.constraints else None
+        self._free = not (robot.friction.present or robot.constraints)
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
@@ -51,7 +56,7 @@ class FittedMidpoint:
         half, solve = 0.5 * h, self._acceleration
         change = half * solve(q, v, v, tau, half)
         change = h * solve(pin.integrate(self._model, q, half * v), v + change, v, tau, h)
-        way = h * (v + self._theta * change)
+        way = h * (v + (self._theta if self._constraints is None else 0.5) * change)
         return pin.integrate(self._model, q, way), v + change
 
     def _acceleration(
@@ -59,21 +64,30 @@ class FittedMidpoint:
     ) -> np.ndarray:
         """Return a (nv) with terms at q and v, for a step of h [s] from velocity ``start``."""
         robot, model, data = self._robot, self._model, self._data
-        if not robot.friction.present:
+        if self._free:
             return pin.aba(model, data, q, v, tau)
         part = robot.friction_at(q) if robot.friction.loaded else robot.friction
-        _, self._theta, added, drive = fitted_friction(part, self._inertia, v, start, tau, h)
+        _, self._theta, added, tau = fitted_friction(part, self._inertia, v, start, tau, h)
         model.armature = self._rotors + added
-        if not part.shafts:
-            return pin.aba(model, data, q, v, drive)
+        if not part.shafts and self._constraints is None:
+            return pin.aba(model, data, q, v, tau)
         M = pin.crba(model, data, q)
-        drive -= pin.nonLinearEffects(model, data, q, v)
+        force = tau - pin.nonLinearEffects(model, data, q, v)
         for d, shaft in zip(part.directions, part.shafts, strict=True):
             x = max(abs(float(d @ v)) / shaft.threshold, 1e-6)
             secant = shaft.viscous + shaft.coulomb / shaft.threshold * math.tanh(x) / x
-            drive -= secant * float(d @ start) * d
+            force -= secant * float(d @ start) * d
             M += (shaft.armature + h * secant) * np.outer(d, d)  # implicit
-        return np.asarray(np.linalg.solve(M, drive))
+        return self.solved(M, force, q, v)
+
+    def solved(self, M: np.ndarray, force: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return a (nv) of M a = force + A^T lambda, A a = -dA/dt v with the constraints A."""
+        n = len(force)
+        if self._constraints is not None:
+            A, A_rate = self._constraints.at(q, v)
+            M = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
+            force = np.concatenate([force, -A_rate @ v])
+        return np.asarray(np.linalg.solve(M, force))[:n]
 
 
 class PinocchioPlant(SimulatedPlant):
@@ -104,8 +118,7 @@ class PinocchioPlant(SimulatedPlant):
         self.robot, self._model = robot, robot.model.copy()
         self._data = self._model.createData()
         self._motion = partial(robot.task.motion, self._model, self._data, robot.frame_id)
-        self._constraints = robot.constrained if robot.constraints else None
-        self._integrate = self._held if robot.constraints else FittedMidpoint(robot)
+        self._integrate = FittedMidpoint(robot)
 
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""
@@ -117,15 +130,6 @@ class PinocchioPlant(SimulatedPlant):
         for _ in range(count):
             q, v = self._integrate(q, v, tau, dt / count)
         self._q, self._v, self._t = q, v, self._t + dt
-
-    def _held(
-        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, h: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return q (nq) and v (nv) after h [s] under constraints, by the midpoint."""
-        middle = v + 0.5 * h * self.acceleration_at(q, v, tau)
-        at = pin.integrate(self._model, q, 0.5 * h * v)
-        after = v + h * self.acceleration_at(at, middle, tau)
-        return pin.integrate(self._model, q, 0.5 * h * (v + after)), after
 
     def acceleration(self, torque: np.ndarray, feedthrough: np.ndarray | None = None) -> np.ndarray:
         """Return the joint acceleration a (nv) that torque + feedthrough @ a causes now."""
@@ -142,12 +146,8 @@ class PinocchioPlant(SimulatedPlant):
         M, friction = self.mass_matrix(q), self.robot.friction_at(q).torque(v)
         M = M if feedthrough is None else M - feedthrough
         force = tau - friction - pin.nonLinearEffects(self._model, self._data, q, v)
-        if self._constraints is not None:
-            A, A_rate = self._constraints.at(q, v)
-            M = np.block([[M, -A.T], [A, np.zeros((len(A), len(A)))]])
-            force = np.concatenate([force, -A_rate @ v])
         try:
-            return np.asarray(np.linalg.solve(M, force))[: self.nv]
+            return self._integrate.solved(M, force, q, v)
         except np.linalg.LinAlgError as error:
             raise DivergedError(
                 "the algebraic loop of torque and acceleration became singular."

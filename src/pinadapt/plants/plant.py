@@ -195,25 +195,11 @@ Its options are torque_limits, compensation, substeps, and actuators where these
 """
 
 
-def refuse_constraints(robot: Robot, simulator: str, *known: type) -> None:
-    """Refuse constraints that a simulator does not have, all but those of known kinds.
+def refuse_missing(robot: Robot, simulator: str, *known: type) -> None:
+    """Refuse friction and constraints, all but those of ``known`` kinds, that a simulator lacks.
 
     Raises:
-        InputError: there is one.
-    """
-    for part in robot.constraints:
-        if not isinstance(part, known):
-            raise InputError(
-                f"{simulator} would simulate the robot without {part}.",
-                where="engine",
-                hint='Take engine="pinocchio".',
-            )
-
-
-def refuse_special_friction(robot: Robot, simulator: str) -> None:
-    """Raise an error for friction that a simulator does not have.
-
-    Raises:
+        InputError: a constraint of another kind.
         RobotError: friction other than viscous and Coulomb.
     """
     if not robot.friction.plain:
@@ -223,6 +209,13 @@ def refuse_special_friction(robot: Robot, simulator: str) -> None:
             where="friction",
             hint="Simulate rigid joints with Pinocchio, or take pa.Friction(viscous, coulomb).",
         )
+    for part in robot.constraints:
+        if not isinstance(part, known):
+            raise InputError(
+                f"{simulator} would simulate the robot without {part}.",
+                where="engine",
+                hint='Take engine="pinocchio".',
+            )
 
 
 def fitted_friction(

@@ -12,6 +12,7 @@ from .._checks import instance, positive, vector, whole
 from ..description.chain import angles_from_configuration, configuration_from_angles
 from ..exceptions import InputError
 from ..records import Camera, Measurement, Sensors
+from ..robot.base_from_legs import BaseFromLegs
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask
 
@@ -59,7 +60,6 @@ class SimulatedSensors:
         self._tau = vector(sensors.noise.get("tau", 0.0), n, "noise.tau")
         self._offset = vector(sensors.torque_offset or 0.0, n, "torque_offset")
         self.task, self._model, self._seed = robot.task, robot.model, whole(seed, "seed", 0)
-        self._noisy = bool(self._noise["q"] or self._noise["v"])
         rows = self.task.positions, self.task.size - self.task.positions
         if self._noise["angle"] and not (isinstance(self.task, FrameTask) and rows[1]):
             raise InputError(
@@ -72,7 +72,7 @@ class SimulatedSensors:
         self._dt, self._camera = dt, sensors.camera or Camera()
         rate = self._camera.rate
         self._spacing = 1.0 if rate is None else max(1.0, 1.0 / (rate * dt))
-        self._late = round(self._camera.delay / dt)
+        self._late, self._robot = round(self._camera.delay / dt), robot
         self.reset()
 
     def reset(self) -> None:
@@ -81,8 +81,13 @@ class SimulatedSensors:
         self._of_torque = np.random.default_rng([self._seed, 2])
         self._off = self._offset * np.random.default_rng([self._seed, 3]).uniform(-1.0, 1.0)
         self._of_frames = np.random.default_rng([self._seed, 1])
-        self._sample, self._frames = 0, deque[Measurement]()
+        self._sample, self._truths = 0, deque[Measurement](maxlen=self._late + 1)
         self._last: np.ndarray | None = None
+        if self.sensors.imu is not None:
+            self._of_imu = np.random.default_rng([self._seed, 4])
+            way = self._of_imu.standard_normal(2)
+            self._tilt = self.sensors.imu.tilt * way / np.linalg.norm(way)
+            self._base = BaseFromLegs(self._robot)
 
     def measure(self, truth: Measurement, torque: np.ndarray | None = None) -> Measurement:
         """Return the next measurement.
@@ -96,7 +101,7 @@ class SimulatedSensors:
             noise = self._tau * self._of_torque.standard_normal(self._tau.size)
             truth = truth._replace(tau=torque + self._off + noise)
         q, v, w = truth.q, truth.v, truth.w
-        if self._noisy:
+        if self._noise["q"] or self._noise["v"]:
             q = pin.integrate(self._model, q, self._white("q"))
             v = v + self._white("v")
             w = None if w is None else w + self._white("v")
@@ -104,7 +109,16 @@ class SimulatedSensors:
             q, v = self._read(q, v)
             step = self._count / self._dt
             w = None if w is None else np.where(self._counted, np.rint(w / step) * step, w)
-        return self._seen(truth)._replace(q=q, v=v, w=w)
+        seen = self._seen(truth)._replace(q=q, v=v, w=w)
+        return seen if self.sensors.imu is None else self._from_legs(seen, truth)
+
+    def _from_legs(self, seen: Measurement, truth: Measurement) -> Measurement:
+        """Return a measurement with the base, and x, by the IMU and the legs."""
+        imu, noise = self.sensors.imu, self._of_imu.standard_normal((2, 2))
+        assert imu is not None
+        tilt = truth.q[4:6] + self._tilt + imu.noise * noise[0]
+        q, v = self._base(seen.q, seen.v, tilt, truth.v[4:6] + imu.rate_noise * noise[1])
+        return seen._replace(q=q, v=v, x=self._robot.position(q), x_time=None, xd=None)
 
     def _read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return q (nq) and v (nv) of the next sample as measured by the encoders."""
@@ -120,17 +134,13 @@ class SimulatedSensors:
     def _seen(self, truth: Measurement) -> Measurement:
         """Return the next sample with x, x_time, xd of the frame that arrives, or None for them."""
         k, self._sample = self._sample, self._sample + 1
-        frames, late = self._frames, self._late
         if k == 0:
-            frames.extend(truth for i in range(-late, 0) if self._takes(i))
-        if self._takes(k):
-            frames.append(truth)
-        frame = frames.popleft() if self._takes(k - late) else None
-        if k == 0:
-            frame = truth
-        elif frame is not None and self._of_frames.random() < self._camera.dropout:
-            frame = None
-        if frame is None or frame.x is None or not self.task.positions:
+            self._truths.extend([truth] * self._late)
+        self._truths.append(truth)
+        frame, comes = self._truths[0], k == 0
+        if k and self._takes(k - self._late):
+            comes = self._of_frames.random() >= self._camera.dropout
+        if not comes or frame.x is None or not self.task.positions:
             return truth._replace(x=None, x_time=None, xd=None)
         x, xd = frame.x, frame.xd if self._camera.rate is None else None
         if self._deviations.any():

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import whole_file
+from .._output import write_text
 from ..tasks.task import RowGroup
 from .style import (
     RC,
@@ -220,6 +220,5 @@ def draw_all(run: Drawable, folder: Path) -> list[Path]:
     paths = []
     for name, figure in Figures.of(run)._asdict().items():
         paths.append(folder / f"{name}.png")
-        with whole_file(paths[-1]) as file:
-            file.write(figure.png(dpi=130))
+        write_text(paths[-1], figure.png(dpi=130))
     return paths

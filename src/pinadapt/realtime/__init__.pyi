@@ -2,12 +2,12 @@ from .arm import Arm as Arm
 from .arm import ArmFacts as ArmFacts
 from .arm import PlantArm as PlantArm
 from .arm import ProcessArm as ProcessArm
-from .realtime_loop import Phase as Phase
 from .realtime_loop import RealtimeLoop as RealtimeLoop
 from .realtime_loop import RunResult as RunResult
 from .realtime_loop import Scheduling as Scheduling
 from .realtime_loop import Stage as Stage
 from .recorder import CycleLog as CycleLog
+from .recorder import Phase as Phase
 from .recorder import Recorder as Recorder
 from .recorder import ReplayedTorques as ReplayedTorques
 from .recorder import tell as tell

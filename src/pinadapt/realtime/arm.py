@@ -27,7 +27,9 @@ from ..records import Measurement, Sensors
 from ..robot.motors import Compensation
 from ..robot.robot import Robot
 
-_STARTING, _ENDING = 60.0, 10.0  # [s] that a process may take to start, and to end
+# [s] that a process may take to start, or to end before it is killed; half or twice: one that
+# hangs is given up as much sooner or later
+_PATIENCE = 60.0
 MAIN = "In a script, what starts processes stands below `if __name__ == '__main__':`."
 
 
@@ -97,10 +99,12 @@ class Arm(ABC):
         facts: what it declares.
         received: share of the last torques that have reached the arm, updated by ``read``; NaN
             if unknown.
+        stopped: why it was stopped, or an empty text.
     """
 
     facts: ArmFacts
     received: float = np.nan
+    stopped: str = ""
 
     @abstractmethod
     def read(self) -> Measurement:
@@ -132,6 +136,20 @@ class Arm(ABC):
     def close(self) -> None:  # noqa: B027
         """Give the connection back; never raises."""
 
+    def _runs(self) -> None:
+        """Refuse to go on after a stop.
+
+        Raises:
+            ArmError: the arm has stopped.
+        """
+        if self.stopped:
+            raise ArmError(f"has stopped: {self.stopped}.", where=self.facts.name)
+
+    def _ends(self, reason: str) -> bool:
+        """Keep the first reason of a stop; return whether it is this one."""
+        first, self.stopped = not self.stopped, self.stopped or reason.rstrip(".") or "stopped"
+        return first
+
     def __enter__(self) -> Arm:
         """Return the arm."""
         return self
@@ -155,7 +173,6 @@ class PlantArm(Arm):
 
     Attributes:
         plant: the plant.
-        stopped: why it was stopped, or an empty text.
     """
 
     def __init__(
@@ -189,7 +206,6 @@ class PlantArm(Arm):
         self._sent: np.ndarray | None = None
         self._given: np.ndarray | None = None
         self._count = -1  # the first measurement is of time zero
-        self.stopped = ""
         plant.reset()
 
     def read(self) -> Measurement:
@@ -198,9 +214,8 @@ class PlantArm(Arm):
         Raises:
             ArmError: the arm has stopped.
         """
+        self._runs()
         self._count += 1
-        if self.stopped:
-            raise ArmError(f"the arm has stopped: {self.stopped}.", where=self.facts.name)
         if self._sent is not None:
             self.plant.step(self._sent.copy(), self.facts.period)
         truth = self.plant.measure()._replace(t=self._count * self.facts.period)
@@ -217,7 +232,7 @@ class PlantArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Stop: nothing moves or is measured any more."""
-        self.stopped = self.stopped or reason.rstrip(".") or "stopped"
+        self._ends(reason)
 
 
 class ProcessArm(Arm):
@@ -256,7 +271,7 @@ class ProcessArm(Arm):
         """
         options = {"period": period, "sensors": sensors}
         self._process, self._link, facts = start_process(_serve, make, options, core, priority)
-        self.pid, self._timeout, self._stopped = self._process.pid, timeout, ""
+        self.pid, self._timeout = self._process.pid, timeout
         if not isinstance(facts, ArmFacts):
             self.close()
             raise facts or ArmError(
@@ -279,7 +294,7 @@ class ProcessArm(Arm):
                 newest = self._link.recv()
         except (OSError, EOFError) as error:
             raise ArmError(
-                f"the arm has ended its connection{self._stopped and f': {self._stopped}'}.",
+                f"the arm has ended its connection{self.stopped and f': {self.stopped}'}.",
                 where=name,
                 hint="Its process has died or was stopped.",
             ) from error
@@ -298,10 +313,9 @@ class ProcessArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Tell the process to stop its plant."""
-        if not self._stopped:
-            self._stopped = reason.rstrip(".") or "stopped"
+        if self._ends(reason):
             with suppress(OSError):
-                self._link.send(self._stopped)
+                self._link.send(self.stopped)
 
     def close(self) -> None:
         """End the process."""
@@ -322,7 +336,7 @@ def start_process(
     process.start()
     there.close()
     try:
-        first = link.recv() if link.poll(_STARTING) else None
+        first = link.recv() if link.poll(_PATIENCE) else None
     except (OSError, EOFError):
         first = None
     return process, link, first
@@ -330,7 +344,7 @@ def start_process(
 
 def end_process(process: SpawnProcess, link: Connection) -> None:
     """Wait until a process ends that was told to; kill it if it does not."""
-    process.join(_ENDING)
+    process.join(_PATIENCE)
     process.kill()
     process.join(1.0)
     link.close()

@@ -18,13 +18,14 @@ limits, reflexes and errors. It is no evidence about friction, elasticity or tim
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import vector
+from .._checks import optional, vector
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.changes import Payload
@@ -35,7 +36,6 @@ from .arm import Arm, ArmFacts
 TORQUE = np.repeat((87.0, 12.0), (4, 3))  # [N m]
 COLLISION = (40.0, 40.0, 38.0, 38.0, 16.0, 14.0, 12.0)  # [N m] for the reflex of the joints
 FORCES = np.repeat((40.0, 25.0), 3)  # [N], [N m] for that of the flange
-_INSTALL = 'Install it: pip install "pinadapt[franka]".'
 _RECOVER = (
     "Remove its cause, move the arm by hand from its limits, and acknowledge the error: "
     "FrankaArm(address, robot, recover=True), on the command line --recover."
@@ -75,17 +75,14 @@ class FrankaArm(Arm):
             InputError: pylibfranka is missing, no answer, a description of another arm, or another
                 number of thresholds.
         """
-        try:
-            import pylibfranka
-        except ImportError as error:
-            raise InputError(f"pylibfranka is missing: {error}.", hint=_INSTALL) from error
+        pylibfranka = optional("pylibfranka", "franka", "franka")
         if robot.model.nv != len(TORQUE):
             raise InputError(
                 f"a Franka has {len(TORQUE)} joints; the description has {robot.joint_names}.",
                 where="robot",
                 hint="Lock the fingers, and take a frame behind the seventh joint.",
             )
-        self._vendor: Any = pylibfranka
+        self._vendor = pylibfranka
         self._failures = (pylibfranka.FrankaException, RuntimeError)  # of which its others are
         self.address = address
         torques = vector(collision, len(TORQUE), "collision", fills=False).tolist()
@@ -110,7 +107,6 @@ class FrankaArm(Arm):
             ) from error
         self._control: Any = None
         self._commands = 0
-        self._stopped = ""
 
     def read(self) -> Measurement:
         """Wait for the robot's next cycle and return its state.
@@ -118,17 +114,14 @@ class FrankaArm(Arm):
         Raises:
             ArmError: the robot has stopped by a reflex or an error, or the connection broke.
         """
-        if self._stopped:
-            raise ArmError(f"has stopped: {self._stopped}.", where=self.facts.name)
-        try:
+        self._runs()
+        with self._talking():
             if self._control is None:
                 state = self._robot.read_once()
             else:
                 state, _ = self._control.readOnce()
                 if self._commands >= 100:  # of which the robot states the share
                     self.received = float(state.control_command_success_rate)
-        except self._failures as error:
-            raise self._broken(error) from error
         return Measurement(
             float(state.time.to_sec()),
             np.array(state.q),
@@ -143,7 +136,7 @@ class FrankaArm(Arm):
             ArmError: the robot is in error, stopped by its user, or controlled by someone else.
         """
         vendor = self._vendor
-        try:
+        with self._talking():
             state = self._robot.read_once()
             if state.robot_mode == vendor.RobotMode.Reflex or state.current_errors:
                 if not self._recover:
@@ -165,8 +158,6 @@ class FrankaArm(Arm):
                 inertia = seen.inertia.ravel().tolist()
                 self._robot.set_load(seen.mass, seen.lever.tolist(), inertia)
             self._control = self._robot.start_torque_control()
-        except self._failures as error:
-            raise self._broken(error) from error
 
     def send(self, torque: np.ndarray) -> None:
         """Send a torque (7) [N m], without gravity.
@@ -178,19 +169,14 @@ class FrankaArm(Arm):
         if self._control is None:
             return
         given = vector(torque, len(TORQUE), "torque", fills=False)
-        try:
+        with self._talking():
             self._control.writeOnce(self._vendor.Torques(given.tolist()))
             self._commands += 1
-        except self._failures as error:
-            raise self._broken(error) from error
 
     def stop(self, reason: str) -> None:
         """Finish the motion; the robot then holds its place by its own controller and brakes."""
-        if self._stopped:
-            return
-        self._stopped = reason.rstrip(".") or "stopped"
         control, self._control = self._control, None
-        if control is None:
+        if not self._ends(reason) or control is None:
             return
         with suppress(*self._failures):
             control.readOnce()
@@ -205,14 +191,22 @@ class FrankaArm(Arm):
         """Give the connection back."""
         self._control = self._robot = None
 
-    def _broken(self, error: Exception) -> ArmError:
-        """Return what an error of the vendor's client means."""
-        words = " ".join(str(error).split()).rstrip(".")
-        self._control = None  # the motion has ended; the client would wait for its next cycle
-        reflex = isinstance(error, self._vendor.ControlException)
-        hint = _RECOVER if reflex else "Is the cable in, and the control box on?"
-        kind = "has stopped the motion" if reflex else "does not answer"
-        return ArmError(f"{kind}: {words}.", where=self.facts.name, hint=hint)
+    @contextmanager
+    def _talking(self) -> Iterator[None]:
+        """Say what an error of the vendor's client means.
+
+        Raises:
+            ArmError: it has raised one.
+        """
+        try:
+            yield
+        except self._failures as error:
+            self._control = None  # the motion has ended; the client would wait for its next cycle
+            kind, hint = "does not answer", "Is the cable in, and the control box on?"
+            if isinstance(error, self._vendor.ControlException):
+                kind, hint = "has stopped the motion", _RECOVER
+            words = " ".join(str(error).split()).rstrip(".")
+            raise ArmError(f"{kind}: {words}.", where=self.facts.name, hint=hint) from error
 
 
 def at_task_frame(load: Payload, robot: Robot) -> Payload:

@@ -24,13 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import instance, positive, vector, whole
+from .._checks import instance, optional, positive, vector, whole
 from ..exceptions import ArmError, InputError
 from ..records import Measurement
 from ..robot.robot import Robot
 from .arm import Arm, ArmFacts
 
-_INSTALL = 'Install them: pip install "pinadapt[moteus]".'
 _MISSED = 3  # cycles without a reply after which a motor is lost
 _NOTHING = b"\x50"  # a command that does nothing, as padding
 
@@ -103,12 +102,7 @@ class MoteusArm(Arm):
             InputError: a package is missing, the bus cannot be opened, or the motors are not those
                 of the joints.
         """
-        try:
-            import can
-            import can.util
-            import moteus
-        except ImportError as error:
-            raise InputError(f"moteus or python-can is missing: {error}.", hint=_INSTALL) from error
+        can, moteus = (optional(name, "moteus", "moteus") for name in ("can", "moteus"))
         names = instance(robot, Robot, "robot").joint_names
         of = [motor.joint for motor in motors]
         if sorted(of) != sorted(names) or len({motor.id for motor in motors}) < len(names):
@@ -126,15 +120,13 @@ class MoteusArm(Arm):
             paced=False,
             clock="host",
         )
-        signs, ratios, self._offset, scales = np.array(
-            [(one.sign, one.ratio, one.offset, one.torque) for one in self.motors]
-        ).T
+        rows = [(one.sign, one.ratio, one.offset, one.torque) for one in self.motors]
+        signs, ratios, self._offset, scales = np.array(rows).T
         self._angle, self._torque = signs * 2.0 * math.pi / ratios, signs * ratios * scales
         self._places = {motor.id: k for k, motor in enumerate(self.motors)}
         self._nodes = [moteus.Controller(motor.id) for motor in self.motors]
         self._queries = [self._message(node.make_query()) for node in self._nodes]
         self._raw, self._missed = np.zeros((3, len(names))), np.full(len(names), _MISSED)
-        self._stopped = ""
         try:
             self._bus = can.Bus(interface=interface, channel=channel, fd=True)
         except (can.CanError, OSError, ValueError, NotImplementedError) as error:
@@ -208,8 +200,7 @@ class MoteusArm(Arm):
         Raises:
             ArmError: a motor has a fault or has missed three cycles, or the bus failed.
         """
-        if self._stopped:
-            raise ArmError(f"has stopped: {self._stopped}.", where=self.facts.name)
+        self._runs()
         self._missed = np.where(self._ask(), 0, self._missed + 1)
         if (self._missed >= _MISSED).any():
             lost = self.motors[int(self._missed.argmax())].joint
@@ -251,10 +242,7 @@ class MoteusArm(Arm):
 
     def stop(self, reason: str) -> None:
         """Let the motors brake, their windings shorted; an arm without brakes sinks slowly."""
-        if self._stopped:
-            return
-        self._stopped = reason.rstrip(".") or "stopped"
-        for node in self._nodes:
+        for node in self._nodes if self._ends(reason) else ():
             with suppress(self._can.CanError, OSError, ValueError):
                 self._bus.send(self._message(node.make_brake()))
 

@@ -23,7 +23,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from enum import Enum, IntEnum
+from enum import Enum
 from functools import partial
 from types import FrameType
 from typing import Any
@@ -43,14 +43,16 @@ from ..reference import starting_from
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from ..trajectories.trajectory import Hold, Retimed, SlowedTime, SmoothStart, TimeLaw, Trajectory
 from .arm import Arm
-from .recorder import Recorder, load_of
+from .recorder import Phase, Recorder, load_of
 from .safety import STILL, Checklist, Safety, SafetyAction, SafetyFinding
 
 _WARM_UPS = 60  # steps before the first cycle, by which all kernels have run
 _ASIDE = 2e-3  # [m or rad] that they aim beside the arm, as estimates rest where nothing is off
-_HALT, _HOLD = 0.3, 0.5  # [s] until the path rests; until damping, at most for twice as long
-_RINGING = 2.0  # [s] of the end of a run that are searched for ringing
-_CALM = 0.5  # [s] without a finding after which the adaptation goes on
+_HALT = 0.3  # [s] until the path rests; half or twice: at twice or half the deceleration
+# [s] of holding until the arm is damped, at most for twice as long, and without a finding until the
+# adaptation goes on; half or twice: both come as much sooner or later
+_SETTLED = 0.5
+_RINGING = 2.0  # [s] of torques of which the last second is searched for ringing; twice: two
 _FREE = 0.5  # [1/s] damping of a free drive
 _SLOWNESS = 5.0  # of a slow motion: half is too fast to step in, twice takes patience
 _PATIENCE = 2.0  # [s] for the first frame of a camera
@@ -64,12 +66,6 @@ class Stage(str, Enum):
     HOLD = "hold"  # the place where the arm is
     SLOW = "slow"  # the motion, slowly, without adaptation
     ADAPT = "adapt"  # the motion with adaptation
-
-
-class Phase(IntEnum):
-    """Phases of the loop, in their order; only a commanded hold returns to running."""
-
-    STARTING, RUNNING, HOLDING, DAMPING, STOPPED = range(5)
 
 
 @dataclass(frozen=True)
@@ -99,7 +95,7 @@ class Scheduling:
                     former = os.sched_getscheduler(0), os.sched_getparam(0)
                     back.callback(os.sched_setscheduler, 0, *former)
                     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
-            except (OSError, AttributeError) as error:
+            except (OSError, ValueError, OverflowError, AttributeError) as error:
                 notes.append(
                     f"no core of its own or real-time priority ({error}): other programs will make "
                     "cycles late; add '@realtime - rtprio 99' to /etc/security/limits.conf and "
@@ -153,11 +149,12 @@ class RunResult:
     def __str__(self) -> str:
         """Return the histogram, the phases and the notes."""
         times = [("step", *quantiles(self.step)), ("period", *quantiles(self.period))]
-        rows = [("cycles", str(self.cycles)), ("late", f"{self.late} by over half a period")]
+        notes = list(self.notes)
         if not math.isnan(self.received):
-            rows.append(("received", f"at least {self.received:.0%} of the last torques"))
+            notes.append(f"at least {self.received:.0%} of the last torques were received")
+        rows = [("cycles", f"{self.cycles}, {self.late} late by over half a period")]
         rows += [(phase, f"{t:8.3f} s  {why}") for t, phase, why in self.phases]
-        rows += [("note", note) for note in self.notes]
+        rows += [("note", note) for note in notes]
         histogram = Table(times, ("[us]", "median", "99 %", "99.9 %", "worst"))
         return str(Sheet(f"loop, {self.reason}", [histogram, Table(rows)]))
 
@@ -279,13 +276,10 @@ class RealtimeLoop:
                 loop drives it.
         """
         collecting, result = gc.isenabled(), self.result
-        with (
-            self._alone(),
-            self._signals_caught(),
-            threadpool_limits(1, "blas"),
-            self._scheduling.applied() as notes,
-        ):
-            for note in notes:
+        with ExitStack() as back, threadpool_limits(1, "blas"):
+            self._claim_arm(back)
+            self._catch_signals(back)
+            for note in back.enter_context(self._scheduling.applied()):
                 self._note(note)
             try:
                 self._cycles(self._prepared(), duration)
@@ -305,9 +299,8 @@ class RealtimeLoop:
                     result.notes.append(self._recorder.trouble)
         return result
 
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Keep other loops from driving the arm.
+    def _claim_arm(self, back: ExitStack) -> None:
+        """Keep other loops from driving the arm, until all is given ``back``.
 
         Raises:
             ArmError: one does.
@@ -319,10 +312,7 @@ class RealtimeLoop:
                 where=self._facts.name,
                 hint="Let that end first, and use one loop for one arm.",
             )
-        try:
-            yield
-        finally:
-            lock.release()
+        back.callback(lock.release)
 
     def _prepared(self) -> Measurement:
         """Return the first measurement, after the controller has run and its memory is touched."""
@@ -336,6 +326,8 @@ class RealtimeLoop:
         self._path = Hold(controller.kinematics.task.measured(m.x, m.q))
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
             self._path = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
+            if self._path.at(0.0).feet is not None:
+                raise InputError("steps are not recorded, so not replayed.", where="motion")
             if self.stage is Stage.SLOW:
                 self._path = Retimed(self._path, SlowedTime(_SLOWNESS))
         self._warm_up(state, m)
@@ -507,7 +499,7 @@ class RealtimeLoop:
         if self.stage is Stage.LOG:  # the torque is not that of the controller
             given, m = m.tau, m._replace(tau=None)
             self._tick |= {"given": given, "tau": None}
-        adapting = self._adapting and self._calm > _CALM and self._phase is Phase.RUNNING
+        adapting = self._adapting and self._calm > _SETTLED and self._phase is Phase.RUNNING
         state = state.adapt(adapting).gave(given)
         try:
             desired = controller.desired(state, self._path, m.t - self._begin)
@@ -528,7 +520,7 @@ class RealtimeLoop:
         finding = self._checks.of_motion(dt, x, dx, age, self._of_motors(torque, m), pushed)
         self._tick["residual"] = self._checks.residual
         if finding is not None and finding.action is SafetyAction.REST:
-            if self._calm > _CALM:
+            if self._calm > _SETTLED:
                 self._note(f"the adaptation rests: {finding}")
             self._calm = 0.0
         else:
@@ -557,12 +549,12 @@ class RealtimeLoop:
         """Go on from holding to damping after a while, and from there once the joints rest."""
         assert self._state is not None
         self._since += self._period
-        if self._phase is Phase.HOLDING and self._since > _HOLD and not self._halted:
+        if self._phase is Phase.HOLDING and self._since > _SETTLED and not self._halted:
             self._enter(Phase.DAMPING, "the path rests")
         elif self._phase is Phase.DAMPING:  # at rest for a time constant of the damping
             still = np.abs(self._state.sensed.v).max() < STILL
             self._quiet = self._quiet + self._period if still else 0.0
-            if self._quiet * self.safety.damping > 1.0 or self._since > 2.0 * _HOLD:
+            if self._quiet * self.safety.damping > 1.0 or self._since > 2.0 * _SETTLED:
                 self._enter(Phase.STOPPED, self.result.reason)
 
     # --- findings, commands, signals ------------------------------------------------------------
@@ -620,18 +612,12 @@ class RealtimeLoop:
         from ..rollout.recording import ringing_of  # not while the arm moves
         from ..rollout.summary import ringing_words
 
-        if not self._last:
-            return []
-        tau = np.array(self._last)
+        tau = np.reshape(self._last, (-1, self._sent.size))
         found = ringing_of(self._period * np.arange(len(tau)), tau, self._controller)
         return [] if found is None else [ringing_words(found, self._controller.law.name)]
 
-    @contextmanager
-    def _signals_caught(self) -> Iterator[None]:
-        """Count signals that would end the program; the cycles heed them."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
+    def _catch_signals(self, back: ExitStack) -> None:
+        """Count signals that would end the program, until all is given ``back``."""
 
         def count(number: int, frame: FrameType | None) -> None:
             """Count a signal; end at once before the first cycle, and at the fourth."""
@@ -639,12 +625,9 @@ class RealtimeLoop:
             if self._phase is Phase.STARTING or self._signals > 3:
                 raise KeyboardInterrupt
 
-        before = {n: signal.signal(n, count) for n in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                back.callback(signal.signal, number, signal.signal(number, count))
 
     def _command(self, name: str, value: Any) -> None:
         """Do one command.

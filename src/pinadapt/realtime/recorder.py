@@ -19,9 +19,11 @@ import signal
 import socket
 import struct
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from enum import IntEnum
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -29,6 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._checks import whole
 from .._output import read_as_data
 from .._version import __version__
 from ..exceptions import InputError, LogError, PinadaptError
@@ -41,7 +44,6 @@ if TYPE_CHECKING:
     from ..controller.state import ControllerState, Sample
     from ..robot.robot import Robot
 
-PHASES = ("starting", "running", "holding", "damping", "stopped")
 COMMANDS = ("state", "latch", "stop", "hold", "go", "adapt", "load", "reference", "frame")
 _ROWS = 8192  # of the ring: eight seconds at 1 kHz
 _CHUNK = 0.05  # [s] of a chunk of the file, the last of which a killed process loses
@@ -66,6 +68,12 @@ _DEFINITIONS = {
 Translator = Callable[[Any, Measurement], Any]
 
 
+class Phase(IntEnum):
+    """Phases of the loop, in their order; only a commanded hold returns to running."""
+
+    STARTING, RUNNING, HOLDING, DAMPING, STOPPED = range(5)
+
+
 def tick_of(controller: Controller) -> np.dtype[Any]:
     """Return the record of a cycle: its numbers by name, NaN for a signal that was not measured."""
     kinematics = controller.kinematics
@@ -81,12 +89,9 @@ def tick_of(controller: Controller) -> np.dtype[Any]:
 
 def _definition(tick: np.dtype[Any]) -> str:
     """Return a record's definition as a message."""
-    lines = {name: tick[name].shape for name in tick.names or ()}
-    return "".join(
-        f"float64{f'[{shape[0]}]' if shape else ''} {name}\n"
-        for name, shape in lines.items()
-        if shape != (0,)
-    )
+    shapes = {name: list(tick[name].shape) for name in tick.names or ()}
+    lines = (f"float64{size or ''} {name}\n" for name, size in shapes.items() if size != [0])
+    return "".join(lines)
 
 
 def cdr(*values: str | int | np.ndarray) -> bytes:
@@ -134,6 +139,8 @@ class Recorder:
         """
         tick, kinematics = tick_of(controller), controller.kinematics
         self.path, self.trouble = Path(path), ""
+        if port is not None:
+            whole(port, "port", 0, most=2**16 - 1)
         server = None if port is None else socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             if server is not None:
@@ -247,7 +254,7 @@ class _LogProcess:
         self._row = self._ring[0].copy()
         self._joints = json.loads(about["joints"])
         self._start, self._zero = time.time_ns(), 0.0
-        self._messages: list[str] = []
+        self._messages = deque[str](maxlen=20)
         from mcap.writer import CompressionType, Writer
 
         self._file = path.open("wb")
@@ -277,9 +284,9 @@ class _LogProcess:
                 said = None
                 self._drain()
                 self._note({"lost": "the process of the loop has died", "cycle": self._read})
-            self._drain()
-            if said:
+            if said:  # before a backlog of cycles, after which a killed process would lose it
                 self._note(said)
+            self._drain()
             if self._server in ready:
                 self._answer()
         if self._writer is not None:
@@ -326,7 +333,7 @@ class _LogProcess:
 
     def _note(self, what: dict[str, Any]) -> None:
         text = json.dumps(what)
-        self._messages = [*self._messages[-19:], text]
+        self._messages.append(text)
         self._add("/pinadapt/events", cdr(text))
 
     def _answer(self) -> None:
@@ -351,10 +358,10 @@ class _LogProcess:
             return {
                 "t": float(row["t"]),
                 "cycle": self._read,
-                "phase": PHASES[int(row["phase"])],
+                "phase": Phase(int(row["phase"])).name.lower(),
                 "adapting": bool(row["adapting"] == 1.0),
                 "step_us": float(row["step_us"]),
-                "messages": self._messages,
+                "messages": list(self._messages),
                 **{key: np.nan_to_num(row[key]).tolist() for key in numbers},
             }
         value = asked.get("value")
@@ -389,6 +396,7 @@ def tell(port: int, command: str, value: Any = None, *, timeout: float = 2.0) ->
     Raises:
         InputError: no loop answers there, or the command is refused.
     """
+    whole(port, "port", 1, most=2**16 - 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.settimeout(timeout)
         try:
@@ -425,7 +433,7 @@ def watched(port: int, controller: Controller, robot: Robot) -> Iterator[Sample]
 
     said = tell(port, "state")
     rest = np.zeros(controller.kinematics.task.size)
-    while said["phase"] != PHASES[-1]:
+    while said["phase"] != "stopped":
         if said["cycle"]:
             q, v, x_d, a_k, a_d = (np.array(said[name]) for name in ("q", "v", "x_d", "a_k", "a_d"))
             seen = Measurement(said["t"], q, v, robot.position(q))

@@ -1,5 +1,6 @@
 """Robots: an open chain with a task and a home pose, its motors, and how it may change."""
 
+from .base_from_legs import BaseFromLegs as BaseFromLegs
 from .changes import Friction as Friction
 from .changes import Payload as Payload
 from .changes import Shaft as Shaft

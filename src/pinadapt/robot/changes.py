@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import instance, numbers, positive, shown, vector
+from .._checks import instance, joint_numbers, numbers, positive, shown, vector
 from ..exceptions import RobotError, did_you_mean
 
 
@@ -264,16 +264,13 @@ class Friction:
         """
         arrays = {}
         for name in COEFFICIENTS:
-            value, speeds = getattr(self, name), name in ("threshold", "fading")
-            listed = list(value.values()) if isinstance(value, Mapping) else value
-            array = numbers(listed, f"friction.{name}", error=RobotError)
-            low = array <= 0.0 if speeds else array < 0.0
-            if array.ndim > 1 or (low.any() and name not in _SIGNED):
-                raise RobotError(
-                    f"must {'be positive' if speeds else 'not be negative'}, one number or one per "
-                    f"joint, got {array.tolist()}.",
-                    where=f"friction.{name}",
-                )
+            value, where = getattr(self, name), f"friction.{name}"
+            array = list(value.values()) if isinstance(value, Mapping) else value
+            if name in _SIGNED:
+                array = numbers(array, where, error=RobotError)
+            else:
+                speed = name in ("threshold", "fading")
+                array = joint_numbers(array, where, zero=not speed, error=RobotError)
             if not isinstance(value, Mapping):
                 arrays[name] = array
         try:

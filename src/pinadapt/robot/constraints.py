@@ -13,6 +13,8 @@ import pinocchio as pin
 from .._checks import instance, numbers, positive, vector
 from ..description.chain import angles_from_configuration, frame_id
 from ..exceptions import RobotError
+from ..records import Feet
+from .changes import joint_id
 
 _ITERATIONS = 30  # of Newton's method; half or twice: it converges in 10 or not at all
 _CLOSED = 1e-12  # [m, rad], rounding: half or twice change nothing
@@ -147,22 +149,23 @@ class Coupling(Constraint):
     def check(self, model: pin.Model) -> None:
         """Refuse joints that the model does not have."""
         for name in (self.joint, self.leader):
-            if not model.existJointName(name):
-                raise RobotError(f"there is no joint '{name}'.", where="mimic")
+            joint_id(model, name, "mimic")
+
+    def _dofs(self, model: pin.Model) -> list[int]:
+        """Return the places in v of the joint and of the one that it follows."""
+        joints = model.joints
+        return [joints[model.getJointId(name)].idx_v for name in (self.joint, self.leader)]
 
     def at(self, model: pin.Model, data: pin.Data) -> Rows:
         """Return one constant row."""
         A = np.zeros((1, model.nv))
-        A[0, model.joints[model.getJointId(self.joint)].idx_v] = 1.0
-        A[0, model.joints[model.getJointId(self.leader)].idx_v] = -self.ratio
+        own, leader = self._dofs(model)
+        A[0, own], A[0, leader] = 1.0, -self.ratio
         return A, np.zeros(A.shape)
 
     def error(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
         """Return q_j - ratio q_i - offset."""
-        angles = angles_from_configuration(model, q)
-        own, other = (
-            angles[model.joints[model.getJointId(name)].idx_v] for name in (self.joint, self.leader)
-        )
+        own, other = angles_from_configuration(model, q)[self._dofs(model)]
         return np.array([own - self.ratio * other - self.offset])
 
 
@@ -230,7 +233,9 @@ class Constraints:
     def __init__(self, model: pin.Model, parts: Sequence[Constraint]) -> None:
         """Take the model of a robot, and its constraints."""
         self._model, self.data, self.parts = model.copy(), model.createData(), tuple(parts)
-        self._none = np.zeros((0, model.nv))
+        self._none = self._A = np.zeros((0, model.nv))
+        feet = [part.frame for part in self.parts if isinstance(part, Contact)]
+        self._feet = [frame_id(model, foot) for foot in feet]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -243,12 +248,35 @@ class Constraints:
         pin.updateFramePlacements(model, data)
         found = [part.at(model, data) for part in self.parts]
         A, A_rate = zip((self._none, self._none), *found, strict=True)
-        return np.concatenate(A), np.concatenate(A_rate)
+        self._A = np.concatenate(A)
+        return self._A, np.concatenate(A_rate)
 
     def free(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the projection (n, n) of torques onto what no constraint force changes."""
         A, _ = self.at(q, v)
         return np.asarray(np.eye(v.size) - np.linalg.pinv(A) @ A)
+
+    def references(self, feet: Feet, v: np.ndarray, alpha: float) -> Rows:
+        """Return what A v_r (k) shall be, and its rate (k): zero where the robot stands.
+
+        That of a foot in the air is xd_d - alpha (x - x_d). All contacts are points, and they are
+        the last of the constraints. State and frames are those of the last ``at``.
+
+        Args:
+            feet: their motion.
+            v: (n) velocity.
+            alpha: [1/s].
+        """
+        rows, rate = np.zeros((2, len(self._A)))
+        x = np.array([self.data.oMf[foot].translation for foot in self._feet])
+        first, velocity = len(rows) - x.size, (self._A @ v)[len(rows) - x.size :].reshape(x.shape)
+        air = ~feet.stands
+        u, ud = (
+            feet.xd_d - alpha * (x - feet.x_d),
+            feet.xdd_d - alpha * (velocity - feet.xd_d),
+        )
+        rows[first:].reshape(x.shape)[air], rate[first:].reshape(x.shape)[air] = u[air], ud[air]
+        return rows, rate
 
     def axes(self, frame: str) -> np.ndarray:
         """Return the axes (3, 3) of a frame in the world, of the last ``at``."""

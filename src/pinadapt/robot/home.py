@@ -28,116 +28,6 @@ _FAR_OFF = 0.2
 _NEARLY = 0.6
 
 
-def conditioning(
-    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
-) -> tuple[float, float]:
-    """Return the smallest singular value of the task Jacobian, and its ratio to the largest."""
-    singular = np.linalg.svd(_jacobian(model, data, frame, rows, q), compute_uv=False)
-    return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
-
-
-def _jacobian(
-    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
-) -> np.ndarray:
-    """Return rows of the Jacobian of a frame, or of several one after the other."""
-    frames, axes = (frame,) if isinstance(frame, int) else frame, pin.LOCAL_WORLD_ALIGNED
-    found = [pin.computeFrameJacobian(model, data, q, each, axes)[rows] for each in frames]
-    return np.concatenate(found)
-
-
-def find_home(
-    model: pin.Model,
-    frame: int | Sequence[int],
-    rows: slice,
-    candidates: Iterable[np.ndarray],
-    plane: MountingPlane | None = None,
-) -> np.ndarray:
-    """Return the first acceptable candidate (nq), else the best pose of a random search.
-
-    The search takes seeded samples inside the joint limits, then samples around the best of them.
-    It maximises the smallest singular value of the task Jacobian. Within a fifth of a joint's range
-    from a limit, this value is reduced in proportion to the distance from the limit. A candidate is
-    acceptable if it has 60 % of the singular value of the best pose and a distance of 5 % of each
-    joint's range from the limits. All poses stay on their side of the mounting plane if the chain
-    can, at a distance of 5 % of the reach, or half of what is possible.
-
-    Args:
-        model: of the chain.
-        frame: index of the task frame, or those of several.
-        rows: rows of each frame's Jacobian that belong to the task.
-        candidates: (nq) poses that are preferred, in this order.
-        plane: the mounting plane, or None; of several frames it is that of the first.
-
-    Raises:
-        RobotError: the task Jacobian is singular in all poses.
-    """
-    first = frame if isinstance(frame, int) else frame[0]
-    data, limits, rng = model.createData(), position_limits(model), np.random.default_rng(0)
-    lower, upper = position_bounds(model)
-    middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
-
-    def distances(configurations: list[np.ndarray]) -> np.ndarray:
-        """Return the distance [m] of each of N configurations (nq) from the plane."""
-        if plane is None:
-            return np.full(len(configurations), np.inf)
-        return plane.distances(model, first, configurations)
-
-    def best_of(poses: np.ndarray) -> np.ndarray:
-        """Return the joint positions (N, nv) of the largest singular value, less near limits."""
-        at = [configuration_from_angles(model, angles) for angles in poses]
-        J = [_jacobian(model, data, frame, rows, q) for q in at]
-        found = np.linalg.svd(np.array(J), compute_uv=False)[:, -1]
-        found *= (distances(at) >= room) * np.minimum(1.0, _off_limits(limits, poses) / _FAR_OFF)
-        return np.asarray(poses[np.argmax(found)])
-
-    samples = middle + half * rng.uniform(-1.0, 1.0, (500, model.nv))
-    most = distances([configuration_from_angles(model, angles) for angles in samples]).max()
-    room = min(MARGIN * reach(model, first), most / 2) if most > 0.0 else -np.inf
-    best = best_of(samples)
-    for size in (0.2, 0.1, 0.05):
-        around = best + size * half * rng.standard_normal((50, model.nv))
-        best = best_of(np.vstack([best, np.clip(around, middle - half, middle + half)]))
-    home = configuration_from_angles(model, np.round(best, 4))
-    singular, ratio = conditioning(model, data, frame, rows, home)
-    if ratio < 1e-6:
-        ends = (frame,) if isinstance(frame, int) else frame
-        names = "', '".join(str(model.frames[end].name) for end in ends)
-        raise RobotError(
-            f"the joints to '{names}' cannot move all coordinates of the task: the task Jacobian "
-            "is singular in every pose.",
-            where="task",
-            hint="Choose another task or a frame further from the base; if there is none, add a "
-            "link to the description.",
-        )
-    for q in candidates:
-        if (
-            _off_limits(limits, angles_from_configuration(model, q)) >= MARGIN
-            and distances([q])[0] >= room
-            and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular
-        ):
-            return np.asarray(q)
-    return home
-
-
-def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the first candidate (nq) inside the joint limits, else the middle of the limits."""
-    for q in candidates:
-        if _off_limits(position_limits(model), angles_from_configuration(model, q)) >= 0.0:
-            return np.asarray(q)
-    return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
-
-
-def _off_limits(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np.ndarray:
-    """Return the least distance of joint positions (..., nv) from a limit, relative to the range.
-
-    It is infinite if no joint has limits.
-    """
-    limited = np.isfinite(limits[0])
-    (low, high), at = (limit[limited] for limit in limits), angles[..., limited]
-    nearest = np.minimum(at - low, high - at) / (high - low)
-    return np.asarray(np.min(nearest, axis=-1, initial=np.inf))
-
-
 @dataclass(frozen=True)
 class MountingPlane:
     """The horizontal plane through the link that carries the first joint of a chain.
@@ -147,12 +37,12 @@ class MountingPlane:
     them. Horizontal is the xy plane of the root.
 
     Attributes:
-        level: height of the plane above the root [m].
+        level: height of the plane above the root [m]; by default there is none.
         side: 1 for a chain above the plane, -1 for one below.
     """
 
-    level: float
-    side: float
+    level: float = -np.inf
+    side: float = 1.0
 
     @classmethod
     def of(cls, model: pin.Model, frame: int, shown: np.ndarray) -> MountingPlane:
@@ -183,3 +73,109 @@ def _heights(model: pin.Model, frame: int, configurations: Iterable[np.ndarray])
         pin.updateFramePlacement(model, data, frame)
         rows.append([place.item(2) for place in places])
     return np.array(rows)
+
+
+def conditioning(
+    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
+) -> tuple[float, float]:
+    """Return the smallest singular value of the task Jacobian, and its ratio to the largest."""
+    singular = np.linalg.svd(_jacobian(model, data, frame, rows, q), compute_uv=False)
+    return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
+
+
+def _jacobian(
+    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
+) -> np.ndarray:
+    """Return rows of the Jacobian of a frame, or of several one after the other."""
+    frames, axes = np.atleast_1d(frame).tolist(), pin.LOCAL_WORLD_ALIGNED
+    found = [pin.computeFrameJacobian(model, data, q, each, axes)[rows] for each in frames]
+    return np.concatenate(found)
+
+
+def find_home(
+    model: pin.Model,
+    frame: int | Sequence[int],
+    rows: slice,
+    candidates: Iterable[np.ndarray],
+    plane: MountingPlane = MountingPlane(),
+) -> np.ndarray:
+    """Return the first acceptable candidate (nq), else the best pose of a random search.
+
+    The search takes seeded samples inside the joint limits, then samples around the best of them.
+    It maximises the smallest singular value of the task Jacobian. Within a fifth of a joint's range
+    from a limit, this value is reduced in proportion to the distance from the limit. A candidate is
+    acceptable if it has 60 % of the singular value of the best pose and a distance of 5 % of each
+    joint's range from the limits. All poses stay on their side of the mounting plane if the chain
+    can, at a distance of 5 % of the reach, or half of what is possible.
+
+    Args:
+        model: of the chain.
+        frame: index of the task frame, or those of several.
+        rows: rows of each frame's Jacobian that belong to the task.
+        candidates: (nq) poses that are preferred, in this order.
+        plane: the mounting plane; of several frames it is that of the first.
+
+    Raises:
+        RobotError: the task Jacobian is singular in all poses.
+    """
+    ends = np.atleast_1d(frame).tolist()
+    data, limits, rng = model.createData(), position_limits(model), np.random.default_rng(0)
+    lower, upper = position_bounds(model)
+    middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
+
+    def best_of(poses: np.ndarray) -> np.ndarray:
+        """Return the joint positions (N, nv) of the largest singular value, less near limits."""
+        at = [configuration_from_angles(model, angles) for angles in poses]
+        J = [_jacobian(model, data, frame, rows, q) for q in at]
+        found = np.linalg.svd(np.array(J), compute_uv=False)[:, -1]
+        found *= (plane.distances(model, ends[0], at) >= room) * np.minimum(
+            1.0, _off_limits(limits, poses) / _FAR_OFF
+        )
+        return np.asarray(poses[np.argmax(found)])
+
+    samples = middle + half * rng.uniform(-1.0, 1.0, (500, model.nv))
+    sampled = [configuration_from_angles(model, angles) for angles in samples]
+    most = plane.distances(model, ends[0], sampled).max()
+    room = min(MARGIN * reach(model, ends[0]), most / 2) if most > 0.0 else -np.inf
+    best = best_of(samples)
+    for size in (0.2, 0.1, 0.05):
+        around = best + size * half * rng.standard_normal((50, model.nv))
+        best = best_of(np.vstack([best, np.clip(around, middle - half, middle + half)]))
+    home = configuration_from_angles(model, np.round(best, 4))
+    singular, ratio = conditioning(model, data, frame, rows, home)
+    if ratio < 1e-6:
+        names = "', '".join(str(model.frames[end].name) for end in ends)
+        raise RobotError(
+            f"the joints to '{names}' cannot move all coordinates of the task: the task Jacobian "
+            "is singular in every pose.",
+            where="task",
+            hint="Choose another task or a frame further from the base; if there is none, add a "
+            "link to the description.",
+        )
+    for q in candidates:
+        if (
+            _off_limits(limits, angles_from_configuration(model, q)) >= MARGIN
+            and plane.distances(model, ends[0], [q])[0] >= room
+            and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular
+        ):
+            return np.asarray(q)
+    return home
+
+
+def home_inside_limits(model: pin.Model, candidates: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the first candidate (nq) inside the joint limits, else the middle of the limits."""
+    for q in candidates:
+        if _off_limits(position_limits(model), angles_from_configuration(model, q)) >= 0.0:
+            return np.asarray(q)
+    return configuration_from_angles(model, np.mean(position_bounds(model), axis=0))
+
+
+def _off_limits(limits: tuple[np.ndarray, np.ndarray], angles: np.ndarray) -> np.ndarray:
+    """Return the least distance of joint positions (..., nv) from a limit, relative to the range.
+
+    It is infinite if no joint has limits.
+    """
+    limited = np.isfinite(limits[0])
+    (low, high), at = (limit[limited] for limit in limits), angles[..., limited]
+    nearest = np.minimum(at - low, high - at) / (high - low)
+    return np.asarray(np.min(nearest, axis=-1, initial=np.inf))

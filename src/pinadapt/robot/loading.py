@@ -127,21 +127,7 @@ def load(
             where="pixel",
             hint="Give pixel=0.002 for 2 mm, or say which cameras there are: Robot.filmed_by.",
         )
-    task = None if task == IMAGE else task
     found = describe(source, xacro=xacro, mass=mass)
-    model = found.model
-    weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
-    ends = end_links(model, found.mimics)
-    make = partial(
-        _load_chain,
-        found,
-        ends=ends,
-        task=task or found.task,
-        locked=[*found.locked, *name_list(locked, "locked", RobotError)],
-        q0=q0,
-        gravity=gravity,
-        weld=weld or found.weld_root,
-    )
     free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
     feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
@@ -154,14 +140,28 @@ def load(
         )
     if feet and not free:
         raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
-    if free or closed:
-        robot = make(frame, whole=True, free=free, constraints=closed + feet, passive=idle)
-    elif others:
-        robot = make(frame, others=tuple(map(str, others)))
-    elif known or task == JOINT:
-        robot = make(known)
+    weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
+    ends, whole = end_links(found.model, found.mimics), free or bool(closed)
+    make = partial(
+        _load_chain,
+        found,
+        ends=ends,
+        task=found.task if task in (None, IMAGE) else task,
+        locked=[*found.locked, *name_list(locked, "locked", RobotError)],
+        q0=q0,
+        weld=weld or free or found.weld_root,
+        free=free,
+        constraints=closed + feet,
+        passive=idle if whole else (),
+        others=tuple(map(str, others)),
+    )
+    if whole or known or task == JOINT:
+        robot = make(frame if whole else known)
     else:
-        robot = _first_able(make, ends, task, model)
+        robot = _first_able(make, ends, found.name)
+    if gravity is not None:
+        given = vector(gravity, 3, "gravity", error=RobotError, fills=False)
+        robot.model.gravity.linear = given
     if flag(joint_effects, "joint_effects"):
         robot = _with_joint_effects(robot)
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
@@ -180,18 +180,14 @@ def _distinct(frame: str | None, frames: list[str]) -> list[str | None]:
     return [*frames] or [frame]
 
 
-def _first_able(
-    make: Callable[[str], Robot], ends: Sequence[str], task: str | None, model: pin.Model
-) -> Robot:
+def _first_able(make: Callable[[str], Robot], ends: Sequence[str], name: str) -> Robot:
     """Return the robot of the first end whose chain is able to do the task.
-
-    For a joint task this is the last frame of the model if no chain has two joints.
 
     Raises:
         RobotError: no chain is able, then the error of the first; no end; or any other error.
     """
     refused = []
-    for frame in ends or [str(model.frames[-1].name)] * (task == JOINT):
+    for frame in ends:
         try:
             return make(frame)
         except RobotError as error:
@@ -200,7 +196,7 @@ def _first_able(
             refused.append(error)
     nothing = RobotError(
         "no link is moved by two independent joints or more.",
-        where=str(model.name),
+        where=name,
         hint='Name a frame, or choose task="joint".',
     )
     raise [*refused, nothing][0]
@@ -213,13 +209,11 @@ def _load_chain(
     task: str | None,
     locked: Sequence[str],
     q0: ArrayLike | None,
-    gravity: ArrayLike | None,
     weld: bool,
-    whole: bool = False,
-    free: bool = False,
-    constraints: tuple[Constraint, ...] = (),
-    passive: tuple[str, ...] = (),
-    others: tuple[str, ...] = (),
+    free: bool,
+    constraints: tuple[Constraint, ...],
+    passive: tuple[str, ...],
+    others: tuple[str, ...],
 ) -> Robot:
     """Return the robot whose chain ends at a frame, or the whole tree; see ``load``.
 
@@ -230,24 +224,21 @@ def _load_chain(
         task: its name, or None for the default.
         locked: joints to lock.
         q0: home pose, or None.
-        gravity: or None.
-        weld: whether a floating base is fixed.
-        whole: whether all joints are kept, with a frame too.
-        free: whether the base is.
-        constraints: loops and contacts.
+        weld: whether a floating base is fixed or replaced by joints.
+        free: whether the base is; the whole tree is kept then, with a frame too.
+        constraints: loops and contacts, with which the whole tree is kept.
         passive: joints without motors.
         others: task frames beside the first.
     """
-    described, locks = found.model, set()
-    floating = [j for j in range(1, described.njoints) if is_free_flyer(described.joints[j])]
-    for name in locked:
-        locks.add(changes.joint_id(described, name, "locked"))
-    whole, weld = whole or frame is None, weld or free
-    chain = list(range(1, described.njoints))
+    described, whole = found.model, free or bool(constraints) or frame is None
+    joints = list(range(1, described.njoints))
+    floating = [j for j in joints if is_free_flyer(described.joints[j])]
+    locks = {changes.joint_id(described, name, "locked") for name in locked}
+    chain = joints
     if not whole:
         tips = [frame_id(described, str(name)) for name in (frame, *others)]
         chain = sorted({joint for tip in tips for joint in chain_joints(described, tip)})
-    keep = [joint for joint in chain if joint not in locks and not (weld and joint in floating)]
+    keep = [j for j in chain if j not in locks and not (weld and j in floating)]
     check_joints(described, keep, () if whole else found.mimics)
     if not keep:
         what = "anything" if frame is None else f"frame '{frame}'"
@@ -266,13 +257,12 @@ def _load_chain(
         frame = root if free else (*ends, str(model.frames[-1].name))[0]
     model = with_base_joints(model) if free else model
     check_position_limits(model)
-    if gravity is not None:
-        model.gravity.linear = vector(gravity, 3, "gravity", error=RobotError, fills=False)
     parts = [described.joints[joint] for joint in keep]
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
     tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
-    tree = whole or bool(others)
-    plane = None if welded or found.weld_root or tree else MountingPlane.of(model, tip, shown)
+    plane = MountingPlane()
+    if not (welded or found.weld_root or whole or others):
+        plane = MountingPlane.of(model, tip, shown)
     if whole:
         names = {str(described.names[joint]) for joint in keep}
         follow = [Coupling(name, *found.mimics[name]) for name in found.mimics if name in names]
@@ -300,11 +290,7 @@ def _load_chain(
         Friction.none(model.nv),
         Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
         ends=tuple(end for end in ends if end not in (frame, *others)),
-        locked=tuple(
-            str(described.names[joint])
-            for joint in range(1, described.njoints)
-            if joint not in keep and joint not in floating
-        ),
+        locked=tuple(str(described.names[j]) for j in joints if j not in {*keep, *floating}),
         welded=welded and not free,
         mounting=plane,
         origin=None if found.urdf is None else Origin(found.urdf, model.copy()),
@@ -337,15 +323,15 @@ def _regular(model: pin.Model, home: np.ndarray, name: str) -> pin.Model:
 
 def _with_joint_effects(robot: Robot) -> Robot:
     """Return a robot with the rotor inertias and the friction of its description."""
-    model, origin = robot.model, robot.origin
-    friction = Friction(np.array(model.damping), np.array(model.friction))
-    effects = {name: getattr(friction, name) for name in FRICTION_ATTRIBUTES}
-    effects["armature"] = np.array(model.armature)
-    for name, values in effects.items():
-        stated = {} if origin is None else origin.urdf.joint_effects(name)
-        values[:] = [stated.get(j, x) for j, x in zip(robot.joint_names, values, strict=True)]
-    armature = effects.pop("armature")
-    return robot.changed(armature=armature, friction=replace(friction, **effects))
+    model, origin, stated = robot.model, robot.origin, dict[str, Any]()
+    for name in ("armature", *FRICTION_ATTRIBUTES):
+        every = {} if origin is None else origin.urdf.joint_effects(name)
+        stated[name] = {joint: x for joint, x in every.items() if joint in robot.joint_names}
+    armature = np.array(model.armature)
+    for joint, value in stated.pop("armature").items():
+        armature[robot.joint_names.index(joint)] = value
+    friction = Friction(np.array(model.damping), np.array(model.friction), **stated)
+    return robot.changed(armature=armature, friction=friction)
 
 
 # The choice of a frame
@@ -402,7 +388,7 @@ def choose_task(
     frames: Sequence[int],
     task: str | None,
     poses: Sequence[np.ndarray],
-    plane: MountingPlane | None,
+    plane: MountingPlane,
 ) -> tuple[Task, np.ndarray]:
     """Return the task and a home pose (nq) for it.
 
@@ -413,7 +399,7 @@ def choose_task(
         frames: indices of the task frames, all of which have this task.
         task: name of the task, or None.
         poses: (nq) poses of the description, preferred as home.
-        plane: the mounting plane, from which the home pose keeps a distance, or None.
+        plane: the mounting plane, from which the home pose keeps a distance.
 
     Raises:
         RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
@@ -437,7 +423,7 @@ def _with_home(
     frames: Sequence[int],
     name: str,
     poses: Sequence[np.ndarray],
-    plane: MountingPlane | None,
+    plane: MountingPlane,
 ) -> tuple[float, Task, np.ndarray]:
     """Return conditioning, task and home pose (nq) for the name of a task."""
     task, count = task_named(name, model), len(frames)
@@ -468,8 +454,5 @@ def task_named(name: str, model: pin.Model) -> Task:
         raise RobotError(
             f"no task is called '{name}'; choose from {names}.{did_you_mean(name, names)}",
             where="task",
-            hint="Load the robot, then say which cameras it has: Robot.filmed_by."
-            if name == IMAGE
-            else None,
         )
     return TASKS[name]

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import LARGEST, instance, numbers, word
+from .._checks import instance, joint_numbers, word
 from ..description.chain import effort_limits
 from ..exceptions import GainError, InputError, did_you_mean
 from .robot import Robot
@@ -59,7 +59,7 @@ class Actuators:
 
     Raises:
         InputError: a negative delay or damping, a bandwidth or stiffness that is not positive, NaN,
-            no numbers, or another word for ``encoders``; lists of different sizes.
+            no numbers, or another word for ``encoders``.
     """
 
     delay: ArrayLike = 0.0
@@ -72,25 +72,13 @@ class Actuators:
 
     def __post_init__(self) -> None:
         """Check the actuators, and keep numbers or tuples of them."""
-        sizes = set()
         for name in JointActuators._fields:
-            where, zero = f"actuators.{name}", name in ("delay", "damping")
-            array = numbers(getattr(self, name), where, infinite=not zero)
-            low = array < 0.0 if zero else array <= 0.0
-            if array.ndim > 1 or low.any() or (array[np.isfinite(array)] > LARGEST).any():
-                raise InputError(
-                    f"must {'not be negative' if zero else 'be positive'} and at most {LARGEST:g}, "
-                    f"one number or one per joint, got {array.tolist()}.",
-                    where=where,
-                )
-            sizes |= {array.size} if array.ndim else set()
+            zero = name in ("delay", "damping")
+            array = joint_numbers(
+                getattr(self, name), f"actuators.{name}", zero=zero, infinite=not zero
+            )
             kept = tuple(array.tolist()) if array.ndim else float(array)
             object.__setattr__(self, name, kept)
-        if len(sizes) > 1:
-            raise InputError(
-                f"expected lists of one size, one number per joint, got sizes {sorted(sizes)}.",
-                where="actuators",
-            )
         if self.elastic and np.isinf(self.stiffness).any():
             raise InputError(
                 f"expected springs at all joints or at none, got {self.stiffness}.",
@@ -133,16 +121,12 @@ class Actuators:
         Raises:
             InputError: numbers for another number of joints.
         """
-        values, names = [], robot.joint_names
-        for part in JointActuators._fields:
-            array = np.asarray(getattr(self, part), dtype=float)
-            if array.ndim and array.size != len(names):
-                raise InputError(
-                    f"expected a number or {len(names)} numbers {names}, got {array.size}.",
-                    where=f"actuators.{part}",
-                )
-            values.append(np.broadcast_to(array, len(names)).copy())
-        return JointActuators(*values)
+        n = robot.model.nv
+        parts = [
+            joint_numbers(getattr(self, name), f"actuators.{name}", n, infinite=True)
+            for name in JointActuators._fields
+        ]
+        return JointActuators(*parts)
 
 
 class CommandsUnderway(NamedTuple):
@@ -221,10 +205,7 @@ class LateTorque:
     ) -> tuple[np.ndarray, CommandsUnderway]:
         """Return the mean torque (n) over the next dt [s], and what is left; see ``after``."""
         pieces, left = self.after(before, command, dt)
-        total = np.zeros(command.size)
-        for torque, h in pieces:
-            total += h * torque
-        return total / dt, left
+        return np.asarray(sum(h * torque for torque, h in pieces)) / dt, left
 
 
 def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray | None:
@@ -243,13 +224,8 @@ def torque_limits(robot: Robot, limits: ArrayLike | bool | None) -> np.ndarray |
         return None
     n = robot.model.nv
     given = effort_limits(robot.model) if limits is True else limits
-    bounds = numbers(given, "limits.torque", error=GainError, infinite=True)
-    if bounds.shape not in ((), (n,)) or not (bounds > 0.0).all():
-        raise GainError(
-            f"expected True, a positive number or {n} of them, got {bounds.tolist()}.",
-            where="limits.torque",
-        )
-    return np.broadcast_to(bounds, n).copy() if np.isfinite(bounds).any() else None
+    bounds = joint_numbers(given, "limits.torque", n, zero=False, infinite=True, error=GainError)
+    return bounds if np.isfinite(bounds).any() else None
 
 
 def overloaded(robot: Robot, limits: np.ndarray, words: str = "the true robot") -> str | None:

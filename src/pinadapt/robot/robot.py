@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, instance, mapping, numbers, positive, vector, whole
+from .._checks import flag, instance, joint_numbers, mapping, numbers, positive, vector, whole
 from .._output import Sheet, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
@@ -62,7 +62,7 @@ class Robot:
         ends: other frames of the description at which the chain could end, best candidate first.
         locked: joints of the description that are not part of the chain.
         welded: whether the description has a floating base, which is fixed here.
-        mounting: the plane that the chain is mounted on; None for a floating base and for robots of
+        mounting: the plane that the chain is mounted on; none for a floating base and for robots of
             the catalogue.
         loads: loads added with ``changed``, each after the index of the joint in whose axes it is;
             the model contains them.
@@ -84,7 +84,7 @@ class Robot:
     ends: tuple[str, ...] = ()
     locked: tuple[str, ...] = ()
     welded: bool = False
-    mounting: MountingPlane | None = None
+    mounting: MountingPlane = field(default_factory=MountingPlane)
     loads: tuple[tuple[int, pin.Inertia], ...] = ()
     tracker: pin.SE3 | None = None
     origin: Origin | None = None
@@ -297,17 +297,13 @@ class Robot:
             shift = vector(given, 3, where, error=RobotError, fills=False)
             placement.translation += placement.rotation @ shift
         if armature is not None:
-            model.armature = self._coefficients(armature, "armature")
-        own = {
-            name: self._coefficients(value, f"friction.{name}")
-            for name, value in (("viscous", viscous), ("coulomb", coulomb))
-            if value is not None
-        }
-        if friction is None:
-            friction = self.friction
-        else:
-            friction = instance(friction, Friction, "friction", RobotError).of(model)
-        return replace(self, model=model, friction=replace(friction, **own), loads=loads)
+            model.armature = joint_numbers(armature, "armature", model.nv, error=RobotError)
+        own = {"viscous": viscous, "coulomb": coulomb}
+        own = {name: value for name, value in own.items() if value is not None}
+        drag = self.friction if friction is None else friction
+        if friction is not None or own:
+            drag = replace(instance(drag, Friction, "friction", RobotError), **own).of(model)
+        return replace(self, model=model, friction=drag, loads=loads)
 
     def seen_from(self, rotation: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Return this robot with x in the axes of a tracker that stands somewhere.
@@ -326,7 +322,7 @@ class Robot:
         model = self.model.copy()
         changes.move_base(model, tracker)
         before = pin.SE3.Identity() if self.tracker is None else self.tracker
-        return replace(self, model=model, tracker=tracker * before, mounting=None)
+        return replace(self, model=model, tracker=tracker * before, mounting=MountingPlane())
 
     def filmed_by(self, *cameras: ArrayLike, pixel: float | None = None, count: int = 1) -> Robot:
         """Return this robot with the task "image": the picture of the frame in one or two cameras.
@@ -387,7 +383,7 @@ class Robot:
 
         What changed of a body is written to its first link; links that are fixed or locked to it
         keep their inertia as long as that of the first link remains physical. A moved task frame is
-        written as its own fixed joint if it is a last link, else as a new link,
+        written as its own fixed joint if it is a last link without mass, else as a new link,
         ``<frame>_learned``.
 
         A URDF does not contain gravity or the placement of the base. Rotor inertias and effects of
@@ -449,13 +445,6 @@ class Robot:
         return self.friction.under(
             pin.computeGeneralizedGravity(self.model, self.model.createData(), q)
         )
-
-    def _coefficients(self, given: ArrayLike, where: str) -> np.ndarray:
-        """Return coefficients (nv), one per joint; negative ones are refused."""
-        numbers = vector(given, self.model.nv, where, names=self.joint_names, error=RobotError)
-        if (numbers < 0.0).any():
-            raise RobotError(f"must not be negative, got {numbers.tolist()}.", where=where)
-        return numbers
 
 
 @dataclass(frozen=True, eq=False)

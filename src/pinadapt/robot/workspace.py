@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from itertools import product
-from math import ceil, exp, floor, log10, pi, sqrt
+from math import ceil, floor, log10, pi, sqrt
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +22,6 @@ from ..tasks.several_frames import FramesTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
 from ..trajectories.stacked import Stacked
-from ..trajectories.trajectory import Trajectory
 from .home import MARGIN
 from .robot import Robot
 
@@ -34,37 +32,12 @@ _RATIO, _SIZES = 0.8, 18
 _STEPS = 40  # of the inverse kinematics a turn; 20, 80: the same radii of all robots
 # relative to the smallest singular value at home; 0.25: three of 129 robots get larger circles
 _LEAST_SINGULAR = 0.5
-# [rad/s], bandwidth of the return to the home pose in the null space, as in the laws; half, twice:
-# the same radii, another plane for three robots and none
-_RETURN = 4.0
 # [s], of a circle at a reach of 1 m and less, and of the fastest joint of a swing; half: twice as
 # fast, four times the accelerations
 _PERIOD = 3.0
 # [rad/s], largest on a circle; of a slide half of it in m/s; half: longer periods of fast joints
 _SPEED = 1.5
 _SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
-
-
-@dataclass(frozen=True)
-class WorkspaceCircle:
-    """A circle through the home position, found by ``find_circle``.
-
-    Attributes:
-        plane: the two world axes that span it; those of the task if it has two coordinates.
-        phase: angle of the home position on the circle, from the first axis [rad].
-        radius: [m].
-        period: time of one revolution [s].
-    """
-
-    plane: str
-    phase: float
-    radius: float
-    period: float
-
-    def motion(self, size: int) -> Circle:
-        """Return the circle around the origin in two or three coordinates; two are its plane."""
-        plane = self.plane if size == 3 else "xy"
-        return Circle(np.zeros(size), self.radius, self.period, plane, self.phase)
 
 
 def rounded_down(number: float) -> float:
@@ -88,8 +61,7 @@ def reachable_circle(robot: Robot) -> Circle | PoseCircle:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
             task is the joint task, or one of several frames.
     """
-    task = robot.frame_task
-    return _from_home(robot, find_circle(robot).motion(task.positions))
+    return _from_home(robot, find_circle(robot))
 
 
 @arithmetic("robot", RobotError)
@@ -106,7 +78,7 @@ def reachable_circles(robot: Robot) -> Stacked:
         InputError: there is one task frame.
     """
     found, ends = find_circle(robot), map(robot.of_frame, robot.frames)
-    return Stacked([_from_home(end, found.motion(end.task.positions)) for end in ends])
+    return Stacked([_from_home(end, found) for end in ends])
 
 
 def _from_home(robot: Robot, circle: Circle) -> Circle | PoseCircle:
@@ -116,8 +88,10 @@ def _from_home(robot: Robot, circle: Circle) -> Circle | PoseCircle:
     return circle if task.size == task.positions else PoseCircle(circle, start[3:])
 
 
-def find_circle(robot: Robot) -> WorkspaceCircle:
+def find_circle(robot: Robot) -> Circle:
     """Return the largest circle through the home position that the robot can follow safely.
+
+    Its centre is zero; for a task of two coordinates its plane is "xy", whichever these are.
 
     Radii are tried in descending order from a tenth of the reach, each 0.8 times the last, planes
     and centres in the order of their conditioning. Inverse kinematics, with a return to the home
@@ -152,14 +126,14 @@ def find_circle(robot: Robot) -> WorkspaceCircle:
             hint="Find one for the same robot before filmed_by, or draw a motion in the picture.",
         )
     length, task = robot.reach, robot.of_frame(robot.frame).frame_task
-    planes = [task.name] if task.positions == 2 else ["xy", "yz", "xz"]
+    planes = ["xy", "yz", "xz"][: 3 if task.positions == 3 else 1]
     shifts = TOOL_ERROR * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
     described, *others = [
         robot.changed(tool_translation=dict.fromkeys(robot.frames, shift)) for shift in shifts
     ]
     for size in 0.1 * length * _RATIO ** np.arange(_SIZES):
         paths = [
-            WorkspaceCircle(plane, phase, rounded_down(size), 1.0)
+            Circle(np.zeros(task.positions), rounded_down(size), 1.0, plane, phase)
             for plane, phase in product(planes, (0.0, pi / 2, pi, -pi / 2))
         ]
         followed = [(run, path) for path in paths if (run := _follow(robot, described, path))]
@@ -169,8 +143,8 @@ def find_circle(robot: Robot) -> WorkspaceCircle:
                 runs.append(run)
             if len(runs) > len(others):
                 slowest = max(float(run[1].max()) for run in runs)
-                period = max(_PERIOD * sqrt(max(length, 1.0)), slowest)
-                return replace(path, period=ceil(10 * period) / 10)
+                period = ceil(10.0 * max(_PERIOD * sqrt(max(length, 1.0)), slowest)) / 10.0
+                return Circle(path.center, path.radius, period, path.plane, path.phase)
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
         "the joint limits and away from singularities.",
@@ -180,25 +154,8 @@ def find_circle(robot: Robot) -> WorkspaceCircle:
     )
 
 
-@dataclass(frozen=True)
-class JointSwing:
-    """Sines of the joints with motors from home, as ``find_swing`` finds them.
-
-    Attributes:
-        amplitude: (n) half the way of each joint [rad or m], negative where it goes down.
-        period: (n) [s], all different.
-    """
-
-    amplitude: np.ndarray
-    period: np.ndarray
-
-    def motion(self, start: np.ndarray) -> Trajectory:
-        """Return the motion that starts at rest at joint positions (n) [rad or m]."""
-        return Sinusoid(start, self.amplitude, self.period).starting_at(start)
-
-
 @arithmetic("robot", RobotError)
-def find_swing(robot: Robot) -> JointSwing:
+def find_swing(robot: Robot) -> Sinusoid:
     """Return sines of the joints with motors that a robot can follow from its home pose.
 
     Each joint goes by up to 0.6 rad, or 0.2 m, to the side of its range with more room, and keeps 5
@@ -221,30 +178,27 @@ def find_swing(robot: Robot) -> JointSwing:
             where=robot.name,
             hint="Give another home pose q0.",
         )
-    margin = _margin(lower, upper)
-    first = _PERIOD * sqrt(max(robot.reach, 1.0))
-    period = np.round(first * np.linspace(1.0, 1.5, model.nv), 1)
-    slides = list(robot.slides.values())
+    period = _PERIOD * sqrt(max(robot.reach, 1.0)) * np.linspace(1.0, 1.5, model.nv)
+    period = np.round(period, 1)
     most = np.minimum(
-        np.where(slides, 0.1, 0.3),  # [m], [rad]
+        np.where(list(robot.slides.values()), 0.1, 0.3),  # [m], [rad]
         _SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
-    room = np.array([upper - home, home - lower]) - margin
-    up = room[0] >= room[1]
-    own = robot.motors  # of all others the constraints decide
+    room = np.array([upper - home, home - lower]) - _margin(lower, upper)
+    up, own = room[0] >= room[1], robot.motors  # of all others the constraints decide
     for side in (up, ~up):  # what falls on one side rises on the other
         way = np.minimum(most, np.maximum(np.where(side, *room), 0.0) / 2.0)
-        amplitude = np.array([rounded_down(a) if a else 0.0 for a in way])
-        swing = JointSwing(np.where(side, amplitude, -amplitude), period)
-        if _strong_enough(robot, swing):
+        way = np.array([rounded_down(a) if a else 0.0 for a in way])
+        amplitude = np.where(side, way, -way)
+        if _strong_enough(robot, Sinusoid(home + amplitude, amplitude, period)):
             break
-    return JointSwing(swing.amplitude[own], swing.period[own])
+    return Sinusoid((home + amplitude)[own], amplitude[own], period[own])
 
 
-def _strong_enough(robot: Robot, swing: JointSwing) -> bool:
+def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     """Return whether the torques of a motion of the joints are within the efforts."""
-    model, data, motion = robot.model, robot.model.createData(), swing.motion(robot.home_angles)
-    path = [motion.at(t) for t in np.linspace(0.0, swing.period.max(), 80).tolist()]
+    model, data = robot.model, robot.model.createData()
+    path = [swing.at(t) for t in np.linspace(0.0, swing.period.max(), 80).tolist()]
     torques = [
         pin.rnea(model, data, configuration_from_angles(model, at.x_d), at.xd_d, at.xdd_d)
         for at in path
@@ -255,7 +209,7 @@ def _strong_enough(robot: Robot, swing: JointSwing) -> bool:
     return bool((np.abs(torques) <= efforts).all())
 
 
-def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np.ndarray] | None:
+def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray] | None:
     """Follow a circle by damped least squares, up to a limit or a singularity.
 
     Args:
@@ -282,8 +236,7 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         return arms[:, None] * task.linear_map(of.model, data, of.frame_id, q)[1]
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
-    circle, home_share = path.motion(m // count), 1.0 - exp(-_RETURN * _PERIOD / _STEPS)
-    at = [circle.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
+    at = [path.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
     least, places, fastest = np.inf, [q], np.zeros(model.nv)
     start = tool.position(q)
     for position in at[1:]:
@@ -296,15 +249,14 @@ def _follow(robot: Robot, tool: Robot, path: WorkspaceCircle) -> tuple[float, np
         offset[:m] = np.tile(position - at[0], count)
         x = task.at(model, data, tool.frame_id, q)
         to_go = arms * task.error(task.moved(start, offset), x)
-        psi = home_share * pin.difference(model, q, robot.q0)
+        psi = 10.0 / _STEPS * pin.difference(model, q, robot.q0)  # half, twice: the same radii
         step = psi + V.T @ (U.T @ (to_go - J @ psi) / singular)
         fastest = np.maximum(fastest, np.abs(step))
         q = pin.integrate(model, q, step)
         places.append(q)
-    if robot.mounting is not None:
-        distances = robot.mounting.distances(model, tool.frame_id, places)
-        if distances[0] >= 0.0 > distances.min():
-            return None
+    distances = robot.mounting.distances(model, tool.frame_id, places)
+    if distances[0] >= 0.0 > distances.min():
+        return None
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
     speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
     return least, fastest * _STEPS / speeds

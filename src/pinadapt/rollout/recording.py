@@ -116,22 +116,17 @@ class Slowdown(NamedTuple):
 
 def slowdowns(samples: Sequence[Sample]) -> tuple[Slowdown, ...]:
     """Return the intervals in which the path was slowed by more than 1 %, in order."""
+    paths = [(sample.t, path) for sample in samples if (path := sample.state.path) is not None]
     found = []
-    for slow, own in groupby(samples, key=_slowed):
-        paths = [(sample.t, path) for sample in own if (path := sample.state.path) is not None]
+    for slow, own in groupby(paths, key=lambda each: each[1].rate < 0.99):
         if slow:
-            ((cause, _),) = Counter(path.cause for _, path in paths).most_common(1)
-            least = min(path.rate for _, path in paths)
-            found.append(Slowdown(paths[0][0], paths[-1][0], cause, least))
+            times, part = zip(*own, strict=True)
+            ((cause, _),) = Counter(path.cause for path in part).most_common(1)
+            found.append(Slowdown(times[0], times[-1], cause, min(path.rate for path in part)))
     return tuple(found)
 
 
-def _slowed(sample: Sample) -> bool:
-    return sample.state.path is not None and sample.state.path.rate < 0.99
-
-
 _FEWEST = 64  # samples of a spectrum; half or twice: of shorter or only of longer records
-_SLOWEST = 3.0  # [Hz] of ringing where no bandwidth is known; half or twice: slower or faster tones
 # Share of the joint's torque that rings, and of this share that has one frequency: half or twice,
 # weaker or only stronger oscillations ring; less pure ones are the noise of sensors.
 _RINGS, _PURE = 0.05, 0.85
@@ -152,7 +147,7 @@ class Ringing(NamedTuple):
 
 
 def ringing(
-    t: np.ndarray, tau: np.ndarray, joints: Sequence[str], slowest: float = _SLOWEST
+    t: np.ndarray, tau: np.ndarray, joints: Sequence[str], slowest: float = 3.0
 ) -> Ringing | None:
     """Return the ringing of recorded torques in the second half of a run, or None.
 
@@ -165,7 +160,8 @@ def ringing(
         t: (N) time [s], in equal steps.
         tau: (N, nv) torque of the motors [N m or N].
         joints: their names.
-        slowest: frequency above which torques are faster than motions of this robot [Hz].
+        slowest: frequency above which torques are faster than motions of this robot [Hz]; half or
+            twice, slower or only faster tones ring.
     """
     from scipy.signal import welch  # here, because scipy is slow to import
 
@@ -174,18 +170,17 @@ def ringing(
     if len(t) < _FEWEST:
         return None
     rate = 1.0 / float(np.median(np.diff(t)))
-    length = min(len(t), max(_FEWEST, round(rate)))
-    tau = tau[min(len(t) // 2, len(t) - length) :]
-    f, power = welch(tau, rate, nperseg=length, detrend="linear", axis=0)
+    length = max(_FEWEST, round(rate))
+    tau = tau[-max(len(t) // 2, length) :]
+    f, power = welch(tau, rate, nperseg=min(len(tau), length), detrend="linear", axis=0)
     step, fast = f[1], f >= slowest
-    f, power = f[fast], f[1] * power[fast]  # the sum over f is the mean square
-    found = []
-    for name, own, size in zip(joints, power.T, np.sqrt(np.mean(tau**2, axis=0)), strict=True):
+    f, found = f[fast], []
+    for name, own, size in zip(joints, power[fast].T, np.mean(tau**2, axis=0), strict=True):
         peak = int(np.argmax(own)) if own.size else 0
         if peak < 2:  # no edge of the motion's own spectrum
             continue
         near = np.abs(f - f[peak]) <= max(0.15 * f[peak], 2.0 * step)
-        share = float(np.sqrt(own.sum()) / size)
+        share = float(np.sqrt(step * own.sum() / size))  # the sum over f is the mean square
         if own[near].sum() > _PURE * own.sum() and share > _RINGS:
             found.append(Ringing(name, float(f[peak]), share))
     return max(found, key=lambda each: each.share, default=None)
@@ -197,8 +192,9 @@ def ringing_of(t: np.ndarray, tau: np.ndarray, controller: Controller) -> Ringin
     Only frequencies above those of its feedback count.
     """
     motion, names = controller.motion, controller.kinematics.robot.joint_names
-    slowest = _SLOWEST if motion is None else motion.bandwidth / (2.0 * np.pi)
-    return ringing(t, tau, names, slowest)
+    if motion is None:
+        return ringing(t, tau, names)
+    return ringing(t, tau, names, motion.bandwidth / (2.0 * np.pi))
 
 
 CLOSE = 1e-3  # [m or rad] error below which a run has recovered from an event
@@ -325,18 +321,17 @@ class Recording:
     @property
     def transients(self) -> list[Transient]:
         """The error after each of the marks that has samples after it."""
-        t, distance, found = self.t, self.distance, []
+        found = []
         ends = [*(at for at, _ in self.marks[1:]), np.inf]
         for (at, what), end in zip(self.marks, ends, strict=False):
-            part = np.flatnonzero((t >= at - EARLY) & (t < end - EARLY))
-            if not part.size:
+            part = (self.t >= at - EARLY) & (self.t < end - EARLY)
+            if not part.any():
                 continue
-            far = part[~(distance[part] < CLOSE)]  # NaN is far
-            back: float | None = 0.0
-            if far.size:
-                stays = far[-1] == part[-1]
-                back = None if stays else round(float(t[far[-1] + 1] - at), 6)
-            found.append(Transient(at, what, extreme(np.max, distance[part]), back))
+            error = self.distance[part]
+            # the times at which it may be back: the mark, and each sample after one; NaN is far
+            backs = [0.0, *(self.t[part][1:] - at).round(6).tolist(), None]
+            back = backs[np.flatnonzero([True, *~(error < CLOSE)])[-1]]
+            found.append(Transient(at, what, extreme(np.max, error), back))
         return found
 
     @cached_property
@@ -345,7 +340,7 @@ class Recording:
 
         Of each sample (N, p_k) where the true robot changes during the run.
         """
-        return self._true(self.evaluated().controller.kinematics)
+        return self._true("kinematics")
 
     @cached_property
     def a_d_true(self) -> np.ndarray | None:
@@ -353,12 +348,12 @@ class Recording:
 
         Of each sample (N, p_d) where the true robot changes during the run.
         """
-        return self._true(self.evaluated().controller.dynamics)
+        return self._true("dynamics")
 
-    def _true(self, model: Any) -> np.ndarray | None:
+    def _true(self, model: str) -> np.ndarray | None:
         """Return the true parameters of the kinematics or the dynamics of the controller."""
         run = self.evaluated()
-        rows = run.true_values(model.value, run.samples)
+        rows = run.true_values(getattr(run.controller, model).value, run.samples)
         if rows is None or not len(rows) or len(run.true.robots) > 1:
             return rows
         return np.asarray(rows[0])
@@ -422,29 +417,36 @@ class Recording:
         return None if V is None else (self.t[chosen], V)
 
     @cached_property
-    @np.errstate(all="ignore")
     def min_eig_M_hat(self) -> np.ndarray:
         """Smallest eigenvalue (N) of the estimated mass matrix; NaN where that is not finite."""
-        run, found = self.evaluated(), np.full(len(self.t), np.nan)
-        dynamics, project = run.controller.dynamics, run.controller.adaptation_d.project
-        for k, sample in enumerate(run.samples):
+        controller = self.evaluated().controller
+        dynamics, project = controller.dynamics, controller.adaptation_d.project
+
+        def mass_matrix(sample: Sample) -> np.ndarray:
             q = sample.measurement.q
             dynamics.load(project(sample.state.dynamic, q))
-            if np.isfinite(M := dynamics.mass_matrix(q)).all():
-                found[k] = np.linalg.eigvalsh(M)[0]
-        return found
+            return dynamics.mass_matrix(q)
+
+        return self._of_each(mass_matrix, lambda M: np.linalg.eigvalsh(M)[0])
 
     @cached_property
-    @np.errstate(all="ignore")
     def min_singular_J_hat(self) -> np.ndarray:
         """Smallest singular value (N) of the estimated Jacobian; NaN where that is not finite."""
-        run, found = self.evaluated(), np.full(len(self.t), np.nan)
-        kinematics = run.controller.kinematics
-        for k, sample in enumerate(run.samples):
+        kinematics = self.evaluated().controller.kinematics
+
+        def jacobian(sample: Sample) -> np.ndarray:
             kinematics.update(sample.state.a_k, sample.measurement.q, sample.measurement.v)
-            if np.isfinite(kinematics.J).all():
-                found[k] = np.linalg.svd(kinematics.J, compute_uv=False)[-1]
-        return found
+            return kinematics.J
+
+        return self._of_each(jacobian, lambda J: np.linalg.svd(J, compute_uv=False)[-1])
+
+    @np.errstate(all="ignore")
+    def _of_each(
+        self, matrix: Callable[[Sample], np.ndarray], number: Callable[[np.ndarray], float]
+    ) -> np.ndarray:
+        """Return a number (N) of a matrix of each sample, NaN where that is not finite."""
+        matrices = map(matrix, self.evaluated().samples)
+        return np.array([number(A) if np.isfinite(A).all() else np.nan for A in matrices])
 
     @cached_property
     @np.errstate(all="ignore")

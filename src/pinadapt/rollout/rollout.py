@@ -12,6 +12,7 @@ import numpy as np
 from .._checks import instance, positive
 from .._output import Sheet
 from ..controller.learned import AlongExcited, LearnedParameters
+from ..controller.state import ControllerState
 from ..exceptions import InputError, ParameterError
 from ..information.information import (
     Excitation,
@@ -63,11 +64,11 @@ class Rollout(Recording):
         return str(self.numbers["verdict"])
 
     @cached_property
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> summary.Numbers:
         """The numbers of ``summary.json``; None stands for what is not finite."""
         return summary.summary(self)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> summary.Numbers:
         """Return a copy of ``numbers``."""
         return dict(self.numbers)
 
@@ -144,8 +145,7 @@ class Rollout(Recording):
             InputError: the rollout was loaded, or has no sample.
         """
         evaluation = self.evaluated()
-        state, along = evaluation.last_state, None if all_estimates else self._along_excited()
-        learned = evaluation.controller.learned(state, along)
+        learned = evaluation.controller.learned(*self._last_estimates(all_estimates))
         return replace(learned, drawn=evaluation.true.robots[0].drawn)
 
     def parameters(self, *, all_estimates: bool = False) -> LearnedParameters:
@@ -159,14 +159,14 @@ class Rollout(Recording):
         Raises:
             InputError: as ``learned``.
         """
-        evaluation = self.evaluated()
-        state, along = evaluation.last_state, None if all_estimates else self._along_excited()
-        return LearnedParameters.of(evaluation.controller, state, along)
+        controller = self.evaluated().controller
+        return LearnedParameters.of(controller, *self._last_estimates(all_estimates))
 
-    def _along_excited(self) -> AlongExcited | None:
-        """Return what the motion of the whole run excites."""
-        evaluation, since = self.evaluated(), max((at for at, _ in self.marks), default=-np.inf)
-        return along_excited(evaluation.controller, evaluation.samples, since=since)
+    def _last_estimates(self, whole: bool) -> tuple[ControllerState, AlongExcited | None]:
+        """Return the last state, and what the motion of the whole run excites."""
+        run, since = self.evaluated(), max((at for at, _ in self.marks), default=-np.inf)
+        along = None if whole else along_excited(run.controller, run.samples, since=since)
+        return run.last_state, along
 
     def excitation(self) -> Excitation:
         """Return which parameters the motion since the last mark can identify, and how well.

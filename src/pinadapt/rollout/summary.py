@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from .._output import Sheet, Table, percent, read_as_data, whole_file, write_text
+from .._output import Sheet, Table, as_json, percent, read_as_data, short, whole_file, write_json
 from .._version import __version__
 from ..controller.state import Bridged
 from ..exceptions import InputError
@@ -23,6 +23,8 @@ from ..tasks.task import DISPLAYS, Display, JointTask, Task
 from .recording import CLOSE, Recording, Ringing, Slowdown, extreme, window
 
 Run = TypeVar("Run", bound=Recording)
+
+Numbers: TypeAlias = dict[str, Any]  # those of ``summary.json``
 
 # The arrays of ``rollout.npz``.
 RECORDED = ("t", "q", "v", "tau", "x", "x_d", "a_k", "a_d", "saturated", "path_time")
@@ -38,7 +40,7 @@ _NAMED = (
 _KEPT = ("wall_time", "step_time", "marks", "path_extent", "unadapted", "not_identified")
 
 
-def summary(run: Recording) -> dict[str, Any]:
+def summary(run: Recording) -> Numbers:
     """Return the numbers of ``summary.json``; None stands for what is not finite."""
     found = run.prediction
     prediction = None
@@ -83,8 +85,7 @@ def summary(run: Recording) -> dict[str, Any]:
     if isinstance(run.task, ImageTask):
         numbers |= {"pixel": run.task.pixel, "max_tool_error_last": run.beside_picture}
     numbers["verdict"] = _verdict(run, numbers)
-    plain: dict[str, Any] = json.loads(json.dumps(numbers))  # as it is read again
-    return plain
+    return dict(as_json(numbers))
 
 
 def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
@@ -97,7 +98,7 @@ def _errors(norms: np.ndarray, name: str) -> dict[str, float | None]:
     }
 
 
-def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
+def sheet(run: Recording, numbers: Numbers) -> Sheet:
     """Return a table of the main numbers, which ``summary`` has made; zeros are left out."""
     shown, angle = run.task.groups[0].shown, DISPLAYS["rad"]
     cells = [
@@ -127,18 +128,18 @@ def sheet(run: Recording, numbers: dict[str, Any]) -> Sheet:
         words = f"not back under {near}" if back is None else f"under {near} after {back:.3f} s"
         worst = f"worst {_size(change['max_error'], shown)}, {words}"
         rows.append((f"{change['what']} at {change['at']:g} s", worst))
-    if any(run.bridged):
-        found = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
-        rows.append(("samples bridged by prediction", ", ".join(found)))
+    bridged = [f"{count} of {name}" for name, count in numbers["bridged"].items() if count]
+    if bridged:
+        rows.append(("samples bridged by prediction", ", ".join(bridged)))
     return Sheet(run.title, [Table(rows)])
 
 
 def _size(value: float | None, shown: Display) -> str:
     """Return a number in the unit in which it is shown, a dash for None."""
-    return "-" if value is None else f"{_short(shown.scale * value)} {shown.unit}".rstrip()
+    return "-" if value is None else f"{short(shown.scale * value)} {shown.unit}".rstrip()
 
 
-def _prediction_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
+def _prediction_rows(numbers: Numbers) -> list[tuple[str, str]]:
     """Return rows for the predicted torques, for what was identifiable, and for what was not."""
     found = numbers["torque_prediction"]
     if found is None:
@@ -148,16 +149,18 @@ def _prediction_rows(numbers: dict[str, Any]) -> list[tuple[str, str]]:
     words = f"{found['identifiable']} combinations of {len(numbers['dynamic_names'])} parameters"
     if found["identifiable_error"] is not None:
         words += f", error {percent(found['identifiable_error'])} of that at the start"
-    still = wrap(names_together(found["not_excited"]), break_long_words=False)
-    labels = ["not excited by this motion", *[""] * len(still)]
-    return [
+    rows = [
         ("predicted torque (rms error)", f"{errors}, {shares}"),
         ("identifiable by this motion", words),
-        *zip(labels, still, strict=False),
     ]
+    label = "not excited by this motion"
+    for line in wrap(names_together(found["not_excited"]), break_long_words=False):
+        rows.append((label, line))
+        label = ""
+    return rows
 
 
-def save(run: Recording, numbers: Callable[[], dict[str, Any]], folder: Path) -> None:
+def save(run: Recording, numbers: Callable[[], Numbers], folder: Path) -> None:
     """Write ``rollout.npz`` and ``summary.json`` into a folder, which is created if missing.
 
     Each is written atomically. The recorded arrays are saved first, then again with those that are
@@ -172,7 +175,7 @@ def save(run: Recording, numbers: Callable[[], dict[str, Any]], folder: Path) ->
         arrays = {name: getattr(run, name) for name in names}
         with whole_file(folder / "rollout.npz") as file:
             np.savez_compressed(file, **{name: a for name, a in arrays.items() if a is not None})
-    write_text(folder / "summary.json", json.dumps(numbers(), indent=2) + "\n")
+    write_json(folder / "summary.json", numbers())
 
 
 def load(folder: Path, kind: type[Run]) -> Run:
@@ -188,11 +191,11 @@ def load(folder: Path, kind: type[Run]) -> Run:
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         kept, ringing, run = numbers["recorded"], numbers["ringing"], object.__new__(kind)
-        fields = run.__dict__
-        for name, value in {**{name: numbers[name] for name in _NAMED}, **kept}.items():
-            fields[name] = tuple(value) if isinstance(value, list) else value
-        fields.update({name: file.get(name) for name in RECORDED + COMPUTED})
-        fields.update(
+        fields = {**{name: numbers[name] for name in _NAMED}, **kept}
+        lists = {name: tuple(each) for name, each in fields.items() if isinstance(each, list)}
+        vars(run).update(
+            **fields | lists,
+            **{name: file.get(name) for name in RECORDED + COMPUTED},
             numbers=numbers,
             ringing=None if ringing is None else Ringing(**ringing),
             bridged=Bridged(**numbers["bridged"]),
@@ -203,7 +206,7 @@ def load(folder: Path, kind: type[Run]) -> Run:
         return run
 
 
-def _task(numbers: dict[str, Any], coordinates: int) -> Task:
+def _task(numbers: Numbers, coordinates: int) -> Task:
     """Return the task of a run; of a picture with so many coordinates without the cameras."""
     name = numbers["task"]
     if name == IMAGE:
@@ -248,15 +251,15 @@ def grade(run: Recording) -> str:
     return FOLLOWS if worst <= ACCURATE else ROUGHLY if worst <= ROUGH else LOST
 
 
-def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
+def _verdict(run: Recording, numbers: Numbers) -> str:
     """Return the verdict in one line."""
     found = numbers["torque_prediction"]
     parts = [str(run.reason or "").rstrip("."), _error(run, numbers)]
     if run.slowed:
         longest = max(run.slowed, key=lambda each: each.end - each.start)
         parts.append(
-            f"path slowed {len(run.slowed)} times, longest from {_short(longest.start)} to "
-            f"{_short(longest.end)} s by {longest.cause}"
+            f"path slowed {len(run.slowed)} times, longest from {short(longest.start)} to "
+            f"{short(longest.end)} s by {longest.cause}"
         )
     parts.append(str(run.limits))
     if found is not None and run.diverged is None:
@@ -269,23 +272,23 @@ def _verdict(run: Recording, numbers: dict[str, Any]) -> str:
     return f"{grade(run)}: {'; '.join(part for part in parts if part)}."
 
 
-def _error(run: Recording, numbers: dict[str, Any]) -> str:
+def _error(run: Recording, numbers: Numbers) -> str:
     """Return the error in the last 10 %: absolute, relative, and against no adaptation."""
-    error, share = numbers["max_error_last"], numbers["error_share"]
+    error, shown = numbers["max_error_last"], run.task.groups[0].shown
     if error is None:
         return "nothing was measured"
-    shown = run.task.groups[0].shown
     text = f"error of the last 10 % up to {_size(error, shown)}"
-    if share is not None:
+    if (share := numbers["error_share"]) is not None:
         text += f", {percent(share)} of the path's {_size(run.extent, shown)}"
     if (tool := numbers.get("max_tool_error_last")) is not None:
         text += f", {_size(tool, DISPLAYS['m'])} at the tool"
     if (angle := numbers.get("max_angle_last")) is not None:
         text += f", and {_size(angle, DISPLAYS['rad'])}"
     if run.unadapted and error:
-        times = run.unadapted / error
-        better = times * BETTER > 1.0
-        ratio = f"{_short(times, 2)} times less than" if better else f"{percent(1.0 / times)} of"
+        share = error / run.unadapted
+        ratio = (
+            f"{short(1.0 / share, 2)} times less than" if share < BETTER else f"{percent(share)} of"
+        )
         text += f", {ratio} the {_size(run.unadapted, shown)} without adaptation"
     return text
 
@@ -303,11 +306,3 @@ def ringing_words(ringing: Ringing, law: str) -> str:
         "of its rms: declare the motors' delay or the joints' stiffness (limits.actuators), or "
         f"{slower}"
     )
-
-
-def _short(value: float, digits: int = 3) -> str:
-    """Return a number with some significant digits, without an exponent up to a million."""
-    if 0.0 < value < 1e-3:
-        return "< 0.001"
-    whole = 10.0**digits <= value < 1e6
-    return f"{value:.0f}" if whole else f"{value:.{digits}g}"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._output import Table, number
+from .._output import records_table
 from ..exceptions import Interrupted, UnusedGainWarning
 from ..laws import LAWS
 from ..rollout.recording import extreme
@@ -113,14 +113,8 @@ def comparison_table(rollouts: Sequence[Rollout]) -> str:
         "min eig M_hat [kg m^2]": ("min_eig_M_hat", 1.0, 4),
         "step [us]": ("step_time_us", 1.0, 0),
     }
-    summaries = [{**rollout.numbers, "unadapted": rollout.unadapted} for rollout in rollouts]
-    there = {
-        title: [number(each.get(key), scale=scale, digits=digits) for each in summaries]
-        for title, (key, scale, digits) in numbers.items()
-        if any(each.get(key) is not None for each in summaries)
-    }
-    rows = [
-        [each.title, each.law, each.adaptation, *(cells[k] for cells in there.values()), each.grade]
-        for k, each in enumerate(rollouts)
+    records = [
+        {**each.numbers, "unadapted": each.unadapted, "verdict": each.grade} for each in rollouts
     ]
-    return str(Table(rows, ["run", "law", "adaptation", *there, "verdict"]))
+    texts = {"run": "title", "law": "law", "adaptation": "adaptation"}
+    return str(records_table(records, texts, numbers, "verdict"))

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import located
+from .._checks import located, positive
+from .._output import Record
 from ..controller.controller import Controller
 from ..controller.learned import LearnedParameters
 from ..exceptions import MeasurementError, ScenarioError
@@ -27,7 +28,7 @@ from ..tasks.frame import ImageTask, pinhole_camera
 from ..trajectories.pose import placed_trajectory
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
-from .tables import KEYS, TABLES, Tables, at_folder, motion, parts, read, read_tables
+from .tables import KEYS, TABLES, Tables, at_folder, in_table, motion, parts, read, read_tables
 
 _OF_PICTURES = ("center", "radius", "amplitude", "points", "point", "cosine", "sine")
 
@@ -60,7 +61,7 @@ class Scenario:
     sensors: Sensors
     events: Events
     engine: Engine
-    start: Mapping[str, Any] | None = None
+    start: Record | None = None
     duration: float = 10.0
     seed: int = 0
     record_every: int = 1
@@ -90,10 +91,10 @@ class Scenario:
         given, described = parts(tables), described_robot(tables)
         sensors = _scaled(given["sensors"], getattr(described.task, "pixel", None) or 1.0)
         truth, model = given["truth"], given["model"]
-        with located("truth", KEYS["truth"][1], TABLES):
+        with in_table("truth"):
             true = true_robot(described, truth)
         learned = model.pop("learned", None)
-        with located("model", KEYS["model"][1], TABLES):
+        with in_table("model"):
             unloaded = described.changed(**model)
             if learned is not None:
                 learned = LearnedParameters.load(learned)
@@ -109,14 +110,14 @@ class Scenario:
             with located("controller.compensated"):
                 compensation = read(changes, "controller.compensated", Robot.changed)
                 options["compensated"] = Gravity(described.changed(**compensation))
-        with located("controller", KEYS["controller"][1], TABLES):
+        with in_table("controller"):
             controller = make_controller(
                 unloaded, unknown=unknown, sensors=sensors, limits=given["limits"], **options
             )
         if learned is not None:
             with located("model.learned"):
                 start = learned.start(controller)
-        with located("trajectory", (), TABLES):
+        with in_table("trajectory"):
             trajectory = trajectory_of(tables.get("trajectory", {}), true)
         events = Events(
             _changes(described, truth, given["events"]["changes"]),
@@ -162,7 +163,7 @@ class Scenario:
         of_run = KEYS["simulation"][1]
         try:
             with (
-                located("simulation", of_run, TABLES),
+                in_table("simulation"),
                 located("engine", KEYS["engine"][1], (*TABLES, *of_run, "changes")),
             ):
                 return simulate(
@@ -190,7 +191,7 @@ def described_robot(tables: Tables) -> Robot:
         InputError: it cannot be loaded.
     """
     given = parts(tables)
-    with located("robot", KEYS["robot"][1]):
+    with in_table("robot"):
         robot = load(**given["robot"])
     cameras = len(given["truth"]["camera"])
     if cameras > 1 and isinstance(robot.task, ImageTask):
@@ -198,7 +199,7 @@ def described_robot(tables: Tables) -> Robot:
     return robot
 
 
-def true_robot(described: Robot, truth: Mapping[str, Any]) -> Robot:
+def true_robot(described: Robot, truth: Record) -> Robot:
     """Return the true robot: the described one with the changes of [truth].
 
     Raises:
@@ -223,9 +224,7 @@ def true_robot(described: Robot, truth: Mapping[str, Any]) -> Robot:
         return true.seen_from(**read(truth["tracker"], "tracker", Robot.seen_from))
 
 
-def _changes(
-    described: Robot, truth: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]
-) -> dict[float, Robot]:
+def _changes(described: Robot, truth: Record, changes: Sequence[Record]) -> dict[float, Robot]:
     """Return the true robot after each change, by its time [s].
 
     A change replaces the keys that it names. The others keep their value of the previous change,
@@ -242,21 +241,19 @@ def _changes(
     return robots
 
 
-def _in_time(events: Sequence[Mapping[str, Any]], name: str) -> dict[float, dict[str, Any]]:
+def _in_time(events: Sequence[Record], name: str) -> dict[float, Tables]:
     """Return what happens at each time [s], in order.
 
     Raises:
         ScenarioError: an event without a time, or two at the same one.
     """
-    found: dict[float, dict[str, Any]] = {}
+    found: dict[float, Tables] = {}
     for number, event in enumerate(events):
         others = dict(event)
-        at = others.pop("at", None)
-        if not isinstance(at, int | float) or isinstance(at, bool) or at in found:
-            raise ScenarioError(
-                "expected a time [s] at which there is no other event.",
-                where=f"events.{name}.{number}.at",
-            )
+        place = f"events.{name}.{number}.at"
+        at = positive(others.pop("at", None), place, zero=True, error=ScenarioError)
+        if at in found:
+            raise ScenarioError("there is another event at this time.", where=place)
         found[at] = others
     return dict(sorted(found.items()))
 
@@ -279,4 +276,4 @@ def trajectory_of(table: Any, robot: Robot) -> Trajectory:
         lengths = {key: table[key] for key in _OF_PICTURES if key in table}
         scaled = {key: (pixel * np.array(each)).tolist() for key, each in lengths.items()}
         table = {**table, **scaled}
-    return placed_trajectory(motion(table), robot.task, robot.position(robot.q0))
+    return placed_trajectory(motion(table), robot)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import is_dataclass
 from functools import cache, partial
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
 from .._checks import instance, located, shown, word
-from .._output import read_toml, toml
+from .._output import Record, read_toml, toml
 from ..controller.limits import Limits
 from ..description.description import is_robot_name
 from ..description.urdf import is_path
@@ -29,6 +30,7 @@ from ..robot.loading import load
 from ..robot.robot import Robot
 from ..simulation.engine import Engine
 from ..tasks.frame import pinhole_camera
+from ..trajectories.crawl import Crawl
 from ..trajectories.periodic import Circle, FourierSeries, Lissajous, Sinusoid
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.stacked import Stacked
@@ -38,8 +40,10 @@ from ..tuning.rates import ADAPTATIONS, KINEMATIC_ADAPTATIONS, RATES
 from ..tuning.unknowns import Unknown
 
 Tables = dict[str, Any]
+Make = Callable[..., Any]  # a class or function that takes the keys of a table as arguments
 
 MOTIONS: dict[str, type[Trajectory]] = {
+    "crawl": Crawl,
     "circle": Circle,
     "lissajous": Lissajous,
     "sinusoid": Sinusoid,
@@ -61,14 +65,14 @@ _PATHS = ("robot.source", "unknown.basis", "unknown.lmi", "model.learned", "engi
 
 
 @cache
-def arguments(make: Callable[..., Any]) -> tuple[str, ...]:
+def arguments(make: Make) -> tuple[str, ...]:
     """Return the names of the arguments that a class or function has, in order."""
     several = (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL)
     parameters = signature(make).parameters.values()
     return tuple(each.name for each in parameters if each.kind not in several)
 
 
-def _keys() -> dict[str, tuple[Callable[..., Any], tuple[str, ...]]]:
+def _keys() -> dict[str, tuple[Make, tuple[str, ...]]]:
     """Return what each table is made of: a class or function, and those of its arguments."""
     changes = tuple(name for name in arguments(Robot.changed) if name != "self")
     own = ("robot", "unknown", "sensors", "limits")
@@ -91,8 +95,13 @@ KEYS = _keys()
 TABLES = ("title", *KEYS, "trajectory")
 
 
+def in_table(name: str) -> AbstractContextManager[None]:
+    """Let errors raised inside name their place in a table of this name."""
+    return located(name, KEYS[name][1] if name in KEYS else (), TABLES)
+
+
 @cache
-def _hints(make: Callable[..., Any]) -> dict[str, Any]:
+def _hints(make: Make) -> Tables:
     """Return the types of the arguments of a class or function."""
     plain_class = isinstance(make, type) and "__init__" in vars(make) and not is_dataclass(make)
     if make in (dict, load):  # in which no table stands for an object
@@ -112,7 +121,7 @@ def _by_name(hint: Any) -> bool:
     return any(get_origin(part) is Mapping and _classes(part) for part in get_args(hint))
 
 
-def checked(table: Any, path: str, names: Iterable[str]) -> Mapping[str, Any]:
+def checked(table: Any, path: str, names: Iterable[str]) -> Record:
     """Return a table if it is one, with keys of these names.
 
     Raises:
@@ -130,9 +139,7 @@ def checked(table: Any, path: str, names: Iterable[str]) -> Mapping[str, Any]:
     return table
 
 
-def read(
-    table: Any, path: str, make: Callable[..., Any], names: Iterable[str] | None = None
-) -> dict[str, Any]:
+def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) -> Tables:
     """Return the arguments of a class or function that a table holds, tables in it as objects.
 
     Raises:
@@ -157,7 +164,7 @@ def _value(hint: Any, value: Any, path: str) -> Any:
     return value
 
 
-def made(make: Callable[..., Any], table: Any, path: str) -> Any:
+def made(make: Make, table: Any, path: str) -> Any:
     """Return what a class or function makes of a table.
 
     Raises:
@@ -191,7 +198,7 @@ def motion(table: Any, path: str = "trajectory") -> Trajectory:
     return found.as_given() if given else found
 
 
-def parts(tables: Tables) -> dict[str, Any]:
+def parts(tables: Tables) -> Tables:
     """Return objects of the tables that are classes, and arguments of those that are functions.
 
     Raises:
@@ -199,7 +206,7 @@ def parts(tables: Tables) -> dict[str, Any]:
     """
     checked(tables, "", TABLES)
     title = instance(tables.get("title", ""), str, "title", ScenarioError)
-    found: dict[str, Any] = {"title": title, "trajectory": motion(tables.get("trajectory", {}))}
+    found: Tables = {"title": title, "trajectory": motion(tables.get("trajectory", {}))}
     for name, (make, names) in KEYS.items():
         table = tables.get(name, {})
         if name in ("unknown", "engine") and not isinstance(table, Mapping):
@@ -228,7 +235,7 @@ def parts(tables: Tables) -> dict[str, Any]:
     return found
 
 
-def _listed(table: Mapping[str, Any], key: str, path: str) -> list[Any]:
+def _listed(table: Record, key: str, path: str) -> list[Any]:
     """Return a list of tables, an empty one where there is none."""
     found: list[Any] = instance(table.get(key, []), list, f"{path}.{key}", ScenarioError)
     return found
@@ -260,14 +267,23 @@ def read_tables(path: Path, settings: Sequence[str] = ()) -> Tables:
     return with_values(read_toml(path), dict(setting(text) for text in settings))
 
 
-def with_values(tables: Tables, values: Mapping[str, Any]) -> Tables:
-    """Return tables after writing values by dotted keys into them.
+def with_values(tables: Tables, values: Record) -> Tables:
+    """Return tables after writing values by dotted keys into them; tables of a list are numbered.
 
     Raises:
         ScenarioError: a key has an empty part, or a part of it is not a table.
     """
     for key, value in values.items():
-        put(tables, key, value)
+        table: Any = tables
+        *way, last = names = key.split(".")
+        for part in way:
+            if isinstance(table, list) and part.isdigit() and int(part) < len(table):
+                table = table[int(part)]
+            else:
+                table = table.setdefault(part, {}) if isinstance(table, dict) else None
+        if not all(names) or not isinstance(table, dict):
+            raise ScenarioError(f"'{key}' is not the key of a table.", where="--set")
+        table[last] = value
     return tables
 
 
@@ -286,24 +302,6 @@ def setting(text: str, where: str = "--set") -> tuple[str, Any]:
     return key, found
 
 
-def put(tables: Tables, key: str, value: Any) -> None:
-    """Write one value into tables, by its dotted key; tables of a list are numbered, from 0.
-
-    Raises:
-        ScenarioError: the key has an empty part, or a part of it is not a table.
-    """
-    table: Any = tables
-    *way, last = names = key.split(".")
-    for part in way:
-        if isinstance(table, list) and part.isdigit() and int(part) < len(table):
-            table = table[int(part)]
-        else:
-            table = table.setdefault(part, {}) if isinstance(table, dict) else None
-    if not all(names) or not isinstance(table, dict):
-        raise ScenarioError(f"'{key}' is not the key of a table.", where="--set")
-    table[last] = value
-
-
 def toml_value(text: str) -> Any:
     """Return the value of a TOML expression; text that is not TOML is taken as a string."""
     try:
@@ -315,12 +313,7 @@ def toml_value(text: str) -> Any:
 
 
 def at_folder(tables: Tables, folder: Path) -> Tables:
-    """Return tables with the paths in them relative to a folder made absolute or usable here."""
-    return moved(tables, lambda name: str(folder / name))
-
-
-def moved(tables: Tables, move: Callable[[str], str]) -> Tables:
-    """Return a copy of tables with another path wherever they name a file."""
+    """Return a copy of tables with the paths in them, relative to a folder, usable here."""
     found = deepcopy(tables)
     for path in _PATHS:
         *way, last = path.split(".")
@@ -329,5 +322,5 @@ def moved(tables: Tables, move: Callable[[str], str]) -> Tables:
             table = table.get(key) if isinstance(table, Mapping) else None
         name = table.get(last) if isinstance(table, Mapping) else None
         if isinstance(name, str) and (path != "robot.source" or is_path(name)):
-            table[last] = move(name)
+            table[last] = str(folder / name)
     return found

@@ -25,18 +25,17 @@ from ..laws.law import NAMES, SYMBOLS
 from ..models.joint_effects import typical_coefficients
 from ..robot.loading import JOINT, load
 from ..robot.robot import Robot
-from ..robot.workspace import JointSwing, WorkspaceCircle, find_circle, find_swing
+from ..robot.workspace import TOOL_ERROR, find_circle, find_swing
 from ..tasks.frame import IMAGE, pinhole_camera
 from ..tasks.task import JointTask
+from ..trajectories.periodic import Circle, Sinusoid
 from ..tuning.make_controller import make_controller
 from ..tuning.unknowns import Unknown
-from .tables import KEYS, MOTIONS
+from .tables import KEYS, MOTIONS, Tables
 
 # The unknown of the example, which users replace: half or twice is an easier or a harder one.
-_SHARE = 0.05  # length of the tool, relative to the reach; mass of the payload, to the moving mass
-_FRICTION = 0.5  # relative to what is typical for a robot of this size
+FRICTION = 0.5  # relative to what is typical for a robot of this size
 _FOCAL = 1000.0  # [pixels] of the camera; half: a picture of half the resolution
-_SHOWN = 12  # names in a comment; half: more are left out, twice: longer comments
 
 
 class View(NamedTuple):
@@ -73,7 +72,7 @@ class Template:
 
     source: str
     robot: Robot
-    path: WorkspaceCircle | JointSwing
+    path: Circle | Sinusoid
     xacro: XacroArguments
     mass: float | None
     law: str = DEFAULT
@@ -86,8 +85,7 @@ class Template:
         cls,
         source: str,
         *,
-        frame: str | None = None,
-        frames: Sequence[str] = (),
+        frame: str | Sequence[str] | None = None,
         task: str | None = None,
         xacro: XacroArguments | None = None,
         mass: float | None = None,
@@ -96,7 +94,16 @@ class Template:
     ) -> Template:
         """Load a robot, with the choices of ``load`` for what is not given, and find a motion.
 
-        A law of joint space gets the joint task. With several frames each has the same motion.
+        Args:
+            source: a path or a name of a robot.
+            frame: task frame (default: the likeliest link at the robot's end); several, given
+                again or with commas between, are moved by one controller.
+            task: xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: xyz,
+                or a plane if the chain is planar).
+            xacro: arguments of a xacro file.
+            mass: of the whole robot [kg], if links are described without inertia.
+            law: an adaptive law, those of joint space get the task joint (default: separation).
+            tracker: whether x is measured in the axes of an uncalibrated tracker.
 
         Raises:
             RobotError: as ``load``, ``find_circle`` and ``find_swing``.
@@ -115,17 +122,15 @@ class Template:
             )
         if LAWS[law].joint_space and task is None:
             task = JOINT
-        if len(frames) == 1:
-            frame, frames = frames[0], ()
-        ends = {"frames": frames} if frames else {"frame": frame}
-        robot = load(source, xacro=xacro, mass=mass, task=None if filmed else task, **ends)
+        ends: str | Sequence[str] = frame or ()
+        robot = load(source, xacro=xacro, mass=mass, frames=ends, task=None if filmed else task)
         if tracker or filmed:
             robot.check_single_frame()
         if robot.constraints and not LAWS[law].constrained:  # then the chain without them
-            frame = robot.frame
-            robot = load(source, xacro=xacro, mass=mass, frame=frame, task=task)
+            ends = robot.frame
+            robot = load(source, xacro=xacro, mass=mass, frames=ends, task=task)
         path = find_circle(robot) if robot.task.positions else find_swing(robot)
-        whole = frame is None and isinstance(robot.task, JointTask)
+        whole = not ends and isinstance(robot.task, JointTask)
         return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed, whole)
 
     @property
@@ -150,7 +155,7 @@ class Template:
         frame, out = robot.placement(robot.q0), np.zeros(3)
         place = robot.frame_task.place if robot.task.positions else slice(None)
         out[place] = frame.translation[place]
-        length = _SHARE * robot.reach
+        length = TOOL_ERROR * robot.reach
         tool = frame.rotation.T @ out * (length / np.linalg.norm(out))
         return np.round(tool, 3 - int(np.floor(np.log10(length))))
 
@@ -169,8 +174,9 @@ class Template:
     def view(self) -> View:
         """A camera two reaches before the circle's plane and somewhat aside."""
         path, p = self.path, self.robot.placement(self.robot.q0).translation
-        assert isinstance(path, WorkspaceCircle)
-        first, second = (np.eye(3)["xyz".index(axis)] for axis in path.plane)
+        assert isinstance(path, Circle)
+        axes = np.eye(3)[self.robot.frame_task.place]
+        first, second = (axes["xyz".index(axis)] for axis in path.plane)
         normal = np.cross(first, second)
         away = np.copysign(1.0, p @ normal) * normal + 0.25 * first + 0.2 * second
         position = np.round(p + 2.0 * self.robot.reach * away / np.linalg.norm(away), 2)
@@ -181,7 +187,7 @@ class Template:
         return View(position, _rounded(covered, 1), _rounded(path.radius / covered, 2), phase)
 
     @property
-    def unknown(self) -> dict[str, Any]:
+    def unknown(self) -> Tables:
         """The table [unknown]."""
         if self.rests:
             return {"bodies": "all"}
@@ -194,7 +200,7 @@ class Template:
         """Whether the law regulates to a set point; it is the opposite point of the motion."""
         return LAWS[self.law].set_point
 
-    def tables(self, folder: Path) -> dict[str, dict[str, Any]]:
+    def tables(self, folder: Path) -> dict[str, Tables]:
         """Return the tables of the scenario; a robot's path is made relative to a folder."""
         turns = 2.0 * float(np.max(self.path.period))
         found = {
@@ -214,7 +220,7 @@ class Template:
             found["sensors"] = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
         return found
 
-    def _robot(self, folder: Path) -> dict[str, Any]:
+    def _robot(self, folder: Path) -> Tables:
         robot, source = self.robot, self.source
         if is_path(source) and not Path(source).is_absolute():
             parent = os.path.relpath(Path(source).resolve().parent, folder.resolve())
@@ -227,31 +233,34 @@ class Template:
             "frames": list(robot.frames) if len(robot.frames) > 1 else None,
             "task": self.task,
             "pixel": self.view.pixel if self.filmed else None,
-            "weld_root": True if robot.welded else None,
+            "weld_root": robot.welded or None,
             "locked": [],
-            "q0": _numbers(robot.home_angles, digits=12),
+            "q0": significant(robot.home_angles, digits=12),
         }
         return {key: value for key, value in given.items() if value is not None}
 
-    def _truth(self) -> dict[str, Any]:
+    def _truth(self) -> Tables:
         robot = self.robot
-        mass, radius = _SHARE * robot.mass / len(robot.frames), _SHARE * robot.reach
+        mass, radius = TOOL_ERROR * robot.mass / len(robot.frames), TOOL_ERROR * robot.reach
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
-        _, viscous, coulomb = _FRICTION * typical_coefficients(robot)
-        found: dict[str, Any] = {}
+        _, viscous, coulomb = FRICTION * typical_coefficients(robot)
+        found: Tables = {}
         if robot.task.positions:
-            found["tool_translation"] = self._by_frame(_numbers)
+            found["tool_translation"] = self._by_frame(significant)
         if self.tracker:  # the base as the tracker sees it
-            place = _numbers(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
+            place = significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
             found["tracker"] = {"rotation": [0.0, 0.0, 2.0], "translation": place}
         if self.filmed:
-            found["camera"] = [{"position": _numbers(self.view.position), "focal": _FOCAL}]
+            found["camera"] = [{"position": significant(self.view.position), "focal": _FOCAL}]
         inertia = [moment, 0.0, moment, 0.0, 0.0, moment]
         found["payload"] = self._by_frame(
-            lambda tool: {"mass": _rounded(mass, 3), "com": _numbers(tool), "inertia": inertia}
+            lambda tool: {"mass": _rounded(mass, 3), "com": significant(tool), "inertia": inertia}
         )
         if not self.rests:  # Coulomb friction would hold the arm beside its set point
-            found["friction"] = {"viscous": _numbers(viscous, 2), "coulomb": _numbers(coulomb, 2)}
+            found["friction"] = {
+                "viscous": significant(viscous, 2),
+                "coulomb": significant(coulomb, 2),
+            }
         return found
 
     def _by_frame(self, make: Callable[[np.ndarray], Any]) -> Any:
@@ -259,39 +268,36 @@ class Template:
         found = {name: make(tool) for name, tool in self.tools.items()}
         return found if len(found) > 1 else found[self.robot.frame]
 
-    def _motion(self) -> dict[str, Any]:
+    def _motion(self) -> Tables:
         path = self.path
         if self.rests:
             return self._set_point()
-        if isinstance(path, JointSwing):
-            sizes = {"amplitude": _numbers(path.amplitude), "period": _numbers(path.period)}
+        if isinstance(path, Sinusoid):
+            sizes = {"amplitude": significant(path.amplitude), "period": significant(path.period)}
             return {"kind": "sinusoid", **sizes}
         if self.filmed:
             seen = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
             return {"kind": "circle", **seen}
-        count = len(self.robot.frames)
-        plane = path.motion(self.robot.task.positions // count).plane
-        given = {"radius": path.radius, "period": path.period, "plane": plane}
+        given = {"radius": path.radius, "period": path.period, "plane": path.plane}
         circle = {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
+        count = len(self.robot.frames)
         return circle if count == 1 else {"kind": "stacked", "motions": [circle] * count}
 
-    def _set_point(self) -> dict[str, Any]:
+    def _set_point(self) -> Tables:
         """Return the way to the opposite point of the motion."""
-        path = self.path
-        if isinstance(path, JointSwing):
-            across, half = 2.0 * path.amplitude, 0.5 * float(path.period.max())
-        else:
-            motion, half = path.motion(self.robot.task.positions), 0.5 * path.period
-            across = motion.at(half).x_d - motion.at(0.0).x_d
-        way = {"points": [_numbers(across.round(6))], "segment": _rounded(half, 3)}
+        path, half = self.path, 0.5 * float(np.max(self.path.period))
+        across = 2.0 * path.amplitude
+        if isinstance(path, Circle):
+            across = path.at(half).x_d - path.at(0.0).x_d
+        way = {"points": [significant(across.round(6))], "segment": _rounded(half, 3)}
         return {"kind": "waypoints", "relative": True, **way}
 
     def remarks(self) -> dict[str, str]:
         """Return what the robot adds to the meaning of keys."""
         robot = self.robot
         return {
-            "robot.frame": f"Other ends of chains: {_names(robot.ends)}.",
-            "robot.locked": f"Always locked, off the chain: {_names(robot.locked)}.",
+            "robot.frame": f"Other ends of chains: {', '.join(robot.ends) or 'none'}.",
+            "robot.locked": f"Always locked, off the chain: {', '.join(robot.locked) or 'none'}.",
             "robot.q0": f"Joints: {', '.join(robot.joint_names)}.",
         }
 
@@ -300,14 +306,15 @@ class Template:
         law: Any = self.controller.law
         for key in NAMES:
             gain = getattr(law, SYMBOLS.get(key, key), None)
-            follows = key == "Kp" and not law.units[1]  # from the other gains
-            if follows or isinstance(gain, bool) or not isinstance(gain, int | float | np.ndarray):
+            if isinstance(gain, bool) or not isinstance(gain, int | float | np.ndarray):
                 continue
-            numbers = np.asarray(gain, dtype=float)
-            if numbers.ndim == 2 and np.count_nonzero(numbers - np.diag(np.diag(numbers))):
-                continue  # a full matrix is too long for a comment
-            values = _numbers(np.diag(numbers) if numbers.ndim == 2 else numbers.flat, 3)
-            if values and np.isfinite(values).all():
+            if np.ndim(gain) == 2:
+                if np.any(gain - np.diag(np.diag(gain))):
+                    continue  # a full matrix is too long for a comment
+                gain = np.diag(gain)
+            values = significant(np.ravel(gain), 3)
+            follows = key == "Kp" and not law.units[1]  # from the other gains
+            if values and np.isfinite(values).all() and not follows:
                 yield key, values[0] if len(set(values)) == 1 else values
 
 
@@ -370,10 +377,6 @@ def _rounded(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _numbers(values: Any, digits: int = 6) -> list[float]:
+def significant(values: Any, digits: int = 6) -> list[float]:
+    """Return numbers with so many significant digits."""
     return [_rounded(value, digits) + 0.0 for value in values]
-
-
-def _names(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more if names else "none"

@@ -69,26 +69,26 @@ class Events:
             for announced in self.announcements.values():
                 state = controller.announce(state, **announced)
 
-    def change(self, plant: Plant, before: float, now: float) -> None:
-        """Let a plant become what it is ``now``, if that is another robot than at ``before`` [s].
+    def happen(
+        self,
+        plant: Plant,
+        controller: Controller,
+        state: ControllerState,
+        before: float,
+        now: float,
+    ) -> ControllerState:
+        """Change the plant, and return the state, by what is due from ``before`` to ``now`` [s].
 
         Raises:
             InputError: as ``Plant.become``.
         """
-        for robot in _due(self.changes, before, now):
-            plant.become(robot)
-
-    def announce(
-        self, controller: Controller, state: ControllerState, before: float, now: float
-    ) -> ControllerState:
-        """Return the state after the announcements from ``before`` to ``now`` [s]."""
-        for announced in _due(self.announcements, before, now):
-            state = controller.announce(state, **announced)
+        for at, robot in self.changes.items():
+            if before < at - EARLY <= now:
+                plant.become(robot)
+        for at, announced in self.announcements.items():
+            if before < at - EARLY <= now:
+                state = controller.announce(state, **announced)
         return state
-
-
-def _due(events: Mapping[float, Any], before: float, now: float) -> list[Any]:
-    return [event for at, event in events.items() if before < at - EARLY <= now]
 
 
 # Norm of the joint velocities beyond which a loop has diverged [rad/s or m/s]; half or twice, and
@@ -150,7 +150,8 @@ def run(
     plant.reset()
     if sensors is not None:
         sensors.reset()
-    given, desired_at = None, getattr(controller, "desired", _as_it_is)
+    simulated: Any = plant
+    given, governed = None, getattr(controller, "desired", lambda state, motion, t: motion.at(t))
     for _ in count() if duration is None else sample_indices(duration, dt):
         truth = plant.measure()
         if not truth.v.dot(truth.v) < FASTEST**2:  # also true for NaN
@@ -160,9 +161,11 @@ def run(
         if state is None:
             state = controller.init(measurement)
         try:
-            desired = desired_at(state, trajectory, truth.t)
+            desired = governed(state, trajectory, truth.t)
             if ideal_acceleration:
-                measurement = _accelerated(plant, controller, state, measurement, desired)
+                _, command = controller.command(state, measurement, desired)
+                a = simulated.acceleration(command.torque, command.feedthrough)
+                measurement = measurement._replace(a=a)
             started = perf_counter()
             torque, after = controller.step(state, measurement, desired, dt)
             step_time = perf_counter() - started
@@ -174,9 +177,7 @@ def run(
         plant.step(torque, dt)
         state = after
         if events is not None:
-            now = truth.t + dt
-            events.change(plant, truth.t, now)
-            state = events.announce(controller, state, truth.t, now)
+            state = events.happen(plant, controller, state, truth.t, truth.t + dt)
 
 
 def _bring_to_rest(
@@ -200,11 +201,6 @@ def _bring_to_rest(
         measurement = plant.measure()
 
 
-def _as_it_is(state: Any, motion: Trajectory, t: float) -> Desired:
-    """Return the desired motion at t [s] for a controller that does not govern it."""
-    return motion.at(t)
-
-
 def ended(error: Exception, t: float) -> Exception:
     """Return what ends a loop at t [s] for an error of its controller.
 
@@ -226,18 +222,6 @@ def sample_indices(duration: float, dt: float, *, ends: bool = False) -> range:
         InputError: numbers that are not positive.
     """
     return range(max(1, round(positive(duration, "duration") / positive(dt, "dt"))) + ends)
-
-
-def _accelerated(
-    plant: Any,
-    controller: Controller,
-    state: ControllerState,
-    measurement: Measurement,
-    desired: Desired,
-) -> Measurement:
-    """Return the measurement with the acceleration that the coming torque will cause."""
-    _, command = controller.command(state, measurement, desired)
-    return measurement._replace(a=plant.acceleration(command.torque, command.feedthrough))
 
 
 def run_continuous(
@@ -271,7 +255,7 @@ def run_continuous(
             were yielded.
     """
     trajectory = usable_trajectory(controller, trajectory, duration)
-    loop = _Loop(plant, controller, trajectory, ideal_acceleration, state)
+    loop = _Loop(plant, controller, trajectory, ideal_acceleration, state, events or Events())
     y = np.concatenate([np.zeros(2 * plant.nv), loop.state.flat()])  # at home, at rest
     for k in count() if duration is None else sample_indices(duration, dt, ends=True):
         t = k * dt
@@ -287,12 +271,7 @@ def run_continuous(
             k4 = loop.slope(y + dt * k3, t + dt)
         except (PinadaptError, np.linalg.LinAlgError) as error:
             raise ended(error, t) from error
-        try:
-            y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
-        except DivergedError as error:
-            raise ended(error, t + dt) from error
-        if events is not None:
-            y = loop.interrupted(y, events, t, (k + 1) * dt)
+        y = loop.rebased(y + (dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4), t, (k + 1) * dt)
 
 
 class _Loop:
@@ -309,9 +288,10 @@ class _Loop:
         trajectory: Trajectory,
         ideal_acceleration: bool,
         state: ControllerState | None,
+        events: Events,
     ) -> None:
         self._plant, self._controller, self._trajectory = plant, controller, trajectory
-        self._ideal = ideal_acceleration
+        self._ideal, self._events = ideal_acceleration, events
         self._q = plant.robot.q0
         self.measurement: Measurement = plant.measurement(self._q, np.zeros(plant.nv))
         self.state = controller.init(self.measurement) if state is None else state
@@ -322,11 +302,12 @@ class _Loop:
         self.desired: Desired
         self.torque: np.ndarray
 
-    def rebased(self, y: np.ndarray) -> np.ndarray:
-        """Move q by the displacement in y and return y without it.
+    def rebased(self, y: np.ndarray, before: float, now: float) -> np.ndarray:
+        """Move q by the displacement in y and return y without it, after the events of a step.
 
         Exact because one-joint groups commute. The estimate becomes the one that the adaptation
-        keeps there: a projection is a jump, not a slope.
+        keeps there: a projection is a jump, not a slope. The step was from ``before`` to ``now``
+        [s].
 
         Raises:
             DivergedError: the joints move too fast.
@@ -334,20 +315,14 @@ class _Loop:
         n = self._plant.nv
         v = y[n : 2 * n]
         if not v.dot(v) < FASTEST**2:  # also true for NaN
-            raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.")
+            raise DivergedError(f"the joint velocities exceed {FASTEST:g} rad/s or m/s.", now)
         self._q = self._plant.integrate(self._q, y[:n])
         state = self.state.with_flat(y[2 * n :])
         kept = self._controller.adaptation_d.project(state.dynamic, self._q)
         if kept is not state.a_d:
             state = state._replace(dynamic=state.dynamic.with_value(kept))
-        return np.concatenate([np.zeros(n), v, state.flat()])
-
-    def interrupted(self, y: np.ndarray, events: Events, before: float, now: float) -> np.ndarray:
-        """Return y after the events from ``before`` to ``now`` [s], of the plant as well."""
-        events.change(self._plant, before, now)
-        state = self.state.with_flat(y[2 * self._plant.nv :])
-        self.state = events.announce(self._controller, state, before, now)
-        return np.concatenate([y[: 2 * self._plant.nv], self.state.flat()])
+        self.state = self._events.happen(self._plant, self._controller, state, before, now)
+        return np.concatenate([np.zeros(n), v, self.state.flat()])
 
     def slope(self, y: np.ndarray, t: float) -> np.ndarray:
         """Return dy/dt at time t [s].

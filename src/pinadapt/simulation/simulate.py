@@ -151,7 +151,7 @@ def simulate(
             "the robot of a model file does not change while it moves.", where="changes"
         )
     indices = sample_indices(duration, dt, ends=engine.continuous)
-    trajectory = placed_trajectory(trajectory, true.task, true.position(true.q0))
+    trajectory = placed_trajectory(trajectory, true)
     given: Any = {"a_k": None} if start is None else start
     named = isinstance(given, Mapping) and given.get("a_k", ()) is None
     if named and not controller.kinematics.calibrated:
@@ -246,7 +246,7 @@ def wiggled(
     measurements = [sample.measurement for sample in samples]
     if isinstance(controller.kinematics, CameraKinematics):
         told = find_camera(controller.kinematics, measurements)
-        found = {"a_k": told.estimate, "information_k": told.equations[0]}
+        found = {"a_k": told.estimate, "information_k": told.R}
     else:
         found = find_tracker(controller.kinematics, measurements).start
     if own.dynamics.names == controller.dynamics.names:
@@ -289,18 +289,15 @@ def record(
         for k, sample in zip(indices, stream, strict=False):
             kept.steps, last = kept.steps + 1, sample.t
             kept.step_time += sample.step_time
-            if k % every:
-                continue
-            if samples:
-                before = samples[-1]
-                state = controller.recorded(before.state)
-                if state is not before.state:
-                    samples[-1] = before._replace(state=state)
-            samples.append(sample)
+            if k % every == 0:
+                whole, state = sample, controller.recorded(sample.state)
+                samples.append(sample._replace(state=state))
     except DivergedError as error:
         kept.diverged, kept.reason = error.time, error.reason
     except KeyboardInterrupt:
         kept.interrupted = last
+    if samples:
+        samples[-1] = whole
     return kept
 
 

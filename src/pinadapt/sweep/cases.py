@@ -20,7 +20,7 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -31,14 +31,15 @@ from typing import Any
 import numpy as np
 
 from .._checks import instance, mapping, positive, shown, whole, word
-from .._output import read_toml, write_text
+from .._output import Record, read_toml, write_text
 from .._version import __version__
 from ..exceptions import InputError
 from ..scenario.scenario import described_robot
-from ..scenario.tables import at_folder, made, parts, put, setting, toml_value, with_values
-from .table import flat, plain
+from ..scenario.tables import at_folder, made, parts, setting, toml_value, with_values
+from .table import Row, flat, plain
 
 METHODS = ("random", "lhs", "sobol")
+DISTRIBUTIONS = ("uniform", "loguniform", "normal")
 COPY = "sweep.toml"
 SUCCESS = "follows"
 _HINT = (
@@ -61,7 +62,7 @@ class Case:
 
     number: int
     seed: int
-    values: dict[str, Any]
+    values: Row
 
 
 @dataclass(frozen=True)
@@ -96,9 +97,9 @@ class Values:
                 raise InputError(
                     f"cannot be read: {shown(given)}.", where=key, hint=_HINT
                 ) from error
-        listed = isinstance(given, np.ndarray | range | tuple | list)
-        arguments = tuple(plain(given) if kind == "list" else given) if listed else (given,)
-        return cls(key, kind, arguments)
+        if kind == "list":
+            given = plain(given)
+        return cls(key, kind, tuple(given) if isinstance(given, list) else (given,))
 
     @property
     def drawn(self) -> bool:
@@ -108,14 +109,23 @@ class Values:
     @property
     def shape(self) -> tuple[int, ...]:
         """(n) where n numbers are drawn, () for a single value."""
-        return np.shape(self.arguments[0]) if self.kind in _DISTRIBUTIONS else ()
+        return np.shape(self.arguments[0]) if self.kind in DISTRIBUTIONS else ()
 
     def at(self, u: np.ndarray) -> Any:
         """Return the value at the quantiles u (n), or (1) for a single one."""
         if self.kind == "choice":
             return self.arguments[int(u[0] * len(self.arguments))]  # u < 1
-        found = _DISTRIBUTIONS[self.kind](*self.arguments, u).tolist()
-        return found if self.shape else found[0]
+        low, high = self.arguments
+        if self.kind == "normal":
+            from scipy.special import ndtri
+
+            edge = np.finfo(float).epsneg  # at 0 and 1 it is infinite
+            found = low + high * ndtri(np.clip(u, edge, 1.0 - edge))
+        elif self.kind == "loguniform":
+            found = np.exp(np.log(low) + u * (np.log(high) - np.log(low)))
+        else:
+            found = low + u * (high - low)
+        return found.tolist() if self.shape else float(found[0])
 
     def by_joint(self, names: tuple[str, ...]) -> Values:
         """Return "KEY.*" as KEY with a number of its own for each of n joints; others as they are.
@@ -127,7 +137,7 @@ class Values:
         if key == self.key:
             return self
         arguments = self.arguments
-        if self.kind in _DISTRIBUTIONS:
+        if self.kind in DISTRIBUTIONS:
             if self.shape not in ((), (len(names),)):
                 raise InputError(f"has a number for each of {len(names)} joints.", where=self.key)
             arguments = tuple(np.broadcast_to(bound, len(names)) for bound in arguments)
@@ -141,28 +151,6 @@ class Values:
             value = np.broadcast_to(value, len(self.names)).tolist()
             return dict(zip(self.names, value, strict=True))
         return value
-
-
-def _uniform(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
-    return np.asarray(a + u * (b - a))
-
-
-def _loguniform(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
-    return np.asarray(np.exp(_uniform(np.log(a), np.log(b), u)))
-
-
-def _normal(mean: np.ndarray, deviation: np.ndarray, u: np.ndarray) -> np.ndarray:
-    from scipy.special import ndtri
-
-    edge = np.finfo(float).epsneg  # at 0 and 1 it is infinite
-    return np.asarray(mean + deviation * ndtri(np.clip(u, edge, 1.0 - edge)))
-
-
-_DISTRIBUTIONS: dict[str, Callable[..., np.ndarray]] = {
-    "uniform": _uniform,
-    "loguniform": _loguniform,
-    "normal": _normal,
-}
 
 
 def _parsed(text: str) -> tuple[str, list[Any]]:
@@ -184,15 +172,9 @@ def _parsed(text: str) -> tuple[str, list[Any]]:
     low, high = np.broadcast_arrays(*given)
     least = 0.0 if kind == "normal" else low
     possible = np.isfinite([low, high]).all() and (least < high).all()
-    if kind not in _DISTRIBUTIONS or not possible or (kind == "loguniform" and low.min() <= 0.0):
+    if kind not in DISTRIBUTIONS or not possible or (kind == "loguniform" and low.min() <= 0.0):
         raise ValueError
     return kind, [low.astype(float), high.astype(float)]
-
-
-def _case_seed(seed: int, number: int) -> int:
-    """Return the seed of a case, below 2**63."""
-    child = np.random.SeedSequence(seed, spawn_key=(0, number))
-    return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
 def _design(method: str, seed: int, count: int, d: int) -> np.ndarray:
@@ -232,12 +214,12 @@ class Plan:
     """
 
     title: str = ""
-    scenario: Mapping[str, Any] | None = None
+    scenario: Record | None = None
     folder: str = ""
     function: Callable[..., Any] | str | None = None
     path: str = ""
-    vary: Mapping[str, Any] = field(default_factory=dict)
-    case: Sequence[Mapping[str, Any]] = ()
+    vary: Record = field(default_factory=dict)
+    case: Sequence[Record] = ()
     samples: int | None = None
     method: str = "random"
     repeat: int = 1
@@ -302,7 +284,7 @@ class Plan:
         return cls.of(tables | {key: each for key, each in options.items() if each is not None})
 
     @classmethod
-    def of(cls, tables: Mapping[str, Any]) -> Plan:
+    def of(cls, tables: Record) -> Plan:
         """Return a sweep from the keys of a sweep file, whose scenario is a table.
 
         Its table [set] becomes part of the scenario, or of each case of a function.
@@ -313,9 +295,7 @@ class Plan:
         tables = dict(tables)
         fixed, listed = tables.pop("set", {}), tables.get("case", [])
         if "scenario" in tables:
-            tables["scenario"] = deepcopy(dict(tables["scenario"]))
-            for key, value in fixed.items():
-                put(tables["scenario"], key, value)
+            tables["scenario"] = with_values(deepcopy(dict(tables["scenario"])), fixed)
             listed = [flat(case) for case in listed]
         elif fixed:
             listed = [fixed | case for case in listed or [{}]]
@@ -324,12 +304,12 @@ class Plan:
         found: Plan = made(cls, tables, "sweep file")
         return found
 
-    def _tables(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def _tables(self, values: Record) -> Row:
         """Return the tables of the scenario with other values."""
         tables = deepcopy(dict(self.scenario or {}))
         return at_folder(with_values(tables, values), Path(self.folder))
 
-    def check(self, values: Mapping[str, Any]) -> None:
+    def check(self, values: Record) -> None:
         """Check that the scenario, if it is one, has such keys and values.
 
         Raises:
@@ -371,14 +351,14 @@ class Plan:
             if not each.drawn
         ]
         points: Any = product(self.case or [{}], *axes, samples, range(self.repeat))
-        return [
-            Case(
-                number,
-                _case_seed(self.seed, number),
-                {key: value for part in parts for key, value in part.items()},
+        found = []
+        for number, (*chosen, _) in enumerate(points):
+            (drawn,) = np.random.SeedSequence(self.seed, spawn_key=(0, number)).generate_state(
+                1, np.uint64
             )
-            for number, (*parts, _) in enumerate(points)
-        ]
+            values = {key: value for part in chosen for key, value in part.items()}
+            found.append(Case(number, int(drawn) >> 1, values))  # below 2**63
+        return found
 
     def text(self) -> str:
         """Return the sweep file that says the same, with the version of the library."""
@@ -419,7 +399,7 @@ class Plan:
         return cls.of(tables)
 
 
-def _expanded(case: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _expanded(case: Record) -> list[Row]:
     """Return the cases of a table [[case]]: one for each value of a text that is a list or range.
 
     The text is written as on the command line, "[1, 2]" or "lin(0, 1, 5)"; a list itself is one

@@ -6,7 +6,6 @@ case that raises, diverges, hangs, or takes its process with it, is a row with i
 
 from __future__ import annotations
 
-import importlib
 import os
 import pickle
 import signal
@@ -16,12 +15,18 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from inspect import signature
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
@@ -31,8 +36,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .._checks import mapping
-from .._output import check_writable, collect_seldom, read_toml
+from .._checks import mapping, whole
+from .._output import Record, check_writable, collect_seldom, read_toml
 from ..exceptions import InputError
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
@@ -51,63 +56,42 @@ from .table import (
     TABLE,
     TIMEOUT,
     CaseTable,
+    Row,
     append,
     join,
     read,
 )
 
-Work = Callable[[Case], Mapping[str, Any]]
-Row = dict[str, Any]
-Ended = tuple[Case, "Future[Row]"]
+Work = Callable[[Case], Record]
 
 
 # --- what is run ---
 
 
-@dataclass(frozen=True)
-class ScenarioWork:
-    """A scenario, run with other values.
+def scenario_of(tables: Record, folder: str, case: Case) -> Scenario:
+    """Return the scenario of a case; its ``simulation.seed`` is the case's, unless varied.
 
-    Attributes:
-        raw: its tables.
-        folder: to which its paths are relative.
+    Raises:
+        InputError: the values cannot be used.
     """
-
-    raw: Mapping[str, Any]
-    folder: str
-
-    def scenario(self, case: Case) -> Scenario:
-        """Return the scenario of a case; its ``simulation.seed`` is the case's, unless varied.
-
-        Raises:
-            InputError: the values cannot be used.
-        """
-        values = {"simulation.seed": case.seed, **case.values}
-        return Scenario.build(with_values(deepcopy(dict(self.raw)), values), Path(self.folder))
-
-    def __call__(self, case: Case) -> Mapping[str, Any]:
-        """Return the numbers of a case."""
-        return numbers_of(self.scenario(case).run(progress=False))
+    values = {"simulation.seed": case.seed, **case.values}
+    return Scenario.build(with_values(deepcopy(dict(tables)), values), Path(folder))
 
 
-@dataclass(frozen=True)
-class FunctionWork:
-    """A function of the values of a case, and of its seed where it has an argument ``seed``.
+def run_scenario(tables: Record, folder: str, case: Case) -> Record:
+    """Return the numbers of a case of a scenario, whose paths are relative to a folder."""
+    return numbers_of(scenario_of(tables, folder, case).run(progress=False))
 
-    Attributes:
-        function: it, or "module:name".
-        path: folder in which the module is, which workers import it from; empty: installed.
+
+def run_function(function: Callable[..., Any] | str, path: str, case: Case) -> Record:
+    """Return what a function, or "module:name" in a folder, returns for the values of a case.
+
+    It gets the seed too, if it has an argument ``seed``. What is no table is called "result".
     """
-
-    function: Callable[..., Any] | str
-    path: str = ""
-
-    def __call__(self, case: Case) -> Mapping[str, Any]:
-        """Return what the function returns; what is no table is called "result"."""
-        function = resolved(self.function, self.path)
-        seed = {"seed": case.seed} if "seed" in signature(function).parameters else {}
-        found = function(**{**seed, **case.values})
-        return found if isinstance(found, Mapping) else {"result": found}
+    function = resolved(function, path)
+    seed = {"seed": case.seed} if "seed" in signature(function).parameters else {}
+    found = function(**{**seed, **case.values})
+    return found if isinstance(found, Mapping) else {"result": found}
 
 
 def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[..., Any]:
@@ -122,7 +106,7 @@ def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[...
     if path and path not in sys.path:
         sys.path.insert(0, path)
     try:
-        found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+        found: Callable[..., Any] = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"cannot be imported: {error}.",
@@ -133,16 +117,17 @@ def resolved(function: Callable[..., Any] | str, path: str = "") -> Callable[...
     return found
 
 
-def work_of(plan: Plan) -> ScenarioWork | FunctionWork:
+def work_of(plan: Plan) -> Work:
     """Return what a sweep runs for each case.
 
     Raises:
         InputError: a function cannot be imported.
     """
-    if plan.function is None:
-        return ScenarioWork(plan.scenario or {}, plan.folder)
-    resolved(plan.function, plan.path)
-    return FunctionWork(plan.function, plan.path)
+    if plan.scenario is not None:
+        return partial(run_scenario, plan.scenario, plan.folder)
+    function: Any = plan.function
+    resolved(function, plan.path)
+    return partial(run_function, function, plan.path)
 
 
 # of ``summary.json``
@@ -152,7 +137,7 @@ _KEPT = (
 )
 
 
-def numbers_of(rollout: Rollout) -> dict[str, Any]:
+def numbers_of(rollout: Rollout) -> Row:
     """Return the numbers of a run that a sweep keeps; None where there is none.
 
     ``follows``: whether the verdict is "follows"; ``torque_use``: largest torque over its limit;
@@ -160,7 +145,7 @@ def numbers_of(rollout: Rollout) -> dict[str, Any]:
     """
     numbers, limits = rollout.numbers, rollout.effort_limits
     used = np.abs(rollout.tau) / limits
-    found: dict[str, Any] = {
+    found: Row = {
         "follows": rollout.grade == FOLLOWS,
         **{name: numbers[name] for name in _KEPT if name in numbers},
         "torque_use": extreme(np.max, used[:, np.isfinite(limits)]),
@@ -215,9 +200,8 @@ def run_case(work: Work, case: Case, timeout: float | None = None) -> Row:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(last.filename).name}:{last.lineno}"
         status, reason = FAILED, f"{type(error).__name__}: {error} ({place})"
-    row = {"case": case.number, "seed": case.seed, **case.values}
-    row |= {"status": status, "reason": reason, **found}
-    return {**row, "seconds": time.perf_counter() - started}
+    ended = {"status": status, "reason": reason, **found, "seconds": time.perf_counter() - started}
+    return {"case": case.number, "seed": case.seed, **case.values, **ended}
 
 
 def _run(packed: bytes, timeout: float | None, case: Case) -> Row:
@@ -250,83 +234,52 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-@contextmanager
-def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Yield new processes, which end with the block, whatever they do then.
+def _in_own_process(own: threading.local, task: Callable[[Case], Row], case: Case) -> Row:
+    """Run a case in the process of this thread, which is started at first, and when it has died.
 
     Raises:
-        InputError: none can be started.
+        InputError: no process can be started.
+        BrokenProcessPool: the process died with the case.
     """
-    others = set(active_children())
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
     try:
-        pool.submit(os.getpid).result()
-        yield pool
-    except BrokenProcessPool as error:
-        raise InputError(
-            "no process could be started.",
-            where="executor",
-            hint='In a script, put the call below `if __name__ == "__main__":`, because every '
-            "process imports the script.",
-        ) from error
+        own.pool.submit(os.getpid).result()
+    except (AttributeError, BrokenProcessPool):
+        own.pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+        try:
+            own.pool.submit(os.getpid).result()
+        except BrokenProcessPool as error:
+            raise InputError(
+                "no process could be started.",
+                where="executor",
+                hint='In a script, put the call below `if __name__ == "__main__":`, because every '
+                "process imports the script.",
+            ) from error
+    return own.pool.submit(task, case).result()
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield threads; processes that they start end with the block, whatever they do then."""
+    others, threads = set(active_children()), ThreadPoolExecutor(count)
+    try:
+        yield threads
     finally:
+        threads.shutdown(wait=False, cancel_futures=True)
         for process in set(active_children()) - others:
             process.kill()
-        pool.shutdown(cancel_futures=True)
-
-
-def _in_processes(
-    task: Callable[[Case], Row], cases: Iterable[Case], count: int
-) -> Iterator[Ended]:
-    """Yield cases with their results as they end.
-
-    A process that dies takes its pool with it. What was in that pool runs again, each case in a
-    pool of its own, so that the one that kills its process is known.
-    """
-    coming = iter(cases)
-    while True:
-        again: list[Case] = []
-        with _pool(count) as pool:
-            for case, future in _as_ended(pool, task, coming, count):
-                if isinstance(future.exception(), BrokenProcessPool):
-                    again.append(case)
-                else:
-                    yield case, future
-        if not again:
-            return
-        for case in again:
-            with _pool(1) as pool:
-                yield from _as_ended(pool, task, iter([case]), 1)
 
 
 def _as_ended(
-    executor: Executor, task: Callable[[Case], Row], coming: Iterator[Case], ahead: int
-) -> Iterator[Ended]:
-    """Yield cases with their results as they end, until there are no more or the pool is broken."""
-    running: dict[Future[Row], Case] = {}
-    broken = False
+    executor: Executor, task: Callable[[Case], Row], cases: Iterable[Case]
+) -> Iterator[Row]:
+    """Yield the rows of cases as they end."""
+    futures = {executor.submit(task, case): case for case in cases}
     try:
-        while True:
-            while not broken and len(running) < ahead and (case := next(coming, None)) is not None:
-                running[_submitted(executor, task, case)] = case
-            if not running:
-                return
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                broken = broken or isinstance(future.exception(), BrokenProcessPool)
-                yield running.pop(future), future
+        for future in as_completed(futures):
+            yield _row(futures[future], future)
     finally:
-        for future in running:
+        for future in futures:
             future.cancel()
-
-
-def _submitted(executor: Executor, task: Callable[[Case], Row], case: Case) -> Future[Row]:
-    try:
-        return executor.submit(task, case)
-    except BrokenProcessPool as error:  # a process died while it had nothing to do
-        future: Future[Row] = Future()
-        future.set_exception(error)
-        return future
 
 
 # --- all cases ---
@@ -338,7 +291,7 @@ def rows(
     executor: Executor | int | None = None,
     timeout: float | None = None,
 ) -> Iterator[Row]:
-    """Yield the rows of cases as they end; few cases are in work at a time.
+    """Yield the rows of cases as they end.
 
     Args:
         work: what is run.
@@ -350,6 +303,8 @@ def rows(
     Raises:
         InputError: no process can be started.
     """
+    if executor is not None and not isinstance(executor, Executor):
+        executor = whole(executor, "executor", 0)
     with threadpool_limits(1, "blas"):
         if executor == 0:  # nothing is pickled: any function will do
             for case in cases:
@@ -357,19 +312,17 @@ def rows(
             return
         task = partial(_run, pickle.dumps(work), timeout)
         if isinstance(executor, Executor):
-            # two cases for each worker: with one it would wait for the next
-            ahead = 2 * getattr(executor, "_max_workers", cores())
-            ended = _as_ended(executor, task, iter(cases), ahead)
-        else:
-            ended = _in_processes(task, cases, executor or cores())
-        for case, future in ended:
-            yield _row(case, future)
+            yield from _as_ended(executor, task, cases)
+            return
+        with _threads(executor or cores()) as threads:
+            own = partial(_in_own_process, threading.local(), task)
+            yield from _as_ended(threads, own, cases)
 
 
 def _row(case: Case, future: Future[Row]) -> Row:
     """Return the row of a case that has ended, or was lost with its process."""
     error = future.exception()
-    if error is None:
+    if error is None or isinstance(error, InputError):  # no process can be started
         return future.result()
     reason = f"lost by the executor: {type(error).__name__}: {error}"
     if isinstance(error, BrokenProcessPool):
@@ -383,7 +336,7 @@ def _row(case: Case, future: Future[Row]) -> Row:
 
 def sweep(
     work: Path | str | Callable[..., Any],
-    cases: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    cases: Record | Sequence[Record],
     *,
     samples: int | None = None,
     method: str = "random",
@@ -420,15 +373,14 @@ def sweep(
         InputError: a value or a key is not allowed, the folder holds another sweep, or no case can
             run.
     """
-    what: dict[str, Any] = {"function": work}
+    what: Row = {"function": work}
     if not callable(work):
         what = {"scenario": read_toml(Path(work)), "folder": str(Path(work).resolve().parent)}
     if isinstance(cases, Mapping):
         what["vary"] = dict(cases)
     else:
         what["case"] = [mapping(each, "cases") for each in cases]
-    options: dict[str, Any] = {"method": method, "repeat": repeat, "seed": seed}
-    plan = Plan(**what, **options, samples=samples, timeout=timeout)
+    plan = Plan(**what, samples=samples, method=method, repeat=repeat, seed=seed, timeout=timeout)
     place = None if folder is None else claimed(Path(folder), plan, resume=True)
     return run_plan(plan, executor, place, shown=progress)
 

@@ -5,7 +5,6 @@ A lost case has no number and counts as worse than any.
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Sequence
@@ -16,12 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._output import Sheet, Table, html_page, percent, whole_file, write_text
+from .._checks import word
+from .._output import Sheet, Table, html_page, percent, write_json, write_text
 from .._version import __version__
 from ..exceptions import InputError
-from ..plots.style import RC, Picture, legend, literal
+from ..plots.style import RC, Picture, legend, literal, matplotlib
 from .cases import Plan, condition
-from .table import DONE, FIRST, LAST, PRINTED_ROWS, CaseTable, cell, flat_row
+from .table import FIRST, LAST, PRINTED_ROWS, CaseTable, Row, cell, flat_row
 
 PAGE, NUMBERS = "report.html", "report.json"
 MAP, BANDS = FIGURES = ("map.png", "bands.png")
@@ -134,7 +134,7 @@ class SweepReport:
     def parameters(self) -> list[str]:
         """The columns of what is varied, with more than one value."""
         there = [name for name in self._varied if name in self.table.names]
-        return [name for name in there if len(set(self.table[name].astype(str))) > 1]
+        return [name for name in there if len(set(map(str, self.table[name]))) > 1]
 
     @cached_property
     def results(self) -> list[str]:
@@ -154,13 +154,10 @@ class SweepReport:
         Raises:
             InputError: there is none of that name, or no number at all.
         """
-        if self.column:
-            if self.table[self.column].dtype != float:
-                raise InputError("is not a column of numbers.", where=self.column)
-            return self.column
-        if not self.results:
+        results = sorted(self.results, key=lambda name: name not in _MAIN)
+        if not results:
             raise InputError("no case has a number to report.", where="table")
-        return next((name for name in _MAIN if name in self.results), self.results[0])
+        return word(self.column or results[0], results, "column")
 
     def values(self, name: str) -> np.ndarray:
         """Return a column of numbers (N), infinite where a case has none."""
@@ -181,7 +178,7 @@ class SweepReport:
         parts = [f"{len(self.table)} of {len(self.plan.cases)} cases"]
         if self.success is not None:
             parts.append(f"success ({self.plan.success or condition('')[0]}) {self.success}")
-        kinds = Counter(each for each in self.table["status"].tolist() if each != DONE)
+        kinds = Counter(self.table["status"][self.table.lost].tolist())
         words = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         parts.append(f"{kinds.total()} lost: {words}" if kinds else "none lost")
         return "; ".join(parts) + "."
@@ -196,20 +193,18 @@ class SweepReport:
     @property
     def worst(self) -> list[int]:
         """Rows of the cases with the largest result, without the lost ones."""
-        rows = np.flatnonzero(~self.table.lost)
-        order = np.argsort(-self.values(self.main)[rows], kind="stable")
-        return [int(i) for i in rows[order][: PRINTED_ROWS // 2]]
+        order = np.argsort(-self.values(self.main), kind="stable").tolist()
+        return [i for i in order if not self.table.lost[i]][: PRINTED_ROWS // 2]
 
     @property
     def lost(self) -> list[int]:
         """Rows of the lost cases, of many the first."""
-        return [int(i) for i in np.flatnonzero(self.table.lost)[:PRINTED_ROWS]]
+        return np.flatnonzero(self.table.lost)[:PRINTED_ROWS].tolist()
 
     def _listed(self, title: str, rows: Sequence[int], names: Sequence[str]) -> Table:
         """Return cases with their parameters, and some results."""
-        columns = {name: self.table[name].tolist() for name in ("case", *self.parameters, *names)}
-        cells = [[cell(column[i]) for column in columns.values()] for i in rows]
-        return Table(cells, list(columns), title)
+        columns, table = ["case", *self.parameters, *names], self.table.rows()
+        return Table([[cell(table[i][name]) for name in columns] for i in rows], columns, title)
 
     def sheet(self) -> Sheet:
         """Return percentiles, worst and lost cases, the verdict and how to run a case alone."""
@@ -226,7 +221,7 @@ class SweepReport:
         if self.folder is not None and chosen:
             number = self.table["case"][chosen[0]]
             note += f" Run a case alone: pinadapt sweep {self.folder} --case {number}"
-        return Sheet(self.title, tables or [Table([("cases", str(len(self.table)))])], note)
+        return Sheet(self.title, tables, note)
 
     def page(self) -> str:
         """Return the report as one page without external resources."""
@@ -236,8 +231,8 @@ class SweepReport:
         )
         return html_page(self.title, [self.sheet().html(), *pictures])
 
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers of the report; None stands for what is not finite."""
+    def summary(self) -> Row:
+        """Return the numbers of the report."""
         return {
             "title": self.title,
             "verdict": self.verdict(),
@@ -246,11 +241,7 @@ class SweepReport:
             "lost": int(self.table.lost.sum()),
             "success": None if self.success is None else self.success._asdict(),
             "percentiles": {
-                name: [
-                    {k: x if np.isfinite(x) else None for k, x in each._asdict().items()}
-                    for each in found
-                ]
-                for name, found in self.percentiles.items()
+                name: [each._asdict() for each in found] for name, found in self.percentiles.items()
             },
             "version": __version__,
         }
@@ -260,9 +251,8 @@ class SweepReport:
         for name in FIGURES:
             (folder / name).unlink(missing_ok=True)
         for name, drawn in self._pictures.items():
-            with whole_file(folder / name) as file:
-                file.write(drawn)
-        write_text(folder / NUMBERS, json.dumps(self.summary(), indent=2) + "\n")
+            write_text(folder / name, drawn)
+        write_json(folder / NUMBERS, self.summary())
         write_text(folder / PAGE, self.page())
 
     @cached_property
@@ -278,12 +268,11 @@ class SweepReport:
 
     def map(self, x: str, y: str) -> Picture:
         """Return a map of the main result over two parameters, lost cases marked."""
-        a, b, values = self.table[x], self.table[y], self.values(self.main)
-        finite = np.isfinite(values)
-        figure, ax = _axes(x, y)
-        drawn = ax.scatter(a[finite], b[finite], c=values[finite], s=18)
-        ax.scatter(a[~finite], b[~finite], marker="x", color="C3", s=28, label="lost")
-        if not finite.all():
+        places, values = np.array([self.table[x], self.table[y]]), self.values(self.main)
+        lost, (figure, ax) = np.isinf(values), _axes(x, y)
+        drawn = ax.scatter(*places[:, ~lost], c=values[~lost], s=18)
+        ax.scatter(*places[:, lost], marker="x", color="C3", s=28, label="lost")
+        if lost.any():
             legend(ax)
         figure.colorbar(drawn, ax=ax, label=literal(self.main), format="%g")
         return figure
@@ -302,17 +291,14 @@ class SweepReport:
 
 def _axes(x: str, y: str) -> tuple[Picture, Any]:
     """Return a figure with labelled axes."""
-    import matplotlib
-
     with matplotlib.rc_context(RC):
         figure = Picture(figsize=(7.0, 4.6), layout="constrained")
         return figure, figure.add_subplot(xlabel=literal(x), ylabel=literal(y))
 
 
 def _classes(column: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return places (k) on an axis and the cases of each: single values, or classes of as many."""
-    distinct = np.unique(column)
-    if len(distinct) <= _CLASSES:
-        return distinct, [np.flatnonzero(column == each) for each in distinct]
-    groups = np.array_split(np.argsort(column, kind="stable"), _CLASSES)
+    """Return places (k) on an axis and the cases of each: single values, or classes of them."""
+    distinct, which = np.unique(column, return_inverse=True)
+    which = which * _CLASSES // max(len(distinct), _CLASSES)
+    groups = [np.flatnonzero(which == k) for k in np.unique(which)]
     return np.array([float(np.median(column[g])) for g in groups]), groups

@@ -12,12 +12,13 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from .._output import Table, read_as_data, write_text
-from ..exceptions import InputError, did_you_mean
+from .._checks import word
+from .._output import Record, Table, read_as_data, write_text
+from ..exceptions import InputError
 
 JOURNAL, TABLE = "journal.jsonl", "table.csv"
 FIRST, LAST = ("case", "seed"), ("seconds",)
@@ -25,6 +26,7 @@ DONE, DIVERGED, REFUSED = "done", "diverged", "refused"
 FAILED, CRASHED, TIMEOUT = "failed", "crashed", "timeout"
 AGAIN = (CRASHED, FAILED, TIMEOUT)  # may end otherwise when they run again
 PRINTED_ROWS = 20  # of a list; half or twice: a shorter or longer text
+Row: TypeAlias = dict[str, Any]  # values of a case by column
 _WORDS = {"": None, "True": True, "False": False}
 
 
@@ -39,18 +41,18 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | str | None) else str(value)
 
 
-def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flat(table: Record, prefix: str = "") -> Row:
     """Return the entries of nested tables by dotted keys."""
-    found: dict[str, Any] = {}
+    found: Row = {}
     for key, value in table.items():
         inside = isinstance(value, Mapping)
         found |= flat(value, f"{prefix}{key}.") if inside else {f"{prefix}{key}": value}
     return found
 
 
-def flat_row(row: Mapping[str, Any]) -> dict[str, Any]:
+def flat_row(row: Record) -> Row:
     """Return a row as a CSV file has it, a column for each entry of a table or number of a list."""
-    found: dict[str, Any] = {}
+    found: Row = {}
     for key, value in flat(row).items():
         value = plain(value)
         if isinstance(value, list) and value and all(map(_is_number, value)):
@@ -83,9 +85,9 @@ class CaseTable:
         names: of the columns.
     """
 
-    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
+    def __init__(self, rows: Iterable[Record]) -> None:
         """Take rows, each with its ``case``; of several of one case the first counts."""
-        by_case: dict[int, dict[str, Any]] = {}
+        by_case: dict[int, Row] = {}
         for row in rows:
             by_case.setdefault(row["case"], flat_row(row))
         ordered = [by_case[case] for case in sorted(by_case)]
@@ -108,20 +110,14 @@ class CaseTable:
         Raises:
             InputError: there is none of this name; the nearest is suggested.
         """
-        if name not in self.names:
-            raise InputError(
-                f"there is no column '{name}' among {', '.join(self.names)}."
-                f"{did_you_mean(name, self.names)}",
-                where="table",
-            )
-        values = [row[name] for row in self._rows]
+        values = [row[word(name, self.names, "column")] for row in self._rows]
         if name in FIRST:
             return np.array(values, dtype=np.int64)
         there = [value for value in values if value is not None]
         numeric = there and all(map(_is_number, there))
         return np.array(values, dtype=float if numeric else object)  # None becomes NaN
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """Return the rows; None where a case has no value."""
         return [dict(row) for row in self._rows]
 
@@ -133,10 +129,10 @@ class CaseTable:
     def same_as(self, other: CaseTable) -> bool:
         """Return whether two tables are equal to the bit, but for the time that cases took."""
         one, two = (
-            [{name: row[name] for name in row if name not in LAST} for row in table.rows()]
+            repr([{name: row[name] for name in row if name not in LAST} for row in table.rows()])
             for table in (self, other)
         )
-        return repr(one) == repr(two)
+        return one == two
 
     @classmethod
     def load(cls, path: Path) -> CaseTable:
@@ -163,9 +159,9 @@ class CaseTable:
     def __str__(self) -> str:
         """Return the first rows as text, numbers with four digits."""
         shown = [list(map(cell, row.values())) for row in self._rows[:PRINTED_ROWS]]
-        more = len(self) - len(shown)
-        text = str(Table(shown, self.names)) if shown else "no case has run"
-        return f"{text}\n... and {more} more" if more else text
+        if len(self) > PRINTED_ROWS:
+            shown.append(["..."] * len(self.names))
+        return str(Table(shown, self.names))
 
 
 def cell(value: Any) -> str:
@@ -188,7 +184,7 @@ def read(folder: Path) -> CaseTable:
         return CaseTable(rows)
 
 
-def append(folder: Path, row: Mapping[str, Any]) -> None:
+def append(folder: Path, row: Record) -> None:
     """Append a row to the journal of a folder.
 
     Raises:

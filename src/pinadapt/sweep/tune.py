@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from .._checks import positive, whole
-from .._output import Sheet, Table, percent
+from .._checks import optional, positive, whole
+from .._output import Record, Sheet, Table, percent
 from ..exceptions import InputError
 from ..simulation.simulate import watched
 from .cases import Plan, Values
 from .execution import rows, work_of
 from .sweep_report import Rate, percentile, rate
-from .table import DONE, CaseTable
+from .table import DONE, CaseTable, Row
 
 _PENALTY = 1e6  # objective where lost cases reach the percentile, times 1 + their share
 
@@ -34,7 +32,7 @@ class Judged:
         success: share of the cases that ran to their end with a verdict "follows".
     """
 
-    gains: dict[str, Any]
+    gains: Row
     objective: float
     errors: np.ndarray
     success: Rate
@@ -51,7 +49,7 @@ class Tuned:
             another seed, their ``success`` there, the number of ``cases`` and all ``trials``.
     """
 
-    numbers: dict[str, Any]
+    numbers: Row
 
     def __str__(self) -> str:
         """Return gains, objectives and verdict as text."""
@@ -60,11 +58,9 @@ class Tuned:
             [
                 words,
                 *(_amount(numbers[on][of]) for on in ("search", "validation")),
-                str(Rate(**rate)),
+                str(Rate(**numbers["success"][of])),
             ]
-            for (of, rate), words in zip(
-                numbers["success"].items(), ("defaults", "found"), strict=True
-            )
+            for of, words in {"default": "defaults", "best": "found"}.items()
         ]
         header = ["gains", "in the search", "on other seeds", "success on other seeds"]
         chosen = [(key, f"{value}") for key, value in numbers["gains"].items()]
@@ -74,9 +70,9 @@ class Tuned:
 
 def tune(
     work: Plan | Path | str,
-    gains: Mapping[str, Any],
+    gains: Record,
     *,
-    vary: Mapping[str, Any] | None = None,
+    vary: Record | None = None,
     samples: int | None = None,
     trials: int = 40,
     objective: str = "error_share",
@@ -109,46 +105,51 @@ def tune(
     found = searched(gains, plan)
     positive(share, "share", most=1.0, error=InputError)
     trials = whole(trials, "trials", 1)
-    more: dict[str, Any] = {}
+    more: Row = {}
     if validation is not None:
         more["samples" if plan.samples else "repeat"] = validation
 
-    def judge(chosen: Mapping[str, Any], plan: Plan) -> Judged:
+    def judge(chosen: Record, plan: Plan) -> Judged:
         """Return how the cases end with these gains."""
         changed = (replace(case, values=case.values | dict(chosen)) for case in plan.cases)
         rows_ = rows(work_of(plan), changed, executor, plan.timeout)
         return _judged(chosen, CaseTable(rows_), objective, share)
 
-    study = _study(plan.seed)
-    default, tried = judge({}, plan), []
+    optuna = optional("optuna", "tune", "tune")
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=plan.seed))
+    spaces = {
+        key: optuna.distributions.CategoricalDistribution(values.arguments)
+        if values.kind == "choice"
+        else optuna.distributions.FloatDistribution(
+            *map(float, values.arguments), log=values.kind == "loguniform"
+        )
+        for key, values in found.items()
+    }
+    before, tried = judge({}, plan), []
     for _ in watched(range(trials), None, "tune"):
-        trial = study.ask()
-        tried.append(judge(_suggested(trial, found), plan))
+        trial = study.ask(spaces)
+        tried.append(judge(trial.params, plan))
         study.tell(trial, tried[-1].objective)
     best = min(tried, key=lambda each: each.objective)
     other = replace(plan, seed=plan.seed + 1, **more)
-    pairs = {"search": (default, best), "validation": (judge({}, other), judge(best.gains, other))}
-    words, better = verdict(*pairs["validation"])
+    default, chosen = judge({}, other), judge(best.gains, other)
+    words, better = verdict(default, chosen)
     numbers = {
         "verdict": words,
         "better": better,
         "objective": f"{share:.0%} percentile of {objective}",
-        "cases": {name: len(one.errors) for name, (one, _) in pairs.items()},
+        "cases": {"search": len(best.errors), "validation": len(chosen.errors)},
         "gains": best.gains,
-        **{
-            name: {"default": one.objective, "best": two.objective}
-            for name, (one, two) in pairs.items()
-        },
-        "success": {
-            name: each.success._asdict()
-            for name, each in zip(("default", "best"), pairs["validation"], strict=True)
-        },
+        "search": {"default": before.objective, "best": best.objective},
+        "validation": {"default": default.objective, "best": chosen.objective},
+        "success": {"default": default.success._asdict(), "best": chosen.success._asdict()},
         "trials": [{"gains": each.gains, "objective": each.objective} for each in tried],
     }
     return Tuned(numbers)
 
 
-def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: float) -> Judged:
+def _judged(gains: Record, table: CaseTable, column: str, share: float) -> Judged:
     """Return how the cases of a table ended.
 
     Raises:
@@ -164,7 +165,7 @@ def _judged(gains: Mapping[str, Any], table: CaseTable, column: str, share: floa
     return Judged(dict(gains), value, errors, rate((follows == 1) & ~lost))
 
 
-def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
+def searched(gains: Record, plan: Plan) -> dict[str, Values]:
     """Return what is searched, by key.
 
     Raises:
@@ -189,36 +190,6 @@ def searched(gains: Mapping[str, Any], plan: Plan) -> dict[str, Values]:
             hint="Name some: controller.alpha=loguniform(5, 100).",
         )
     return found
-
-
-def _study(seed: int) -> Any:
-    """Return a search by Optuna.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        import optuna
-    except ImportError as error:
-        raise InputError(
-            "Optuna, which searches, is not installed.",
-            where="tune",
-            hint="Install it: pip install 'pinadapt[tune]'.",
-        ) from error
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
-
-
-def _suggested(trial: Any, gains: Mapping[str, Values]) -> dict[str, Any]:
-    """Return the gains of a trial."""
-    return {
-        key: trial.suggest_categorical(key, values.arguments)
-        if values.kind == "choice"
-        else trial.suggest_float(
-            key, *map(float, values.arguments), log=values.kind == "loguniform"
-        )
-        for key, values in gains.items()
-    }
 
 
 def verdict(default: Judged, best: Judged) -> tuple[str, bool]:

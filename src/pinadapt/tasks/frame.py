@@ -66,7 +66,7 @@ class FrameTask(Task):
 
     rows: slice
 
-    @property
+    @cached_property
     def positions(self) -> int:
         """All rows, but those of a rotation."""
         return min(self.size, 3)
@@ -162,7 +162,7 @@ class PoseTask(FrameTask):
 
     def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
         """Return dx (6) = (p - p_d, phi); phi is NaN for quaternions off unit length by 1 %."""
-        if not (_unit(x[3:]) and _unit(x_d[3:])):
+        if self.flaw(x) or self.flaw(x_d):  # the step refuses what is not finite
             return np.append(x[:3] - x_d[:3], np.full(3, np.nan))
         return np.concatenate([x[:3] - x_d[:3], rotation_between(x[3:], x_d[3:])])
 
@@ -178,9 +178,8 @@ class PoseTask(FrameTask):
 
         delta is zero, then dphi/dt - (omega - omega_d) [rad/s], with omega = J_omega qd.
         """
-        dx = self.error(x, x_d)
-        delta = np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
-        return dx, xd_hat if xd is None else np.concatenate([xd[:3], xd_hat[3:]]), delta
+        dx, xd, _ = super().errors(x, x_d, xd, xd_hat, xd_d)
+        return dx, xd, np.append(np.zeros(3), rotation_drift(dx[3:], xd_hat[3:], xd_d[3:]))
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return R_hat^T R of an estimated and a measured pose, as a quaternion xyzw."""
@@ -201,7 +200,7 @@ class PoseTask(FrameTask):
 
     def flaw(self, x: np.ndarray) -> str | None:
         """Return what is wrong with a quaternion whose length is off 1 by over 1 %, or None."""
-        if _unit(x[3:]):
+        if abs(x[3:].dot(x[3:]) - 1.0) < 0.02:
             return None
         return f"has a quaternion xyzw of length {np.linalg.norm(x[3:]):.4g} instead of 1"
 
@@ -316,11 +315,6 @@ def pinhole_camera(
     R = pin.exp3(np.array([0.0, 0.0, -turn])) @ np.array([right, np.cross(forward, right), forward])
     K = np.array([[f, 0.0, u], [0.0, f, v], [0.0, 0.0, 1.0]])
     return np.asarray(K @ np.column_stack([R, -R @ eye]))
-
-
-def _unit(q: np.ndarray) -> bool:
-    """Return whether a quaternion is of unit length, but for 1 %."""
-    return bool(abs(q.dot(q) - 1.0) < 0.02)
 
 
 def _position_task(name: str) -> FrameTask:

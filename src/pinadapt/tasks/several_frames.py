@@ -105,15 +105,11 @@ class FramesTask(Task):
         """Return dx, xd and delta, as of each frame; see ``Task.errors``."""
         if self.size == self.positions:
             return super().errors(x, x_d, xd, xd_hat, xd_d)
-        measured = [None] * len(self.frames) if xd is None else self._linear(xd)
-        estimated = map(self.parts, (xd_hat, xd_d))
-        given = zip(*map(self.parts, (x, x_d)), measured, *estimated, strict=True)
+        given = zip(
+            *map(self.parts, (x, x_d, xd_hat if xd is None else xd, xd_hat, xd_d)), strict=True
+        )
         dx, found, delta = zip(*(self.part.errors(*own) for own in given), strict=True)
         return self.joined(list(dx)), self.joined(list(found)), self.joined(list(delta))
-
-    def _linear(self, xd: np.ndarray) -> list[np.ndarray]:
-        """Return the linear rows of each frame; the angular ones may not have been measured."""
-        return np.split(xd[: self.positions], len(self.frames))
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
         """Return the rotation of each frame from the estimated to the measured orientation."""

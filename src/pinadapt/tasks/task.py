@@ -119,14 +119,19 @@ class Task(ABC):
         Args:
             x: coordinates.
             x_d: desired coordinates.
-            xd: (m) measured velocity, or None.
+            xd: (m) measured velocity, of which the position rows are used, or None.
             xd_hat: (m) estimated velocity, taken where nothing is measured.
             xd_d: (m) desired velocity.
 
         Returns:
             dx, xd, and delta, which is None where it is always zero.
         """
-        return self.error(x, x_d), xd_hat if xd is None else xd, None
+        m = self.positions
+        if xd is None:
+            xd = xd_hat
+        elif m < len(xd):
+            xd = np.concatenate([xd[:m], xd_hat[m:]])
+        return self.error(x, x_d), xd, None
 
     def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
         """Return the rotation from the estimated to the measured orientation; None without one."""
@@ -221,14 +226,3 @@ class JointTask(Task):
             if endless and math.isfinite(dx[j]):
                 dx[j] = math.remainder(dx[j], 2.0 * math.pi)
         return np.asarray(dx)
-
-    def errors(
-        self,
-        x: np.ndarray,
-        x_d: np.ndarray,
-        xd: np.ndarray | None,
-        xd_hat: np.ndarray,
-        xd_d: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return dx, the measured joint velocity, which is xd_hat, and None."""
-        return super().errors(x, x_d, None, xd_hat, xd_d)

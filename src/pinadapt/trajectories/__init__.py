@@ -1,5 +1,6 @@
 """Desired motions: coordinates with their first two derivatives at any time."""
 
+from .crawl import Crawl as Crawl
 from .given import Function as Function
 from .given import Spline as Spline
 from .given import TrajectoryLike as TrajectoryLike

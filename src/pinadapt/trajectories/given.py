@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -13,7 +14,7 @@ from .._checks import arithmetic, numbers, shown, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.task import JointTask, Task
-from .trajectory import Trajectory, half_diagonal
+from .trajectory import Quintic, Trajectory
 
 Difference: TypeAlias = Callable[[np.ndarray, np.ndarray], Any]
 """How far (m) coordinates x are from others x_0: ``Task.error``, x - x_0 for vectors."""
@@ -93,7 +94,7 @@ def _coordinates(value: Any, t: float) -> list[np.ndarray]:
         ) from error
 
 
-class Spline(Trajectory):
+class Spline(Quintic):
     """The spline of degree five through positions at given times; four continuous derivatives.
 
     Before the first time and after the last one the motion rests at the first and last position;
@@ -116,42 +117,26 @@ class Spline(Trajectory):
             InputError: sizes that do not match, numbers that are not finite, times that do not
                 increase, or too few samples.
         """
-        self.t, self.x = numbers(t, "trajectory.t"), numbers(x, "trajectory.x")
-        if self.x.ndim == 1:
-            self.x = self.x[:, None]
-        shapes = self.t.shape, self.x.shape
-        if self.t.ndim != 1 or self.x.ndim != 2 or len(self.t) != len(self.x) or len(self.t) < 2:
+        t, x = numbers(t, "trajectory.t"), numbers(x, "trajectory.x")
+        x = x[:, None] if x.ndim == 1 else x
+        if t.ndim != 1 or x.ndim != 2 or len(t) != len(x) or len(t) < 2:
             raise InputError(
-                f"expected N times [s] and N rows of positions, N >= 2, got shapes {shapes}.",
+                "expected N times [s] and N rows of positions, N >= 2, got shapes "
+                f"{(t.shape, x.shape)}.",
                 where="trajectory",
             )
-        if (np.diff(self.t) <= 0.0).any():
+        if (np.diff(t) <= 0.0).any():
             raise InputError(
                 "times must increase; sort the samples, and keep one of each time.",
                 where="trajectory.t",
             )
         from scipy.interpolate import make_interp_spline  # not needed to load a robot
 
-        still = [(order, np.zeros(self.x.shape[1])) for order in (1, 2)]
+        still = [(order, np.zeros(x.shape[1])) for order in (1, 2)]
         with arithmetic("trajectory.t"):
-            spline = make_interp_spline(self.t, self.x, 5, bc_type=(still, still))
-            self._parts = spline, spline.derivative(1), spline.derivative(2)
-
-    @property
-    def extent(self) -> float:
-        """Half the diagonal of the box around the positions [m or rad]."""
-        return half_diagonal(self.x)
-
-    @property
-    def settles(self) -> float:
-        """The last time [s]."""
-        return float(self.t[-1])
-
-    def at(self, t: float) -> Desired:
-        """Return position, velocity and acceleration at time t [s]; outside the times at rest."""
-        inside = min(max(t, self.t[0]), self.t[-1])
-        u, ud, udd = (part(inside) for part in self._parts)
-        return Desired(u, ud, udd) if inside == t else Desired(u, 0.0 * ud, 0.0 * udd)
+            spline = make_interp_spline(t, x, 5, bc_type=(still, still))
+            power = [spline(t[:-1], order) / math.factorial(order) for order in range(5, -1, -1)]
+            super().__init__(t, x, np.array(power))
 
 
 def _quaternion_spline(t: ArrayLike, x: ArrayLike) -> Callable[[float], np.ndarray]:

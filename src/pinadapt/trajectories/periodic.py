@@ -15,13 +15,12 @@ from ..records import Desired
 from .trajectory import Trajectory
 
 PLANES = ("xy", "yz", "xz")
-FROM_REST = -math.pi / 2.0  # [rad] phase of a sine that starts at rest, at its lowest
 
-_Motion = TypeVar("_Motion", bound="_Centered")
+_Motion = TypeVar("_Motion", bound="_Harmonic")
 
 
-class _Centered(Trajectory):
-    """A motion about a centre.
+class _Harmonic(Trajectory):
+    """x_d,i = center_i + sum_k (cosine_ik cos(w_k t) + sine_ik sin(w_k t)).
 
     Attributes:
         center: (m) [m or rad]. None: such that the motion begins where the robot is; until a run
@@ -31,12 +30,29 @@ class _Centered(Trajectory):
     center: np.ndarray
     _unplaced: dict[str, Any] | None = None
 
-    def _placed(self, center: ArrayLike | None, size: int, **others: Any) -> np.ndarray:
-        """Return the centre; without one zeros (m), and the other arguments are kept for later."""
+    def _take(
+        self,
+        center: ArrayLike | None,
+        w: np.ndarray,
+        cosine: np.ndarray,
+        sine: np.ndarray,
+        given: dict[str, Any],
+    ) -> None:
+        """Take centre, w [rad/s] (K) and coefficients (m, K); without a centre what they are of.
+
+        Raises:
+            InputError: a centre of another size.
+        """
         if center is None:
-            self._unplaced = others
-            return np.zeros(size)
-        return vector(center, None, "trajectory.center")
+            self._unplaced = given
+        at = 0.0 if center is None else center
+        self.center = vector(at, len(cosine), "trajectory.center")
+        # (3, m, 2 K): what cosines and sines of all angles add to position, velocity, acceleration
+        position = np.append(cosine, sine, axis=1)
+        velocity = np.append(w * sine, -w * cosine, axis=1)
+        self._w = np.append(w, w)
+        self._parts = np.array([position, velocity, -self._w * self._w * position])
+        self._phase = np.repeat([0.5 * math.pi, 0.0], len(w))
 
     def placed(self: _Motion, start: np.ndarray) -> _Motion:
         """Return the motion that begins at ``start`` (m), if it has no centre of its own."""
@@ -51,8 +67,13 @@ class _Centered(Trajectory):
         moved.center = self.center + vector(by, self.center.size, "by")
         return moved
 
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]."""
+        x, xd, xdd = self._parts.dot(np.sin(self._w * t + self._phase))
+        return Desired(self.center + x, xd, xdd)
 
-class _Sines(_Centered):
+
+class _Sines(_Harmonic):
     """x_d,i = center_i + amplitude_i sin(w_i t + phase_i).
 
     Attributes:
@@ -61,30 +82,30 @@ class _Sines(_Centered):
 
     amplitude: np.ndarray
 
-    def _take(
+    def _take_sines(
         self,
         center: ArrayLike | None,
-        amplitude: np.ndarray,
-        w: np.ndarray,
-        phase: np.ndarray,
-        given: dict[str, Any],
+        sines: dict[str, Any],
+        given: dict[str, Any] | None = None,
     ) -> None:
-        """Take centre, amplitudes, w [rad/s] and phases (m); without a centre, what they are of."""
-        self.amplitude, self._w, self._phase = amplitude, w, phase
-        self._speed, self._acceleration = w * amplitude, -w * w * amplitude
-        self.center = self._placed(center, w.size, **given)
+        """Take centre and, by name, amplitude, period, phase and cycles, each (m) or one for all.
 
-    @property
-    def extent(self) -> float:
-        """Half the diagonal of the box that the amplitudes span [m or rad]."""
-        return float(np.linalg.norm(self.amplitude))
+        ``given`` are the arguments that are kept where there is no centre; None: the same.
 
-    def at(self, t: float) -> Desired:
-        """Return position, velocity and acceleration at time t [s]."""
-        angle = self._w * t + self._phase
-        s = np.sin(angle)
-        x_d = self.center + self.amplitude * s
-        return Desired(x_d, self._speed * np.cos(angle), self._acceleration * s)
+        Raises:
+            InputError: lists of different sizes, numbers that are not finite, or periods that are
+                not positive.
+        """
+        named = sines if center is None else {"center": center, **sines}
+        size = max(vector(part, None, f"trajectory.{name}").size for name, part in named.items())
+        parts = {name: vector(part, size, f"trajectory.{name}") for name, part in named.items()}
+        for each in parts["period"]:
+            positive(each, "trajectory.period", error=InputError)
+        w = 2.0 * math.pi * parts.get("cycles", 1.0) / parts["period"]
+        A, phase = parts["amplitude"], parts["phase"]
+        self.amplitude, self.extent = A, float(np.linalg.norm(A))
+        cosine, sine = np.diag(A * np.sin(phase)), np.diag(A * np.cos(phase))
+        self._take(parts.get("center"), w, cosine, sine, sines if given is None else given)
 
 
 class Circle(_Sines):
@@ -127,12 +148,9 @@ class Circle(_Sines):
         amplitude, phases = np.zeros(size), np.zeros(size)
         amplitude[axes], phases[axes] = self.radius, (self.phase + 0.5 * math.pi, self.phase)
         given = {"radius": radius, "period": period, "plane": plane, "phase": phase}
-        self._take(center, amplitude, np.full(size, 2.0 * math.pi / self.period), phases, given)
-
-    @property
-    def extent(self) -> float:
-        """The radius [m]."""
-        return self.radius
+        sines = {"amplitude": amplitude, "period": self.period, "phase": phases}
+        self._take_sines(center, sines, given)
+        self.extent = self.radius
 
 
 class Lissajous(_Sines):
@@ -153,22 +171,8 @@ class Lissajous(_Sines):
         Raises:
             InputError: different sizes, numbers that are not finite, or a period not positive.
         """
-        given: dict[str, Any] = {"amplitude": amplitude, "cycles": cycles, "phase": phase}
-        parts = _alike(center=center, **given)
-        w = 2.0 * math.pi * parts["cycles"] / positive(period, "trajectory.period")
-        given = {**given, "period": period}
-        self._take(parts.get("center"), parts["amplitude"], w, parts["phase"], given)
-
-
-def _alike(**given: ArrayLike | None) -> dict[str, np.ndarray]:
-    """Return numbers and lists of numbers as vectors of one size (m); None is left out.
-
-    Raises:
-        InputError: lists of different sizes, or numbers that are not finite.
-    """
-    named = {f"trajectory.{name}": part for name, part in given.items() if part is not None}
-    size = max(vector(part, None, name).size for name, part in named.items())
-    return {name.partition(".")[2]: vector(part, size, name) for name, part in named.items()}
+        sines = {"amplitude": amplitude, "cycles": cycles, "period": period, "phase": phase}
+        self._take_sines(center, sines)
 
 
 class Sinusoid(_Sines):
@@ -183,7 +187,7 @@ class Sinusoid(_Sines):
         center: ArrayLike | None = None,
         amplitude: ArrayLike = 0.1,
         period: ArrayLike = 3.0,
-        phase: ArrayLike = FROM_REST,
+        phase: ArrayLike = -math.pi / 2.0,
     ) -> None:
         """Take centres, amplitudes, periods and phases, each (m) or one number for all.
 
@@ -196,15 +200,11 @@ class Sinusoid(_Sines):
         Raises:
             InputError: different sizes, numbers that are not finite, or periods not positive.
         """
-        given = {"amplitude": amplitude, "period": period, "phase": phase}
-        parts = _alike(center=center, **given)
-        for each in parts["period"]:
-            positive(each, "trajectory.period", error=InputError)
-        w = 2.0 * math.pi / parts["period"]
-        self._take(parts.get("center"), parts["amplitude"], w, parts["phase"], given)
+        self._take_sines(center, {"amplitude": amplitude, "period": period, "phase": phase})
+        self.period = vector(period, self.amplitude.size, "trajectory.period")
 
 
-class FourierSeries(_Centered):
+class FourierSeries(_Harmonic):
     """x_d,i = center_i + sum_k (cosine_ik cos(k w t) + sine_ik sin(k w t)), w = 2 pi / period.
 
     The motion repeats itself and contains no frequency above K / period. It begins at rest where
@@ -216,6 +216,7 @@ class FourierSeries(_Centered):
         center: (m) mean [rad or m].
         cosine, sine: (m, K) coefficients [rad or m], the slowest first.
         period: [s].
+        harmonics: their number K.
     """
 
     def __init__(
@@ -240,26 +241,8 @@ class FourierSeries(_Centered):
                 f"cosines, got shapes {self.cosine.shape} and {self.sine.shape}.",
                 where="trajectory.cosine",
             )
-        given = {"cosine": cosine, "sine": sine, "period": period}
-        size = len(self.cosine)
-        self.center = self._placed(center, size, **given)
-        vector(self.center, size, "trajectory.center")
         self.period = positive(period, "trajectory.period")
-        self._w = 2.0 * math.pi / self.period * np.arange(1.0, self.cosine.shape[1] + 1.0)
-        # (2 K, 3 m): what cosines and sines of all angles add to position, velocity, acceleration
-        w = self._w[:, None]
-        A, B = self.cosine.T, self.sine.T
-        self._parts = np.block([[A, w * B, -w * w * A], [B, -w * A, -w * w * B]])
-
-    @property
-    def harmonics(self) -> int:
-        """Number K of harmonics."""
-        return len(self._w)
-
-    def at(self, t: float) -> Desired:
-        """Return position, velocity and acceleration at time t [s]."""
-        angles = self._w * t
-        x, xd, xdd = (
-            np.concatenate([np.cos(angles), np.sin(angles)]).dot(self._parts).reshape(3, -1)
-        )
-        return Desired(self.center + x, xd, xdd)
+        self.harmonics = self.cosine.shape[1]
+        w = 2.0 * math.pi / self.period * np.arange(1.0, self.harmonics + 1.0)
+        given = {"cosine": cosine, "sine": sine, "period": period}
+        self._take(center, w, self.cosine, self.sine, given)

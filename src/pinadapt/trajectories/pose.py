@@ -13,15 +13,15 @@ from .._checks import positive, vector
 from ..exceptions import InputError
 from ..records import Desired
 from ..tasks.frame import matrix, rotation_between, turned
-from ..tasks.task import Task
+from .crawl import Crawl
 from .given import TrajectoryLike, as_trajectory, converted
 from .periodic import Circle
-from .trajectory import Trajectory
+from .trajectory import Hold, Trajectory
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-class FixedOrientation(Trajectory):
+class FixedOrientation(Hold):
     """One orientation, held.
 
     Attributes:
@@ -35,16 +35,8 @@ class FixedOrientation(Trajectory):
             InputError: not a unit quaternion.
         """
         self.quaternion = unit_quaternion(quaternion, "orientation.quaternion")
+        super().__init__(self.quaternion)
         self._rest = np.zeros(3)
-
-    @property
-    def settles(self) -> float:
-        """Zero: it is at rest from the start."""
-        return 0.0
-
-    def at(self, t: float) -> Desired:
-        """Return the quaternion xyzw (4), at rest."""
-        return Desired(self.quaternion, self._rest, self._rest)
 
 
 class Swing(Trajectory):
@@ -133,28 +125,22 @@ class PoseTrajectory(Trajectory):
             InputError: another number of coordinates, numbers that are not finite, or a quaternion
                 that is not of length 1.
         """
-        self.position = as_trajectory(position)
-        size = self.position.at(0.0).x_d.size
+        place = as_trajectory(position)
+        size = place.at(0.0).x_d.size
         if size != 3:
             raise InputError(
                 f"a pose needs a motion of 3 coordinates, got {size}.", where="trajectory"
             )
-        self.orientation = Swing() if orientation is None else _orientation(orientation)
+        self._take(place, Swing() if orientation is None else _orientation(orientation))
+
+    def _take(self, place: Trajectory, turn: Trajectory) -> None:
+        self.position, self.orientation, self.extent = place, turn, place.extent
+        if place.settles is not None and turn.settles is not None:
+            self.settles = max(place.settles, turn.settles)
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion whose parts without a place of their own begin at a pose (7)."""
         return self._of(self.position.placed(start[:3]), self.orientation.placed(start[3:]))
-
-    @property
-    def extent(self) -> float | None:
-        """That of the position [m]."""
-        return self.position.extent
-
-    @property
-    def settles(self) -> float | None:
-        """Time from which both are at rest [s], or None."""
-        place, turn = self.position.settles, self.orientation.settles
-        return None if place is None or turn is None else max(place, turn)
 
     def shifted(self, by: ArrayLike) -> PoseTrajectory:
         """Return the same motion displaced by by[:3] [m] and turned by by[3:] [rad], world axes."""
@@ -163,7 +149,7 @@ class PoseTrajectory(Trajectory):
 
     def _of(self, position: Trajectory, orientation: Trajectory) -> PoseTrajectory:
         other = copy(self)
-        other.position, other.orientation = position, orientation
+        other._take(position, orientation)
         return other
 
     def at(self, t: float) -> Desired:
@@ -172,20 +158,22 @@ class PoseTrajectory(Trajectory):
         return Desired(*(np.concatenate(both) for both in zip(place, turn, strict=True)))
 
 
-def placed_trajectory(given: TrajectoryLike, task: Task, start: np.ndarray) -> Trajectory:
+def placed_trajectory(given: TrajectoryLike, robot: Any) -> Trajectory:
     """Return a user's motion as ``as_trajectory``, placed where it has no place of its own.
 
     A ``Circle`` without a centre begins where the robot is; a motion of three coordinates holds
-    the initial orientation in a pose task.
+    the initial orientation in a pose task; a ``Crawl`` begins at the feet.
 
     Args:
         given: as in ``as_trajectory``.
-        task: of the coordinates.
-        start: coordinates of the robot at the start.
+        robot: the ``Robot`` at whose home pose it starts.
 
     Raises:
-        InputError: as ``as_trajectory``.
+        InputError: as ``as_trajectory`` and ``Crawl.on``.
     """
+    task, start = robot.task, robot.position(robot.q0)
+    if isinstance(given, Crawl):
+        given = given.on(robot)
     if isinstance(given, Trajectory):
         exact = given.exact
         if task.coordinates == task.size + 1 and given.at(0.0).x_d.size == 3:

@@ -22,6 +22,7 @@ class Stacked(Trajectory):
 
     Attributes:
         motions: those of the frames.
+        extent: root of the sum of the squares of theirs [m], as errors are norms over all frames.
     """
 
     motions: tuple[Trajectory, ...]
@@ -42,6 +43,12 @@ class Stacked(Trajectory):
             )
         ((coordinates, rows),) = sizes
         self._positions = rows if rows == coordinates else rows - 3
+        extents = [motion.extent for motion in self.motions if motion.extent is not None]
+        times = [motion.settles for motion in self.motions if motion.settles is not None]
+        if len(extents) == len(self.motions):
+            self.extent = float(np.linalg.norm(extents))
+        if len(times) == len(self.motions):
+            self.settles = max(times)
 
     def _at(self, t: float) -> list[Desired]:
         return [motion.at(t) for motion in self.motions]
@@ -63,20 +70,3 @@ class Stacked(Trajectory):
             turns = here.size > motion.at(0.0).x_d.size
             placed.append((PoseTrajectory(motion, None) if turns else motion).placed(here))
         return Stacked(placed)
-
-    @property
-    def extent(self) -> float | None:
-        """Square root of the sum of the squares of the motions' extents [m], or None.
-
-        The error of a rollout is the norm over all frames.
-        """
-        sizes = [motion.extent for motion in self.motions]
-        known = [size for size in sizes if size is not None]
-        return float(np.linalg.norm(known)) if len(known) == len(sizes) else None
-
-    @property
-    def settles(self) -> float | None:
-        """Time from which all are at rest [s], or None."""
-        times = [motion.settles for motion in self.motions]
-        known = [time for time in times if time is not None]
-        return max(known) if len(known) == len(times) else None

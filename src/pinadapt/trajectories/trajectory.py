@@ -19,8 +19,7 @@ _START, _LOOKS = 5.0, 250
 # Share of its largest speed and acceleration at which a motion starts at rest; half or twice of it
 # changes nothing for the motions of this package, which start at rest or at full speed.
 _RESTS = 1e-3
-_AT_REST = 1e-6  # the same in SI units, above the rounding of numbers near 1
-_RAMPS = (0.1, 5.0)  # [s] least and largest; motions faster or slower than any arm's reach them
+_SHORTEST = 0.1  # [s], of a ramp; a motion faster than any arm's reaches it
 
 
 class Trajectory(ABC):
@@ -36,9 +35,14 @@ class Trajectory(ABC):
 
     Attributes:
         exact: whether the motion is taken exactly as it is, see ``as_given``.
+        extent: radius of a circle, or half the diagonal of the box around another path [m or rad].
+            None if the class does not know it; a rollout then measures the path that was run.
+        settles: time from which the motion is at rest [s]; None: never, or the class does not know.
     """
 
     exact: bool = False
+    extent: float | None = None
+    settles: float | None = None
 
     @abstractmethod
     def at(self, t: float) -> Desired:
@@ -47,19 +51,6 @@ class Trajectory(ABC):
     def __repr__(self) -> str:
         """Return the kind of motion."""
         return type(self).__name__
-
-    @property
-    def extent(self) -> float | None:
-        """Radius of a circle, or half the diagonal of the box around another path [m or rad].
-
-        None if the class does not know it; a rollout then measures the path that was run.
-        """
-        return None
-
-    @property
-    def settles(self) -> float | None:
-        """Time from which the motion is at rest [s]; None: never, or the class does not know it."""
-        return None
 
     def from_rest(self, ramp: float | None = None, *, duration: float | None = None) -> Trajectory:
         """Return the same path, begun at rest: ``Retimed`` by a ``SmoothStart``.
@@ -85,11 +76,10 @@ class Trajectory(ABC):
         v, a = float(speeds.max()), float(rates.max())
         if not np.isfinite(v + a):
             raise InputError(f"is not finite within the first {span:g} s.", where="trajectory")
-        if speeds[0] <= max(_AT_REST, _RESTS * v) and rates[0] <= max(_AT_REST, _RESTS * a):
+        if speeds[0] <= _RESTS * v and rates[0] <= _RESTS * a:
             return self
         if ramp is None:
-            shortest, longest = _RAMPS
-            ramp = longest if 1.875 * v > longest * a else max(1.875 * v / a, shortest)
+            ramp = _START if 1.875 * v > _START * a else max(1.875 * v / a, _SHORTEST)
         return Retimed(self, SmoothStart(ramp))
 
     def as_given(self) -> Trajectory:
@@ -136,24 +126,17 @@ class Derived(Trajectory):
         motion: the other one.
     """
 
-    motion: Trajectory
-
-    @property
-    def extent(self) -> float | None:
-        """That of the other motion."""
-        return self.motion.extent
-
-    @property
-    def settles(self) -> float | None:
-        """That of the other motion [s], or None."""
-        return self.motion.settles
+    def __init__(self, motion: Trajectory) -> None:
+        """Take the other motion."""
+        self.motion, self.extent, self.settles = motion, motion.extent, motion.settles
 
 
 class _Shifted(Derived):
     """A motion displaced by a constant."""
 
     def __init__(self, motion: Trajectory, by: np.ndarray) -> None:
-        self.motion, self._by, self.exact = motion, by, motion.exact
+        super().__init__(motion)
+        self._by, self.exact = by, motion.exact
 
     def __repr__(self) -> str:
         """Return the kind of the motion that is displaced."""
@@ -191,18 +174,14 @@ class Retimed(Derived):
         Raises:
             InputError: others than a ``Trajectory`` and a ``TimeLaw``.
         """
-        self.motion = instance(motion, Trajectory, "motion")
+        super().__init__(instance(motion, Trajectory, "motion"))
         self.law = instance(law, TimeLaw, "law")
+        if self.settles is not None:  # when its path is
+            self.settles = law.when(self.settles)
 
     def __repr__(self) -> str:
         """Return the motion and what its time law does."""
         return f"{self.motion!r}, {self.law!r}"
-
-    @property
-    def settles(self) -> float | None:
-        """Time from which the motion is at rest [s], when its path is; None: never or unknown."""
-        settled = self.motion.settles
-        return None if settled is None else self.law.when(settled)
 
     def placed(self, start: np.ndarray) -> Retimed:
         """Return the same time law along the placed motion."""
@@ -211,10 +190,7 @@ class Retimed(Derived):
     def at(self, t: float) -> Desired:
         """Return position, velocity and acceleration at time t [s]."""
         s, rate, acceleration = self.law.at(t)
-        if rate == 1.0 and acceleration == 0.0:
-            return self.motion.at(s)
-        x_d, xd_d, xdd_d = self.motion.at(s)
-        return Desired(x_d, rate * xd_d, rate * rate * xdd_d + acceleration * xd_d)
+        return self.motion.at(s).at_rate(rate, acceleration)
 
 
 class Hold(Trajectory):
@@ -223,6 +199,8 @@ class Hold(Trajectory):
     Attributes:
         point: (m) [m or rad].
     """
+
+    extent = settles = 0.0
 
     def __init__(self, point: ArrayLike | None = None) -> None:
         """Take the point (m) [m or rad]; None: where the robot is at the start.
@@ -238,26 +216,42 @@ class Hold(Trajectory):
         """Return the motion that holds ``start``, if it has no point of its own."""
         return self if self._own else Hold(start)
 
-    @property
-    def extent(self) -> float:
-        """Zero: it is a point."""
-        return 0.0
-
-    @property
-    def settles(self) -> float:
-        """Zero: it is at rest from the start."""
-        return 0.0
-
     def at(self, t: float) -> Desired:
         """Return the point, at rest."""
         return Desired(self.point, self._rest, self._rest)
 
 
-class Waypoints(Trajectory):
+class Quintic(Trajectory):
+    """Polynomials of degree five between given times; at rest before the first and after the last.
+
+    Attributes:
+        t: (N) the times [s].
+        x: (N, m) positions at these [m or rad].
+    """
+
+    settles: float
+
+    def __init__(self, t: np.ndarray, x: np.ndarray, power: np.ndarray) -> None:
+        """Take times (N), positions (N, m) and coefficients (6, N - 1, m), those of t^5 first."""
+        from scipy.interpolate import PPoly  # not needed to load a robot
+
+        self.t, self.x, self.extent, self.settles = t, x, half_diagonal(x), float(t[-1])
+        derivative = np.diag(np.arange(5.0, 0.0, -1.0), -1)  # of these six
+        speed = np.tensordot(derivative, power, 1)
+        rate = np.tensordot(derivative, speed, 1)
+        self._polynomials = PPoly(np.concatenate([power, speed, rate], axis=2), t)
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration at time t [s]; outside the times at rest."""
+        inside = min(max(t, self.t[0]), self.t[-1])
+        x_d, xd_d, xdd_d = self._polynomials(inside).reshape(3, -1)
+        return Desired(x_d, xd_d, xdd_d) if inside == t else Desired(x_d, 0.0 * xd_d, 0.0 * xdd_d)
+
+
+class Waypoints(Quintic):
     """Minimum-jerk segments from point to point, at rest in each; the last point is held.
 
-    T. Flash, N. Hogan, *The coordination of arm movements*, J. Neuroscience 1985; see
-    ``minimum_jerk``.
+    T. Flash, N. Hogan, *The coordination of arm movements*, J. Neuroscience 1985.
 
     Attributes:
         points: (k, m) [m or rad].
@@ -289,30 +283,16 @@ class Waypoints(Trajectory):
                 where="trajectory.points",
             )
         self.segment = positive(segment, "trajectory.segment")
+        of_move = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])  # minimum jerk
+        of_move /= self.segment ** np.arange(5.0, -1.0, -1.0)
+        power = np.multiply.outer(of_move, np.diff(self.points, axis=0))
+        power[5] = self.points[:-1]
+        super().__init__(self.segment * np.arange(len(self.points)), self.points, power)
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion that begins at ``start`` (m), if its points are offsets."""
         fits = start.size == self.points.shape[1]  # else a check of the start refuses the motion
         return self.starting_at(start) if self._relative and fits else self
-
-    @property
-    def extent(self) -> float:
-        """Half the diagonal of the box around the points [m or rad]."""
-        return half_diagonal(self.points)
-
-    @property
-    def settles(self) -> float:
-        """When it reaches the last point [s]."""
-        return self.segment * (len(self.points) - 1)
-
-    def at(self, t: float) -> Desired:
-        """Return position, velocity and acceleration at time t [s]."""
-        last = len(self.points) - 2
-        k = int(min(max(t // self.segment, 0), last))
-        u, T = min(max(t / self.segment - k, 0.0), 1.0), self.segment
-        start, move = self.points[k], self.points[k + 1] - self.points[k]
-        s, sd, sdd = minimum_jerk(u)
-        return Desired(start + s * move, sd / T * move, sdd / T**2 * move)
 
 
 def minimum_jerk(u: float) -> tuple[float, float, float]:

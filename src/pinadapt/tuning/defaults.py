@@ -17,31 +17,32 @@ about the 0.05 that Wang and Xie took for their arm.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from ..adaptation.adaptation import Adaptation, Estimate
 from ..adaptation.natural import BodyInequality
 from ..models.bodies import UNCERTAINTY, nearest_physical, pseudo_inertia, ten_parameters
 from ..models.dynamics import Dynamics
-from ..models.translations import PlacedTranslations
+from ..models.translations import placed_values
 from ..models.typical_motion import TypicalMotion
 from ..robot.motors import Actuators
 from ..robot.robot import Robot
 
 
-def frequency(effects: Sequence[np.ndarray], Gamma: np.ndarray) -> float:
+def frequency(effects: ArrayLike, Gamma: np.ndarray) -> float:
     """Return the median over the states of sqrt of the largest eigenvalue of Phi Gamma Phi^T."""
-    squares = [Phi @ Gamma @ Phi.T for Phi in effects if len(Phi)]
-    if not squares:
+    Phi = np.array(effects)
+    if not Phi.size:
         return 0.0
-    largest = np.linalg.eigvalsh(np.array(squares))[:, -1]
+    largest = np.linalg.eigvalsh(Phi @ Gamma @ Phi.swapaxes(1, 2))[:, -1]
     return float(np.sqrt(max(np.median(largest), 0.0)))
 
 
-def rate_for(mode: float, effects: Sequence[np.ndarray], unit: Adaptation, at: Estimate) -> float:
+def rate_for(mode: float, effects: ArrayLike, unit: Adaptation, at: Estimate) -> float:
     """Return the rate gamma at which the ``frequency`` is ``mode`` [rad/s].
 
     Args:
@@ -128,10 +129,10 @@ def _roots(robot: Robot, bodies: Sequence[int]) -> np.ndarray:
 
 def _lengths(robot: Robot, dynamics: Dynamics) -> tuple[np.ndarray, np.ndarray]:
     """Return the parameters (p) of the unknown translations and their standard deviations [m]."""
-    placed = PlacedTranslations(robot.model, robot.frame_id, dynamics.translations)
-    theta = placed.read()
-    deviations = [np.full(theta[w].shape, np.sqrt(np.mean(theta[w] ** 2))) for w in placed.windows]
-    return theta, LENGTH * np.concatenate([np.zeros(0), *deviations])
+    values = placed_values(robot.model, robot.frame_id, dynamics.translations)
+    deviations = [np.full(theta.shape, np.sqrt(np.mean(theta**2))) for theta in values]
+    theta, deviation = (np.concatenate([np.zeros(0), *each]) for each in (values, deviations))
+    return theta, LENGTH * deviation
 
 
 _PUBLISHED, _REACH = 20.0, 2.2  # [rad/s], [m], of Wang and Xie's arm
@@ -167,17 +168,8 @@ def feedback_lag(robot: Robot, dt: float, actuators: Actuators) -> float:
         InputError: actuators of another number of joints.
     """
     own = actuators.of(robot)
-    late = float(2.0 * np.max(dt + own.delay + 1.0 / own.bandwidth))
-    return late + 1.0 / elastic_mode(robot, actuators)
-
-
-def slowest_share(robot: Robot, actuators: Actuators, mode: float) -> float:
-    """Return the share of a mode of adaptation [rad/s] that springs leave.
-
-    The mode stays below half of ``elastic_mode``: a faster adaptation learns wrong inertias from
-    links that swing on their springs.
-    """
-    return min(1.0, 0.5 * elastic_mode(robot, actuators) / mode)
+    late = 2.0 * np.max(dt + own.delay + 1.0 / own.bandwidth)
+    return float(late) + 1.0 / elastic_mode(robot, actuators)
 
 
 def elastic_mode(robot: Robot, actuators: Actuators) -> float:
@@ -195,7 +187,7 @@ def elastic_mode(robot: Robot, actuators: Actuators) -> float:
     return float(np.linalg.eigvalsh(soft[:, None] * M * soft)[-1] ** -0.5)
 
 
-def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarray]) -> np.ndarray:
+def gradient_shape(robot: Robot, dynamics: Dynamics, effects: ArrayLike) -> np.ndarray:
     """Return a constant Gamma_d (p, p) up to a factor, which follows from the fastest mode.
 
     It is the covariance of the parameters' errors when inertias are off by 30 % and lengths by
@@ -213,15 +205,20 @@ def gradient_shape(robot: Robot, dynamics: Dynamics, effects: Sequence[np.ndarra
     covariance = prior_covariance(robot, dynamics)
     if covariance is not None:
         return covariance
-    excitation = np.mean([np.sum(Phi * Phi, axis=0) for Phi in effects], axis=0)
+    excitation = np.mean(np.sum(np.square(effects), axis=1), axis=0)
     return np.diag(1.0 / np.maximum(excitation, 1e-6 * excitation.max(initial=1e-12)))
+
+
+def quiet_start(adaptation: Adaptation, value: np.ndarray) -> Estimate:
+    """Return a value (p) moved into the adaptation's domain, as at a start, without a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the start of a run warns of bodies outside of the cone
+        return adaptation.init(value)
 
 
 def typical_start(adaptation: Adaptation, motion: TypicalMotion) -> Estimate:
     """Return the typical parameters, moved into the adaptation's domain, as at a start."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the start of a run warns of bodies outside of the cone
-        return adaptation.init(motion.dynamics.typical)
+    return quiet_start(adaptation, motion.dynamics.typical)
 
 
 def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray:
@@ -231,9 +228,10 @@ def typical_torques(adaptation: Adaptation, motion: TypicalMotion) -> np.ndarray
 
 
 def mean_diagonal(
-    adaptation: Adaptation, motion: TypicalMotion, regressors: Iterable[np.ndarray]
+    adaptation: Adaptation, motion: TypicalMotion, regressors: ArrayLike
 ) -> np.ndarray:
     """Return the mean diagonal (n) of Y Gamma Y^T over regressors Y (n, p)."""
-    start = typical_start(adaptation, motion)
-    squares = [np.sum(Y.T * adaptation.gain_times(start, Y.T), axis=0) for Y in regressors]
-    return np.asarray(np.mean(squares, axis=0))
+    Y = np.array(regressors)
+    X = Y.reshape(len(Y) * Y.shape[1], -1).T
+    squares = np.sum(X * adaptation.gain_times(typical_start(adaptation, motion), X), axis=0)
+    return squares.reshape(Y.shape[:2]).mean(axis=0)

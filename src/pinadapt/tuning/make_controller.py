@@ -32,7 +32,7 @@ from ..robot.changes import Load, Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.task import JointTask
-from .defaults import bandwidth, feedback_lag, slowest_share
+from .defaults import bandwidth, elastic_mode, feedback_lag
 from .noise import (
     SIGMA,
     Given,
@@ -156,7 +156,8 @@ def make_controller(
     tuned, w = _tuned(law, motion, dt, gains, applied.actuators, K_f)
     quality = sensors.quality(robot.model.nv, dt)
     settings = noise_settings(quality, w, robot.reach)
-    elastic = slowest_share(robot, applied.actuators, tuned.adaptation_mode * w)
+    # a faster adaptation learns wrong inertias from links that swing on their springs
+    elastic = 0.5 * elastic_mode(robot, applied.actuators) / (tuned.adaptation_mode * w)
     settings = settings._replace(mode=min(settings.mode, elastic))
     if isinstance(law, str):
         tuned = tuned.adjusted(lambda_s=settings.decorrelation, lead=1.0 / settings.velocity)

@@ -13,11 +13,9 @@ sensors worse than those that filters and rates were chosen for.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import cycle
 from typing import TypeAlias
 
 import numpy as np
@@ -31,7 +29,7 @@ from ..models.typical_motion import TypicalMotion
 from ..records import SensorQuality
 from ..robot.motors import Actuators, JointActuators, overloaded
 from ..robot.workspace import rounded_down
-from .defaults import bandwidth, frequency, usual_bandwidth
+from .defaults import bandwidth, frequency, quiet_start, usual_bandwidth
 
 # by which loops may be faster than the model's; half: links lighter than described swing; twice:
 # default gains at long periods are half as large
@@ -212,18 +210,14 @@ def _parts(controller: Controller, motion: TypicalMotion, actuators: Actuators) 
         K_f = law.gain if isinstance(law, FastFeedback) else None
         joints = LinearisedJoints(motion, actuators, K_f, of_task=len(feedback) == 1)
         yield _FEEDBACK, law.bandwidth_powers, partial(joints.feedback_radius, feedback)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the start of a run warns of unphysical bodies
-            start = controller.adaptation_d.init(motion.dynamics.initial)
+        start = quiet_start(controller.adaptation_d, motion.dynamics.initial)
         Gamma_d = controller.adaptation_d.gain(start)
         if Gamma_d.any():
-            effects = law.parameter_effects(motion)
-            pairs = [
-                (Phi @ Gamma_d @ Phi.T, at.E)
-                for Phi, at in zip(effects, cycle(feedback), strict=False)
-            ]
+            effects = np.array(law.parameter_effects(motion))
+            E = np.array([at.E for at in feedback])
+            S = effects @ Gamma_d @ effects.swapaxes(1, 2)
             powers = {"gamma_d": 1.0, "gamma_joint": 1.0}
-            yield _DYNAMICS, powers, partial(joints.adaptation_radius, pairs)
+            yield _DYNAMICS, powers, partial(joints.adaptation_radius, S, E)
     Gamma_k = controller.adaptation_k.gain(Estimate(motion.kinematics.initial))
     loop = law.kinematic_loop()
     if loop is not None and Gamma_k.any():
@@ -281,10 +275,20 @@ class LinearisedJoints:
         Raises:
             InputError: actuators of another number of joints.
         """
-        M, self._motion, self._of_task = np.array(motion.mass_matrices), motion, of_task
-        self._M, self._roots = M, M @ motion.unit_masses.swapaxes(1, 2)  # W^-1
-        own = actuators.of(motion.robot)
-        self._A, self._B, motors = _chain(M, own, np.array(motion.robot.model.armature))
+        M, rotors = motion.mass_matrices, motion.robot.model.armature
+        self._left, self._right, self._posture = motion.right_inverses, motion.jacobians, None
+        if of_task:  # the posture holds the rest
+            self._posture = M @ (np.eye(M.shape[-1]) - self._left @ self._right)
+            self._left, self._bandwidth = M @ self._left, motion.bandwidth
+        else:
+            self._left = M @ motion.unit_masses.swapaxes(1, 2)  # W^-1
+            self._right = self._left.swapaxes(1, 2)
+        own, moved = actuators.of(motion.robot), np.diagonal(M, axis1=1, axis2=2).min(axis=0)
+        motor = np.where(rotors > 0.0, rotors, _ROTOR * moved)
+        parts = zip(
+            *(_actuated(each, each - np.diag(rotors), motor, own) for each in M), strict=True
+        )
+        self._A, self._B, motors = (np.array(part) for part in parts)
         self._C, self._fast, n = motors, np.zeros(motors.shape), M.shape[-1]
         if actuators.elastic and actuators.encoders == "link":
             self._C = np.zeros(motors.shape)
@@ -300,23 +304,18 @@ class LinearisedJoints:
         S, D, N, _ = (np.array(part) for part in zip(*feedback, strict=True))
         K_P = _MARGIN * factor**2 * self._torque(S)
         K_D = _MARGIN * self._torque(factor * D + N)
-        if self._of_task:  # the posture holds the rest
-            motion, w = self._motion, self._motion.bandwidth
-            moved = motion.right_inverses @ np.array(motion.jacobians)
-            null = self._M @ (np.eye(self._M.shape[-1]) - moved)
-            K_P, K_D = K_P + 0.25 * w**2 * null, K_D + w * null
+        if self._posture is not None:
+            K_P = K_P + 0.25 * self._bandwidth**2 * self._posture
+            K_D = K_D + self._bandwidth * self._posture
         Phi, Gamma = self._held(dt)
         gains = np.concatenate([K_D @ self._C + self._fast, K_P], axis=2)
         return _median_radius(Phi - Gamma @ gains)
 
-    def adaptation_radius(
-        self, pairs: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, factor: float
-    ) -> float:
+    def adaptation_radius(self, S: np.ndarray, E: np.ndarray, dt: float, factor: float) -> float:
         """Return the median spectral radius of de/dt = -E e + z, dz/dt = -S e, z = Phi da, held.
 
-        ``factor`` multiplies S, which has its margin; ``pairs`` are S and E at the states.
+        ``factor`` multiplies S, which has its margin; S and E are those at the states.
         """
-        S, E = (np.array(part) for part in zip(*pairs, strict=True))
         S = _ADAPTATION_MARGIN * factor * self._torque(S)
         k = self._A.shape[1]
         Phi, Gamma = (part[:, :k] for part in self._held(dt))
@@ -340,37 +339,22 @@ class LinearisedJoints:
 
     def _torque(self, feedback: np.ndarray) -> np.ndarray:
         """Return a gain of joints of unit mass, or of the task, as a torque of the joints."""
-        if self._of_task:
-            motion = self._motion
-            J = np.array(motion.jacobians)
-            return np.asarray(self._M @ motion.right_inverses @ feedback @ J)
-        return np.asarray(self._roots @ feedback @ self._roots.swapaxes(1, 2))
+        return self._left @ feedback @ self._right
 
 
-System: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
-
-
-def _chain(
-    M: np.ndarray, joints: JointActuators, rotors: np.ndarray
+def _actuated(
+    M: np.ndarray, M_l: np.ndarray, motor: np.ndarray, joints: JointActuators
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return A (N, k, k), B (N, k, n) and C (N, n, k) from torques to velocities of the motors.
+    """Return A (k, k), B (k, n) and C (n, k) from torques to velocities of the motors at a state.
 
     The last n states are the velocities of the motors, before them those of the links where there
     are springs.
     """
-
-    def diagonal(values: np.ndarray) -> np.ndarray:
-        """Return the diagonal matrix (n, n) of values at each state (N, n, n)."""
-        return np.broadcast_to(np.diag(values), M.shape)
-
-    n = M.shape[-1]
-    one, none, K, D = diagonal(np.ones(n)), np.zeros(M.shape), joints.stiffness, joints.damping
-    found: System = none, np.linalg.inv(M), one, none
+    one, none, K, D = np.eye(len(M)), np.zeros(M.shape), joints.stiffness, joints.damping
+    A, B, C = none, np.linalg.inv(M), one
     if np.isfinite(K).all():
-        own = np.diagonal(M, axis1=1, axis2=2).min(axis=0)
-        motor = np.where(rotors > 0.0, rotors, _ROTOR * own)
         D = np.where(D > 0.0, D, 2.0 * 0.01 * np.sqrt(K * motor))
-        links, drive = np.linalg.inv(M - np.diag(rotors)), diagonal(1.0 / motor)
+        links, drive = np.linalg.inv(M_l), np.diag(1.0 / motor)
         A = np.block(
             [
                 [none, -one, one],
@@ -378,24 +362,17 @@ def _chain(
                 [-drive * K, drive * D, -drive * D],
             ]
         )
-        found = A, np.block([[none], [none], [drive]]), np.block([none, none, one]), none
+        B, C = np.vstack([none, none, drive]), np.hstack([none, none, one])
     if np.isfinite(joints.bandwidth).any():
-        w = diagonal(np.minimum(joints.bandwidth, 1e4))
-        found = _series((-w, w, one, none), found)
+        w = np.diag(np.minimum(joints.bandwidth, 1e4))
+        A = np.block([[-w, 0.0 * C], [B, A]])
+        B, C = np.vstack([w, 0.0 * B]), np.hstack([none, C])
     if joints.delay.any():
         T = np.maximum(joints.delay, 1e-3 * joints.delay.max())
-        a, b = diagonal(12.0 / T**2), diagonal(6.0 / T)
-        A = np.block([[none, one], [-a, -b]])
-        late = A, np.block([[none], [one]]), np.block([none, -2.0 * b]), one
-        found = _series(late, found)
-    return found[:3]
-
-
-def _series(first: System, then: System) -> System:
-    """Return a linear system whose input is another one's output, the states of that first."""
-    (A, B, C, D), (E, F, G, H) = first, then
-    none = np.zeros((len(A), A.shape[-1], E.shape[-1]))
-    return np.block([[A, none], [F @ C, E]]), np.block([[B], [F @ D]]), np.block([H @ C, G]), H @ D
+        a, b = np.diag(12.0 / T**2), np.diag(6.0 / T)
+        A = np.block([[none, one, 0.0 * C], [-a, -b, 0.0 * C], [0.0 * B, -2.0 * B @ b, A]])
+        B, C = np.vstack([none, one, B]), np.hstack([none, none, C])
+    return A, B, C
 
 
 def _median_radius(transitions: np.ndarray) -> float:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -41,7 +38,6 @@ from .noise import Tuning
 
 MEMORIES = ("natural-memory", "composite-memory")
 FORGETTING = (*MEMORIES, LeastSquares.name)
-PREDICTING = ("natural-composite", "composite", *FORGETTING)
 _METRICS = {
     "composite": "gradient",
     "natural-composite": "natural",
@@ -49,7 +45,8 @@ _METRICS = {
     "natural-memory": "natural",
     "least-squares": "gradient",
 }  # of the adaptations that predict the torque
-ADAPTATIONS = ("natural", "gradient", "projected", *_METRICS, "none")
+PREDICTING = tuple(_METRICS)
+ADAPTATIONS = ("natural", "gradient", "projected", *PREDICTING, "none")
 KINEMATIC_ADAPTATIONS = ("gradient", "least-squares", "none")
 RATES = (
     "gamma_d",
@@ -138,50 +135,38 @@ def dynamic_adaptation(kind: str, tuning: Tuning, share: float = 1.0) -> Adaptat
     Raises:
         InputError: a rate or an inequality that does not fit the parameters.
     """
-    law, dynamics, mode = tuning.law, tuning.motion.dynamics, tuning.settings.mode
+    law, motion, mode = tuning.law, tuning.motion, tuning.settings.mode
+    dynamics, joints = motion.dynamics, motion.dynamics.joints
     if kind == "none" or not dynamics.size:
         return Frozen()
     if kind in MEMORIES:
         mode = min(mode, 1.0 / law.adaptation_mode)
     share *= mode**2
-    moved = _tracking_adaptation(kind, tuning, tuning.bandwidth * share**0.5)
+    w, size = tuning.bandwidth * share**0.5, dynamics.inertial.size
+    effects = np.array(law.parameter_effects(motion))
+    moved = _inertial_adaptation(kind, tuning, effects[..., :size], law.adaptation_mode * w)
+    if joints is not None and joints.size:
+        typical, gamma = joints.typical, tuning.rates.get("gamma_joint")
+        if gamma is None:
+            unit = Stacked(_of_joints(1.0, typical, joints.signed))
+            gamma = rate_for(law.joint_mode * w, effects[..., size:], unit, Estimate(typical))
+        moved = Stacked([(moved, size), *_of_joints(gamma, typical, joints.signed)])
     if kind in _METRICS:
         moved = predicting(kind, moved, tuning, share)
     return law.guarded(moved, dynamics)
 
 
-def _tracking_adaptation(kind: str, tuning: Tuning, w: float) -> Adaptation:
-    """Return the adaptation to the tracking error at a bandwidth w [rad/s]."""
-    motion, law, dynamics = tuning.motion, tuning.law, tuning.motion.dynamics
-    inertial, joints, effects = dynamics.inertial, dynamics.joints, law.parameter_effects(motion)
-    own = [Phi[:, : inertial.size] for Phi in effects]
-    adaptation = _inertial_adaptation(kind, tuning, own, law.adaptation_mode * w)
-    if joints is None or not joints.size:
-        return adaptation
-    typical, gamma_joint = joints.typical, tuning.rates.get("gamma_joint")
-    if gamma_joint is None:
-        own = [Phi[:, inertial.size :] for Phi in effects]
-        unit = Stacked(_of_joints(1.0, typical, joints.signed))
-        gamma_joint = rate_for(law.joint_mode * w, own, unit, Estimate(typical))
-    of_joints = _of_joints(gamma_joint, typical, joints.signed)
-    return Stacked([(adaptation, inertial.size), *of_joints])
-
-
 def _of_joints(gamma: float, typical: np.ndarray, signed: int) -> list[tuple[Adaptation, int]]:
     """Return the adaptations of coefficients (p), the last ``signed`` of which may be negative."""
-    count = typical.size - signed
-    parts: list[tuple[Adaptation, int]] = []
-    if count:
-        parts.append((ExponentiatedGradient(gamma, typical[:count], "gamma_joint"), count))
-    if signed:
-        gain = positive(gamma, "gamma_joint") * typical[count:] ** 2
-        parts.append((Gradient(gain, signed, "gamma_joint"), signed))
-    return parts
+    count, gamma = typical.size - signed, positive(gamma, "gamma_joint")
+    parts = [
+        (ExponentiatedGradient(gamma, typical[:count]), count),
+        (Gradient(gamma * typical[count:] ** 2, signed, "gamma_joint"), signed),
+    ]
+    return [part for part in parts if part[1]]
 
 
-def _inertial_adaptation(
-    kind: str, tuning: Tuning, effects: list[np.ndarray], mode: float
-) -> Adaptation:
+def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: float) -> Adaptation:
     """Return the adaptation of the inertial parameters; by default its fastest mode is ``mode``."""
     dynamics, gamma_d = tuning.motion.dynamics.inertial, tuning.rates.get("gamma_d")
     robot = tuning.motion.dynamics.bare(tuning.motion.robot)
@@ -393,24 +378,23 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     law, motion, w, quality = tuning.law, tuning.motion, tuning.bandwidth, tuning.quality
     kinematics, size = motion.kinematics, motion.kinematics.size
     unit = (_PRIOR * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
-    options: dict[str, Any] = {
-        "weight": None,
-        "forgetting": _SLOW * min(w, tuning.settings.smoothing),
-        "directional": True,
-        "unit": unit,
-    }
-    if tuning.rates.get("R_k") is not None:
-        return LeastSquares(P_0, size, **options)
     seen, spread = motion.position_regressors, quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors
         spread *= float(getattr(law, "lambda_", w))
-    typical = float(np.mean([np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen]))
-    # noise of the measured signal over its size by the prior, white over a second
-    off = math.sqrt(unit * typical)
-    noise = w * (spread / off) ** 2 / quality.rate if spread and off else 0.0
-    floor = typical * max(noise, 1e-6)
-    return LeastSquares(P_0, size, rate=w, floor=floor or 1.0, **options)
+    typical = np.mean([np.einsum("ij,jk,ik->i", X, P_0, X) for X in seen])
+    # variance of the measured signal over that of the prior, white over a second
+    noise = w * spread**2 / (unit * quality.rate) if spread else 0.0
+    return LeastSquares(
+        P_0,
+        size,
+        weight=None,
+        rate=w if tuning.rates.get("R_k") is None else None,
+        floor=max(noise, 1e-6 * float(typical)) or 1.0,
+        forgetting=_SLOW * min(w, tuning.settings.smoothing),
+        directional=True,
+        unit=unit,
+    )
 
 
 def with_prediction_weight(tuning: Tuning, adaptation: Adaptation) -> Law:

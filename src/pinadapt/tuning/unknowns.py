@@ -157,17 +157,9 @@ class Unknown:
             return given
         words = [word(name, WORDS, "unknown") for name in name_list(given, "unknown")]
         bodies = "all" if "bodies" in words else PAYLOAD if PAYLOAD in words else "none"
-        return cls(
-            tool=TOOL in words,
-            base=BASE in words,
-            tracker=TRACKER in words,
-            geometry=GEOMETRY in words,
-            lengths=LENGTHS in words,
-            bodies=bodies,
-            friction="friction" in words,
-            armature="armature" in words,
-            effects=[name for name in words if name in EFFECTS],
-        )
+        flags = (TOOL, BASE, TRACKER, GEOMETRY, LENGTHS, "friction", "armature")
+        chosen: dict[str, Any] = {name: name in words for name in flags}
+        return cls(bodies=bodies, effects=[name for name in words if name in EFFECTS], **chosen)
 
     def with_names(
         self,

@@ -52,8 +52,8 @@ class Window:
 
     def copy(self, source: Node, target: Node, *, as_ghost: bool = False) -> None:
         """Draw the object of one node at another node too, on request in the ghost's material."""
-        paths = {"source": source.path.lower(), "target": target.path.lower()}
-        self.note(paths["target"], copy={**paths, "ghost": as_ghost})
+        one, other = source.path.lower(), target.path.lower()
+        self.note(other, copy={"source": one, "target": other, "ghost": as_ghost})
 
     def _keep(self, key: Any, message: bytes) -> None:
         with self._lock:
@@ -83,27 +83,33 @@ def ghost(opacity: float = 0.4, colour: int = ESTIMATED) -> MeshLambertMaterial:
     About the same is within half a per cent of the picture's depth, 160 steps of its depth buffer.
     Without that, patches of a robot that is known to a millimetre would appear blue.
     """
-    look: dict[str, Any] = {"emissive": colour, "emissiveIntensity": 0.35, "side": 0}
-    behind = {"depthWrite": False, "polygonOffset": True, "polygonOffsetFactor": 4}
     return MeshLambertMaterial(
-        color=colour, opacity=opacity, polygonOffsetUnits=160, **look, **behind
+        color=colour,
+        opacity=opacity,
+        emissive=colour,
+        emissiveIntensity=0.35,
+        side=0,
+        depthWrite=False,
+        polygonOffset=True,
+        polygonOffsetFactor=4,
+        polygonOffsetUnits=160,
     )
 
 
 def rod(
     start: np.ndarray, end: np.ndarray, radius: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position (F, 3), quaternion xyzw (F, 4) and scale (F, 3) of rods between points.
+) -> tuple[np.ndarray, Rotation, np.ndarray]:
+    """Return positions (F, 3), rotations (F) and scales (F, 3) of rods between points.
 
     A unit cylinder, placed so, is a rod from ``start`` to ``end`` (F, 3) [m].
     """
     lengths = np.maximum(np.linalg.norm(end - start, axis=1), 1e-9)
     x, y, z = (end - start).T / lengths
     # rotates the y axis, along which the cylinder lies, to (x, y, z)
-    quaternion = np.column_stack([z, 0.0 * x, -x, 1.0 + y + 1e-9])
-    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    thick = np.full_like(lengths, radius)
-    return 0.5 * (start + end), quaternion, np.column_stack([thick, lengths, thick])
+    rotation = Rotation.from_quat(np.column_stack([z, 0.0 * x, -x, 1.0 + y + 1e-9]))
+    scale = np.full_like(end, radius)
+    scale[:, 1] = lengths
+    return 0.5 * (start + end), rotation, scale
 
 
 def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
@@ -111,8 +117,8 @@ def tube(points: np.ndarray, radius: float) -> TriangularMeshGeometry:
     sides = 8
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     ring = radius * np.array([np.sin(angle), 0.0 * angle, np.cos(angle)])
-    _, quaternion, _ = rod(points[:-1], points[1:], radius)
-    rings = (Rotation.from_quat(quaternion).as_matrix() @ ring).swapaxes(1, 2)  # (N-1, sides, 3)
+    _, rotation, _ = rod(points[:-1], points[1:], radius)
+    rings = (rotation.as_matrix() @ ring).swapaxes(1, 2)  # (N-1, sides, 3)
     vertices = np.concatenate([points[:-1, None] + rings, points[1:, None] + rings], axis=1)
     i = np.arange(sides)
     j = np.roll(i, -1)
@@ -150,26 +156,26 @@ class Artist(MeshcatVisualizer):
 TEXTURED = "<color>0.8 0.8 0.8 1</color>"  # in place of an image
 
 
-def draw_shapes(root: Node, visual: pin.GeometryModel, model: pin.Model) -> None:
-    """Draw each shape k of joint i at ``joint i/shape k`` below a node; equal meshes once."""
+def draw_shapes(root: Node, twin: Node, visual: pin.GeometryModel, model: pin.Model) -> None:
+    """Draw each shape k of joint i at ``joint i/shape k`` below a node; equal meshes once.
+
+    Below its twin each is drawn as a ghost.
+    """
     visual, first = visual.copy(), dict[Any, Node]()
     artist = Artist(model, None, visual)
     artist.initViewer(viewer=root)
     for number, shape in enumerate(visual.geometryObjects):
         joint, shape.name = f"joint {shape.parentJoint}", f"shape {number}"
-        place = root[joint][shape.name]
-        place.set_transform(scaled_placement(shape))
+        place, shadow = root[joint][shape.name], twin[joint][shape.name]
+        for node in (place, shadow):
+            node.set_transform(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
         mesh = shape.meshPath, tuple(shape.meshColor), shape.overrideMaterial
         if shape.meshPath and mesh in first:
             root.window.copy(first[mesh], place)
-            continue
-        first[mesh], artist.viewerVisualGroupName = place, joint
-        artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
-
-
-def scaled_placement(shape: pin.GeometryObject) -> np.ndarray:
-    """Return the placement of a shape in its joint's axes, times its scale (4, 4) [m]."""
-    return np.asarray(shape.placement.homogeneous @ np.diag([*shape.meshScale, 1.0]))
+        else:
+            first[mesh], artist.viewerVisualGroupName = place, joint
+            artist.loadViewerGeometryObject(shape, pin.GeometryType.VISUAL)
+        root.window.copy(place, shadow, as_ghost=True)
 
 
 Node: TypeAlias = meshcat.Visualizer
@@ -187,7 +193,7 @@ class Keyframes:
         self,
         node: Node,
         position: np.ndarray,
-        quaternion: np.ndarray | None = None,
+        rotation: Rotation | None = None,
         scale: np.ndarray | None = None,
     ) -> None:
         """Place a node in its parent's axes.
@@ -195,28 +201,25 @@ class Keyframes:
         Args:
             node: the node.
             position: (F, 3) [m].
-            quaternion: (F, 4) xyzw; None for no rotation.
+            rotation: (F); None for none.
             scale: (F, 3); None for no scaling.
         """
-        first = np.eye(4)
-        if quaternion is not None:
-            first[:3, :3] = Rotation.from_quat(quaternion[0]).as_matrix()
-        if scale is not None:
-            first[:3, :3] *= scale[0]
+        tracks, first = {"position": position}, np.eye(4)
         first[:3, 3] = position[0]
+        if rotation is not None:
+            tracks["quaternion"], first[:3, :3] = rotation.as_quat(), rotation[0].as_matrix()
+        if scale is not None:
+            tracks["scale"] = scale
+            first[:3, :3] *= scale[0]
         node.set_transform(first)
-        for name, values in (("position", position), ("quaternion", quaternion), ("scale", scale)):
-            if values is None or np.ptp(values, axis=0).max() < 1e-9:
+        for name, values in tracks.items():
+            if np.ptp(values, axis=0).max() < 1e-9:
                 continue
             kind = "quaternion" if name == "quaternion" else "vector3"
             # one frame per second, so that frame numbers are times in seconds
             clip = self._animation.clips.setdefault(node.path, AnimationClip(fps=1))
             rounded = np.round(values * 2**14) / 2**14  # compresses well
             clip.tracks[name] = AnimationTrack(name, kind, self._times, rounded.tolist())
-
-    def move_rigidly(self, node: Node, placements: np.ndarray) -> None:
-        """Place a node at placements (F, 4, 4) [m] in its parent's axes."""
-        self.move(node, placements[:, :3, 3], Rotation.from_matrix(placements[:, :3, :3]).as_quat())
 
     def play(self, root: Node) -> None:
         """Play the animation in real time and repeat it; do nothing if no node moves."""

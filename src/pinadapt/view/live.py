@@ -19,8 +19,8 @@ from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
 from .drawing import Window
-from .page import note_readings, page, task_curves
-from .scene import Scene, desired_tips, motion_of
+from .page import page
+from .scene import Scene
 
 if TYPE_CHECKING:
     from ..controller.state import Sample
@@ -34,10 +34,9 @@ def open_in_browser(address: str) -> bool:
     return webbrowser.open(address)
 
 
-# [s] for a browser to read the last messages; half: a slow one misses the end, twice: a hung one
-# delays the end of the program
-_PATIENCE = 2.0
-_ARRIVAL = 30.0  # [s] to wait for the browser that was opened; half: a slow one misses the start
+# [s] for a browser to come, or to read the last messages; half: a slow one misses start and end,
+# twice: a hung one delays the program
+_PATIENCE = 5.0
 _RATE = 30.0  # [1/s] frames; half or twice: a jerky robot, or a browser that falls behind
 
 
@@ -154,20 +153,16 @@ class LiveView:
         self._last: Sample | None = None
         self._end = "the run has ended"
         self._traced: list[np.ndarray] = []
-        here = motion_of(true, true.q0[None])
-        t = np.linspace(0.0, duration, 600)
+        t, q, kinematics = np.linspace(0.0, duration, 600), true.q0[None], controller.kinematics
         x_d = as_trajectory(trajectory, true.task).positions(t)
-        path = desired_tips(true, x_d, here.tips[0])
-        robots = Succession.of(true, changes)
-        self._scene = Scene(robots, controller.kinematics, here, path, t[:1])
-        start = x_d[:1], x_d[:1], np.asarray(controller.kinematics.initial)[None]
-        curves = task_curves(self._scene, t[:1], *start)
-        html = page(self._scene, title or true.name, curves, duration, live=True)
+        self._scene = Scene(Succession.of(true, changes), kinematics, t, q, x_d, t[:1])
+        self._scene.curves(t[:1], x_d[:1], x_d[:1], np.asarray(kinematics.initial)[None])
+        html = page(self._scene, title or true.name, duration, live=True)
         self._server = Server(html, self._scene.window)
         self.url = self._server.url
         print(f"live view: {self.url}", file=sys.stderr, flush=True)
         if open_in_browser(self.url):
-            self._server.wait_until_read(_ARRIVAL)
+            self._server.wait_until_read(_PATIENCE)
 
     def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """Yield the samples of a run, at most in real time, and show them."""
@@ -196,12 +191,12 @@ class LiveView:
         q, a_k = sample.truth.q, sample.state.a_k
         if not (np.isfinite(q).all() and np.isfinite(a_k).all()):
             return
-        t, x_d = np.array([sample.t]), sample.desired.x_d[None]
-        motion = self._scene.show(t, q[None], x_d, a_k[None])
-        self._trace(motion.tips[0])
         assert sample.truth.x is not None  # perfect sensors see the task
-        curves = task_curves(self._scene, t, sample.truth.x[None], x_d, a_k[None])
-        note_readings(self._scene, t, curves)
+        moment = sample.t, q, sample.truth.x, sample.desired.x_d, a_k
+        self._traced += [*self._scene.show(*(np.array([part]) for part in moment))]
+        first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
+        piece = np.array(self._traced[first:])
+        self._scene.add_traces(f"true/{first}", piece)
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""
@@ -217,10 +212,3 @@ class LiveView:
     def __exit__(self, *error: object) -> None:
         """Close the view."""
         self.close()
-
-    def _trace(self, tips: np.ndarray) -> None:
-        """Extend the traced paths to points (k, 3) [m]; their last second is drawn again."""
-        self._traced.append(tips)
-        first = (len(self._traced) - 2) // 30 * 30
-        piece = np.array(self._traced[max(first, 0) :])
-        self._scene.add_traces(f"true/{first}", piece)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import gzip
 import json
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any
 
 import meshcat
 import numpy as np
@@ -19,58 +19,12 @@ import numpy as np
 from .._checks import positive
 from .._output import write_text
 from .drawing import ghost
-from .scene import Scene, desired_tips, motion_in_time
-
-
-class Curve(NamedTuple):
-    """What a curve over time shows."""
-
-    label: str
-    unit: str
-
-
-Curves = dict[Curve, np.ndarray]
-"""One number a sample (N) for each curve."""
-
-
-def task_curves(
-    scene: Scene, t: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
-) -> Curves:
-    """Return the errors of the task and of estimated translations.
-
-    Args:
-        scene: of the page.
-        t: (N) time [s].
-        x: (N, .) true task coordinates.
-        x_d: (N, .) desired ones.
-        a_k: (N, p_k) estimates.
-    """
-    robots, kinematics = scene.robots, scene.kinematics
-    task, found = robots.robots[0].task, Curves()
-    error = np.array([task.error(*both) for both in zip(x, x_d, strict=True)])
-    for group in task.groups:
-        unit, scale = group.shown
-        size = np.linalg.norm(error[:, group.rows], axis=1)
-        found[Curve(f"{group.name} error", unit)] = scale * size
-    truths = [kinematics.value(robot) for robot in robots.robots]
-    known = not any(truth is None for truth in truths)
-    if known and kinematics.size and kinematics.calibrated:
-        off = np.linalg.norm(a_k - np.array(truths)[robots.index(t)], axis=1)
-        found[Curve("error of tool and length estimates", "mm")] = 1e3 * off
-    return found
-
-
-def note_readings(scene: Scene, t: np.ndarray, curves: Curves) -> None:
-    """Note the values of the curves at times t (N) [s]; null where they are not finite."""
-    for moment, values in zip(t.round(4).tolist(), np.array([*curves.values()]).T, strict=True):
-        shown = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
-        scene.window.note(("reading", moment), reading={"t": moment, "values": shown})
+from .scene import Scene
 
 
 def page(
     scene: Scene,
     title: str,
-    curves: Iterable[Curve],
     duration: float,
     *,
     marks: Sequence[tuple[float, str]] = (),
@@ -79,17 +33,16 @@ def page(
     """Return a page in HTML.
 
     Args:
-        scene: what it shows.
+        scene: what it shows, and the curves that it noted.
         title: shown above the legend.
-        curves: drawn over time.
         duration: of the whole run [s].
         marks: time [s] and description of each event.
         live: whether the page asks its server for messages, in place of containing them.
     """
     settings = {
-        "viewpoint": {name: part.tolist() for name, part in scene.viewpoint._asdict().items()},
+        "viewpoint": scene.viewpoint,
         "ghost": ghost().lower({}),
-        "curves": [curve._asdict() for curve in curves],
+        "curves": [{"label": label, "unit": unit} for label, unit in scene.units.items()],
         "duration": duration,
         "marks": marks,
         "live": live,
@@ -171,24 +124,17 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     true = robots.robots[0]
     t, q, x, x_d, a_k = rollout.t, rollout.q, rollout.x, rollout.x_d, rollout.a_k
     if not len(t):  # it diverged at once
-        home, here = true.q0, true.position(true.q0)
-        t, q, x, x_d, a_k = (
-            np.array([each]) for each in (0.0, home, here, here, kinematics.initial)
-        )
+        here = true.position(true.q0)
+        first = (0.0, true.q0, here, here, kinematics.initial)
+        t, q, x, x_d, a_k = (np.array([each]) for each in first)
     line = np.unique(np.linspace(0, len(t) - 1, _MOST).astype(int))
-    traced = motion_in_time(robots, t[line], q[line])
     wanted = int(np.clip(np.ceil((t[-1] - t[0]) * rate), 0, _MOST - 1)) + 1
     frames = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], wanted)))
-    path = desired_tips(true, x_d[line], traced.tips)
-    scene = Scene(robots, kinematics, traced, path, t[frames])
-    t, q, x, x_d, a_k = (part[frames] for part in (t, q, x, x_d, a_k))
-    scene.show(t, q, x_d, a_k)
-    if len(traced.tips) > 1:
-        for node in scene.add_traces("true", traced.tips):
+    scene = Scene(robots, kinematics, t[line], q[line], x_d[line], t[frames])
+    scene.show(*(part[frames] for part in (t, q, x, x_d, a_k)))
+    if len(line) > 1:
+        for node in scene.add_traces("true", scene.traced):
             scene.window.note(("reveal", node.path), reveal=node.path.lower())
-    curves = task_curves(scene, t, x, x_d, a_k)
-    note_readings(scene, t, curves)
     scene.poses.play(scene.root)
     title = rollout.title or true.name
-    html = page(scene, title, curves, rollout.duration, marks=rollout.marks)
-    return Animation(html)
+    return Animation(page(scene, title, rollout.duration, marks=rollout.marks))

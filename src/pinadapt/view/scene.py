@@ -8,6 +8,7 @@ import meshcat
 import numpy as np
 import pinocchio as pin
 from meshcat.geometry import Cylinder, Material, Sphere
+from scipy.spatial.transform import Rotation
 
 from ..description.chain import frame_id
 from ..models.task_kinematics import TaskKinematics
@@ -26,7 +27,6 @@ from .drawing import (
     draw_shapes,
     ghost,
     rod,
-    scaled_placement,
     solid,
     tube,
 )
@@ -115,37 +115,25 @@ def _desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
     return np.asarray((path - tracker.translation) @ tracker.rotation)
 
 
-class Viewpoint(NamedTuple):
-    """Where the scene is seen from.
+def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
+    """Return a view from where the path is, somewhat from the side and from above.
 
-    Attributes:
-        target: (3) centre of the box that is in the picture [m], world axes.
-        direction: (3) unit vector from the centre towards the eye, world axes.
-        box: (3) half the box's extent to the right, upwards and towards the eye [m].
+    ``target`` is the centre of the box that is in the picture [m], ``direction`` the unit vector
+    from there towards the eye, in world axes, and ``box`` half the box's extent to the right,
+    upwards and towards the eye [m].
+
+    Args:
+        points: (N, 3) points that must be in the picture [m].
+        path: (M, 3) the tools' paths [m].
     """
-
-    target: np.ndarray
-    direction: np.ndarray
-    box: np.ndarray
-
-    @classmethod
-    def of(cls, points: np.ndarray, path: np.ndarray) -> Viewpoint:
-        """Return a view from where the path is, somewhat from the side and from above.
-
-        Args:
-            points: (N, 3) points that must be in the picture [m].
-            path: (M, 3) the tools' paths [m].
-        """
-        front = path.mean(axis=0)
-        azimuth, elevation = np.arctan2(front[1], front[0]) - np.radians(35.0), np.radians(30.0)
-        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        level = np.array([right[1], -right[0], 0.0])
-        direction = np.cos(elevation) * level + np.sin(elevation) * np.eye(3)[2]
-        axes = np.stack([right, np.cross(direction, right), direction], axis=1)
-        low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
-        half = 0.5 * (high - low)
-        margin = 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
-        return cls(axes @ (0.5 * (low + high)), direction, half + margin)
+    azimuth = np.arctan2(*path.mean(axis=0)[1::-1]) - np.radians(35.0)
+    towards = Rotation.from_euler("ZY", [azimuth, -np.radians(30.0)]).as_matrix()
+    axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
+    low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
+    half = 0.5 * (high - low)
+    box = half + 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
+    found = {"target": axes @ (0.5 * (low + high)), "direction": axes[:, 2], "box": box}
+    return {name: part.tolist() for name, part in found.items()}
 
 
 class DrawnRobot:
@@ -174,16 +162,13 @@ class DrawnRobot:
         for end in self._tips:
             end.set_object(Sphere(0.024 * size), tip)
 
-    def joint(self, index: int) -> Node:
-        """Return the node that moves with a joint; joint 0 is the base."""
-        return self.node[f"joint {index}"]
-
     def place(self, motion: ChainMotion, poses: Keyframes) -> None:
         """Move all nodes to their places in a motion."""
-        for index in range(motion.joints.shape[1]):
-            poses.move_rigidly(self.joint(index), motion.joints[:, index])
-        tips = motion.tips.swapaxes(0, 1)
-        points = [*motion.joints[:, :, :3, 3].swapaxes(0, 1), *tips]
+        joints, tips = motion.joints.swapaxes(0, 1), motion.tips.swapaxes(0, 1)
+        for index, place in enumerate(joints):
+            turn = Rotation.from_matrix(place[:, :3, :3])
+            poses.move(self.node[f"joint {index}"], place[:, :3, 3], turn)
+        points = [*joints[:, :, :3, 3], *tips]
         for node, start, end in self._rods:
             poses.move(node, *rod(points[start], points[end], 0.025 * self.size))
         for node, tip in zip(self._tips, tips, strict=True):
@@ -191,17 +176,17 @@ class DrawnRobot:
 
     def stick_figure(self, material: Material) -> None:
         """Draw a ball at each joint, and a rod to it from the joint before; to the tips too."""
-        joints = list(map(int, self.robot.model.parents))
-        for end, start in enumerate([*joints, *self.carriers]):
-            if end < len(joints):
-                self.joint(end)["ball"].set_object(Sphere(0.04 * self.size), material)
+        parents = [*map(int, self.robot.model.parents), *self.carriers]
+        for end, start in enumerate(parents):
+            if end < self.robot.model.njoints:
+                self.node[f"joint {end}"]["ball"].set_object(Sphere(0.04 * self.size), material)
             if end:
                 self._rods.append((self.node[f"rod {end}"], start, end))
                 self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
     def loads(self, number: int) -> dict[int, Node]:
         """Return the nodes of the loads of the robot of this number in the succession, by joint."""
-        return {joint: self.joint(joint)[f"load {number}"] for joint in self.carriers}
+        return {joint: self.node[f"joint {joint}"][f"load {number}"] for joint in self.carriers}
 
     def add_loads(self, number: int, robot: Robot) -> None:
         """Draw each load of a robot as a ball of steel of the same mass."""
@@ -227,45 +212,46 @@ class Scene:
     Attributes:
         window: that holds the messages.
         root: node of the scene.
-        viewpoint: where it is seen from.
+        viewpoint: where it is seen from, see the function of this name.
         size: half the larger side of the picture [m].
         robots: the true robot, and what it changes to.
         kinematics: of the estimated robot.
         poses: moves the nodes.
+        traced: (L, k, 3) paths of the true tips [m].
+        units: of the curves that were noted, by label.
     """
 
     def __init__(
         self,
         robots: Succession,
         kinematics: TaskKinematics,
-        motion: ChainMotion,
-        path: np.ndarray,
         t: np.ndarray,
+        q: np.ndarray,
+        x_d: np.ndarray,
+        moments: np.ndarray,
     ) -> None:
         """Draw everything that does not move, and what moves where it is at first.
 
         Args:
             robots: the true robot, and what it changes to.
             kinematics: of the estimated robot.
-            motion: places that must be in the picture.
-            path: (L, k, 3) desired positions of the tips [m].
-            t: (F) moments that are shown [s].
+            t: (L) times of the run [s].
+            q: (L, nq) configurations that must be in the picture, or (1, nq) the first.
+            x_d: (L, .) desired task coordinates.
+            moments: (F) that are shown [s].
         """
-        self.window, self.poses = Window(), Keyframes(t)
+        self.window, self.poses = Window(), Keyframes(moments)
         self.root = meshcat.Visualizer(window=self.window)
-        path = path.swapaxes(0, 1)
-        traced = path.reshape(-1, 3)
-        self.viewpoint = Viewpoint.of(np.vstack([motion.points, traced]), traced)
-        self.size = size = float(self.viewpoint.box[:2].max())
         self.robots, self.kinematics, true = robots, kinematics, robots.robots[0]
+        motion = motion_in_time(robots, t[: len(q)], q)
+        self.traced, path = motion.tips, desired_tips(true, x_d, motion.tips).swapaxes(0, 1)
+        way = path.reshape(-1, 3)
+        self.viewpoint = viewpoint(np.vstack([motion.points, way]), way)
+        self.size = size = max(self.viewpoint["box"][:2])
         self._solid = DrawnRobot(self.root["true"], true, size, solid(TRUE))
         self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
         if true.visual is not None and len(true.visual.geometryObjects) > 0:
-            draw_shapes(self._solid.node, true.visual, true.model)
-            for number, shape in enumerate(true.visual.geometryObjects):  # stored only once
-                place = f"joint {shape.parentJoint}/shape {number}"
-                self._ghost.node[place].set_transform(scaled_placement(shape))
-                self.window.copy(self._solid.node[place], self._ghost.node[place], as_ghost=True)
+            draw_shapes(self._solid.node, self._ghost.node, true.visual, true.model)
         else:
             self._solid.stick_figure(solid(BONES))
             self._ghost.stick_figure(ghost())
@@ -287,13 +273,16 @@ class Scene:
         }
         return legend | ({"load": LOAD} if any(r.loads for r in self.robots.robots) else {})
 
-    def show(self, t: np.ndarray, q: np.ndarray, x_d: np.ndarray, a_k: np.ndarray) -> ChainMotion:
-        """Move everything to F moments and return where the true robot is.
+    def show(
+        self, t: np.ndarray, q: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
+    ) -> np.ndarray:
+        """Move everything to F moments, note the curves, and return the true tips (F, k, 3) [m].
 
         Args:
             t: (F) time [s].
             q: (F, nq) configurations.
-            x_d: (F, .) desired task coordinates.
+            x: (F, .) true task coordinates.
+            x_d: (F, .) desired ones.
             a_k: (F, p) estimates.
         """
         kinematics, poses, robots = self.kinematics, self.poses, self.robots.robots
@@ -303,13 +292,37 @@ class Scene:
         desired = desired_tips(robots[0], x_d, motion.tips).swapaxes(0, 1)
         for node, points in zip(self._points, desired, strict=True):
             poses.move(node, points)
-        carrying = self.robots.index(t)
+        still = np.zeros((len(t), 3))
         for number in range(len(robots)):
-            shown = np.where(carrying == number, 1.0, 1e-4)  # a ball too small to be seen
-            scale = np.column_stack([shown] * 3)
+            carrying = self.robots.index(t)[:, None] == number
+            scale = np.where(carrying, still + 1.0, 1e-4)  # a ball too small to be seen
             for node in self._solid.loads(number).values():
-                poses.move(node, np.zeros((len(t), 3)), None, scale)
-        return motion
+                poses.move(node, still, None, scale)
+        for moment, *values in zip(
+            t.round(4).tolist(), *self.curves(t, x, x_d, a_k).values(), strict=True
+        ):
+            read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
+            self.window.note(("reading", moment), reading={"t": moment, "values": read})
+        return motion.tips
+
+    def curves(
+        self, t: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Return the errors (F) of task and estimated translations, by label."""
+        robots, kinematics, curves = self.robots.robots, self.kinematics, dict[str, np.ndarray]()
+        task, self.units = robots[0].task, dict[str, str]()
+        error = np.array([task.error(*both) for both in zip(x, x_d, strict=True)])
+        for group in task.groups:
+            label = f"{group.name} error"
+            self.units[label], scale = group.shown
+            curves[label] = scale * np.linalg.norm(error[:, group.rows], axis=1)
+        truths = [kinematics.value(robot) for robot in robots]
+        known = all(truth is not None for truth in truths)
+        if known and kinematics.size and kinematics.calibrated:
+            off = np.linalg.norm(a_k - np.array(truths)[self.robots.index(t)], axis=1)
+            label = "error of tool and length estimates"
+            self.units[label], curves[label] = "mm", 1e3 * off
+        return curves
 
     def add_traces(self, name: str, tips: np.ndarray) -> list[Node]:
         """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""

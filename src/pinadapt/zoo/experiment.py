@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from .._checks import whole
+from .._output import Record
 from ..controller.limits import Limits
 from ..description.catalogue import catalogue, catalogue_entry
 from ..description.chain import effort_limits
@@ -24,15 +25,18 @@ from ..robot.loading import load
 from ..robot.motors import overloaded
 from ..robot.robot import Robot
 from ..robot.workspace import TOOL_ERROR as TOOL_ERROR
-from ..robot.workspace import WorkspaceCircle, find_circle
+from ..robot.workspace import find_circle
 from ..rollout.recording import extreme
 from ..rollout.rollout import Rollout
 from ..rollout.summary import ACCURATE, BETTER
+from ..rollout.summary import TURN as SWING
+from ..scenario.template import FRICTION
 from ..simulation.engine import Engine
 from ..simulation.simulate import simulate
 from ..sweep.cases import Plan
-from ..sweep.execution import FunctionWork, rows
-from ..sweep.table import DONE
+from ..sweep.execution import rows, work_of
+from ..sweep.table import DONE, Row
+from ..trajectories.periodic import Circle
 from ..trajectories.pose import PoseTrajectory, Swing
 from ..trajectories.trajectory import Trajectory
 from ..tuning.make_controller import make_controller
@@ -42,8 +46,6 @@ from ..tuning.unknowns import Unknown
 PERIOD = 1e-3  # [s], sampling period of the controller
 INERTIA_ERROR = 0.3  # relative, of the mass and inertia of each body of the model
 LOAD = 0.1  # relative to the chain's mass, but at most the last body's mass
-FRICTION = 0.5  # relative to typical friction of a robot of this size, times 0.5 to 1.5
-SWING = 0.2  # [rad], amplitude of the tool's rotation in a pose task
 # [s]; its last 10 % is a whole turn of the fastest circle, 3 s; half: less time to converge
 LEAST_DURATION = 30.0
 
@@ -130,12 +132,12 @@ def zoo_case(name: str, seed: int = 0, task: str | None = None) -> ZooCase:
     )
 
 
-def _motion(robot: Robot, found: WorkspaceCircle, rng: np.random.Generator) -> Trajectory:
+def _motion(robot: Robot, found: Circle, rng: np.random.Generator) -> Trajectory:
     """Return the circle through the robot's home position, in task coordinates.
 
     In a pose task the tool swings once per turn about a random axis.
     """
-    motion: Trajectory = found.motion(robot.task.positions)
+    motion: Trajectory = found
     if robot.task.size > robot.task.positions:
         motion = PoseTrajectory(motion, Swing(rng.standard_normal(3), SWING, found.period))
     return motion.starting_at(robot.position(robot.q0))
@@ -154,10 +156,6 @@ def _tool(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 POSITION, POSE, CONVERGED = "position", "pose", "converged"
-_MEASURED = (
-    *("joints", "radius", "unadapted", "adapted", "min_eig_M_hat", "min_singular_J_hat"),
-    *("unadapted_angle", "adapted_angle"),
-)
 
 
 def zoo_names(task: str = POSITION) -> list[str]:
@@ -172,14 +170,14 @@ def zoo_numbers(
     task: str = POSITION,
     adaptation: str = "",
     case_seed: int = 0,
-) -> dict[str, Any]:
+) -> Row:
     """Run one robot of the catalogue, with and without adaptation, as a case of a sweep.
 
     ``unadapted`` and ``adapted`` are the largest errors in the last 10 % of the duration [m],
     ``unadapted_angle`` and ``adapted_angle`` those of the orientation of a pose [rad];
     ``min_eig_M_hat`` and ``min_singular_J_hat`` are the smallest eigenvalue of the estimated mass
     matrix and singular value of the estimated Jacobian over the adapted run. None where there is
-    none.
+    none. A robot that is refused has a verdict alone.
 
     Args:
         robot: name in the catalogue.
@@ -188,7 +186,7 @@ def zoo_numbers(
         adaptation: name of an adaptation; "" is the default.
         case_seed: seed of tool, friction and model errors.
     """
-    row: dict[str, Any] = {"robot": robot, "law": law, "task": task, **dict.fromkeys(_MEASURED)}
+    row: Row = {"robot": robot, "law": law, "task": task}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict reports bodies that are not physical
         try:
@@ -198,54 +196,55 @@ def zoo_numbers(
     return {**row, "converged": row["verdict"] == CONVERGED}
 
 
-def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None) -> dict[str, Any]:
+def _measured(name: str, law: str, seed: int, task: str, adaptation: str | None) -> Row:
     """Return what both runs of a robot gave, with the verdict."""
     case = zoo_case(name, seed, POSE if task == POSE else None)
     adapted = _run(case, law, adaptation, case.duration)
     unadapted = _run(case, law, "none", case.repeating)
-    values = (
-        case.true.model.nv,
-        case.radius,
-        _last(case, unadapted, unadapted.distance),
-        _last(case, adapted, adapted.distance),
-        extreme(np.min, adapted.min_eig_M_hat),
-        extreme(np.min, adapted.min_singular_J_hat),
-        _last(case, unadapted, unadapted.angle),
-        _last(case, adapted, adapted.angle),
-    )
-    found = dict(zip(_MEASURED, values, strict=True))
+    found = {
+        "joints": case.true.model.nv,
+        "radius": case.radius,
+        "unadapted": _last(case, unadapted, unadapted.distance),
+        "adapted": _last(case, adapted, adapted.distance),
+        "min_eig_M_hat": extreme(np.min, adapted.min_eig_M_hat),
+        "min_singular_J_hat": extreme(np.min, adapted.min_singular_J_hat),
+        "unadapted_angle": _last(case, unadapted, unadapted.angle),
+        "adapted_angle": _last(case, adapted, adapted.angle),
+    }
     return {**found, "verdict": _verdict(case, found, adapted)}
 
 
 def run_zoo(
     names: Sequence[str],
-    law: str,
+    law: str = DEFAULT,
     *,
     seed: int = 0,
     processes: int | None = None,
     task: str = POSITION,
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Row]:
     """Run robots as a sweep and yield their numbers as they finish, see ``zoo_numbers``.
 
     Robots with most joints start first, so that the processes finish at about the same time.
 
     Args:
         names: names in the catalogue.
-        law: name of a law.
-        seed: seed of the cases.
+        law: an adaptive law (default: separation).
+        seed: of friction, tools and model errors (default: 0).
         processes: number of processes, 0 for none besides this one; None: one per core.
-        task: "position", or "pose" for robots with six and more joints.
+        task: position, a circle (default), or pose, a circle with a swinging tool, for chains of
+            six and more joints.
 
     Raises:
         RobotError: a name is not in the catalogue.
     """
+    whole(seed, "seed", 0)
     longest_first = sorted(names, key=lambda name: -catalogue_entry(name).joints)
     fixed = {"law": law, "task": task, "case_seed": seed}
     plan = Plan(function=zoo_numbers, case=[{"robot": name, **fixed} for name in longest_first])
-    for row in rows(FunctionWork(zoo_numbers), plan.cases, processes):
+    for row in rows(work_of(plan), plan.cases, processes):
         if row["status"] != DONE:
             row["verdict"] = f"{row['status']}: {row['reason']}"
-        yield {key: row.get(key) for key in ("robot", "law", "task", *_MEASURED, "verdict")}
+        yield row
 
 
 def _run(case: ZooCase, law: str, adaptation: str | None, duration: float) -> Rollout:
@@ -276,7 +275,7 @@ def _last(case: ZooCase, rollout: Rollout, errors: np.ndarray | None) -> float |
     return None if errors is None else extreme(np.max, errors[t > t[-1:] - 0.1 * case.duration])
 
 
-def _verdict(case: ZooCase, found: Mapping[str, Any], adapted: Rollout) -> str:
+def _verdict(case: ZooCase, found: Record, adapted: Rollout) -> str:
     """Return "converged", or how the run ended."""
     error, without, angle = found["adapted"], found["unadapted"], found["adapted_angle"]
     if adapted.diverged is not None:

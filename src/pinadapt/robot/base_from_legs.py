@@ -1,0 +1,90 @@
+"""Where the base of a robot is that stands, by an IMU and the joints of its legs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from .._checks import instance, vector
+from ..exceptions import RobotError
+from .robot import Robot
+
+# [m] above the lowest foot: in the air. Half: encoders of 14 bits lift a foot; twice: a foot that
+# is lifted by 4 cm in 0.4 s counts as standing for 10 ms longer
+_LIFTED = 5e-3
+
+
+class BaseFromLegs:
+    """Position, yaw and velocity of a free base, the feet that stand being at rest on level ground.
+
+    An IMU gives roll and pitch, and their rates. Position and yaw are those at which the feet are
+    nearest to where each has stood since it came down (least squares); velocity and yaw rate those
+    at which they move least. Nothing else tells where the robot is, so errors of the footholds add
+    up over steps.
+
+    Attributes:
+        footholds: (c, 3) where the feet stand in world axes [m].
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        """Begin at the home pose of a robot that stands on point feet.
+
+        Raises:
+            RobotError: it has fewer than three, or soles.
+        """
+        contacts = instance(robot, Robot, "robot").contacts
+        if len(contacts) < 3 or any(contact.sole is not None for contact in contacts):
+            raise RobotError("legs tell where a base is by three point feet.", where="contacts")
+        self._model, self._data = robot.model, robot.model.createData()
+        self._frames = [robot.model.getFrameId(contact.frame) for contact in contacts]
+        self._stood = np.ones(len(contacts), dtype=bool)
+        pin.framesForwardKinematics(self._model, self._data, robot.q0)
+        self.footholds = self._feet()
+
+    def _feet(self) -> np.ndarray:
+        """Return where the feet are (c, 3), of the last kinematics."""
+        return np.array([self._data.oMf[frame].translation for frame in self._frames])
+
+    def __call__(
+        self, q: np.ndarray, v: np.ndarray, tilt: np.ndarray, rates: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return q (nq) and v (n) with the base's coordinates of this sample.
+
+        Args:
+            q: (nq) with measured joints; the first six are not read.
+            v: (n) with measured velocities of the joints [rad/s]; the first six are not read.
+            tilt: pitch and roll (2) [rad].
+            rates: of pitch and roll (2) [rad/s].
+        """
+        q, v = q.copy(), v.copy()
+        q[:4], q[4:6] = 0.0, vector(tilt, 2, "tilt")
+        v[:4], v[4:6] = 0.0, vector(rates, 2, "rates")
+        model, data = self._model, self._data
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        feet = self._feet()
+        stands = feet[:, 2] < feet[:, 2].min() + _LIFTED
+        both = stands & self._stood
+        q[3] = self._yaw(feet[both, :2], self.footholds[both, :2])
+        turned = feet @ _about_z(q[3]).T
+        q[:3] = (self.footholds - turned)[both].mean(axis=0)
+        landed = stands & ~self._stood
+        self.footholds[landed, :2] = (turned + q[:3])[landed, :2]  # on level ground
+        self._stood = stands
+        standing, axes = np.array(self._frames)[stands].tolist(), pin.LOCAL_WORLD_ALIGNED
+        rows = [pin.getFrameJacobian(model, data, frame, axes)[:3] for frame in standing]
+        A = np.concatenate(rows)
+        v[:4] = np.linalg.lstsq(A[:, :4], -A @ v, rcond=None)[0]
+        v[:3] = _about_z(q[3]) @ v[:3]
+        return q, v
+
+    @staticmethod
+    def _yaw(feet: np.ndarray, footholds: np.ndarray) -> float:
+        """Return the angle that turns feet (c, 2) onto footholds (c, 2), about their middles."""
+        a, b = feet - feet.mean(axis=0), footholds - footholds.mean(axis=0)
+        return float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
+
+
+def _about_z(angle: float) -> np.ndarray:
+    """Return the rotation (3, 3) about z."""
+    return np.asarray(pin.rpy.rpyToMatrix(0.0, 0.0, angle))

@@ -1,0 +1,171 @@
+"""A crawl: one foot of a standing robot moves at a time, the trunk over the others before."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from .._checks import positive, vector, whole
+from ..exceptions import InputError
+from ..records import Desired, DesiredSteps, Feet
+from .trajectory import Trajectory, minimum_jerk
+
+# of the largest possible distance to the edges of the triangle of support; half: a load beside the
+# trunk's middle tips the robot, twice: legs reach their limits
+_MARGIN = 0.5
+
+
+class Crawl(Trajectory):
+    """The pose of the trunk, and the motion of the feet.
+
+    A step has two parts of minimum jerk: the trunk moves until the centre of mass of the described
+    robot is above the triangle of the feet that will stand, then one foot moves while the trunk
+    rests. The order is that of animals which walk slowly, each hind foot before the fore foot of
+    its side. The trunk keeps height and orientation.
+
+    Attributes:
+        steps: how many.
+        shift, swing: durations of the parts [s].
+        length, height: of a step [m].
+    """
+
+    exact = True
+    _start: np.ndarray
+    _order: list[int]
+    _trunk: list[np.ndarray]
+
+    def __init__(
+        self,
+        steps: int = 12,
+        length: float = 0.06,
+        height: float = 0.04,
+        shift: float = 0.6,
+        swing: float = 0.4,
+    ) -> None:
+        """Take the steps; ``on`` a robot they begin at its home pose.
+
+        Args:
+            steps: how many.
+            length: of a step, along the axis x of the world; negative: backwards [m].
+            height: by which a foot is lifted [m].
+            shift: time for the trunk before each step [s].
+            swing: time for the foot [s].
+
+        Raises:
+            InputError: numbers that are not finite, or not positive.
+        """
+        self.steps, self.height = whole(steps, "steps", 1), positive(height, "height")
+        self.length = float(vector(length, 1, "length")[0])
+        self.shift, self.swing = positive(shift, "shift"), positive(swing, "swing")
+        self.settles = self.steps * (self.shift + self.swing) + self.shift
+        self._footholds: list[np.ndarray] = []
+
+    def on(self, robot: Any) -> Crawl:
+        """Return the crawl of a robot that stands on four point feet, its task the trunk's pose.
+
+        Raises:
+            InputError: a robot with other contacts or another task.
+        """
+        contacts = robot.contacts
+        if len(contacts) != 4 or any(contact.sole is not None for contact in contacts):
+            raise InputError("a crawl is for four point feet.", where="robot.contacts")
+        if robot.task.coordinates != 7:
+            raise InputError("a crawl needs the pose of the trunk as task.", where="robot.task")
+        model, data, planned = robot.model, robot.model.createData(), copy(self)
+        pin.framesForwardKinematics(model, data, robot.q0)
+        feet = np.array([data.oMf[model.getFrameId(part.frame)].translation for part in contacts])
+        planned._start = start = robot.position(robot.q0)
+        offset, order = pin.centerOfMass(model, data, robot.q0)[:2] - start[:2], _order(feet[:, :2])
+        planned._order = [order[i % 4] for i in range(self.steps)]
+        planned._footholds, planned._trunk = [feet], [start[:3]]
+        for foot in planned._order:
+            above = _inside(np.delete(feet[:, :2], foot, axis=0)) - offset
+            planned._trunk.append(np.append(above, start[2]))
+            feet = feet.copy()
+            feet[foot, 0] += self.length
+            planned._footholds.append(feet)
+        way = (planned._footholds[-1] - planned._footholds[0]).mean(axis=0)
+        planned._trunk.append(start[:3] + way)
+        return planned
+
+    def shifted(self, by: ArrayLike) -> Trajectory:
+        """Refuse: the steps begin where the robot stands.
+
+        Raises:
+            InputError: always.
+        """
+        raise InputError("a crawl begins at the robot's home pose.", where="trajectory")
+
+    @property
+    def footholds(self) -> np.ndarray:
+        """Where the feet stand after each step, and at first (steps + 1, 4, 3) [m]."""
+        return np.array(self._footholds)
+
+    def at(self, t: float) -> Desired:
+        """Return the pose of the trunk and the motion of the feet at time t [s].
+
+        Raises:
+            InputError: it is on no robot yet.
+        """
+        if not self._footholds:
+            raise InputError("give it a robot first, by on(robot).", where="trajectory")
+        period = self.shift + self.swing
+        k = min(int(max(t, 0.0) / period), self.steps)
+        t -= k * period
+        x, xd, xdd = _moved(self._trunk[k], self._trunk[k + 1], t, self.shift)
+        feet = self._footholds[k]
+        stands, still = np.ones(4, dtype=bool), np.zeros((2, 4, 3))
+        motion = Feet(stands, feet.copy(), *still)
+        if k < self.steps and t > self.shift:
+            foot, u = self._order[k], (t - self.shift) / self.swing
+            stands[foot] = False
+            moved = _moved(feet[foot], self._footholds[k + 1][foot], t - self.shift, self.swing)
+            for part, own, rise in zip(motion[1:], moved, _bump(u, self.swing), strict=True):
+                part[foot] = own + np.array([0.0, 0.0, self.height * rise])
+        rest = np.zeros(3)
+        trunk = Desired(np.append(x, self._start[3:]), np.append(xd, rest), np.append(xdd, rest))
+        return DesiredSteps.of(trunk, motion)
+
+
+def _moved(
+    start: np.ndarray, end: np.ndarray, t: float, T: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return position, velocity and acceleration (3) at t of a move that takes T [s]."""
+    s, sd, sdd = minimum_jerk(min(max(t / T, 0.0), 1.0))
+    return start + s * (end - start), sd / T * (end - start), sdd / T**2 * (end - start)
+
+
+def _bump(u: float, T: float) -> tuple[float, float, float]:
+    """Return 64 (u (1 - u))^3, u = t / T, with two derivatives: from 0 to 1 and back."""
+    w, wd = u * (1.0 - u), 1.0 - 2.0 * u
+    return (
+        64.0 * w**3,
+        192.0 * w * w * wd / T,
+        384.0 * w * (wd * wd - w) / T**2,
+    )
+
+
+def _order(feet: np.ndarray) -> list[int]:
+    """Return the feet (4, 2) in the order of a crawl: hind, then fore, of one side and the other.
+
+    The fore ones are those with the largest x.
+    """
+    hind, fore = np.split(np.argsort(feet[:, 0]), 2)
+    sides = [pair[np.argsort(feet[pair, 1])] for pair in (hind, fore)]
+    return [int(sides[i][side]) for side in (0, 1) for i in (0, 1)]
+
+
+def _inside(triangle: np.ndarray) -> np.ndarray:
+    """Return the point (2) on the way from the middle of the longest edge to the incentre (3, 2).
+
+    The incentre has the largest distance from the edges.
+    """
+    edges = [np.linalg.norm(triangle[i - 1] - triangle[i - 2]) for i in range(3)]
+    incentre = np.average(triangle, axis=0, weights=edges)
+    opposite = int(np.argmax(edges))
+    middle = 0.5 * (triangle[opposite - 1] + triangle[opposite - 2])
+    return np.asarray(middle + _MARGIN * (incentre - middle))

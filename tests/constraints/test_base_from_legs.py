@@ -1,0 +1,74 @@
+"""The base of a robot that stands, by an IMU and its legs."""
+
+import math
+from itertools import islice
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.robot import BaseFromLegs
+from pinadapt.trajectories import Crawl
+from tests.constraints.test_standing import TRUNK, Swaying, standing
+
+
+def test_legs_tell_where_a_moving_base_is():
+    """Along a motion that keeps the feet; joints, pitch and roll are all that is read."""
+    robot = standing("a1")
+    legs, constraints = BaseFromLegs(robot), robot.constrained
+    q, dt, rng = robot.q0.copy(), 1e-3, np.random.default_rng(0)
+    wish = 0.2 * rng.standard_normal(6)
+    for _ in range(300):
+        A, _ = constraints.at(q, np.zeros(18))
+        v = np.append(wish, np.zeros(12))
+        v[6:] = np.linalg.solve(A[:, 6:], -A[:, :6] @ wish)
+        blind_q, blind_v = q.copy(), v.copy()
+        blind_q[:6], blind_v[:6] = np.nan, np.nan
+        found, rate = legs(blind_q, blind_v, q[4:6], v[4:6])
+        assert np.allclose(found, q, atol=1e-4) and np.allclose(rate, v, atol=1e-9)
+        q = q + dt * v  # the feet drift by the step's error alone
+
+
+def test_a_foot_that_came_down_elsewhere_is_a_new_foothold():
+    robot = standing("a1")
+    legs, still = BaseFromLegs(robot), np.zeros(18)
+    model, data = robot.model, robot.model.createData()
+    crawl = Crawl(steps=1).on(robot)
+    frame = model.getFrameId(robot.contacts[crawl._order[0]].frame)
+    dofs = slice(6 + 3 * crawl._order[0], 9 + 3 * crawl._order[0])
+    q = robot.q0.copy()
+    for t in np.arange(0.0, crawl.settles, 0.01):
+        desired = crawl.at(t)
+        for _ in range(20):  # the other legs stand where they do, the trunk rests
+            pin.framesForwardKinematics(model, data, q)
+            off = data.oMf[frame].translation - desired.feet.x_d[crawl._order[0]]
+            J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
+            q[dofs] -= np.linalg.solve(J[:3, dofs], off)
+        found, _ = legs(q, still, q[4:6], still[4:6])
+        assert np.allclose(found, q, atol=2e-2)  # a foot that is barely lifted counts as standing
+    assert np.allclose(found, q, atol=2e-3)
+    assert np.allclose(legs.footholds, crawl.footholds[1], atol=5e-3)
+
+
+@pytest.mark.slow
+def test_a_heavy_load_is_held_with_coarse_encoders_and_a_tilted_imu():
+    """11 kg on 13 kg: height within 10 mm, as nothing else measures the base."""
+    robot = standing("a1")
+    true = robot.changed(payload=pa.Payload(11.0, (0.05, 0.02, 0.08)))
+    sensors = pa.Sensors(encoder=2.0 * math.pi / 2**14, imu=pa.Imu(tilt=math.radians(0.3)))
+    controller = pa.make_controller(robot, unknown=TRUNK, sensors=sensors)
+    simulated = pa.plants.SimulatedSensors(true, 1e-3, sensors)
+    plant = pa.plants.MujocoPlant(true)
+    stream = pa.run(plant, controller, Swaying(robot), dt=1e-3, sensors=simulated)
+    samples = list(islice(stream, 2500))
+    heights = [sample.truth.x[2] - sample.desired.x_d[2] for sample in samples]
+    assert np.abs(heights).max() < 5e-3
+    assert samples[-1].state.a_d[0] == pytest.approx(true.model.inertias[6].mass, rel=0.02)
+
+
+def test_robots_without_three_point_feet_are_refused():
+    with pytest.raises(pa.exceptions.RobotError, match="three point feet"):
+        BaseFromLegs(standing("talos"))
+    with pytest.raises(pa.exceptions.InputError, match=r"imu\.tilt"):
+        pa.Imu(tilt=-1.0)

@@ -1,0 +1,101 @@
+"""Contacts that change: the motion of a crawl, its refusals, and a load found while walking."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinadapt as pa
+from pinadapt.records import DesiredSteps, Feet
+from pinadapt.trajectories import Crawl, Retimed, SlowedTime
+from tests.constraints.test_standing import FEET, TRUNK, standing
+
+
+@pytest.mark.parametrize("slowness", [1.0, 1.7])
+def test_velocities_of_a_crawl_are_those_of_differences(slowness):
+    crawl, h = Crawl(steps=3).on(standing("a1")), 1e-4
+    motion = Retimed(crawl, SlowedTime(slowness))
+    for t in np.linspace(0.05, slowness * crawl.settles - 0.05, 40).tolist():
+        before, now, after = (motion.at(t + sign * h) for sign in (-1.0, 0.0, 1.0))
+        for m, part in ((3, slice(0, 3)), (4, None)):
+            (x_b, v_b, _), (_, v, a), (x_a, v_a, _) = (
+                each.feet[1:] if part is None else each[part] for each in (before, now, after)
+            )
+            assert np.allclose((x_a - x_b)[:m] / (2.0 * h), v[:m], atol=1e-4)
+            assert np.allclose((v_a - v_b) / (2.0 * h), a, atol=1e-2)
+
+
+def test_the_centre_of_mass_is_above_the_feet_that_stand():
+    robot = standing("a1")
+    crawl, model = Crawl(steps=8).on(robot), robot.model
+    offset = pin.centerOfMass(model, model.createData(), robot.q0) - robot.q0[:3]
+    for k in range(8):
+        desired = crawl.at(k * (crawl.shift + crawl.swing) + crawl.shift + 0.5 * crawl.swing)
+        triangle = desired.feet.x_d[desired.feet.stands]
+        assert len(triangle) == 3
+        shares = np.linalg.solve(
+            np.vstack([triangle[:, :2].T, np.ones(3)]), np.append((desired.x_d[:3] + offset)[:2], 1)
+        )
+        assert shares.min() > 0.05
+    assert np.allclose(crawl.footholds[8] - crawl.footholds[0], [0.12, 0.0, 0.0])
+
+
+@pytest.mark.slow
+def test_a_load_is_found_while_walking():
+    robot = standing("a1")
+    true = robot.changed(payload=pa.Payload(mass=6.0, com=(0.05, 0.02, 0.08)))
+    controller, crawl = pa.make_controller(robot, unknown=TRUNK), Crawl(steps=3).on(robot)
+    rollout = pa.simulate(true, controller, crawl, duration=3.4, engine="mujoco", progress=False)
+    assert rollout.distance.max() < 2e-3 and rollout.distance[-500:].max() < 2e-4
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, rollout.q[-1])
+    feet = [data.oMf[model.getFrameId(foot)].translation for foot in FEET["a1"]]
+    assert np.allclose(feet, crawl.footholds[3], atol=1e-3)
+    found, truth = (
+        each.model.inertias[robot.carriers[0] + 1].mass for each in (rollout.learned(), true)
+    )
+    assert found == pytest.approx(truth, rel=0.01)
+
+
+def test_forces_of_feet_in_the_air_are_zero():
+    robot = standing("a1")
+    controller = pa.make_controller(robot, unknown=TRUNK)
+    forces = controller._forces
+    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
+    A, _ = forces.constraints.at(robot.q0, np.zeros(g.size))
+    missed = []
+    for foot in range(4):
+        stands = np.arange(4) != foot
+        tau, rows = forces.torque(robot.q0, g, stands), A[np.repeat(stands, 3)]
+        leg = slice(6 + 3 * foot, 9 + 3 * foot)
+        assert np.allclose(tau[leg], g[leg], atol=1e-9)  # it bears no more than its own leg
+        f = np.linalg.lstsq(rows.T, g - tau, rcond=None)[0]
+        missed.append(np.linalg.norm(rows.T @ f + tau - g) / np.linalg.norm(g))
+    assert min(missed) < 1e-4  # the centre of mass is above some of these triangles
+
+
+def test_what_cannot_crawl_is_refused():
+    with pytest.raises(pa.exceptions.InputError, match="four point feet"):
+        Crawl().on(standing("talos"))
+    with pytest.raises(pa.exceptions.InputError, match="pose of the trunk"):
+        Crawl().on(standing("a1", task="joint"))
+    with pytest.raises(pa.exceptions.InputError, match="steps"):
+        Crawl(steps=0)
+
+
+@pytest.mark.parametrize(
+    ("name", "feet", "message"),
+    [
+        ("a1", Feet(np.ones(3, bool), *np.zeros((3, 4, 3))), "4 bools"),
+        ("a1", Feet(np.ones(4, bool), *np.zeros((3, 3, 3))), "4 x 3 numbers"),
+        ("a1", (1, 2), "Feet"),
+    ],
+)
+def test_feet_that_do_not_fit_are_refused(name, feet, message):
+    robot = standing(name)
+    controller = pa.make_controller(robot, unknown=TRUNK)
+    still = np.zeros(robot.model.nv)
+    measurement = pa.Measurement(0.0, robot.q0, still, robot.position(robot.q0))
+    desired = pa.Desired(measurement.x, np.zeros(6), np.zeros(6))
+    desired = DesiredSteps.of(desired, feet)
+    with pytest.raises(pa.exceptions.InputError, match=message):
+        controller.step(controller.init(measurement), measurement, desired, 1e-3)
