@@ -54,6 +54,7 @@ from .robot import Payload as Payload
 from .robot import Robot as Robot
 from .robot import load as load
 from .robot import reachable_circle as reachable_circle
+from .robot import reachable_circles as reachable_circles
 from .rollout import Rollout as Rollout
 from .scenario import Scenario as Scenario
 from .scenario import compare as compare

@@ -25,6 +25,7 @@ from .records import Desired, Measurement
 from .robot.motors import torque_limits
 from .robot.robot import Robot
 from .tasks.frame import FrameTask
+from .tasks.several_frames import FramesTask
 from .tasks.task import Task
 from .trajectories.given import TrajectoryLike, as_trajectory
 from .trajectories.periodic import FourierSeries
@@ -104,7 +105,7 @@ def joint_motion(
 ) -> JointMotion:
     """Return the joint motion and torques that a motion requires of a robot.
 
-    For a task of the frame by inverse kinematics: damped least squares from one instant to the
+    For a task of frames by inverse kinematics: damped least squares from one instant to the
     next, with the return of the null space to the home pose that the control laws have by default,
     at the motion's own speed. Where the damping limits the motion, for example outside of the
     workspace, ``off`` exceeds 1.
@@ -124,7 +125,7 @@ def joint_motion(
         )
     model, data, n = robot.model, robot.model.createData(), robot.model.nv
     asked = [motion.at(float(each)) for each in s]
-    if isinstance(robot.task, FrameTask):
+    if isinstance(robot.task, FrameTask | FramesTask):
         h, targets = float(s[1] - s[0]), [each.x_d for each in asked]
         poses, off = _followed(robot, robot.task, targets, h, robot.q0 if q is None else q)
         angles = np.array([angles_from_configuration(model, pose) for pose in poses])
@@ -146,7 +147,7 @@ def joint_motion(
 
 
 def _followed(
-    robot: Robot, task: FrameTask, targets: list[np.ndarray], h: float, q: np.ndarray
+    robot: Robot, task: FrameTask | FramesTask, targets: list[np.ndarray], h: float, q: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return configurations (N, nq) for N targets h [s] apart, and how far (N) they are off these.
 
@@ -161,10 +162,8 @@ def _followed(
 
     def jacobian(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the Jacobian (m, n) and the coordinates at q (nq)."""
-        pin.computeJointJacobians(model, data, q)
-        placement = pin.updateFramePlacement(model, data, robot.frame_id)
-        J = pin.getFrameJacobian(model, data, robot.frame_id, pin.LOCAL_WORLD_ALIGNED)
-        return arms[:, None] * task.jacobian(placement, J), task.of(placement)
+        x, J = task.linear_map(model, data, robot.frame_id, q)
+        return arms[:, None] * J, x
 
     def stepped(
         q: np.ndarray, target: np.ndarray, following: np.ndarray, share: float

@@ -51,7 +51,7 @@ def test_a_load_is_found_while_walking():
     feet = [data.oMf[model.getFrameId(foot)].translation for foot in FEET["a1"]]
     assert np.allclose(feet, crawl.footholds[3], atol=1e-3)
     found, truth = (
-        each.model.inertias[robot.carrier + 1].mass for each in (rollout.learned(), true)
+        each.model.inertias[robot.carriers[0] + 1].mass for each in (rollout.learned(), true)
     )
     assert found == pytest.approx(truth, rel=0.01)
 

@@ -57,9 +57,15 @@ def test_the_declaration_of_actuators_on_the_page_on_hardware_runs(capsys):
 
 
 def test_the_page_on_whole_robots_runs(tmp_path, monkeypatch, capsys):
-    standing, linkage = blocks("whole_robots")
+    several, standing, linkage = blocks("whole_robots")
     monkeypatch.chdir(ROOT)
     scope = {}
+    with pytest.warns(UserWarning, match="not physical"):  # TIAGo's shoulders
+        exec(several.replace('"learned.urdf"', f'"{tmp_path}/learned.urdf"'), scope)
+    assert scope["rollout"].distance[-100:].max() < 1e-5
+    true, frames = scope["true"], [f"{frame}_learned" for frame in scope["robot"].frames]
+    learned = pa.load(tmp_path / "learned.urdf", frames=frames)
+    assert learned.position(true.q0) == pytest.approx(true.position(true.q0), abs=1e-6)
     exec(standing.replace('"learned.urdf"', f'"{tmp_path}/learned.urdf"'), scope)
     assert scope["rollout"].distance[-100:].max() < 5e-4
     learned = pa.load(tmp_path / "learned.urdf", base="free", contacts=scope["feet"])

@@ -47,6 +47,7 @@ CHANGES = {
 VALUES = {
     "robot": {
         "frame": "tip",
+        "frames": [],
         "task": "joint",
         "locked": [],
         "q0": [0.4, 0.9],
@@ -135,7 +136,7 @@ MOTION = {
     "relative": True,
     "point": [1.2, 0.3],
 }
-PLANAR = [kind for kind in MOTIONS if kind not in ("pose", "swing", "crawl")]
+PLANAR = [kind for kind in MOTIONS if kind not in ("pose", "swing", "stacked", "crawl")]
 ELSEWHERE = {"source", "robot", "learned", "tracker", "camera", "self"}  # tested by their own
 
 

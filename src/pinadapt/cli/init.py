@@ -10,10 +10,10 @@ from .._output import write_text
 from ..laws import LAWS
 from ..scenario.scenario import Scenario
 from ..scenario.template import Template, scenario_text
-from .command_line import add_arguments_of, add_description, add_out_file, check_new, given
+from .command_line import add_arguments_of, add_description, add_out_file, check_new, given, names
 
 _CHOICES = {
-    "frame": str,
+    "frame": {"type": names, "action": "extend"},
     "task": str,
     "law": tuple(name for name, law in LAWS.items() if law.adapts),
     "tracker": bool,
@@ -48,7 +48,8 @@ def init(options: Namespace) -> int:
     check_new(file, force=options.force)
     write_text(file, scenario_text(template, file.parent))
     robot, task = template.robot, template.task
-    which = "the whole robot" if template.whole else f"to '{robot.frame}'"
+    ends = "', '".join(robot.frames)
+    which = "the whole robot" if template.whole else f"to '{ends}'"
     print(f"{file}: {robot.model.nv} joints, {which}, task {task}.")
     if robot.locked:
         print(f"Not controlled: {', '.join(robot.locked)}. All joints: --task joint.")

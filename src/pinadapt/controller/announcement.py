@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import EllipsisType
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation
+from ..description.chain import frame_id
 from ..exceptions import ParameterError
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import placement_of
-from ..robot.changes import Payload
+from ..robot.changes import Load, Payload, by_frame
 from ..robot.robot import Robot
 from .limits import ControllerLimits
 from .state import ControllerState
@@ -32,9 +34,9 @@ class NominalRobot:
     """
 
     unloaded: Robot
-    load: Payload | None = None
+    load: Load = None
 
-    def robot(self, load: Payload | None) -> Robot:
+    def robot(self, load: Load) -> Robot:
         """Return the robot as described with a load, or none."""
         return self.unloaded if load is None else self.unloaded.changed(payload=load)
 
@@ -55,8 +57,8 @@ class ControllerParts(Protocol):
 def announced_state(
     controller: ControllerParts,
     state: ControllerState,
-    payload: Payload | EllipsisType | None,
-    tool_translation: ArrayLike | None,
+    payload: Load | EllipsisType,
+    tool_translation: ArrayLike | Mapping[str, ArrayLike] | None,
 ) -> ControllerState:
     """Return the state after announcing a new load and a new tool; see ``Controller.announce``.
 
@@ -71,7 +73,7 @@ def announced_state(
             hint="Give it Controller(..., nominal=NominalRobot(robot)), or use make_controller.",
         )
     if not isinstance(payload, EllipsisType):
-        if not isinstance(payload, Payload | None):
+        if not isinstance(payload, Payload | Mapping | None):
             raise ParameterError(f"expected a Payload or None, got {payload!r}.", where="payload")
         state = _loaded(controller, nominal, state, payload)
     if tool_translation is None:
@@ -86,7 +88,7 @@ def announced_state(
 
 
 def _loaded(
-    controller: ControllerParts, nominal: NominalRobot, state: ControllerState, load: Payload | None
+    controller: ControllerParts, nominal: NominalRobot, state: ControllerState, load: Load
 ) -> ControllerState:
     """Return the state with a load in place of the one announced before.
 
@@ -118,22 +120,24 @@ def _at_lengths(robot: Robot, kinematics: TaskKinematics, a_k: np.ndarray) -> Ro
 
 
 def _with_tool(
-    kinematics: TaskKinematics, described: Robot, a_k: np.ndarray, translation: ArrayLike
+    kinematics: TaskKinematics, described: Robot, a_k: np.ndarray, translation: Any
 ) -> np.ndarray:
-    """Return the estimate (p) with the parameters of a tool (3) [m] among the other ones.
+    """Return the estimate (p) with the parameters of announced tools (3) [m] among the other ones.
 
     Raises:
         InputError: the tool is not among the parameters, or not a value of them.
     """
-    model, frame = described.changed(tool_translation=translation).model, described.frame_id
-    place = placement_of(model, frame, None)
-    tool = place.translation.copy()
+    model = described.changed(tool_translation=translation).model
+    named = by_frame(translation, described.frames, "tool_translation")
+    places = [placement_of(model, frame_id(model, name), None) for name in named]
+    tools = [place.translation.copy() for place in places]
     kinematics.write(model, a_k)
-    place.translation[:] = tool
+    for place, tool in zip(places, tools, strict=True):
+        place.translation[:] = tool
     if any(part.joint is None for part in kinematics.translations):
         announced = kinematics.read(model, a_k)
         kinematics.write(model, announced)
-        if np.allclose(place.translation, tool, atol=1e-9):
+        if np.allclose([place.translation for place in places], tools, atol=1e-9):
             return announced
     raise ParameterError(
         f"the kinematic parameters {list(kinematics.names)} cannot express this tool.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from threading import Lock
@@ -26,7 +26,7 @@ from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Desired, Measurement
-from ..robot.changes import Payload
+from ..robot.changes import Load
 from ..robot.motors import Compensation, LateTorque, torque_limits
 from ..robot.robot import Robot
 from ..signals import Signals
@@ -144,7 +144,8 @@ class Controller:
             self.adaptation_k,
             self.adaptation_d,
         )
-        words = f"controller: {self.law.name} of {kinematics.task.name} of {kinematics.frame}, "
+        frames = " and ".join(kinematics.robot.frames)
+        words = f"controller: {self.law.name} of {kinematics.task.name} of {frames}, "
         words += f"{kinematics.size} kinematic parameters ({adaptation_k.name}), "
         words += f"{self.dynamics.size} dynamic ones ({adaptation_d.name})"
         actuators = self.limits.actuators
@@ -286,8 +287,8 @@ class Controller:
         self,
         state: ControllerState,
         *,
-        payload: Payload | EllipsisType | None = ...,
-        tool_translation: ArrayLike | None = None,
+        payload: Load | EllipsisType = ...,
+        tool_translation: ArrayLike | Mapping[str, ArrayLike] | None = None,
     ) -> ControllerState:
         """Return the state after announcing what the robot carries from now on.
 
@@ -300,7 +301,8 @@ class Controller:
                 description's with this load, whatever was learned there before; the others keep
                 what was learned. Other parameters (a basis, lumped ones) cannot separate the last
                 body from the arm: they change by the difference between this load and the one last
-                announced; a load that was learned without being announced stays in them.
+                announced; a load that was learned without being announced stays in them. Of several
+                task frames the loads are given by the frames' names, and so are tools.
             tool_translation: (3) [m] of the tool from now on, from the description's frame, in its
                 axes; None: as before.
 

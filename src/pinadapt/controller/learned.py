@@ -181,7 +181,7 @@ class LearnedParameters:
         Args:
             controller: with the same dynamic parameters.
             same_load: whether the load is the one that was learned. Otherwise the information
-                leaves the last body out, so that it holds for any load.
+                leaves the bodies of the task frames out, so that it holds for any load.
 
         Raises:
             ParameterError: its parameters have other names.
@@ -196,7 +196,8 @@ class LearnedParameters:
         if self.information:
             rows, names = np.array(self.information), list(self.dynamic)
             if not same_load:
-                rows = _without(rows, names, controller.kinematics.robot.joint_names[-1])
+                robot = controller.kinematics.robot
+                rows = _without(rows, names, [robot.joint_names[k] for k in robot.carriers])
             start["information"] = rows[:, [names.index(name) for name in dynamic]]
         return start
 
@@ -245,13 +246,14 @@ class LearnedParameters:
         return replace(found, information=tuple(tuple(row) for row in rows.tolist()))
 
 
-def _without(rows: np.ndarray, names: Sequence[str], body: str) -> np.ndarray:
-    """Return what rows (r, p) say whatever the ten parameters of a body are.
+def _without(rows: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> np.ndarray:
+    """Return what rows (r, p) say whatever the ten parameters of some bodies are.
 
     With C the columns of these, (1 - C C^+) R: its square is the Schur complement of their block in
     R^T R.
     """
-    own = [k for k, name in enumerate(names) if name in {f"{body}.{part}" for part in LABELS}]
+    loaded = {f"{body}.{part}" for body in bodies for part in LABELS}
+    own = [k for k, name in enumerate(names) if name in loaded]
     if not own:
         return rows
     sizes = np.linalg.norm(rows[:, own], axis=0)

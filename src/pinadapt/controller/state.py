@@ -13,7 +13,7 @@ from ..adaptation.adaptation import Estimate
 from ..exceptions import InputError
 from ..models.delay_compensation import SensedState
 from ..records import Desired, Measurement
-from ..robot.changes import Payload
+from ..robot.changes import Load
 from .governor import PathTime
 from .sensing import LASTS, row
 
@@ -64,7 +64,7 @@ class ControllerState(NamedTuple):
     a_0: np.ndarray
     filters: Any
     adapting: bool = True
-    load: Payload | None = None
+    load: Load = None
     sensed: SensedState = _NOTHING
     torque_filter: Any = ()
     path: PathTime | None = None

@@ -194,16 +194,24 @@ def warn_beyond_limits(model: pin.Model, angles: np.ndarray) -> None:
         )
 
 
-def reach(model: pin.Model, frame: int) -> float:
+def reach(model: pin.Model, frame: int, joints: Sequence[int] | None = None) -> float:
     """Return the length [m] of the stretched chain from its first joint to a frame.
 
     Prismatic joints count with their stroke. One without limits, such as a mobile base, counts
     only if the chain has no other extent: then with 2 m.
+
+    Args:
+        model: of the chain.
+        frame: index of the frame.
+        joints: of the chain, from the base; None: all of the model.
     """
-    slides = [is_slide(joint) for joint in model.joints[1:]]
+    own = list(range(1, model.njoints)) if joints is None else list(joints)
+    slides = [joint - 1 for joint in own if is_slide(model.joints[joint])]
     lower, upper = (limit[slides] for limit in position_bounds(model))
     limited = np.isfinite(position_limits(model)[0][slides])
-    length = sum(map(np.linalg.norm, _steps(model, frame))) + (upper - lower)[limited].sum()
+    steps = [*(model.jointPlacements[joint] for joint in own[1:]), model.frames[frame].placement]
+    length = sum(np.linalg.norm(step.translation) for step in steps)
+    length += (upper - lower)[limited].sum()
     return float(length or (upper - lower).sum())
 
 

@@ -13,7 +13,15 @@ import numpy as np
 import pinocchio as pin
 
 from ..exceptions import RobotError
-from .chain import Mimics, check_physical, effort_limits, is_slide, links_of, position_limits
+from .chain import (
+    Mimics,
+    check_physical,
+    effort_limits,
+    frame_id,
+    is_slide,
+    links_of,
+    position_limits,
+)
 from .urdf import check_numbers, xml_text
 from .urdf_writer import axis_of, digits, first_comment, free_name
 
@@ -142,7 +150,7 @@ def mjcf_text(robot: Any) -> str:
     root.append(first_comment(robot, f"The chain alone, without shapes.{lost}"))
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=digits(model.gravity.linear))
-    bodies, taken = [ElementTree.SubElement(root, "worldbody")], {robot.frame, "world"}
+    bodies, taken = [ElementTree.SubElement(root, "worldbody")], {*robot.frames, "world"}
     motors = ElementTree.Element("actuator")
     limits, efforts = np.transpose(position_limits(model)), effort_limits(model)
     effects = {
@@ -167,9 +175,10 @@ def mjcf_text(robot: Any) -> str:
         motor = ElementTree.SubElement(motors, "motor", name=f"{name}_motor", joint=name)
         if np.isfinite(effort := efforts[index - 1]):
             motor.set("ctrlrange", digits([-effort, effort]))
-    frame = model.frames[robot.frame_id]
-    site = {"name": robot.frame, **_at(frame.placement)}
-    ElementTree.SubElement(bodies[frame.parentJoint], "site", site)
+    for name in robot.frames:
+        frame = model.frames[frame_id(model, name)]
+        site = {"name": name, **_at(frame.placement)}
+        ElementTree.SubElement(bodies[frame.parentJoint], "site", site)
     root.append(motors)
     ElementTree.indent(root)
     return xml_text(root) + "\n"

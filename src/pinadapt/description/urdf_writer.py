@@ -78,7 +78,8 @@ class _Edited:
             now = model.jointPlacements[index]
             if not _same(now, self.described.jointPlacements[index]):
                 self._place(self.joints[name], now)
-        self._place_tool()
+        for name in self.robot.frames:
+            self._place_tool(name)
         for index in range(max(own[0][0] - 1, 1), len(names) + 1):  # with a free base, its root
             self._write_inertia(index)
         for attribute, values in _effects(self.robot).items():
@@ -95,9 +96,9 @@ class _Edited:
             ElementTree.SubElement(extension, "compiler", strippath="false")
         return self.root
 
-    def _place_tool(self) -> None:
-        """Move the task frame: the joint of a last link without mass, else a new link."""
-        name, frame = self.robot.frame, self.robot.model.frames[self.robot.frame_id]
+    def _place_tool(self, name: str) -> None:
+        """Move a task frame: the joint of a last link without mass, else a new link."""
+        frame = self.robot.model.frames[frame_id(self.robot.model, name)]
         if _same(frame.placement, self._placement(name)):
             return
         parents = {_end(joint, "parent") for joint in self.joints.values()}
@@ -187,7 +188,7 @@ def _skeleton(robot: Any) -> Origin:
     limits, 1e9.
     """
     model, root = robot.model, ElementTree.Element("robot", name=robot.name)
-    taken = {robot.frame}
+    taken = set(robot.frames)
     links = [free_name("base", taken)]
     ElementTree.SubElement(root, "link", name=links[0])
     lower, upper = np.clip(position_limits(model), -1e9, 1e9)
@@ -203,9 +204,10 @@ def _skeleton(robot: Any) -> Origin:
         ElementTree.SubElement(joint, "axis", xyz=digits(axis_of(model, index)))
         at = {word: digits(each[index - 1]) for word, each in limits.items()}
         ElementTree.SubElement(joint, "limit", at)
-    ElementTree.SubElement(root, "link", name=robot.frame)
-    carrier = links[model.frames[robot.frame_id].parentJoint]
-    _joint(root, f"{robot.frame}_fixed", "fixed", carrier, robot.frame)
+    for frame in robot.frames:
+        carrier = links[model.frames[frame_id(model, frame)].parentJoint]
+        ElementTree.SubElement(root, "link", name=frame)
+        _joint(root, f"{frame}_fixed", "fixed", carrier, frame)
     urdf = Urdf(Path(), xml_text(root), Packages(Path()))
     return Origin(urdf, urdf.model())
 

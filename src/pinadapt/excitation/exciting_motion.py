@@ -85,6 +85,7 @@ def excite(
         RobotError: home is outside the limits, or the motors cannot hold arm and load there.
     """
     nominal, dynamics = _nominal_and_dynamics(robot, unknown)
+    nominal.check_single_frame()
     duration = positive(duration, "duration", error=InputError)
     harmonics = whole(harmonics, "harmonics", 2, most=MOST_PARAMETERS)
     level = None if floor is None else float(numbers(floor, "floor", error=InputError))

@@ -225,9 +225,10 @@ def calibrate(
         LogError: a log that cannot be used: without x, with too few frames, x in millimetres, in
             left-handed axes or turned against the base, or x that does not move with the arm.
         InputError: unknown words.
-        RobotError: a robot that cannot be loaded.
+        RobotError: a robot that cannot be loaded, or has several task frames.
     """
     described = (robot if isinstance(robot, Robot) else load(robot)).in_base_axes
+    described.check_single_frame()
     share = positive(held_out, "held_out", most=0.5, error=InputError)
     words = name_list(unknown, "unknown", InputError)
     logs = [

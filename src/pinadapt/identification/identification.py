@@ -265,6 +265,7 @@ def _frames_and_task(log: Log, robot: Robot, unknown: Unknown) -> tuple[Frames, 
     """Return the frames of a log and the robot; with a joint task if there are no frames."""
     frames = Frames(np.zeros(0), np.zeros((0, 0)))
     if log.x is not None and robot.task.positions:
+        robot.check_single_frame()
         frames = frames_of(log, robot)
     if len(frames.t):
         return frames, robot

@@ -117,8 +117,10 @@ def payload_estimate(
 
     Raises:
         ParameterError: the last body is not among the parameters.
+        RobotError: there are several task frames.
     """
     robot, names = described_robot(controller), list(found.names)
+    robot.check_single_frame()
     last = [f"{robot.joint_names[-1]}.{label}" for label in LABELS]
     if not set(last) <= set(controller.dynamics.names):
         raise ParameterError(

@@ -370,5 +370,11 @@ def assumed_load(robot: Robot) -> Payload:
 
 
 def _loaded_inertia(robot: Robot) -> np.ndarray:
-    """Return the inertia (n) that each joint moves with the load assumed for K_D [kg m^2 or kg]."""
-    return joint_inertia(robot.changed(payload=assumed_load(robot)))
+    """Return the inertia (n) that each joint moves with the load assumed for K_D [kg m^2 or kg].
+
+    Several frames share the load.
+    """
+    load, frames = assumed_load(robot), robot.frames
+    moment = np.divide(load.inertia, len(frames))
+    share = Payload(load.mass / len(frames), load.com, moment)
+    return joint_inertia(robot.changed(payload=dict.fromkeys(frames, share)))

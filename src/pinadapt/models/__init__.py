@@ -9,6 +9,7 @@ from .delay_compensation import DelayCompensator as DelayCompensator
 from .delay_compensation import SensedState as SensedState
 from .dynamics import Dynamics as Dynamics
 from .dynamics import StackedDynamics as StackedDynamics
+from .frames_kinematics import FramesKinematics as FramesKinematics
 from .joint_effects import JointEffects as JointEffects
 from .linear_kinematics import FrameKinematics as FrameKinematics
 from .lumped import LumpedDynamics as LumpedDynamics

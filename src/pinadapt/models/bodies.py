@@ -123,13 +123,14 @@ def chosen_bodies(robot: Robot, unknown: str | Sequence[str]) -> list[int]:
 
     Args:
         robot: with the bodies.
-        unknown: "all", "payload" (the last body), "none", or names of the joints that move them.
+        unknown: "all", "payload" (the bodies of the task frames), "none", or names of the joints
+            that move them.
 
     Raises:
         RobotError: unknown joint.
     """
     every = [i for i, name in enumerate(robot.joint_names) if name not in BASE_JOINTS[:-1]]
-    known = {ALL: every, PAYLOAD: [robot.carrier], NONE: []}
+    known = {ALL: every, PAYLOAD: robot.carriers, NONE: []}
     if isinstance(unknown, str) and unknown in known:
         return known[unknown]
     names = name_list(unknown, "unknown.bodies")
@@ -161,7 +162,7 @@ class BodyDynamics(InertialDynamics):
         super().__init__(robot, None if own.all() else np.eye(pi.size)[:, own], known)
         self.initial = pi[own]
         self.names = tuple(f"{names[body]}.{label}" for body in self.bodies for label in LABELS)
-        self._carrier = robot.carrier
+        self._carriers = robot.carriers
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -191,15 +192,15 @@ class BodyDynamics(InertialDynamics):
         return replace(nominal, model=model)
 
     def with_load(self, a_d: np.ndarray, before: Robot, after: Robot) -> np.ndarray | None:
-        """Return the estimate (p) in which the body of the frame is the nominal one with the load.
+        """Return the estimate (p) in which the body of each frame is the nominal one with the load.
 
         The estimate of that body is replaced, because it may contain the previous load.
         """
         described, found = self.value(after), a_d.copy()
         if described is None:
             return None
-        if self._carrier in self.bodies:
-            first = PER_BODY * self.bodies.index(self._carrier)
+        for carrier in set(self._carriers) & set(self.bodies):
+            first = PER_BODY * self.bodies.index(carrier)
             found[first : first + PER_BODY] = described[first : first + PER_BODY]
         return found
 

@@ -257,7 +257,9 @@ def typical_coefficients(robot: Robot) -> np.ndarray:
         q = pin.integrate(model, robot.q0, rng.uniform(-0.3, 0.3, model.nv))
         v, a = _SPEED * rng.standard_normal((2, model.nv))
         torques.append(pin.rnea(model, data, q, v, a))
-    torque = np.maximum.accumulate(np.sqrt(np.mean(np.square(torques), axis=0))[::-1])[::-1]
+    own = np.sqrt(np.mean(np.square(torques), axis=0))
+    further = [np.array(list(joints)) - 1 for joints in list(model.subtrees)[1:]]
+    torque = np.array([own[joints].max() for joints in further])
     inertia = np.diag(pin.crba(model, data, robot.q0))
     return np.array([0.5 * inertia, 0.1 * torque / _SPEED, 0.1 * torque])
 

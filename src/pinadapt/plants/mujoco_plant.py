@@ -20,6 +20,8 @@ from ..records import Measurement
 from ..robot.constraints import Contact
 from ..robot.robot import Robot
 from ..tasks.frame import FrameTask, PoseTask
+from ..tasks.several_frames import FramesTask
+from ..tasks.task import Task
 from .plant import LONGEST_STEP, SimulatedPlant, refuse_missing
 
 if TYPE_CHECKING:
@@ -84,9 +86,8 @@ class MujocoPlant(SimulatedPlant):
     def measure(self) -> Measurement:
         """Return what ideal sensors measure now."""
         task = self.robot.task
-        if isinstance(task, FrameTask):
-            chain, data = self._chain, self.data
-            x, xd = task.moving(chain.placement(data), chain.velocity(data))
+        if isinstance(task, FrameTask | FramesTask):
+            x, xd = self._chain.moving(task, self.data)
         else:
             x, xd = task.measured(None, self._q), self._v
         return Measurement(self._t, self._q, self._v, x, None, xd)
@@ -144,12 +145,14 @@ class MujocoChain(NamedTuple):
         joints: ids of the joints of the chain, in the order of the robot.
         site: id of the site that is the task frame.
         base: id of the body in whose axes the task coordinates are given, 0 for the world.
+        others: ids of the sites of further task frames.
     """
 
     model: mujoco.MjModel
     joints: tuple[int, ...]
     site: int
     base: int
+    others: tuple[int, ...] = ()
 
     def placement(self, data: mujoco.MjData) -> pin.SE3:
         """Return the placement of the task frame in the base."""
@@ -163,6 +166,15 @@ class MujocoChain(NamedTuple):
         mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_SITE, self.site, twist, 0)
         turn = data.xmat[self.base].reshape(3, 3).T
         return pin.Motion(turn @ twist[3:], turn @ twist[:3])
+
+    def moving(self, task: Task, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and the task velocity (m) of a task of one frame or of several."""
+        if isinstance(task, FramesTask):
+            chains = [self._replace(site=site) for site in (self.site, *self.others)]
+            x, xd = zip(*(each.moving(task.part, data) for each in chains), strict=True)
+            return task.joined(list(x)), task.joined(list(xd))
+        assert isinstance(task, FrameTask)
+        return task.moving(self.placement(data), self.velocity(data))
 
 
 mujoco_module = cache(partial(optional, "mujoco", "mujoco", "engine"))
@@ -192,14 +204,15 @@ def chain_of(robot: Robot) -> MujocoChain:
         if joint.limited:
             joint.range = limits
         bodies.append(body)
-    carrier = bodies[chain.frames[robot.frame_id].parentJoint]
-    carrier.add_site(name=robot.frame, **site)
+    for name in robot.frames:
+        bodies[chain.frames[frame_id(chain, name)].parentJoint].add_site(name=name, **site)
     if robot.contacts:
         _add_contacts(spec, robot, bodies)
     model = spec.compile()
     _stiffen(model.jnt_solref, model.jnt_solimp)
     _stiffen(model.geom_solref, model.geom_solimp)
-    return MujocoChain(model, tuple(range(chain.nv)), 0, 0)
+    first, *others = (int(model.site(name).id) for name in robot.frames)
+    return MujocoChain(model, tuple(range(chain.nv)), first, 0, tuple(others))
 
 
 def _stiffen(solref: np.ndarray, solimp: np.ndarray) -> None:
@@ -245,8 +258,10 @@ def write_robot(model: mujoco.MjModel, robot: Robot) -> None:
             axes[:, 0] *= -1.0
         write_place(pin.SE3(axes, body.lever), model.body_ipos[i], model.body_iquat[i])
         model.body_mass[i], model.body_inertia[i] = body.mass, moments
-    frame = chain.frames[robot.frame_id]
-    write_place(frame.placement, model.site_pos[0], model.site_quat[0])
+    for name in robot.frames:
+        site = int(model.site(name).id)
+        placement = chain.frames[frame_id(chain, name)].placement
+        write_place(placement, model.site_pos[site], model.site_quat[site])
     model.dof_armature[:] = chain.armature
     model.dof_damping[:] = robot.friction.viscous
     model.dof_frictionloss[:] = robot.friction.coulomb
@@ -309,7 +324,9 @@ class MujocoFile:
         Raises:
             InputError: no such file, not a model, or joints or frames that are missing or do not
                 match: other types, or other axes or places at the home pose.
+            RobotError: the robot has several task frames.
         """
+        robot.check_single_frame()
         mj, path = mujoco_module(), str(self.path)
         try:
             spec = mj.MjSpec.from_file(path)

@@ -14,3 +14,4 @@ from .motors import torque_limits as torque_limits
 from .robot import Robot as Robot
 from .robot import Succession as Succession
 from .workspace import reachable_circle as reachable_circle
+from .workspace import reachable_circles as reachable_circles

@@ -57,6 +57,31 @@ class Payload:
         return pin.Inertia(mass, com, matrix)
 
 
+Load = Payload | Mapping[str, Payload] | None
+"""A load, or those of several task frames by the frames' names, or none."""
+
+
+def by_frame(given: Any, frames: Sequence[str], where: str) -> dict[str, Any]:
+    """Return what is given for each task frame; with one frame also given without its name.
+
+    Raises:
+        RobotError: unknown frames, or several and no mapping from their names.
+    """
+    if isinstance(given, Mapping):
+        for name in given:
+            if name not in frames:
+                words = f"no task frame is '{name}'; they are {[*frames]}."
+                raise RobotError(words + did_you_mean(name, frames), where=where)
+        return dict(given)
+    if given is None or len(frames) == 1:
+        return {} if given is None else {frames[0]: given}
+    raise RobotError(
+        f"there are {len(frames)} task frames; say of which one it is.",
+        where=where,
+        hint=f"Give a mapping from frames, such as {{{frames[0]!r}: ...}}.",
+    )
+
+
 def joint_id(model: pin.Model, name: str, where: str, words: Sequence[str] = ()) -> int:
     """Return the index of a joint, given its name.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,17 +76,25 @@ def _heights(model: pin.Model, frame: int, configurations: Iterable[np.ndarray])
 
 
 def conditioning(
-    model: pin.Model, data: pin.Data, frame: int, rows: slice, q: np.ndarray
+    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
 ) -> tuple[float, float]:
     """Return the smallest singular value of the task Jacobian, and its ratio to the largest."""
-    J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[rows]
-    singular = np.linalg.svd(J, compute_uv=False)
+    singular = np.linalg.svd(_jacobian(model, data, frame, rows, q), compute_uv=False)
     return float(singular[-1]), float(singular[-1] / max(singular[0], np.finfo(float).tiny))
+
+
+def _jacobian(
+    model: pin.Model, data: pin.Data, frame: int | Sequence[int], rows: slice, q: np.ndarray
+) -> np.ndarray:
+    """Return rows of the Jacobian of a frame, or of several one after the other."""
+    frames, axes = np.atleast_1d(frame).tolist(), pin.LOCAL_WORLD_ALIGNED
+    found = [pin.computeFrameJacobian(model, data, q, each, axes)[rows] for each in frames]
+    return np.concatenate(found)
 
 
 def find_home(
     model: pin.Model,
-    frame: int,
+    frame: int | Sequence[int],
     rows: slice,
     candidates: Iterable[np.ndarray],
     plane: MountingPlane = MountingPlane(),
@@ -102,14 +110,15 @@ def find_home(
 
     Args:
         model: of the chain.
-        frame: index of the task frame.
-        rows: rows of the frame's Jacobian that belong to the task.
+        frame: index of the task frame, or those of several.
+        rows: rows of each frame's Jacobian that belong to the task.
         candidates: (nq) poses that are preferred, in this order.
-        plane: the mounting plane.
+        plane: the mounting plane; of several frames it is that of the first.
 
     Raises:
         RobotError: the task Jacobian is singular in all poses.
     """
+    ends = np.atleast_1d(frame).tolist()
     data, limits, rng = model.createData(), position_limits(model), np.random.default_rng(0)
     lower, upper = position_bounds(model)
     middle, half = (lower + upper) / 2, 0.8 * (upper - lower) / 2
@@ -117,18 +126,17 @@ def find_home(
     def best_of(poses: np.ndarray) -> np.ndarray:
         """Return the joint positions (N, nv) of the largest singular value, less near limits."""
         at = [configuration_from_angles(model, angles) for angles in poses]
-        axes = pin.LOCAL_WORLD_ALIGNED
-        J = [pin.computeFrameJacobian(model, data, q, frame, axes)[rows] for q in at]
+        J = [_jacobian(model, data, frame, rows, q) for q in at]
         found = np.linalg.svd(np.array(J), compute_uv=False)[:, -1]
-        found *= (plane.distances(model, frame, at) >= room) * np.minimum(
+        found *= (plane.distances(model, ends[0], at) >= room) * np.minimum(
             1.0, _off_limits(limits, poses) / _FAR_OFF
         )
         return np.asarray(poses[np.argmax(found)])
 
     samples = middle + half * rng.uniform(-1.0, 1.0, (500, model.nv))
     sampled = [configuration_from_angles(model, angles) for angles in samples]
-    most = plane.distances(model, frame, sampled).max()
-    room = min(MARGIN * reach(model, frame), most / 2) if most > 0.0 else -np.inf
+    most = plane.distances(model, ends[0], sampled).max()
+    room = min(MARGIN * reach(model, ends[0]), most / 2) if most > 0.0 else -np.inf
     best = best_of(samples)
     for size in (0.2, 0.1, 0.05):
         around = best + size * half * rng.standard_normal((50, model.nv))
@@ -136,9 +144,10 @@ def find_home(
     home = configuration_from_angles(model, np.round(best, 4))
     singular, ratio = conditioning(model, data, frame, rows, home)
     if ratio < 1e-6:
+        names = "', '".join(str(model.frames[end].name) for end in ends)
         raise RobotError(
-            f"the chain to frame '{model.frames[frame].name}' cannot move all coordinates of the "
-            "task: the task Jacobian is singular in every pose.",
+            f"the joints to '{names}' cannot move all coordinates of the task: the task Jacobian "
+            "is singular in every pose.",
             where="task",
             hint="Choose another task or a frame further from the base; if there is none, add a "
             "link to the description.",
@@ -146,7 +155,7 @@ def find_home(
     for q in candidates:
         if (
             _off_limits(limits, angles_from_configuration(model, q)) >= MARGIN
-            and plane.distances(model, frame, [q])[0] >= room
+            and plane.distances(model, ends[0], [q])[0] >= room
             and conditioning(model, data, frame, rows, q)[0] >= _NEARLY * singular
         ):
             return np.asarray(q)

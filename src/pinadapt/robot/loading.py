@@ -32,6 +32,7 @@ from ..description.urdf import Origin
 from ..description.xacro import XacroArguments
 from ..exceptions import RobotError, did_you_mean
 from ..tasks.frame import IMAGE, TASKS, FrameTask
+from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import FRICTION_ATTRIBUTES, Friction
@@ -56,6 +57,7 @@ def load(
     source: Source,
     *,
     frame: str | None = None,
+    frames: str | Sequence[str] = (),
     task: str | None = None,
     locked: str | Sequence[str] = (),
     q0: ArrayLike | None = None,
@@ -72,7 +74,8 @@ def load(
 ) -> Robot:
     """Load a robot: the chain from its base to one frame, or the whole tree of its joints.
 
-    It is the whole tree for the task "joint" without a frame, and for a free base.
+    It is the whole tree for the task "joint" without a frame, and for a free base. With several
+    frames it is the tree of the chains to them, see ``tasks.FramesTask``.
 
     Arguments that are not given are chosen by the same rules for every source. ``print(robot)``
     shows the choice, and the other frames at which a chain could end.
@@ -82,6 +85,7 @@ def load(
             robot_descriptions, ``pin.Model`` or ``RobotWrapper``; it is not changed.
         frame: task frame; default: that of the catalogue, else the end of a chain that looks most
             like a tool, see ``end_links``.
+        frames: task frames that one controller moves, in place of ``frame``.
         task: "xy", "xz", "yz", "xyz" or "pose" of the frame, or "joint" for the joint positions;
             default: that of the catalogue, else "xyz", or the best conditioned plane if the chain
             cannot move its frame in all of xyz.
@@ -116,6 +120,7 @@ def load(
     """
     instance(frame, str | None, "frame", RobotError)
     instance(task, str | None, "task", RobotError)
+    frame, *others = _distinct(frame, name_list(frames, "frames", RobotError))
     if (task == IMAGE) != (pixel is not None):
         raise RobotError(
             'the task "image", and no other one, needs the length [m] that a pixel covers.',
@@ -126,6 +131,13 @@ def load(
     free, known = word(base, (FIXED, FREE), "base") == FREE, frame or found.frame
     feet, closed = parts_of(Contact, contacts, "contacts"), parts_of(Loop, loops, "loops")
     idle = tuple(name_list(passive, "passive", RobotError))
+    if others and (free or closed or idle or task == JOINT):
+        raise RobotError(
+            "several frames are controlled on a fixed base without loops, by their positions or "
+            "poses.",
+            where="frames",
+            hint="Give one frame, or leave out base, loops, passive and the task of the joints.",
+        )
     if feet and not free:
         raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
     weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
@@ -141,6 +153,7 @@ def load(
         free=free,
         constraints=closed + feet,
         passive=idle if whole else (),
+        others=tuple(map(str, others)),
     )
     if whole or known or task == JOINT:
         robot = make(frame if whole else known)
@@ -152,6 +165,19 @@ def load(
     if flag(joint_effects, "joint_effects"):
         robot = _with_joint_effects(robot)
     return robot if pixel is None else robot.filmed_by(pixel=pixel)
+
+
+def _distinct(frame: str | None, frames: list[str]) -> list[str | None]:
+    """Return one frame or None, or several that differ.
+
+    Raises:
+        RobotError: both are given, or a frame is twice among several.
+    """
+    if frame is not None and frames:
+        raise RobotError("give one frame, or several, not both.", where="frames")
+    if twice := [name for name, count in Counter(frames).items() if count > 1]:
+        raise RobotError(f"'{twice[0]}' is given twice.", where="frames")
+    return [*frames] or [frame]
 
 
 def _first_able(make: Callable[[str], Robot], ends: Sequence[str], name: str) -> Robot:
@@ -187,6 +213,7 @@ def _load_chain(
     free: bool,
     constraints: tuple[Constraint, ...],
     passive: tuple[str, ...],
+    others: tuple[str, ...],
 ) -> Robot:
     """Return the robot whose chain ends at a frame, or the whole tree; see ``load``.
 
@@ -201,12 +228,16 @@ def _load_chain(
         free: whether the base is; the whole tree is kept then, with a frame too.
         constraints: loops and contacts, with which the whole tree is kept.
         passive: joints without motors.
+        others: task frames beside the first.
     """
     described, whole = found.model, free or bool(constraints) or frame is None
     joints = list(range(1, described.njoints))
     floating = [j for j in joints if is_free_flyer(described.joints[j])]
     locks = {changes.joint_id(described, name, "locked") for name in locked}
-    chain = joints if whole else chain_joints(described, frame_id(described, str(frame)))
+    chain = joints
+    if not whole:
+        tips = [frame_id(described, str(name)) for name in (frame, *others)]
+        chain = sorted({joint for tip in tips for joint in chain_joints(described, tip)})
     keep = [j for j in chain if j not in locks and not (weld and j in floating)]
     check_joints(described, keep, () if whole else found.mimics)
     if not keep:
@@ -230,7 +261,7 @@ def _load_chain(
     shown = np.concatenate([reference[j.idx_q : j.idx_q + j.nq] for j in parts])
     tip, welded = frame_id(model, frame), any(joint in floating for joint in chain)
     plane = MountingPlane()
-    if not (welded or found.weld_root or whole):
+    if not (welded or found.weld_root or whole or others):
         plane = MountingPlane.of(model, tip, shown)
     if whole:
         names = {str(described.names[joint]) for joint in keep}
@@ -241,7 +272,11 @@ def _load_chain(
     if free:
         chosen, home = task_named(task or "pose", model), np.concatenate([np.zeros(6), shown])
     else:
-        chosen, home = choose_task(model, tip, task, [shown, pin.neutral(model)], plane)
+        several = {name: frame_id(model, name) for name in (frame, *others)}
+        tips = [*several.values()]
+        chosen, home = choose_task(model, tips, task, [shown, pin.neutral(model)], plane)
+        if others and isinstance(chosen, FrameTask):
+            chosen = FramesTask.of(chosen, several)
     if q0 is not None and constraints:  # near which they hold
         home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
     home = consistent(model, home, constraints)
@@ -254,7 +289,7 @@ def _load_chain(
         home,
         Friction.none(model.nv),
         Visual(found.geometry, described, tuple(keep), reference, len(BASE_JOINTS) * free),
-        ends=tuple(end for end in ends if end != frame),
+        ends=tuple(end for end in ends if end not in (frame, *others)),
         locked=tuple(str(described.names[j]) for j in joints if j not in {*keep, *floating}),
         welded=welded and not free,
         mounting=plane,
@@ -350,18 +385,18 @@ def _independent_joints(model: pin.Model, mimics: Collection[str], joint: int) -
 
 def choose_task(
     model: pin.Model,
-    frame: int,
+    frames: Sequence[int],
     task: str | None,
     poses: Sequence[np.ndarray],
     plane: MountingPlane,
 ) -> tuple[Task, np.ndarray]:
     """Return the task and a home pose (nq) for it.
 
-    By default the task is "xyz", or the best conditioned plane if the chain cannot do "xyz".
+    By default the task is "xyz", or the best conditioned plane if a chain cannot do "xyz".
 
     Args:
         model: of the chain.
-        frame: index of the task frame.
+        frames: indices of the task frames, all of which have this task.
         task: name of the task, or None.
         poses: (nq) poses of the description, preferred as home.
         plane: the mounting plane, from which the home pose keeps a distance.
@@ -370,11 +405,12 @@ def choose_task(
         RobotError: unknown task, too few joints, or a task Jacobian that is always singular.
     """
     refused = RobotError("no task is possible.", where="task")
-    for names in ((task,),) if task is not None else (("xyz",), PLANES):
+    planes = (PLANES,) if len(frames) == 1 else ()
+    for names in ((task,),) if task is not None else (("xyz",), *planes):
         found = []
         for name in names:
             try:
-                found.append(_with_home(model, frame, name, poses, plane))
+                found.append(_with_home(model, frames, name, poses, plane))
             except RobotError as error:
                 refused = error
         if found:
@@ -384,24 +420,25 @@ def choose_task(
 
 def _with_home(
     model: pin.Model,
-    frame: int,
+    frames: Sequence[int],
     name: str,
     poses: Sequence[np.ndarray],
     plane: MountingPlane,
 ) -> tuple[float, Task, np.ndarray]:
     """Return conditioning, task and home pose (nq) for the name of a task."""
-    task = task_named(name, model)
-    if model.nv < task.size:
+    task, count = task_named(name, model), len(frames)
+    if model.nv < count * task.size:
+        names = "', '".join(str(model.frames[frame].name) for frame in frames)
         raise RobotError(
-            f"task '{name}' has {task.size} coordinates, but the chain to "
-            f"'{model.frames[frame].name}' has only {model.nv} joints.",
+            f"task '{name}' has {count * task.size} coordinates, but the chain to '{names}' has "
+            f"only {model.nv} joints.",
             where="task",
             hint="Choose a frame further from the base, or a task with fewer coordinates.",
         )
     if not isinstance(task, FrameTask):
         return 0.0, task, home_inside_limits(model, poses)
-    home = find_home(model, frame, task.rows, poses, plane)
-    return conditioning(model, model.createData(), frame, task.rows, home)[1], task, home
+    home = find_home(model, frames, task.rows, poses, plane)
+    return conditioning(model, model.createData(), frames, task.rows, home)[1], task, home
 
 
 def task_named(name: str, model: pin.Model) -> Task:

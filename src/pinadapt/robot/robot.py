@@ -17,6 +17,7 @@ from .._checks import flag, instance, joint_numbers, mapping, numbers, positive,
 from .._output import Sheet, Table, write_text
 from ..description.chain import (
     angles_from_configuration,
+    chain_joints,
     configuration_from_angles,
     effort_limits,
     frame_id,
@@ -33,6 +34,7 @@ from ..description.urdf import Origin
 from ..description.urdf_writer import urdf_text
 from ..exceptions import InputError, RobotError
 from ..tasks.frame import FrameTask, ImageTask
+from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import Friction
@@ -52,8 +54,8 @@ class Robot:
     Attributes:
         name: name in the catalogue, or of the model.
         model: Pinocchio model of the chain; all other joints of the description are locked in it.
-        frame: name of the task frame.
-        task: the controlled coordinates of that frame.
+        frame: name of the task frame, the first one if there are several.
+        task: the controlled coordinates of that frame, or of several: ``FramesTask``.
         q0: (nq) home configuration.
         friction: joint friction; zero unless stated, as descriptions rarely have measured values.
         drawn: the visual geometry, read on demand, or None.
@@ -62,7 +64,8 @@ class Robot:
         welded: whether the description has a floating base, which is fixed here.
         mounting: the plane that the chain is mounted on; none for a floating base and for robots of
             the catalogue.
-        loads: loads added with ``changed``, in the axes of the last joint; the model contains them.
+        loads: loads added with ``changed``, each after the index of the joint in whose axes it is;
+            the model contains them.
         tracker: the placement of the base in the axes in which x is measured, which the model has,
             see ``seen_from``; None: x is in the axes of the base.
         origin: the URDF that the robot was read from, or None.
@@ -82,7 +85,7 @@ class Robot:
     locked: tuple[str, ...] = ()
     welded: bool = False
     mounting: MountingPlane = field(default_factory=MountingPlane)
-    loads: tuple[pin.Inertia, ...] = ()
+    loads: tuple[tuple[int, pin.Inertia], ...] = ()
     tracker: pin.SE3 | None = None
     origin: Origin | None = None
     remark: str = ""
@@ -100,9 +103,38 @@ class Robot:
         return frame_id(self.model, self.frame)
 
     @property
-    def carrier(self) -> int:
-        """Index, from 0, of the body that carries the task frame and a load."""
-        return int(self.model.frames[self.frame_id].parentJoint) - 1
+    def frames(self) -> tuple[str, ...]:
+        """Names of all task frames."""
+        return self.task.frames if isinstance(self.task, FramesTask) else (self.frame,)
+
+    @property
+    def carriers(self) -> list[int]:
+        """Indices, from 0, ascending, of the bodies that carry a task frame and a load."""
+        places = [frame_id(self.model, name) for name in self.frames]
+        return sorted({int(self.model.frames[place].parentJoint) - 1 for place in places})
+
+    def check_single_frame(self) -> None:
+        """Refuse a robot with several task frames.
+
+        Raises:
+            RobotError: it has several.
+        """
+        if len(self.frames) > 1:
+            raise RobotError(
+                f"this needs one task frame, and there are {len(self.frames)}.",
+                where="frames",
+                hint=f'Load the robot with frame = "{self.frame}".',
+            )
+
+    def of_frame(self, frame: str) -> Robot:
+        """Return this robot with one of its several task frames alone; all joints stay.
+
+        Raises:
+            RobotError: it is none of them.
+        """
+        (own,) = changes.by_frame({frame: None}, self.frames, "frame")
+        task = self.task.part if isinstance(self.task, FramesTask) else self.task
+        return replace(self, frame=own, task=task)
 
     @property
     def motors(self) -> np.ndarray:
@@ -139,8 +171,14 @@ class Robot:
 
     @cached_property
     def reach(self) -> float:
-        """Length [m] of the stretched chain from its first joint to the task frame."""
-        return reach(self.model, self.frame_id)
+        """Length [m] of the stretched chain from its first joint to the task frame.
+
+        Of several frames the longest.
+        """
+        if len(self.frames) == 1:
+            return reach(self.model, self.frame_id)
+        ends = [frame_id(self.model, name) for name in self.frames]
+        return max(reach(self.model, end, chain_joints(self.model, end)) for end in ends)
 
     @property
     def mass(self) -> float:
@@ -152,8 +190,9 @@ class Robot:
         """The task, if it is one of the frame.
 
         Raises:
-            RobotError: the task is the joint task.
+            RobotError: the task is the joint task, or one of several frames.
         """
+        self.check_single_frame()
         if not isinstance(self.task, FrameTask):
             raise RobotError(
                 f"the task is '{self.task.name}'; this needs a task of the frame.",
@@ -213,8 +252,8 @@ class Robot:
         self,
         *,
         inertial_scale: float | Mapping[str, float] = 1.0,
-        payload: changes.Payload | None = None,
-        tool_translation: ArrayLike | None = None,
+        payload: changes.Load = None,
+        tool_translation: ArrayLike | Mapping[str, ArrayLike] | None = None,
         link_translation: Mapping[str, ArrayLike] | None = None,
         armature: ArrayLike | None = None,
         viscous: ArrayLike | None = None,
@@ -226,8 +265,9 @@ class Robot:
         Args:
             inertial_scale: factor on mass and inertia of all bodies, or joint name -> factor.
             payload: load fixed to the last body, relative to the task frame of this robot, before
-                ``tool_translation`` is applied.
-            tool_translation: (3) [m] added to the origin of the task frame, in the frame's axes.
+                ``tool_translation`` is applied; of several task frames by the frame's name.
+            tool_translation: (3) [m] added to the origin of the task frame, in the frame's axes; of
+                several task frames by the frame's name.
             link_translation: joint name -> (3) [m] added to the joint placement, in parent axes.
             armature: rotor inertia at the joint, number or (nv) [kg m^2 or kg]; None: unchanged.
             viscous: friction, number or (nv) [N m s/rad or N s/m]; None: unchanged.
@@ -239,22 +279,23 @@ class Robot:
         """
         model, loads = self.model.copy(), self.loads
         changes.scale_inertias(model, inertial_scale)
-        instance(payload, changes.Payload | None, "payload", RobotError)
-        frame = model.frames[self.frame_id]
-        if payload is not None and payload.present:
-            load = frame.placement.act(payload.spatial_inertia())
-            model.inertias[frame.parentJoint] += load
-            loads = *loads, load
+        for name, added in changes.by_frame(payload, self.frames, "payload").items():
+            frame = model.frames[frame_id(model, name)]
+            if instance(added, changes.Payload, "payload", RobotError).present:
+                load = frame.placement.act(added.spatial_inertia())
+                model.inertias[frame.parentJoint] += load
+                loads = *loads, (int(frame.parentJoint), load)
         shifts = mapping(link_translation, "link_translation", RobotError)
         for name, given in shifts.items():
             index = changes.joint_id(model, name, "link_translation")
             where = f"link_translation.{name}"
             shift = vector(given, 3, where, error=RobotError, fills=False)
             model.jointPlacements[index].translation += shift
-        if tool_translation is not None:
-            where = "tool_translation"
-            shift = vector(tool_translation, 3, where, error=RobotError, fills=False)
-            frame.placement.translation += frame.placement.rotation @ shift
+        where = "tool_translation"
+        for name, given in changes.by_frame(tool_translation, self.frames, where).items():
+            placement = model.frames[frame_id(model, name)].placement
+            shift = vector(given, 3, where, error=RobotError, fills=False)
+            placement.translation += placement.rotation @ shift
         if armature is not None:
             model.armature = joint_numbers(armature, "armature", model.nv, error=RobotError)
         own = {"viscous": viscous, "coulomb": coulomb}
@@ -453,7 +494,7 @@ class Visual:
 def robot_sheet(robot: Robot) -> Sheet:
     """Return the tables of a robot: its data, and its joints with home and limits."""
     words = [
-        ("frame", robot.frame + (", floating base fixed" if robot.welded else "")),
+        ("frame", ", ".join(robot.frames) + (", floating base fixed" if robot.welded else "")),
         ("task", robot.task.name),
         ("moving mass", f"{robot.mass:.4g} kg"),
         ("reach", f"{robot.reach:.4g} m"),
@@ -547,7 +588,7 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
     """
     if not isinstance(after, Robot):
         raise RobotError(f"expected a Robot, got {after!r}.", where=where)
-    ours, theirs = ((one.slides, one.frame, one.task.name) for one in (before, after))
+    ours, theirs = ((one.slides, one.frames, one.task.name) for one in (before, after))
     if ours != theirs:
         raise RobotError(
             "joints, task frame and task cannot change during a motion; before: "
@@ -559,7 +600,11 @@ def check_successor(before: Robot, after: Robot, where: str) -> None:
 
 def difference(before: Robot, after: Robot) -> str:
     """Return a short text of how two robots with the same chain differ, masses in kg."""
-    mass, tools = after.mass - before.mass, [r.placement(r.q0) for r in (before, after)]
+    mass = after.mass - before.mass
+    tools = [
+        [one.of_frame(name).placement(one.q0) for name in one.frames] for one in (before, after)
+    ]
     words = [] if abs(mass) < 1e-9 else [f"{mass:+.3g} kg"]
-    words += [] if tools[0].isApprox(tools[1], 1e-9) else ["tool"]
+    same = all(one.isApprox(other, 1e-9) for one, other in zip(*tools, strict=True))
+    words += [] if same else ["tool"]
     return ", ".join(words) or "other parameters"

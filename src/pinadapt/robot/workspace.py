@@ -17,9 +17,11 @@ from ..description.chain import (
     velocity_limits,
 )
 from ..exceptions import RobotError
-from ..tasks.frame import ImageTask
+from ..tasks.frame import FrameTask, ImageTask
+from ..tasks.several_frames import FramesTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
+from ..trajectories.stacked import Stacked
 from .home import MARGIN
 from .robot import Robot
 
@@ -57,10 +59,31 @@ def reachable_circle(robot: Robot) -> Circle | PoseCircle:
 
     Raises:
         RobotError: there is no such circle, as the home pose is at a limit or a singularity; or the
-            task is the joint task.
+            task is the joint task, or one of several frames.
     """
-    circle, task = find_circle(robot), robot.frame_task
-    start = robot.position(robot.q0)
+    return _from_home(robot, find_circle(robot))
+
+
+@arithmetic("robot", RobotError)
+def reachable_circles(robot: Robot) -> Stacked:
+    """Return circles that several frames can follow at once, each from where it is at home.
+
+    All are the circle of ``find_circle``; beside that as ``reachable_circle``.
+
+    Args:
+        robot: with two task frames or more; read only.
+
+    Raises:
+        RobotError: as ``reachable_circle``.
+        InputError: there is one task frame.
+    """
+    found, ends = find_circle(robot), map(robot.of_frame, robot.frames)
+    return Stacked([_from_home(end, found) for end in ends])
+
+
+def _from_home(robot: Robot, circle: Circle) -> Circle | PoseCircle:
+    """Return a circle that starts where the task frame is at home, with its orientation there."""
+    task, start = robot.frame_task, robot.position(robot.q0)
     circle = circle.shifted(task.position(start) - circle.at(0.0).x_d)
     return circle if task.size == task.positions else PoseCircle(circle, start[3:])
 
@@ -82,6 +105,9 @@ def find_circle(robot: Robot) -> Circle:
     The period is 3 s, or 3 sqrt(L) s for a reach of L > 1 m. It is longer if joints would exceed
     1.5 rad/s, slides 0.75 m/s, or either of them 80 % of the velocity limits in the description.
 
+    Several frames follow the circle at the same time, each from its own position at home, with all
+    tools displaced alike.
+
     For a pose task the orientation is that at home. The rotational rows of its Jacobian are
     multiplied by the reach, so that all singular values have the unit m/rad.
 
@@ -99,10 +125,12 @@ def find_circle(robot: Robot) -> Circle:
             where="task",
             hint="Find one for the same robot before filmed_by, or draw a motion in the picture.",
         )
-    length, task = robot.reach, robot.frame_task
+    length, task = robot.reach, robot.of_frame(robot.frame).frame_task
     planes = ["xy", "yz", "xz"][: 3 if task.positions == 3 else 1]
     shifts = TOOL_ERROR * length * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
-    described, *others = [robot.changed(tool_translation=shift) for shift in shifts]
+    described, *others = [
+        robot.changed(tool_translation=dict.fromkeys(robot.frames, shift)) for shift in shifts
+    ]
     for size in 0.1 * length * _RATIO ** np.arange(_SIZES):
         paths = [
             Circle(np.zeros(task.positions), rounded_down(size), 1.0, plane, phase)
@@ -194,8 +222,9 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         which the joints are as fast as they may be. None if the circle comes too close to a limit
         or a singularity.
     """
-    model, data, task, q = tool.model, tool.model.createData(), robot.frame_task, robot.q0
-    m, home = task.positions, robot.home_angles
+    model, data, task, q = tool.model, tool.model.createData(), robot.task, robot.q0
+    assert isinstance(task, FrameTask | FramesTask)
+    m, home, count = task.positions, robot.home_angles, len(robot.frames)
     arms = np.repeat([1.0, robot.reach], [m, task.size - m])  # [m/rad]
     lower, upper = position_limits(model)
     margin = _margin(lower, upper)
@@ -204,9 +233,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
 
     def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
         """Return the task Jacobian at a configuration (nq), all rows in [m/rad]."""
-        axes = pin.LOCAL_WORLD_ALIGNED
-        J = pin.computeFrameJacobian(of.model, data, q, of.frame_id, axes)
-        return arms[:, None] * J[task.rows]
+        return arms[:, None] * task.linear_map(of.model, data, of.frame_id, q)[1]
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
     at = [path.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
@@ -219,7 +246,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
             return None
         offset = np.zeros(task.size)
-        offset[:m] = position - at[0]
+        offset[:m] = np.tile(position - at[0], count)
         x = task.at(model, data, tool.frame_id, q)
         to_go = arms * task.error(task.moved(start, offset), x)
         psi = 10.0 / _STEPS * pin.difference(model, q, robot.q0)  # half, twice: the same radii

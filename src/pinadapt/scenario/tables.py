@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from copy import deepcopy
 from dataclasses import is_dataclass
-from functools import cache
+from functools import cache, partial
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from .._checks import instance, located, shown, word
 from .._output import Record, read_toml, toml
@@ -33,6 +33,7 @@ from ..tasks.frame import pinhole_camera
 from ..trajectories.crawl import Crawl
 from ..trajectories.periodic import Circle, FourierSeries, Lissajous, Sinusoid
 from ..trajectories.pose import PoseTrajectory, Swing
+from ..trajectories.stacked import Stacked
 from ..trajectories.trajectory import Hold, Trajectory, Waypoints
 from ..tuning.make_controller import make_controller
 from ..tuning.rates import ADAPTATIONS, KINEMATIC_ADAPTATIONS, RATES
@@ -51,6 +52,7 @@ MOTIONS: dict[str, type[Trajectory]] = {
     "hold": Hold,
     "pose": PoseTrajectory,
     "swing": Swing,
+    "stacked": Stacked,
 }
 _OF_MOTIONS = ("kind", "as_given", "from_rest")
 _DESCRIPTIONS = (".urdf", ".xacro", ".xml", ".mjcf")  # files that describe robots
@@ -114,6 +116,11 @@ def _classes(hint: Any) -> list[type]:
     return [each for part in get_args(hint) for each in _classes(part)]
 
 
+def _by_name(hint: Any) -> bool:
+    """Return whether a type allows objects of a class by their names."""
+    return any(get_origin(part) is Mapping and _classes(part) for part in get_args(hint))
+
+
 def checked(table: Any, path: str, names: Iterable[str]) -> Record:
     """Return a table if it is one, with keys of these names.
 
@@ -145,10 +152,15 @@ def read(table: Any, path: str, make: Make, names: Iterable[str] | None = None) 
 def _value(hint: Any, value: Any, path: str) -> Any:
     """Return a value, or the objects that tables stand for, where the argument is of a class."""
     found = _classes(hint)
+    if _by_name(hint) and isinstance(value, Mapping):
+        tables = [isinstance(each, Mapping) for each in value.values()]
+        if tables and all(tables):
+            return {key: made(found[0], each, f"{path}.{key}") for key, each in value.items()}
     if found and isinstance(value, Mapping):
         return motion(value, path) if Trajectory in found else made(found[0], value, path)
     if found and isinstance(value, list) and all(isinstance(each, Mapping) for each in value):
-        return tuple(made(found[0], each, f"{path}.{i}") for i, each in enumerate(value))
+        make = motion if Trajectory in found else partial(made, found[0])
+        return tuple(make(each, f"{path}.{i}") for i, each in enumerate(value))
     return value
 
 

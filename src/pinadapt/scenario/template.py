@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import textwrap
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, cos, sin
@@ -85,7 +85,7 @@ class Template:
         cls,
         source: str,
         *,
-        frame: str | None = None,
+        frame: str | Sequence[str] | None = None,
         task: str | None = None,
         xacro: XacroArguments | None = None,
         mass: float | None = None,
@@ -96,7 +96,8 @@ class Template:
 
         Args:
             source: a path or a name of a robot.
-            frame: task frame (default: the likeliest link at the robot's end).
+            frame: task frame (default: the likeliest link at the robot's end); several, given
+                again or with commas between, are moved by one controller.
             task: xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: xyz,
                 or a plane if the chain is planar).
             xacro: arguments of a xacro file.
@@ -121,12 +122,15 @@ class Template:
             )
         if LAWS[law].joint_space and task is None:
             task = JOINT
-        robot = load(source, xacro=xacro, mass=mass, frame=frame, task=None if filmed else task)
+        ends: str | Sequence[str] = frame or ()
+        robot = load(source, xacro=xacro, mass=mass, frames=ends, task=None if filmed else task)
+        if tracker or filmed:
+            robot.check_single_frame()
         if robot.constraints and not LAWS[law].constrained:  # then the chain without them
-            frame = robot.frame
-            robot = load(source, xacro=xacro, mass=mass, frame=frame, task=task)
+            ends = robot.frame
+            robot = load(source, xacro=xacro, mass=mass, frames=ends, task=task)
         path = find_circle(robot) if robot.task.positions else find_swing(robot)
-        whole = frame is None and isinstance(robot.task, JointTask)
+        whole = not ends and isinstance(robot.task, JointTask)
         return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed, whole)
 
     @property
@@ -142,9 +146,12 @@ class Template:
         return IMAGE if self.filmed else self.robot.task.name
 
     @cached_property
-    def tool(self) -> np.ndarray:
-        """The unknown tool (3) [m], in the frame's axes: it lengthens the arm."""
-        robot = self.robot
+    def tools(self) -> dict[str, np.ndarray]:
+        """The unknown tool (3) [m] of each frame, in the frame's axes: it lengthens the arm."""
+        return {name: self._tool(self.robot.of_frame(name)) for name in self.robot.frames}
+
+    def _tool(self, robot: Robot) -> np.ndarray:
+        """Return the tool of a frame."""
         frame, out = robot.placement(robot.q0), np.zeros(3)
         place = robot.frame_task.place if robot.task.positions else slice(None)
         out[place] = frame.translation[place]
@@ -222,7 +229,8 @@ class Template:
             "source": source,
             "xacro": dict(self.xacro) or None,
             "mass": self.mass,
-            "frame": None if self.whole else robot.frame,
+            "frame": None if self.whole or len(robot.frames) > 1 else robot.frame,
+            "frames": list(robot.frames) if len(robot.frames) > 1 else None,
             "task": self.task,
             "pixel": self.view.pixel if self.filmed else None,
             "weld_root": robot.welded or None,
@@ -233,28 +241,32 @@ class Template:
 
     def _truth(self) -> Tables:
         robot = self.robot
-        mass, radius = TOOL_ERROR * robot.mass, TOOL_ERROR * robot.reach
+        mass, radius = TOOL_ERROR * robot.mass / len(robot.frames), TOOL_ERROR * robot.reach
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
         _, viscous, coulomb = FRICTION * typical_coefficients(robot)
         found: Tables = {}
         if robot.task.positions:
-            found["tool_translation"] = significant(self.tool)
+            found["tool_translation"] = self._by_frame(significant)
         if self.tracker:  # the base as the tracker sees it
             place = significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
             found["tracker"] = {"rotation": [0.0, 0.0, 2.0], "translation": place}
         if self.filmed:
             found["camera"] = [{"position": significant(self.view.position), "focal": _FOCAL}]
-        found["payload"] = {
-            "mass": _rounded(mass, 3),
-            "com": significant(self.tool),
-            "inertia": [moment, 0.0, moment, 0.0, 0.0, moment],
-        }
+        inertia = [moment, 0.0, moment, 0.0, 0.0, moment]
+        found["payload"] = self._by_frame(
+            lambda tool: {"mass": _rounded(mass, 3), "com": significant(tool), "inertia": inertia}
+        )
         if not self.rests:  # Coulomb friction would hold the arm beside its set point
             found["friction"] = {
                 "viscous": significant(viscous, 2),
                 "coulomb": significant(coulomb, 2),
             }
         return found
+
+    def _by_frame(self, make: Callable[[np.ndarray], Any]) -> Any:
+        """Return what is made of the tool, of several frames by their names."""
+        found = {name: make(tool) for name, tool in self.tools.items()}
+        return found if len(found) > 1 else found[self.robot.frame]
 
     def _motion(self) -> Tables:
         path = self.path
@@ -267,7 +279,9 @@ class Template:
             seen = {"radius": self.view.radius, "period": path.period, "phase": self.view.phase}
             return {"kind": "circle", **seen}
         given = {"radius": path.radius, "period": path.period, "plane": path.plane}
-        return {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
+        circle = {"kind": "circle", **given, "phase": _rounded(path.phase, 12)}
+        count = len(self.robot.frames)
+        return circle if count == 1 else {"kind": "stacked", "motions": [circle] * count}
 
     def _set_point(self) -> Tables:
         """Return the way to the opposite point of the motion."""
@@ -351,7 +365,9 @@ def _comment(text: str) -> list[str]:
 def _written(value: Any) -> str:
     """Return a value in TOML, tables inline."""
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {_written(each)}' for key, each in value.items())} }}"
+        names = [tomlkit.key(name).as_string() for name in value]
+        pairs = zip(names, map(_written, value.values()), strict=True)
+        return f"{{ {', '.join(f'{name} = {each}' for name, each in pairs)} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_written, value))}]"
     return tomlkit.item(value).as_string()

@@ -121,8 +121,8 @@ def _comes_to_rest(motion: Trajectory, duration: float | None) -> bool:
 
 def _check_same_shape(true: Robot, controller: Controller) -> None:
     kinematics = controller.kinematics
-    ours = (true.joint_names, true.frame, true.task.name)
-    theirs = (kinematics.joint_names, kinematics.frame, kinematics.task.name)
+    ours = (true.joint_names, true.frames, true.task.name)
+    theirs = (kinematics.joint_names, kinematics.robot.frames, kinematics.task.name)
     if ours != theirs:
         raise InputError(
             f"the true robot (joints, frame, task: {ours}) and the controller's ({theirs}) differ.",

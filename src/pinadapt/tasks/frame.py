@@ -88,6 +88,15 @@ class FrameTask(Task):
         """Return the task Jacobian (m, n), J (6, n) the LOCAL_WORLD_ALIGNED one of the frame."""
         return J[self.rows]
 
+    def linear_map(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
+        pin.computeJointJacobians(model, data, q)
+        placement = pin.updateFramePlacement(model, data, frame)
+        J = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        return self.of(placement), self.jacobian(placement, J)
+
     def motion(
         self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from .pose import FixedOrientation as FixedOrientation
 from .pose import PoseCircle as PoseCircle
 from .pose import PoseTrajectory as PoseTrajectory
 from .pose import Swing as Swing
+from .stacked import Stacked as Stacked
 from .trajectory import Hold as Hold
 from .trajectory import Retimed as Retimed
 from .trajectory import SlowedTime as SlowedTime

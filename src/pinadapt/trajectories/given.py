@@ -194,7 +194,7 @@ def as_trajectory(given: TrajectoryLike, task: Task | None = None) -> Trajectory
         motion = converted(given)
     else:
         turning = task.continuous if isinstance(task, JointTask) else ()
-        motion = converted(given, task.error, task.coordinates > task.size, turning)
+        motion = converted(given, task.error, task.coordinates == task.size + 1, turning)
     _check_start(motion, task)
     return motion
 

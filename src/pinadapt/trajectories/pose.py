@@ -176,7 +176,7 @@ def placed_trajectory(given: TrajectoryLike, robot: Any) -> Trajectory:
         given = given.on(robot)
     if isinstance(given, Trajectory):
         exact = given.exact
-        if task.coordinates > task.size and given.at(0.0).x_d.size == 3:
+        if task.coordinates == task.size + 1 and given.at(0.0).x_d.size == 3:
             given = PoseTrajectory(given, None)
         given = given.placed(start)
         given = given.as_given() if exact else given

@@ -26,8 +26,8 @@ class Trajectory(ABC):
     """A twice differentiable motion of task coordinates in time.
 
     A subclass needs ``at`` alone. x_d and its derivatives have m numbers each, or, where x_d ends
-    in a quaternion xyzw, x_d has one more than the velocity: of a pose 7 and 6, of an orientation 4
-    and 3, rotations in world axes.
+    in quaternions xyzw, x_d has one more for each than the velocity: of a pose 7 and 6, of an
+    orientation 4 and 3, rotations in world axes.
 
     ``at`` gives derivatives with respect to its own argument. The same path with another time law
     s(t) is therefore x_d(s(t)), with velocity x_d' ds/dt and acceleration x_d'' (ds/dt)^2 + x_d'
@@ -105,9 +105,10 @@ class Trajectory(ABC):
         here, start = first.x_d, vector(start, first.x_d.size, "start")
         if here.size == first.xd_d.size:
             return self.shifted(start - here)
-        n = here.size - 4
-        turn = rotation_between(start[n:], here[n:])
-        return self.shifted(np.append(start[:n] - here[:n], turn))
+        n = here.size - 4 * (here.size - first.xd_d.size)
+        pairs = zip(start[n:].reshape(-1, 4), here[n:].reshape(-1, 4), strict=True)
+        turns = [rotation_between(*both) for both in pairs]
+        return self.shifted(np.concatenate([start[:n] - here[:n], *turns]))
 
     def placed(self, start: np.ndarray) -> Trajectory:
         """Return the motion that begins where the robot is, ``start``, if it has no place yet."""
@@ -146,12 +147,15 @@ class _Shifted(Derived):
         (x_d, xd_d, xdd_d), by = self.motion.at(t), self._by
         if x_d.size == xd_d.size:
             return Desired(x_d + by, xd_d, xdd_d)
-        n, R = x_d.size - 4, pin.exp3(by[-3:])
-        return Desired(
-            np.append(x_d[:n] + by[:n], turned(x_d[n:], by[n:])),
-            np.append(xd_d[:n], R @ xd_d[n:]),
-            np.append(xdd_d[:n], R @ xdd_d[n:]),
-        )
+        n = x_d.size - 4 * (x_d.size - xd_d.size)
+        turns = by[n:].reshape(-1, 3)
+        found = [x_d[:n] + by[:n]], [xd_d[:n]], [xdd_d[:n]]
+        for k, turn in enumerate(turns):
+            R, own = pin.exp3(turn), slice(n + 3 * k, n + 3 * k + 3)
+            found[0].append(turned(x_d[n + 4 * k : n + 4 * k + 4], turn))
+            found[1].append(R @ xd_d[own])
+            found[2].append(R @ xdd_d[own])
+        return Desired(*map(np.concatenate, found))
 
 
 class Retimed(Derived):

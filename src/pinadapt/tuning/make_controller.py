@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isinf
 from typing import Any
@@ -28,7 +28,7 @@ from ..models.delay_compensation import DelayCompensator
 from ..models.task_kinematics import TaskKinematics
 from ..models.typical_motion import TypicalMotion
 from ..records import Sensors
-from ..robot.changes import Payload
+from ..robot.changes import Load, Payload
 from ..robot.motors import Actuators, Compensation, compensation_of
 from ..robot.robot import Robot
 from ..tasks.task import JointTask
@@ -74,7 +74,7 @@ def make_controller(
     unknown: Unknown | str | Sequence[str] | None = None,
     sensors: Sensors | None = None,
     limits: Limits | None = None,
-    payload: Payload | None = None,
+    payload: Load = None,
     compensated: Compensation | str | None = None,
     dt: float = 1e-3,
     **gains: Any,
@@ -106,7 +106,7 @@ def make_controller(
         sensors: of the robot, from which filters and rates follow; None: perfect ones.
         limits: of torques, estimates and measurements, see ``Limits``; None: its defaults.
         payload: a guess of the load on the last body, added to the nominal model; an announced one
-            takes its place, see ``Controller.announce``.
+            takes its place, see ``Controller.announce``; of several task frames by their names.
         compensated: what the arm adds by itself to the torque that it is sent, which the controller
             takes off: "nominal" for the gravity torque of this robot, ``Gravity(described)`` for
             one without the payload, or any callable of q (nq) that returns it (n).
@@ -128,7 +128,7 @@ def make_controller(
         word(name, (*NAMES, *RATES), "controller")
     dt, unknown = positive(dt, "dt"), Unknown.of(unknown)
     instance(robot, Robot, "robot")
-    instance(payload, Payload | None, "payload")
+    instance(payload, Payload | Mapping | None, "payload")
     sensors = Sensors() if sensors is None else instance(sensors, Sensors, "sensors")
     limits = Limits() if limits is None else instance(limits, Limits, "limits")
     nominal = NominalRobot(robot.undrawn(), payload)

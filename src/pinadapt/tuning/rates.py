@@ -188,23 +188,23 @@ def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: f
 
 
 def _shares(robot: Robot, dynamics: Dynamics, unit: Natural, load: float) -> np.ndarray | None:
-    """Return relative rates, one per body, where that of the frame may carry a load; else None.
+    """Return relative rates, one per body, where that of a frame may carry a load; else None.
 
     Mass and thickness of a body scale how far its parameters may move in the metric, but an unknown
     load may be on the body of the frame whatever its description says: that body is learned as fast
     as if it had a load, a share of the robot's mass, besides, or a thickness of a hundredth of the
     reach.
     """
-    if not dynamics.per_body or robot.carrier not in dynamics.bodies:
+    if not dynamics.per_body:
         return None
-    index = list(dynamics.bodies).index(robot.carrier)
-    P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
-    mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
-    square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
-    thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
     shares = np.ones(len(dynamics.bodies))
-    shares[index] = max(1.0, thick, 1.0 + load * pin.computeTotalMass(robot.model) / mass)
-    return shares if shares[index] > 1.0 else None
+    for index in (i for i, body in enumerate(dynamics.bodies) if body in robot.carriers):
+        P = unit.cone.matrices(unit.init(dynamics.initial).value)[index]
+        mass, centre = P[3, 3], P[:3, 3] / P[3, 3]
+        square = np.linalg.eigvalsh(P[:3, :3] / mass - np.outer(centre, centre))[0]
+        thick = (_THICKNESS * robot.reach) ** 2 / max(square, 1e-8)
+        shares[index] = max(1.0, thick, 1.0 + load * pin.computeTotalMass(robot.model) / mass)
+    return shares if shares.max() > 1.0 else None
 
 
 def _cone(

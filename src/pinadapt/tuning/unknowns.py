@@ -16,6 +16,7 @@ from ..models.basis import BasisDynamics, read_matrix
 from ..models.bodies import PAYLOAD, BodyDynamics
 from ..models.camera_kinematics import CAMERA, CameraKinematics
 from ..models.dynamics import Dynamics, StackedDynamics
+from ..models.frames_kinematics import FramesKinematics
 from ..models.joint_effects import (
     KINDS,
     USUAL,
@@ -30,6 +31,7 @@ from ..models.tracker_kinematics import TRACKER, TrackerKinematics
 from ..models.translations import BASE, FIRST, LENGTHS, TOOL, Translation
 from ..robot.robot import Robot
 from ..tasks.frame import ImageTask
+from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask
 from .rates import FORGETTING, PREDICTING
 
@@ -65,8 +67,8 @@ class Unknown:
     tool.
 
     Attributes:
-        tool: whether the translation of the task frame is unknown. None: it is where the task is
-            one of the frame and ``lengths`` does not contain it; see also ``identify`` and
+        tool: whether the translation of the task frame, or of each, is unknown. None: it is where
+            the task is one of frames and ``lengths`` does not contain it; see also ``identify`` and
             ``excite``.
         base: whether the position of the base is unknown, in the frame in which x is measured.
         tracker: whether x is measured in axes of its own, turned and displaced from those of the
@@ -78,9 +80,9 @@ class Unknown:
             fixes their place among the estimates.
         lengths: links whose length along its direction is unknown, by the names of their joints;
             True for all links, the tool included.
-        bodies: unknown inertial parameters: "all", "payload" (the last body), "none", or the names
-            of the joints that carry the bodies. With lengths that are lumped with inertias, the
-            products with all bodies are unknown.
+        bodies: unknown inertial parameters: "all", "payload" (the last body; of several frames the
+            body of each), "none", or the names of the joints that carry the bodies. With lengths
+            that are lumped with inertias, the products with all bodies are unknown.
         friction: whether the friction of the joints is unknown: True, False, or "viscous" or
             "coulomb" alone. None: it is with the law "separation", and known with published laws.
         armature: whether the rotor inertias are unknown; None: as for friction.
@@ -236,6 +238,8 @@ def _kinematics_of_task(robot: Robot, unknown: Unknown, law: type[Law]) -> TaskK
     words = unknown.translation_words(tool=not robot.constraints)
     kinematics: TaskKinematics
     geometry, tracked = unknown.geometry or GEOMETRY in words, unknown.tracker or TRACKER in words
+    if isinstance(robot.task, FramesTask):
+        return FramesKinematics(robot, [GEOMETRY] * geometry + [TRACKER] * tracked + words)
     others = [word for word in words if word not in (GEOMETRY, TRACKER, BASE)]
     if geometry and (tracked or set(others) - {TOOL}):
         raise ParameterError(

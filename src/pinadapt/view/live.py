@@ -18,7 +18,7 @@ from ..controller.controller import Controller
 from ..exceptions import DivergedError
 from ..robot.robot import Robot, Succession
 from ..trajectories.given import TrajectoryLike, as_trajectory
-from .drawing import TRUE, Window, solid
+from .drawing import Window
 from .page import page
 from .scene import Scene
 
@@ -196,7 +196,7 @@ class LiveView:
         self._traced += [*self._scene.show(*(np.array([part]) for part in moment))]
         first = max(len(self._traced) - 2, 0) // 30 * 30  # the last second is drawn again
         piece = np.array(self._traced[first:])
-        self._scene.add_path(f"true/{first}", piece, 0.005, solid(TRUE))
+        self._scene.add_traces(f"true/{first}", piece)
 
     def close(self) -> None:
         """Show the last sample and stop the server; open pages stay as they are."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from .._checks import positive
 from .._output import write_text
-from .drawing import TRUE, ghost, solid
+from .drawing import ghost
 from .scene import Scene
 
 
@@ -133,8 +133,8 @@ def animation_of(rollout: Any, *, frames_per_second: float = 30.0) -> Animation:
     scene = Scene(robots, kinematics, t[line], q[line], x_d[line], t[frames])
     scene.show(*(part[frames] for part in (t, q, x, x_d, a_k)))
     if len(line) > 1:
-        scene.add_path("true", scene.traced, 0.005, solid(TRUE))
-        scene.window.note("reveal", reveal=scene.root["paths"]["true"].path.lower())
+        for node in scene.add_traces("true", scene.traced):
+            scene.window.note(("reveal", node.path), reveal=node.path.lower())
     scene.poses.play(scene.root)
     title = rollout.title or true.name
     return Animation(page(scene, title, rollout.duration, marks=rollout.marks))

@@ -10,9 +10,11 @@ import pinocchio as pin
 from meshcat.geometry import Cylinder, Material, Sphere
 from scipy.spatial.transform import Rotation
 
+from ..description.chain import frame_id
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot, Succession
 from ..tasks.frame import FrameTask, ImageTask
+from ..tasks.several_frames import FramesTask
 from .drawing import (
     BONES,
     DESIRED,
@@ -31,20 +33,20 @@ from .drawing import (
 
 
 class ChainMotion(NamedTuple):
-    """Where a chain of n joints is at F moments.
+    """Where a chain of n joints with k task frames is at F moments.
 
     Attributes:
         joints: (F, n + 1, 4, 4) placements of the base and the joints [m], in the base's axes.
-        tip: (F, 3) the task frame's origin [m].
+        tips: (F, k, 3) the task frames' origins [m].
     """
 
     joints: np.ndarray
-    tip: np.ndarray
+    tips: np.ndarray
 
     @property
     def points(self) -> np.ndarray:
-        """All joint origins and tips (F (n + 2), 3) [m]."""
-        return np.vstack([self.joints[:, :, :3, 3].reshape(-1, 3), self.tip])
+        """All joint origins and tips (F (n + 1 + k), 3) [m]."""
+        return np.vstack([self.joints[:, :, :3, 3].reshape(-1, 3), self.tips.reshape(-1, 3)])
 
 
 def motion_of(
@@ -64,15 +66,15 @@ def motion_of(
         a_k: (F, p) their values at each moment [m]; None: those of the description.
     """
     robot = robot.in_base_axes
-    model, joints, tip = robot.model.copy(), [], []
-    data = model.createData()
+    model, joints, tips = robot.model.copy(), [], []
+    data, ends = model.createData(), [frame_id(model, name) for name in robot.frames]
     for k, configuration in enumerate(q):
         if a_k is not None and kinematics is not None:
             kinematics.write(model, a_k[k])
         pin.forwardKinematics(model, data, configuration)
-        tip.append(pin.updateFramePlacement(model, data, robot.frame_id).translation.copy())
+        tips.append([pin.updateFramePlacement(model, data, k).translation.copy() for k in ends])
         joints.append([placement.homogeneous for placement in data.oMi])
-    return ChainMotion(np.array(joints), np.array(tip))
+    return ChainMotion(np.array(joints), np.array(tips))
 
 
 def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> ChainMotion:
@@ -82,21 +84,31 @@ def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> ChainMot
     return ChainMotion(*map(np.concatenate, zip(*motions, strict=True)))
 
 
-def desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
-    """Return the desired positions of the tool (L, 3) [m], in the axes of the robot's base.
+def desired_tips(true: Robot, x_d: np.ndarray, tips: np.ndarray) -> np.ndarray:
+    """Return the desired positions of the tools (L, k, 3) [m], in the axes of the robot's base.
 
     Args:
         true: the robot; x_d are coordinates of its task.
         x_d: (L, .) desired coordinates.
-        tip: (L, 3) or (3) actual positions of the tool [m] in the same axes, for coordinates
-            outside of the task.
+        tips: (L, k, 3) or (k, 3) actual positions of the tools [m] in the same axes, for
+            coordinates outside of the task.
     """
+    task, tips = true.task, np.broadcast_to(tips, (len(x_d), *tips.shape[-2:]))
+    if not isinstance(task, FramesTask):
+        return _desired_tip(true, x_d, tips[:, 0])[:, None]
+    parts = np.swapaxes([[*task.parts(x)] for x in x_d], 0, 1)
+    own = zip(task.frames, parts, np.swapaxes(tips, 0, 1), strict=True)
+    return np.stack([_desired_tip(true.of_frame(frame), *each) for frame, *each in own], axis=1)
+
+
+def _desired_tip(true: Robot, x_d: np.ndarray, tip: np.ndarray) -> np.ndarray:
+    """Return the desired positions of one tool (L, 3) [m]; see ``desired_tips``."""
     task, tracker = true.task, true.tracker
     path = np.array(np.broadcast_to(tip, (len(x_d), 3)))
     if isinstance(task, ImageTask):
         return np.array([task.nearest(*each) for each in zip(path, x_d, strict=True)])
     if not isinstance(task, FrameTask):
-        return motion_of(true, np.array([true.configuration(x) for x in x_d])).tip
+        return motion_of(true, np.array([true.configuration(x) for x in x_d])).tips[:, 0]
     tracker = pin.SE3.Identity() if tracker is None else tracker
     path = path @ tracker.rotation.T + tracker.translation
     path[:, task.place] = x_d[:, : task.positions]
@@ -112,7 +124,7 @@ def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
 
     Args:
         points: (N, 3) points that must be in the picture [m].
-        path: (M, 3) the tool's path [m].
+        path: (M, 3) the tools' paths [m].
     """
     azimuth = np.arctan2(*path.mean(axis=0)[1::-1]) - np.radians(35.0)
     towards = Rotation.from_euler("ZY", [azimuth, -np.radians(30.0)]).as_matrix()
@@ -134,57 +146,66 @@ class DrawnRobot:
     """
 
     def __init__(self, node: Node, robot: Robot, size: float, tip: Material) -> None:
-        """Draw a ball at the tip.
+        """Draw a ball at each tip.
 
         Args:
             node: root of the robot.
             robot: the robot.
             size: of the scene [m].
-            tip: material of the ball.
+            tip: material of the balls.
         """
         self.node, self.robot, self.size = node, robot, size
-        self.carrier = int(robot.model.frames[robot.frame_id].parentJoint)
+        ends = [robot.model.frames[frame_id(robot.model, name)] for name in robot.frames]
+        self.carriers = [int(end.parentJoint) for end in ends]
         self._rods: list[tuple[Node, int, int]] = []
-        node["tip"].set_object(Sphere(0.024 * size), tip)
+        self._tips = [node[_numbered("tip", k)] for k in range(len(ends))]
+        for end in self._tips:
+            end.set_object(Sphere(0.024 * size), tip)
 
     def place(self, motion: ChainMotion, poses: Keyframes) -> None:
         """Move all nodes to their places in a motion."""
-        joints = motion.joints.swapaxes(0, 1)
+        joints, tips = motion.joints.swapaxes(0, 1), motion.tips.swapaxes(0, 1)
         for index, place in enumerate(joints):
             turn = Rotation.from_matrix(place[:, :3, :3])
             poses.move(self.node[f"joint {index}"], place[:, :3, 3], turn)
-        points = [*joints[:, :, :3, 3], motion.tip]
+        points = [*joints[:, :, :3, 3], *tips]
         for node, start, end in self._rods:
             poses.move(node, *rod(points[start], points[end], 0.025 * self.size))
-        poses.move(self.node["tip"], motion.tip)
+        for node, tip in zip(self._tips, tips, strict=True):
+            poses.move(node, tip)
 
     def stick_figure(self, material: Material) -> None:
-        """Draw a ball at each joint, and a rod to it from the joint before; one to the tip too."""
-        parents = [*map(int, self.robot.model.parents), self.carrier]
+        """Draw a ball at each joint, and a rod to it from the joint before; to the tips too."""
+        parents = [*map(int, self.robot.model.parents), *self.carriers]
         for end, start in enumerate(parents):
-            if end < len(parents) - 1:
+            if end < self.robot.model.njoints:
                 self.node[f"joint {end}"]["ball"].set_object(Sphere(0.04 * self.size), material)
             if end:
                 self._rods.append((self.node[f"rod {end}"], start, end))
                 self.node[f"rod {end}"].set_object(Cylinder(1.0), material)
 
-    def load(self, number: int) -> Node:
-        """Return the node of the loads of the robot of this number in the succession."""
-        return self.node[f"joint {self.carrier}"][f"load {number}"]
+    def loads(self, number: int) -> dict[int, Node]:
+        """Return the nodes of the loads of the robot of this number in the succession, by joint."""
+        return {joint: self.node[f"joint {joint}"][f"load {number}"] for joint in self.carriers}
 
     def add_loads(self, number: int, robot: Robot) -> None:
         """Draw each load of a robot as a ball of steel of the same mass."""
-        for k, load in enumerate(robot.loads):
-            ball, volume = self.load(number)[f"{k}"], load.mass / 7850.0  # [m^3]
+        for k, (joint, load) in enumerate(robot.loads):
+            ball, volume = self.loads(number)[joint][f"{k}"], load.mass / 7850.0  # [m^3]
             ball.set_object(Sphere(float(np.cbrt(0.75 / np.pi * volume))), ghost(0.6, LOAD))
             ball.set_transform(pin.SE3(np.eye(3), load.lever).homogeneous)
+
+
+def _numbered(name: str, k: int) -> str:
+    """Return the name of what belongs to a task frame; numbers begin with the second."""
+    return f"{name} {k + 1}" if k else name
 
 
 class Scene:
     """The true robot, the estimated one, and the desired point with its path.
 
     The true robot, which may change during the run, has its own colours. The estimated robot is a
-    translucent ghost, visible where it differs. Each has a ball at its tip, the task frame. The
+    translucent ghost, visible where it differs. Each has a ball at its tips, the task frames. The
     desired path is a wide translucent green one, with the path of the true tip in red inside; loads
     are orange balls. All lengths are in the axes of the robot's base.
 
@@ -196,7 +217,7 @@ class Scene:
         robots: the true robot, and what it changes to.
         kinematics: of the estimated robot.
         poses: moves the nodes.
-        traced: (L, 3) path of the true tip [m].
+        traced: (L, k, 3) paths of the true tips [m].
         units: of the curves that were noted, by label.
     """
 
@@ -223,8 +244,9 @@ class Scene:
         self.root = meshcat.Visualizer(window=self.window)
         self.robots, self.kinematics, true = robots, kinematics, robots.robots[0]
         motion = motion_in_time(robots, t[: len(q)], q)
-        self.traced, path = motion.tip, desired_tip(true, x_d, motion.tip)
-        self.viewpoint = viewpoint(np.vstack([motion.points, path]), path)
+        self.traced, path = motion.tips, desired_tips(true, x_d, motion.tips).swapaxes(0, 1)
+        way = path.reshape(-1, 3)
+        self.viewpoint = viewpoint(np.vstack([motion.points, way]), way)
         self.size = size = max(self.viewpoint["box"][:2])
         self._solid = DrawnRobot(self.root["true"], true, size, solid(TRUE))
         self._ghost = DrawnRobot(self.root["estimated"], kinematics.robot, size, ghost(0.6))
@@ -235,8 +257,10 @@ class Scene:
             self._ghost.stick_figure(ghost())
         for number, robot in enumerate(robots.robots):
             self._solid.add_loads(number, robot)
-        self.add_path("desired", path, 0.012, ghost(0.4, DESIRED))
-        self.root["desired point"].set_object(Sphere(0.034 * size), ghost(0.5, DESIRED))
+        self._points = [self.root[_numbered("desired point", k)] for k in range(len(path))]
+        for k, (node, own) in enumerate(zip(self._points, path, strict=True)):
+            self.add_path(_numbered("desired", k), own, 0.012, ghost(0.4, DESIRED))
+            node.set_object(Sphere(0.034 * size), ghost(0.5, DESIRED))
         self._surroundings(min(0.0, motion_of(true, true.q0[None]).points[:, 2].min()))
 
     @property
@@ -252,7 +276,7 @@ class Scene:
     def show(
         self, t: np.ndarray, q: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
     ) -> np.ndarray:
-        """Move everything to F moments, note the curves, and return the true tip (F, 3) [m].
+        """Move everything to F moments, note the curves, and return the true tips (F, k, 3) [m].
 
         Args:
             t: (F) time [s].
@@ -265,18 +289,21 @@ class Scene:
         motion = motion_in_time(self.robots, t, q)
         self._solid.place(motion, poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
-        poses.move(self.root["desired point"], desired_tip(robots[0], x_d, motion.tip))
+        desired = desired_tips(robots[0], x_d, motion.tips).swapaxes(0, 1)
+        for node, points in zip(self._points, desired, strict=True):
+            poses.move(node, points)
         still = np.zeros((len(t), 3))
         for number in range(len(robots)):
             carrying = self.robots.index(t)[:, None] == number
             scale = np.where(carrying, still + 1.0, 1e-4)  # a ball too small to be seen
-            poses.move(self._solid.load(number), still, None, scale)
+            for node in self._solid.loads(number).values():
+                poses.move(node, still, None, scale)
         for moment, *values in zip(
             t.round(4).tolist(), *self.curves(t, x, x_d, a_k).values(), strict=True
         ):
             read = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
             self.window.note(("reading", moment), reading={"t": moment, "values": read})
-        return motion.tip
+        return motion.tips
 
     def curves(
         self, t: np.ndarray, x: np.ndarray, x_d: np.ndarray, a_k: np.ndarray
@@ -296,6 +323,13 @@ class Scene:
             label = "error of tool and length estimates"
             self.units[label], curves[label] = "mm", 1e3 * off
         return curves
+
+    def add_traces(self, name: str, tips: np.ndarray) -> list[Node]:
+        """Draw the paths (L, k, 3) [m] of the true tips and return their nodes."""
+        names = [_numbered(name, k) for k in range(tips.shape[1])]
+        for own, path in zip(names, tips.swapaxes(0, 1), strict=True):
+            self.add_path(own, path, 0.005, solid(TRUE))
+        return [self.root["paths"][own] for own in names]
 
     def add_path(self, name: str, points: np.ndarray, radius: float, material: Material) -> None:
         """Draw a path (L, 3) [m]; fewer than two points are not drawn."""

@@ -1,0 +1,133 @@
+"""Kinematics of several frames of one robot: those of each, with its own unknown tool, stacked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from .._checks import name_list
+from ..exceptions import ParameterError, RobotError
+from ..robot.robot import Robot
+from ..tasks.several_frames import FramesTask
+from .linear_kinematics import FrameKinematics
+from .task_kinematics import TaskKinematics
+from .translations import TOOL
+
+
+class FramesKinematics(TaskKinematics):
+    """The estimated kinematics of several frames, block by block those of each.
+
+    The parameters are the tools, in the order of the frames: the position of a frame depends on its
+    own tool alone, so X_k and Y_k are block diagonal. J and dJ/dt are those of the frames, rows of
+    positions first; they are exact, and so is everything that follows from them.
+    """
+
+    task: FramesTask
+
+    def __init__(self, robot: Robot, unknown: str | Sequence[Any] = ()) -> None:
+        """Use a nominal robot with several task frames; ``unknown`` is empty or ["tool"].
+
+        Raises:
+            RobotError: there are not several frames.
+            ParameterError: other unknown translations: those of joints move several frames.
+        """
+        if not isinstance(robot.task, FramesTask):
+            raise RobotError("expected a robot with several frames.", where="robot.task")
+        words = list(unknown) if not isinstance(unknown, str) else name_list(unknown, "unknown")
+        if words not in ([], [TOOL]):
+            raise ParameterError(
+                f"with several frames their tools may be unknown, and {words} was given.",
+                where="unknown.translations",
+                hint='Take unknown "tool", or one frame at a time.',
+            )
+        self.unknown = words
+        self.robot, self.task, self.frame = robot.undrawn(), robot.task, robot.frame
+        self.joint_names = robot.joint_names
+        self.nq, self.nv = int(robot.model.nq), int(robot.model.nv)
+        self._parts = [FrameKinematics(robot.of_frame(name), words) for name in robot.frames]
+        ends = np.cumsum([0, *(part.size for part in self._parts)]).tolist()
+        self._own = [slice(*both) for both in pairwise(ends)]
+        self.size, self.positions = ends[-1], self.task.positions
+        named = list(zip(robot.frames, self._parts, strict=True))
+        self.names = tuple(f"{frame}.{name}" for frame, part in named for name in part.names)
+        self.translations = [
+            replace(
+                each,
+                name=f"{frame}.{each.name}",
+                labels=tuple(f"{frame}.{label}" for label in each.labels),
+            )
+            for frame, part in named
+            for each in part.translations
+        ]
+        self.initial, self.sizes, self.bounds = (
+            np.concatenate([getattr(part, name) for part in self._parts], axis=-1)
+            for name in ("initial", "sizes", "bounds")
+        )
+        self._still = np.zeros(self.nv)
+        self.update(self.initial, robot.q0, self._still)
+
+    def update(self, a_k: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+        """Evaluate at an estimate a_k (p), configuration q (nq) and velocity v (nv)."""
+        if a_k.size != self.size:
+            raise ParameterError(f"expected {self.size} numbers, got {a_k.size}.", where="a_k")
+        parts = self._parts
+        for part, own in zip(parts, self._own, strict=True):
+            part.update(a_k[own], q, v)
+        self.a_k = a_k
+        self.J = self.task.joined([part.J for part in parts])
+        self.xd_hat = self.task.joined([part.xd_hat for part in parts])
+        self.Jdot_v = self.task.joined([part.Jdot_v for part in parts])
+        self.p_hat = np.concatenate([part.p_hat for part in parts])
+        self.X_k = self._blocks([part.X_k for part in parts])
+        self.Y_k = self._blocks([part.Y_k for part in parts])
+
+    def _blocks(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """Return rows of all frames, given the columns that the parameters of each have."""
+        wide = [np.zeros((len(part), self.size)) for part in parts]
+        for rows, part, own in zip(wide, parts, self._own, strict=True):
+            rows[:, own] = part
+        return self.task.joined(wide)
+
+    @property
+    def x_hat(self) -> np.ndarray:
+        """The estimated positions, or poses, of all frames."""
+        return self.task.joined([part.x_hat for part in self._parts])
+
+    def at(self, q: np.ndarray, seen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the estimated task coordinates at another q (nq), and X_k (m_p, p) there."""
+        x, X = zip(*(part.at(q) for part in self._parts), strict=True)
+        return self.task.joined(list(x)), self._blocks(X)
+
+    def jacobian_rate(self, a_k_rate: np.ndarray) -> np.ndarray:
+        """Return dJ/dt (m, nv) by the motion and by the rate a_k_rate (p) of the estimate."""
+        pairs = zip(self._parts, self._own, strict=True)
+        return self.task.joined([part.jacobian_rate(a_k_rate[own]) for part, own in pairs])
+
+    def acceleration_regressor(self, a: np.ndarray) -> np.ndarray:
+        """Return Ybar_k (m, p) of Wang and Xie (27), xddot = Ybar_k(q, v, a) a_k + known part."""
+        return self._blocks([part.acceleration_regressor(a) for part in self._parts])
+
+    def value(self, robot: Robot) -> np.ndarray | None:
+        """Return the tools (p) of a robot with the same joints; None if none reproduce it."""
+        named = zip(self.task.frames, self._parts, strict=True)
+        found = [part.value(robot.of_frame(frame)) for frame, part in named]
+        return None if any(own is None for own in found) else np.concatenate(found)  # type: ignore[arg-type]
+
+    def write(self, model: pin.Model, a_k: np.ndarray) -> None:
+        """Write the tools of an estimate a_k (p) into a model of the robot."""
+        for part, own in zip(self._parts, self._own, strict=True):
+            part.write(model, a_k[own])
+
+    def read(self, model: pin.Model, a_k: np.ndarray) -> np.ndarray:
+        """Return the tools (p) of a model of the robot."""
+        pairs = zip(self._parts, self._own, strict=True)
+        return np.concatenate([part.read(model, a_k[own]) for part, own in pairs])
+
+    def base(self, samples: int = 50) -> int:
+        """Return the number of identifiable combinations of the parameters."""
+        return sum(part.base(samples) for part in self._parts)

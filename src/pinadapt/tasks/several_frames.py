@@ -1,0 +1,149 @@
+"""The task of several frames of one robot: the same coordinates of each, one controller for all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from .frame import FrameTask
+from .task import RowGroup, Task
+
+
+@dataclass(frozen=True)
+class FramesTask(Task):
+    """The positions, or the poses, of k frames, in world axes.
+
+    x are the positions of all frames, in the order of the frames, then, for poses, their
+    quaternions xyzw in the same order; errors, velocities and accelerations are the linear rows of
+    all frames, then the angular ones. All rows count alike: no frame has priority over another.
+
+    Attributes:
+        frames: their names (k).
+        ids: (k) their indices in the model.
+        part: the task of each.
+    """
+
+    frames: tuple[str, ...]
+    ids: tuple[int, ...]
+    part: FrameTask
+
+    @classmethod
+    def of(cls, part: FrameTask, frames: Mapping[str, int]) -> FramesTask:
+        """Return the task of frames, name -> index in the model, with the same coordinates each."""
+        own = np.array([[f"{frame}.{label}" for label in part.labels] for frame in frames])
+        labels = (*own[:, : part.positions].flat, *own[:, part.positions :].flat)
+        return cls(part.name, tuple(map(str, labels)), tuple(frames), tuple(frames.values()), part)
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates x: k times those of one frame."""
+        return len(self.frames) * self.part.coordinates
+
+    @property
+    def positions(self) -> int:
+        """The positions of all frames."""
+        return len(self.frames) * self.part.positions
+
+    @property
+    def groups(self) -> tuple[RowGroup, ...]:
+        """The positions of all frames, then all rotations."""
+        return tuple(
+            group._replace(rows=slice(*(len(self.frames) * end for end in (rows.start, rows.stop))))
+            for group in self.part.groups
+            for rows in (group.rows,)
+        )
+
+    def parts(self, x: np.ndarray) -> Iterator[np.ndarray]:
+        """Yield the coordinates, or the rows, of each frame."""
+        yield from parts_of(x, len(self.frames), self.part.positions)
+
+    def joined(self, parts: list[np.ndarray]) -> np.ndarray:
+        """Return the coordinates, or the rows, of all frames, given those of each."""
+        return joined(parts, self.part.positions)
+
+    def _each(self, call: Callable[..., np.ndarray], *given: np.ndarray) -> np.ndarray:
+        """Return what a function makes of the parts of some coordinates or rows, joined."""
+        return self.joined([call(*own) for own in zip(*map(self.parts, given), strict=True)])
+
+    def motion(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x and the task velocity (m) at q (nq) and v (nv)."""
+        pin.forwardKinematics(model, data, q, v)
+        found = []
+        for own in self.ids:
+            placement = pin.updateFramePlacement(model, data, own)
+            velocity = pin.getFrameVelocity(model, data, own, pin.LOCAL_WORLD_ALIGNED)
+            found.append(self.part.moving(placement, velocity))
+        x, xd = zip(*found, strict=True)
+        return self.joined(list(x)), self.joined(list(xd))
+
+    def linear_map(
+        self, model: pin.Model, data: pin.Data, frame: int, q: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates x and the task Jacobian (m, nv) at q (nq)."""
+        found = [self.part.linear_map(model, data, own, q) for own in self.ids]
+        x, J = zip(*found, strict=True)
+        return self.joined(list(x)), self.joined(list(J))
+
+    def error(self, x: np.ndarray, x_d: np.ndarray) -> np.ndarray:
+        """Return the error dx (m) of x from x_d."""
+        return self._each(self.part.error, x, x_d)
+
+    def errors(
+        self,
+        x: np.ndarray,
+        x_d: np.ndarray,
+        xd: np.ndarray | None,
+        xd_hat: np.ndarray,
+        xd_d: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return dx, xd and delta, as of each frame; see ``Task.errors``."""
+        if self.size == self.positions:
+            return super().errors(x, x_d, xd, xd_hat, xd_d)
+        given = zip(
+            *map(self.parts, (x, x_d, xd_hat if xd is None else xd, xd_hat, xd_d)), strict=True
+        )
+        dx, found, delta = zip(*(self.part.errors(*own) for own in given), strict=True)
+        return self.joined(list(dx)), self.joined(list(found)), self.joined(list(delta))
+
+    def turn(self, x_hat: np.ndarray, x: np.ndarray) -> Any:
+        """Return the rotation of each frame from the estimated to the measured orientation."""
+        both = zip(self.parts(x_hat), self.parts(x), strict=True)
+        return [self.part.turn(*own) for own in both]
+
+    def turn_between(self, turn: Any, before: Any, share: float) -> Any:
+        """Return the rotation of each frame on the way from ``turn`` to ``before``."""
+        both = zip(turn, before, strict=True)
+        return [self.part.turn_between(*own, share) for own in both]
+
+    def carried(self, x_hat: np.ndarray, epsilon: np.ndarray, turn: Any) -> np.ndarray:
+        """Return estimated coordinates corrected by an error epsilon (m_p) [m] and rotations."""
+        own = zip(self.parts(x_hat), np.split(epsilon, len(self.frames)), turn, strict=True)
+        return self.joined([self.part.carried(*each) for each in own])
+
+    def moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """Return the coordinates displaced from x by ``by`` (m), their error from x."""
+        return self._each(self.part.moved, x, by)
+
+    def flaw(self, x: np.ndarray) -> str | None:
+        """Return what is wrong with finite coordinates x, or None."""
+        return next(filter(None, map(self.part.flaw, self.parts(x))), None)
+
+
+def parts_of(x: np.ndarray, count: int, positions: int) -> Iterator[np.ndarray]:
+    """Yield the coordinates of each of so many frames, the first so many of each positions."""
+    first = count * positions
+    rest = (len(x) - first) // count
+    for k in range(count):
+        places = x[k * positions : (k + 1) * positions]
+        yield np.concatenate([places, x[first + k * rest : first + (k + 1) * rest]])
+
+
+def joined(parts: list[np.ndarray], positions: int) -> np.ndarray:
+    """Return coordinates or rows of several frames, given those of each, positions first."""
+    return np.concatenate([part[:positions] for part in parts] + [p[positions:] for p in parts])

@@ -1,0 +1,72 @@
+"""The desired motion of several task frames: one motion of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..records import Desired
+from ..tasks.several_frames import joined, parts_of
+from .given import TrajectoryLike, as_trajectory
+from .pose import PoseTrajectory
+from .trajectory import Trajectory
+
+
+class Stacked(Trajectory):
+    """One motion of each task frame, in the order of the frames, as one of all their coordinates.
+
+    x_d has the positions of all frames, then, for poses, their quaternions, as
+    ``tasks.FramesTask`` has them; velocities and accelerations have the linear parts first.
+
+    Attributes:
+        motions: those of the frames.
+        extent: root of the sum of the squares of theirs [m], as errors are norms over all frames.
+    """
+
+    motions: tuple[Trajectory, ...]
+
+    def __init__(self, motions: Sequence[TrajectoryLike]) -> None:
+        """Take the motion of each frame, whatever ``as_trajectory`` takes.
+
+        Raises:
+            InputError: less than two, or motions of different numbers of coordinates.
+        """
+        self.motions = tuple(as_trajectory(motion) for motion in motions)
+        sizes = {(len(start.x_d), len(start.xd_d)) for start in self._at(0.0)}
+        if len(self.motions) < 2 or len(sizes) > 1:
+            raise InputError(
+                "expected two or more motions of equally many coordinates, got "
+                f"{[len(start.x_d) for start in self._at(0.0)]} coordinates.",
+                where="motions",
+            )
+        ((coordinates, rows),) = sizes
+        self._positions = rows if rows == coordinates else rows - 3
+        extents = [motion.extent for motion in self.motions if motion.extent is not None]
+        times = [motion.settles for motion in self.motions if motion.settles is not None]
+        if len(extents) == len(self.motions):
+            self.extent = float(np.linalg.norm(extents))
+        if len(times) == len(self.motions):
+            self.settles = max(times)
+
+    def _at(self, t: float) -> list[Desired]:
+        return [motion.at(t) for motion in self.motions]
+
+    def at(self, t: float) -> Desired:
+        """Return position, velocity and acceleration of all frames at time t [s]."""
+        return Desired(
+            *(joined(list(each), self._positions) for each in zip(*self._at(t), strict=True))
+        )
+
+    def placed(self, start: np.ndarray) -> Trajectory:
+        """Return the motions, those without a place of their own placed where their frame is.
+
+        Where these are poses, a motion of a position holds the orientation.
+        """
+        placed = []
+        own = parts_of(start, len(self.motions), self._positions)
+        for motion, here in zip(self.motions, own, strict=True):
+            turns = here.size > motion.at(0.0).x_d.size
+            placed.append((PoseTrajectory(motion, None) if turns else motion).placed(here))
+        return Stacked(placed)
