@@ -66,7 +66,7 @@ def test_an_object_is_found_and_squeezed():
     controller = pa.make_controller(robot, unknown=UNKNOWN)
     rollout = pa.simulate(true, controller, path(true, 0.05), duration=3.0, progress=False)
     assert rollout.distance.max() < 4e-3 and rollout.distance[-500:].max() < 1e-4
-    body = robot.carrier + 1
+    body = robot.carriers[0] + 1
     found, truth = (each.model.inertias[body].mass for each in (rollout.learned(), true))
     assert found == pytest.approx(truth, rel=0.05)
     # what the arms do to the object, by the true robot
