@@ -13,6 +13,7 @@ from tests.support.loops import energy_along
 FRAMES = "left_gripper_base_link", "right_gripper_base_link"
 OBJECT = pa.Payload(2.0, (0.1, 0.05, 0.1), (0.02, 0.0, 0.02, 0.0, 0.0, 0.02))
 UNKNOWN = pa.Unknown(bodies="payload", friction=False, armature=False)
+FINGERS = [f"{hand}_gripper_{side}_finger_joint" for hand in "lr" for side in "lr"]
 SQUEEZE = 20.0  # [N]
 
 
@@ -20,13 +21,21 @@ SQUEEZE = 20.0  # [N]
 def holding():
     """Both arms of Baxter, the object on the left one, whose gripper is the task."""
     grasp = pa.Loop(*FRAMES, rows=(0, 1, 2, 3, 4, 5), closed=False, squeeze=SQUEEZE)
-    return pa.load(
-        "baxter", frame=FRAMES[0], task="pose", locked=["head_pan"], loops=[grasp]
-    ).changed(friction=pa.Friction(), armature=0.0)
+    left = [-1.03, -0.12, 0.0, 2.15, 0.23, 0.2, 1.96]
+    right = [1.03, -0.12, 0.0, 2.15, -0.23, 0.2, -1.96]
+    robot = pa.load(
+        "baxter",
+        frame=FRAMES[0],
+        task="pose",
+        locked=["head_pan", *FINGERS],
+        loops=[grasp],
+        q0=left + right,
+    )
+    return robot.changed(friction=pa.Friction(), armature=0.0)
 
 
 def path(robot, radius):
-    motion = PoseTrajectory(Circle(np.zeros(3), radius, 3.0), Swing((0.0, 0.0, 1.0), 0.1, 3.0))
+    motion = PoseTrajectory(Circle(np.zeros(3), radius, 3.0), Swing((1.0, 1.0, 1.0), 0.15, 2.0))
     return motion.starting_at(robot.position(robot.q0)).from_rest()
 
 
