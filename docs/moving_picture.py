@@ -1,7 +1,7 @@
-"""The moving picture of the README: a UR5 whose model has wrong link lengths.
+"""The moving picture of the README: a quadruped that crawls with an unknown load.
 
 ``python docs/moving_picture.py`` simulates the loop, draws its page frame by frame in headless
-Chromium, and writes docs/melting.gif. It needs Chromium or Chrome; Pillow and tornado, which it
+Chromium, and writes docs/crawl.gif. It needs Chromium or Chrome; Pillow and tornado, which it
 imports too, are installed with matplotlib and meshcat. ``--page FILE`` keeps the page as well.
 """
 
@@ -28,11 +28,11 @@ from PIL import Image
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 import pinadapt as pa
+from pinadapt.trajectories import Crawl
 
-PICTURE = Path(__file__).parent / "melting.gif"
-WRONG = {"elbow_joint": -0.3, "wrist_1_joint": 0.4}  # relative errors of the model's lengths
-DURATION = 6.0  # [s] two turns
-FRAMES_PER_SECOND = 20.0  # of the picture
+PICTURE = Path(__file__).parent / "crawl.gif"
+FEET = ["FL_foot", "FR_foot", "RL_foot", "RR_foot"]
+FRAMES_PER_SECOND = 12.0  # of the picture
 SIZE = 760, 440  # [pixels]
 COLOURS = 255
 
@@ -72,28 +72,13 @@ SHOW = """(async () => {
 
 
 def rollout() -> pa.Rollout:
-    """Return the run: the model has wrong lengths of both long links and wrong masses.
-
-    The kinematics are learned about five times slower than by default, to be visible.
-    """
-    true = pa.load("ur5")
-    names = list(true.model.names)
-    off = {j: k * true.model.jointPlacements[names.index(j)].translation for j, k in WRONG.items()}
-    model = true.changed(link_translation=off, inertial_scale=0.7)
-    controller = pa.make_controller(
-        model,
-        unknown=pa.Unknown(tool=False, translations=[f"{joint}:length" for joint in WRONG]),
-        adaptation="gradient",
-        gamma_k=40.0,
-        R_k=0.015,
-    )
-    circle = pa.trajectories.Circle(center=np.zeros(3), radius=0.2, period=3.0, plane="yz")
+    """Return the run: four steps with a load of 6 kg on the trunk that nobody announced."""
+    robot = pa.load("a1", base="free", contacts=FEET)
+    true = robot.changed(payload=pa.Payload(mass=6.0, com=(0.05, 0.02, 0.08)))
+    controller = pa.make_controller(robot, unknown="payload")
+    crawl = Crawl(steps=4, length=0.08, height=0.06).on(robot)
     return pa.simulate(
-        true,
-        controller,
-        circle.starting_at(true.position(true.q0)).as_given(),  # at speed: the largest first error
-        duration=DURATION,
-        title="UR5, two unknown lengths",
+        true, controller, crawl, duration=crawl.settles, engine="mujoco", title="A1, 6 kg unknown"
     )
 
 
@@ -207,7 +192,7 @@ def main() -> None:
     print(run)
     with tempfile.TemporaryDirectory() as folder:
         page = run.animate().save((options.page or Path(folder) / "page.html").resolve())
-        times = np.arange(0.0, DURATION, 1.0 / FRAMES_PER_SECOND)
+        times = np.arange(0.0, run.t[-1], 1.0 / FRAMES_PER_SECOND)
         with browser(page) as address:
             pictures = asyncio.run(frames(address, times))
     write(pictures, PICTURE)
