@@ -8,7 +8,7 @@ from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.slow
 
-(LINES,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+LINES, STANDING = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
 
 
 def executed(lines):
@@ -26,3 +26,11 @@ def test_the_code_runs(tmp_path, monkeypatch, capsys):
     assert rollout.summary()["max_error_last"] < 1e-4
     assert "error, last 10 %" in capsys.readouterr().out
     assert (tmp_path / "out" / "error.png").stat().st_size > 10_000
+
+
+def test_a_robot_stands_and_crawls(capsys):
+    """The second block follows the first one's imports, shortened to the trunk's first way."""
+    lines = "import pinadapt as pa\n" + STANDING.replace("duration=3.0", "duration=0.5")
+    scope = executed(lines)
+    assert scope["true"].mass == pytest.approx(scope["robot"].mass + 6.0)
+    assert "follows" in capsys.readouterr().out
