@@ -174,7 +174,7 @@ def _mm(value: float | None) -> str:
 
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the table of perfect sensors: each robot and load, with and without adaptation."""
-    lines, rows = [], [row for row in rows if row["sensors"] == "perfect" and not row["varied"]]
+    lines, rows = [], [row for row in rows if not row["sensors"]]  # perfect by default
     for row in rows:
         if row["adaptation"] != "natural" or row["push"]:
             continue
@@ -200,7 +200,7 @@ def rough(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the table of sensors, pushes and random loads."""
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for row in rows:
-        if row["sensors"] != "perfect" or row["varied"] or row["push"]:
+        if row["sensors"]:
             key = row["robot"], row["load"], row["motion"], row["sensors"], row["push"]
             groups.setdefault((*key, row["varied"], row["adaptation"]), []).append(row)
     lines = []
