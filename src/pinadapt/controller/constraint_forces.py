@@ -110,7 +110,7 @@ class ConstraintForces:
         for contact in contacts:
             own, last = _pyramid(contact), first + contact.size
             if contact.sole is not None:  # stated in the axes of the sole
-                own = own @ np.kron(np.eye(2), self.constraints.axes(contact.frame).T)
+                own = own @ np.kron(np.eye(2), self.constraints.axes(contact).T)
             rows.append(np.zeros((len(own), k)))
             rows[-1][:, first:last], first = own, last
         return np.concatenate(rows)

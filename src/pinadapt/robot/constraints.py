@@ -31,20 +31,31 @@ class Constraint(ABC):
     def size(self) -> int:
         """Number of rows."""
 
-    @abstractmethod
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of its frames."""
+        return ()
+
     def check(self, model: pin.Model) -> None:
         """Refuse names that a model does not have.
 
         Raises:
             RobotError: there is no such frame or joint.
         """
+        for name in self.frames:
+            frame_id(model, name)
 
     @abstractmethod
-    def at(self, model: pin.Model, data: pin.Data) -> Rows:
-        """Return the rows, with Jacobians, their variation and frames in ``data``."""
+    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
+        """Return the rows, with Jacobians, their variation and frames in ``data``.
+
+        ``at`` are the indices of the constraint's frames.
+        """
 
     @abstractmethod
-    def error(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+    def error(
+        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
+    ) -> np.ndarray:
         """Return by how much each row is off at q (nq), NaN where any value will do."""
 
 
@@ -79,19 +90,22 @@ class Contact(Constraint):
         """Three rows of a point, six of a sole."""
         return 3 if self.sole is None else 6
 
-    def check(self, model: pin.Model) -> None:
-        """Refuse a frame that the model does not have."""
-        frame_id(model, self.frame)
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """That of the contact."""
+        return (self.frame,)
 
-    def at(self, model: pin.Model, data: pin.Data) -> Rows:
+    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
         """Return the rows: the velocity of the frame, of a sole also its angular velocity."""
-        A, A_rate = _frame_rows(model, data, self.frame)
+        A, A_rate = _frame_rows(model, data, at[0])
         return A[: self.size], A_rate[: self.size]
 
-    def error(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+    def error(
+        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
+    ) -> np.ndarray:
         """Return the height, and NaN."""
         off = np.full(self.size, np.nan)
-        off[2] = data.oMf[frame_id(model, self.frame)].translation[2]
+        off[2] = data.oMf[at[0]].translation[2]
         return off
 
 
@@ -137,22 +151,18 @@ class Loop(Constraint):
         """Number of rows."""
         return len(self.rows)
 
-    def check(self, model: pin.Model) -> None:
-        """Refuse frames that the model does not have."""
-        frame_id(model, self.frame_a)
-        frame_id(model, self.frame_b)
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Both."""
+        return self.frame_a, self.frame_b
 
-    def at(self, model: pin.Model, data: pin.Data) -> Rows:
+    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
         """Return the rows of the velocity of b's body at frame a, less that of frame a."""
-        given = [frame_id(model, frame) for frame in (self.frame_a, self.frame_b)]
-        (A_a, rate_a), (A_b, rate_b) = (
-            _frame_rows(model, data, frame) for frame in (self.frame_a, self.frame_b)
-        )
+        (A_a, rate_a), (A_b, rate_b) = (_frame_rows(model, data, frame) for frame in at)
         v_a, v_b = (
-            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear
-            for frame in given
+            pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear for frame in at
         )
-        r, rd = pin.skew(-self.way(data, *given)), pin.skew(v_a - v_b)
+        r, rd = pin.skew(-self.way(data, *at)), pin.skew(v_a - v_b)
         rate_b[:3] -= r @ rate_b[3:] + rd @ A_b[3:]
         A_b[:3] -= r @ A_b[3:]
         rows = list(self.rows)
@@ -163,11 +173,13 @@ class Loop(Constraint):
         """Return the way (3) from frame a to frame b, by their indices [m]."""
         return np.asarray(data.oMf[b].translation - data.oMf[a].translation)
 
-    def error(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+    def error(
+        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
+    ) -> np.ndarray:
         """Return the way and the turn from a to b; NaN where they do not meet."""
         if not self.closed:
             return np.full(len(self.rows), np.nan)
-        a, b = (data.oMf[frame_id(model, frame)] for frame in (self.frame_a, self.frame_b))
+        a, b = (data.oMf[frame] for frame in at)
         turn = pin.log3(b.rotation @ a.rotation.T)
         return np.concatenate([b.translation - a.translation, turn])[list(self.rows)]
 
@@ -207,14 +219,16 @@ class Coupling(Constraint):
         joints = model.joints
         return [joints[model.getJointId(name)].idx_v for name in (self.joint, self.leader)]
 
-    def at(self, model: pin.Model, data: pin.Data) -> Rows:
+    def at(self, model: pin.Model, data: pin.Data, at: Sequence[int]) -> Rows:
         """Return one constant row."""
         A = np.zeros((1, model.nv))
         own, leader = self._dofs(model)
         A[0, own], A[0, leader] = 1.0, -self.ratio
         return A, np.zeros(A.shape)
 
-    def error(self, model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+    def error(
+        self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
+    ) -> np.ndarray:
         """Return q_j - ratio q_i - offset."""
         own, other = angles_from_configuration(model, q)[self._dofs(model)]
         return np.array([own - self.ratio * other - self.offset])
@@ -248,9 +262,9 @@ def _tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _frame_rows(model: pin.Model, data: pin.Data, frame: str) -> Rows:
+def _frame_rows(model: pin.Model, data: pin.Data, frame: int) -> Rows:
     """Return the Jacobian (6, n) of a frame in world axes, and its rate."""
-    given = model, data, frame_id(model, frame), pin.LOCAL_WORLD_ALIGNED
+    given = model, data, frame, pin.LOCAL_WORLD_ALIGNED
     return pin.getFrameJacobian(*given), pin.getFrameJacobianTimeVariation(*given)
 
 
@@ -265,7 +279,8 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
     constraints, still = Constraints(model, parts), np.zeros(model.nv)
     for _ in range(_ITERATIONS if parts else 0):
         A, _ = constraints.at(q, still)
-        errors = [part.error(model, constraints.data, q) for part in parts]
+        placed = zip(parts, constraints.places, strict=True)
+        errors = [part.error(model, constraints.data, at, q) for part, at in placed]
         rows = np.concatenate([np.isfinite(error) for error in errors])
         off = np.concatenate(errors)[rows]
         if np.abs(off).max(initial=0.0) < _CLOSED:
@@ -279,14 +294,24 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
 
 
 class Constraints:
-    """All constraints of a robot: A (k, n) and its rate."""
+    """All constraints of a robot: A (k, n) and its rate.
+
+    Attributes:
+        parts: the constraints.
+        places: indices of the frames of each.
+        data: scratch, with the frames of the last ``at``.
+    """
 
     def __init__(self, model: pin.Model, parts: Sequence[Constraint]) -> None:
         """Take the model of a robot, and its constraints."""
         self._model, self.data, self.parts = model.copy(), model.createData(), tuple(parts)
         self._none = self._A = np.zeros((0, model.nv))
-        feet = [part.frame for part in self.parts if isinstance(part, Contact)]
-        self._feet = [frame_id(model, foot) for foot in feet]
+        self.places = [[frame_id(model, name) for name in part.frames] for part in self.parts]
+        self._feet = [
+            at[0]
+            for part, at in zip(self.parts, self.places, strict=True)
+            if isinstance(part, Contact)
+        ]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by the arguments: Pinocchio's data is scratch."""
@@ -297,7 +322,8 @@ class Constraints:
         model, data = self._model, self.data
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
         pin.updateFramePlacements(model, data)
-        found = [part.at(model, data) for part in self.parts]
+        placed = zip(self.parts, self.places, strict=True)
+        found = [part.at(model, data, at) for part, at in placed]
         A, A_rate = zip((self._none, self._none), *found, strict=True)
         self._A = np.concatenate(A)
         return self._A, np.concatenate(A_rate)
@@ -313,13 +339,9 @@ class Constraints:
         The frames are those of the last ``at``; the loops are the first of the constraints.
         """
         rows, numbers, first = [np.zeros((0, size))], [], 0
-        for part in self.parts:
+        for part, frames in zip(self.parts, self.places, strict=True):
             if isinstance(part, Loop) and part.squeeze is not None:
-                way = part.way(
-                    self.data,
-                    frame_id(self._model, part.frame_a),
-                    frame_id(self._model, part.frame_b),
-                )
+                way = part.way(self.data, *frames)
                 at = [first + part.rows.index(i) for i in range(3)]
                 rows.append(np.zeros((1, size)))
                 rows[-1][0, at] = way / np.linalg.norm(way)
@@ -349,6 +371,6 @@ class Constraints:
         rows[first:].reshape(x.shape)[air], rate[first:].reshape(x.shape)[air] = u[air], ud[air]
         return rows, rate
 
-    def axes(self, frame: str) -> np.ndarray:
-        """Return the axes (3, 3) of a frame in the world, of the last ``at``."""
-        return np.asarray(self.data.oMf[frame_id(self._model, frame)].rotation)
+    def axes(self, contact: Contact) -> np.ndarray:
+        """Return the axes (3, 3) of a contact in the world, of the last ``at``."""
+        return np.asarray(self.data.oMf[self.places[self.parts.index(contact)][0]].rotation)
