@@ -2,12 +2,13 @@
 
 ``python -m benchmarks.control_step [--save FILE]`` times law (11), kinematics and every inertial
 parameter adapted, on three robots, and the default law, separation, on the Panda with the joints'
-coefficients known and adapted, all under natural adaptation. The last row is the default, with its
-memory of all torques, beside natural adaptation of the same parameters. The floor is the sequence
-of raw calls, listed by name, with the arguments prepared: forward kinematics and Jacobian at the
-estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor; for separation
-the Jacobian's variation, the two regressors of which that of Slotine and Li is made, and CRBA, as
-K_D is bounded by the mass matrix. Step and floor run alternately in one process, so that both have
+coefficients known and adapted, all under natural adaptation; and robots that stand, with the trunk
+adapted, whose step also solves a quadratic program for the contact forces. The last row is the
+default, with its memory of all torques, beside natural adaptation of the same parameters. The floor
+is the sequence of raw calls, listed by name, with the arguments prepared: forward kinematics and
+Jacobian at the estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor;
+for separation the Jacobian's variation, the two regressors of which that of Slotine and Li is made,
+and CRBA, as K_D is bounded by the mass matrix. Step and floor run alternately in one process, so that both have
 the same state of caches and clock; the ratio is the median over pairs. The step is one of an arm
 that has moved.
 
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ import pinocchio as pin
 
 import pinadapt as pa
 
+from .standing import ROBOTS, UNKNOWN, standing
 from .timing import HERE, in_turn, save, saved
 
 PLANAR = HERE.parent / "robots" / "planar_2r"
@@ -38,6 +41,8 @@ CASES: dict[str, tuple[str, str, bool]] = {  # robot, law, whether friction and 
     "panda": ("panda", LAW, False),
     "panda_separation": ("panda", DEFAULT, False),
     "panda_separation_joints": ("panda", DEFAULT, True),
+    "a1_standing": ("a1", DEFAULT, False),
+    "talos_standing": ("talos", DEFAULT, False),
 }
 MEMORY = "panda_memory"
 ROUNDS, DT = 3000, 1e-3
@@ -46,6 +51,9 @@ Call = Callable[[], object]
 
 def controller(name: str, law: str = LAW, joints: bool = False) -> tuple[pa.Robot, pa.Controller]:
     """Return a robot and its controller: tool and bodies unknown, the planar arm in a basis."""
+    if name in ROBOTS:
+        robot = standing(name)
+        return robot, pa.make_controller(robot, law=law, unknown=UNKNOWN)
     robot = pa.load(name)
     if name != "planar_2r":
         unknown = pa.Unknown(tool=True, friction=joints, armature=joints)
@@ -89,6 +97,14 @@ def floor_calls(robot: pa.Robot, q: np.ndarray, v: np.ndarray, law: str = LAW) -
         f"model.inertias[i] = Inertia.FromDynamicParameters x {n}": write_inertias,
     }
     if law == DEFAULT:
+        for contact in robot.contacts:
+            foot = model.getFrameId(contact.frame)
+            first[f"getFrameJacobian, {contact.frame}"] = partial(
+                pin.getFrameJacobian, model, data, foot, aligned
+            )
+            first[f"getFrameJacobianTimeVariation, {contact.frame}"] = partial(
+                pin.getFrameJacobianTimeVariation, model, data, foot, aligned
+            )
         return {
             **first,
             "computeJointJacobiansTimeVariation": lambda: pin.computeJointJacobiansTimeVariation(
@@ -123,10 +139,13 @@ def measure(name: str) -> dict[str, Any]:
     """Return the figures of one case."""
     robot, control = controller(*CASES[name])
     plant, rng = pa.plants.PinocchioPlant(robot), np.random.default_rng(0)
-    v = 0.3 * rng.standard_normal(plant.nv)
+    v = 0.3 * rng.standard_normal(plant.nv) if not robot.contacts else np.zeros(plant.nv)
     measurement = plant.measurement(robot.q0, v)
-    circle = pa.trajectories.Circle(np.zeros(robot.task.size), 0.1, 3.0)
-    desired = circle.starting_at(robot.position(robot.q0)).at(0.1)
+    circle = pa.trajectories.Circle(np.zeros(3 if robot.contacts else robot.task.size), 0.1, 3.0)
+    path: pa.trajectories.Trajectory = circle
+    if robot.contacts:
+        path = pa.trajectories.PoseTrajectory(circle, None)
+    desired = path.starting_at(robot.position(robot.q0)).at(0.0 if robot.contacts else 0.1)
     first = control.step(control.init(measurement), measurement, desired, DT)[1]
     state = first._replace(sensed=first.sensed._replace(first=None))
     later = plant.measurement(plant.integrate(robot.q0, DT * v), v, DT)
