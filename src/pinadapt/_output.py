@@ -66,6 +66,8 @@ def read_as_data(path: Path, error: type[InputError]) -> Iterator[None]:
         yield
     except (PinadaptError, Warning):
         raise
+    except FileNotFoundError as reason:
+        raise error("no such file.", where=str(reason.filename or path)) from reason
     except Exception as reason:
         words = " ".join(str(reason).split()).rstrip(".")
         raise error(

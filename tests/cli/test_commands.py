@@ -138,7 +138,32 @@ def test_a_refused_input_is_status_2_and_a_message(setting, words, tmp_path, cap
     assert not (tmp_path / "out").exists()
 
 
+def test_names_of_robots_are_no_scenarios(capsys):
+    for name in ("panda", "solo12"):
+        assert main(["run", name]) == 2
+        words = capsys.readouterr().err
+        assert "this is a robot, not a scenario" in words and f"`pinadapt init {name}`" in words
+
+
 # --- the other commands ---
+
+
+def test_a_run_prints_the_load_that_it_found(tmp_path, capsys):
+    """A load of 1.5 kg, from two seconds of an exciting motion with noise of the torques."""
+    excited = str(robots_folder() / "panda" / "excited_load.toml")
+    assert run(excited, tmp_path, "simulation.duration=2.0") == 0
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("mass "))
+    mass, known = (float(part) for part in row.split() if part[0].isdigit())
+    assert abs(mass - 1.5) < 3.0 * known < 0.1
+
+
+def test_view_attaches_to_a_loop_without_a_scenario(capsys, monkeypatch):
+    for display in ("DISPLAY", "WAYLAND_DISPLAY"):  # no browser is started
+        monkeypatch.delenv(display, raising=False)
+    assert main(["view", "--attach", "9"]) == 2
+    assert "9: no answer" in capsys.readouterr().err
+    assert main(["view"]) == 2
+    assert "is missing" in capsys.readouterr().err
 
 
 def test_robots_lists_the_catalogue(capsys):

@@ -151,6 +151,10 @@ def test_a_file_keeps_every_number_with_name_and_unit(name, tmp_path):
     (tmp_path / "number.json").write_text(text.replace(f'"{first}": ', '"5": ', 1))
     with pytest.raises(pa.ParameterError, match="1 unknown to it"):
         pa.LearnedParameters.load(tmp_path / "number.json").start(controller)
+    for wrong in ({"robot": 3}, {"units": 3}, {"dynamic": [1.0]}, {"shape": {"a": 3}}):
+        (tmp_path / "wrong.json").write_text(json.dumps({**json.loads(text), **wrong}))
+        with pytest.raises(pa.ParameterError, match=r"wrong\.json: is no file"):
+            pa.LearnedParameters.load(tmp_path / "wrong.json")
 
 
 # --- on the command line ---

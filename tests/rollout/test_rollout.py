@@ -90,6 +90,9 @@ def test_a_saved_rollout_is_loaded_with_its_numbers_and_plots(make, tmp_path, un
     for name in RECORDED + COMPUTED:
         assert np.array_equal(getattr(loaded, name), getattr(rollout, name)), name
     assert loaded.summary() == json.loads(json.dumps(rollout.summary()))
+    assert str(pa.Rollout.load(tmp_path / "rollout.npz")) == str(rollout)
+    with pytest.raises(pa.InputError, match=r"nowhere/rollout\.npz: no such file"):
+        pa.Rollout.load(tmp_path / "nowhere")
     assert str(loaded) == str(rollout) and loaded.task == rollout.task
     assert len(loaded.plot(tmp_path / "plots")) == 3
     with pytest.raises(pa.InputError, match="no robots"):

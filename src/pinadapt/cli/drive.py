@@ -48,7 +48,7 @@ _STAGES = {
     "adapt": (Stage.ADAPT, "the motion with adaptation"),
 }
 _COLLISION = ("collision", "forces")
-_FRANKA = {
+FRANKA = {
     "title": "Franka, load unknown",
     "robot": {"source": "panda", "task": "joint"},
     "trajectory": {"kind": "sinusoid", "period": 6.0},
@@ -176,7 +176,7 @@ def _tables(options: Namespace) -> tuple[Tables, Path]:
         )
     if options.set:
         raise ScenarioError("needs --scenario, whose keys it sets.", where="--set")
-    return deepcopy(_FRANKA), Path()
+    return deepcopy(FRANKA), Path()
 
 
 def _check_arm(options: Namespace) -> None:

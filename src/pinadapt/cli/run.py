@@ -11,6 +11,7 @@ from pathlib import Path
 from .._output import check_writable, one_run
 from ..citation import citation
 from ..exceptions import InputError
+from ..information.payload import PayloadEstimate
 from ..rollout.rollout import Rollout
 from ..rollout.summary import sheet
 from ..scenario.comparison import NOT_ADAPTED, run_beside, run_scenario
@@ -76,8 +77,21 @@ def run_into(
         write_run(rollout, folder, html=html)
     finally:
         print(sheet(rollout, rollout.numbers))  # even if it could not be written
+    if (load := _load(rollout)) is not None:
+        print(f"\n{load}")
     print(f"\nwritten to {folder}\n\n{rollout.verdict}")
     return status_of(rollout)
+
+
+def _load(rollout: Rollout) -> PayloadEstimate | None:
+    """Return the load that the run found; None if it identifies no mass, or none was unknown."""
+    if rollout.diverged is not None or rollout.evaluated().controller.kinematics.constraints:
+        return None
+    try:
+        found = rollout.payload(refined=True)
+    except InputError:  # other parameters than those of the last body, or no sample
+        return None
+    return found if found.mass_known_to < abs(found.mass) else None
 
 
 def view_arguments(parser: ArgumentParser) -> None:
@@ -85,6 +99,7 @@ def view_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "scenario",
         type=Path,
+        nargs="?",
         metavar="DIR|SCENARIO.toml",
         help="a folder that `pinadapt run` wrote, or a scenario to run and watch; nothing is "
         "written",
@@ -94,7 +109,8 @@ def view_arguments(parser: ArgumentParser) -> None:
         "--attach",
         type=int,
         metavar="PORT",
-        help="show a running `pinadapt drive` of this scenario, which prints its port",
+        help="show a running `pinadapt drive` of this scenario, or of a Franka without one; it "
+        "prints its port",
     )
 
 
@@ -107,6 +123,12 @@ def view(options: Namespace) -> int:
     Raises:
         InputError: the folder contains no animation, or the scenario cannot be used.
     """
+    if options.scenario is None:
+        if options.attach is None or options.set:
+            raise InputError("is missing: a folder or a scenario.", where="DIR|SCENARIO.toml")
+        from .drive import FRANKA
+
+        return _attached(Scenario.build(FRANKA, Path()), options.attach)
     if options.scenario.is_dir():
         return _show(options.scenario)
     scenario = Scenario.read(options.scenario, options.set)

@@ -137,10 +137,14 @@ class InputCheck:
             InputError: no measurement.
             MeasurementError: a signal is missing, of the wrong size, or not made of finite numbers.
         """
-        measurement = self.measurement(given)
-        if measurement.x is None and self._measures_x:
-            raise MeasurementError("x", None, "is missing, and the first sample needs it")
-        self.finite(measurement)
+        try:
+            measurement = self.measurement(given)
+            if measurement.x is None and self._measures_x:
+                raise MeasurementError("x", None, "is missing, and the first sample needs it")
+            self.finite(measurement)
+        except MeasurementError as error:  # without the hint for a loop that runs
+            hint = "Start from a measurement that has all signals, each of the right size."
+            raise MeasurementError(error.field, error.value, error.flaw, hint=hint) from None
         return measurement
 
     def desired(self, given: Desired) -> Desired:
@@ -219,7 +223,9 @@ def _array(
         expected = f"expected {' x '.join(map(str, shape))} numbers"
         if refuse is InputError:
             raise InputError(f"{expected}, got {value!r}.", where=f"desired.{name}")
-        raise MeasurementError(name, value, f"must be {shape[0]} numbers, and is not")
+        raise MeasurementError(
+            name, value, f"must be {shape[0]} numbers, not {array.size} of {array.dtype}"
+        )
     return array.astype(float)
 
 

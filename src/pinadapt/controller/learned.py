@@ -209,13 +209,7 @@ class LearnedParameters:
         """
         if not self.shape:
             return robot
-        given: dict[str, Any] = dict(self.shape)
-        if "shafts" in given:
-            given["shafts"] = tuple(
-                Shaft(tuple(joints), sign, threshold=width)
-                for joints, sign, width in given["shafts"]
-            )
-        return replace(robot, friction=replace(robot.friction, **given))
+        return replace(robot, friction=_shaped(robot.friction, self.shape))
 
     def save(self, path: Path | str) -> None:
         """Write a JSON file, whole or not at all; its folder is made if it is missing."""
@@ -235,6 +229,12 @@ class LearnedParameters:
             if content.pop("format") != _FORMAT:
                 raise ValueError("another format")
             found = cls(**content)
+            for name in ("kinematic", "dynamic", "units", "shape"):
+                instance(getattr(found, name), Mapping, name, ParameterError)
+            texts = [found.robot, found.version, found.remark, *found.units.values()]
+            if not all(isinstance(text, str) for text in texts):
+                raise ValueError("a name, unit, version or remark that is no text")
+            _shaped(Friction(), found.shape)
             values = [*found.kinematic.values(), *found.dynamic.values()]
             numbers(values, where, error=ParameterError)
             rows = numbers(found.information, where, error=ParameterError)
@@ -276,6 +276,16 @@ def _shape_of(friction: Friction) -> dict[str, Any]:
             [list(part.joints), part.sign, part.threshold] for part in friction.shafts
         ]
     return shape
+
+
+def _shaped(friction: Friction, shape: Mapping[str, Any]) -> Friction:
+    """Return friction with a shape as ``_shape_of`` returns it."""
+    given: dict[str, Any] = dict(shape)
+    if "shafts" in given:
+        given["shafts"] = tuple(
+            Shaft(tuple(joints), sign, threshold=width) for joints, sign, width in given["shafts"]
+        )
+    return replace(friction, **given)
 
 
 def _in_order(values: Mapping[str, float], names: tuple[str, ...], where: str) -> np.ndarray:

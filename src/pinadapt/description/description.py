@@ -177,8 +177,8 @@ def _whole_robot(name: str) -> Description:
 
 
 def is_robot_name(source: str) -> bool:
-    """Return whether a name is in the catalogue or one of robot_descriptions."""
-    return source in catalogue() or is_description_name(source)
+    """Return whether a name is one of those that ``pinadapt.load`` takes."""
+    return source in catalogue() or is_description_name(source) or source in whole_names()
 
 
 def is_description_name(source: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -185,6 +186,10 @@ class StackedDynamics(Dynamics):
         self._shafts = (shafts[:, :, None] * shafts[:, None, :]).reshape(len(shafts), -1)
         self._places = np.ravel_multi_index(joints.places, self._values.shape)
         self._values.put(self._places, joints.initial)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by the arguments: the loaded estimate is scratch, which is written."""
+        return type(self), (self._inertial, self.joints)
 
     @property
     def inertial(self) -> Dynamics:

@@ -182,12 +182,13 @@ def load(folder: Path, kind: type[Run]) -> Run:
     """Return the run that ``save`` wrote into a folder, with its numbers and without its robots.
 
     Args:
-        folder: that has ``rollout.npz`` and ``summary.json``.
+        folder: that has ``rollout.npz`` and ``summary.json``; or one of the two.
         kind: the class of the run.
 
     Raises:
         InputError: the files are missing, broken, or of another version of pinadapt.
     """
+    folder = folder.parent if folder.is_file() else folder
     with read_as_data(folder, InputError), np.load(folder / "rollout.npz") as file:
         numbers = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         kept, ringing, run = numbers["recorded"], numbers["ringing"], object.__new__(kind)
