@@ -8,9 +8,9 @@ default, with its memory of all torques, beside natural adaptation of the same p
 is the sequence of raw calls, listed by name, with the arguments prepared: forward kinematics and
 Jacobian at the estimate, the estimated inertias written into a model, RNEA, CRBA and the regressor;
 for separation the Jacobian's variation, the two regressors of which that of Slotine and Li is made,
-and CRBA, as K_D is bounded by the mass matrix. Step and floor run alternately in one process, so that both have
-the same state of caches and clock; the ratio is the median over pairs. The step is one of an arm
-that has moved.
+and CRBA, as K_D is bounded by the mass matrix. Step and floor run alternately in one process, so
+that both have the same state of caches and clock; the ratio is the median over pairs. The step is
+one of an arm that has moved.
 
 The memory is timed along a motion, as it solves for an estimate at some of the samples only: two
 loops run alternately, a sample each. The mean is that of the medians of the two kinds of steps,
