@@ -57,7 +57,7 @@ def test_the_declaration_of_actuators_on_the_page_on_hardware_runs(capsys):
 
 
 def test_the_page_on_whole_robots_runs(tmp_path, monkeypatch, capsys):
-    several, standing, linkage = blocks("whole_robots")
+    several, standing, steps, linkage, grasp = blocks("whole_robots")
     monkeypatch.chdir(ROOT)
     scope = {}
     with pytest.warns(UserWarning, match="not physical"):  # TIAGo's shoulders
@@ -70,5 +70,9 @@ def test_the_page_on_whole_robots_runs(tmp_path, monkeypatch, capsys):
     assert scope["rollout"].distance[-100:].max() < 5e-4
     learned = pa.load(tmp_path / "learned.urdf", base="free", contacts=scope["feet"])
     assert learned.model.inertias[6].mass == pytest.approx(11.0, rel=0.02)
+    exec(steps.replace("duration=3.0", "duration=1.5"), scope)
+    assert scope["rollout"].distance[-100:].max() < 5e-4
     exec(linkage, scope)
     assert "True False  True False" in capsys.readouterr().out
+    exec(grasp, scope)
+    assert scope["arms"].constraints[-1] == scope["grasp"]
