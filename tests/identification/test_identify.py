@@ -107,6 +107,47 @@ def test_torques_of_another_clock_are_found():
     assert "ms later than the positions" in found.report()
 
 
+def test_late_torques_are_found_under_noise():
+    """Noise of the measured rates would hide the lateness."""
+    robot, log = catalogue_robot("ur5"), recorded("ur5")
+    noise = 0.2 * log.tau.std(axis=0) * np.random.default_rng(3).standard_normal(log.tau.shape)
+    late = 6 * log.period
+    tau = np.vstack([np.repeat(log.tau[:1], 6, axis=0), log.tau[:-6]])
+    told = pa.Unknown(tool=True, **TOLD)
+    healthy, found = (
+        pa.identify(replace(log, tau=part + noise), robot, unknown=told) for part in (log.tau, tau)
+    )
+    assert found.late[0] == pytest.approx(late, rel=0.15)
+    assert "ms later than the positions" in found.report()
+    assert "ms later than the positions" not in healthy.report()
+
+
+def test_a_stated_mass_is_that_of_what_the_motion_does_not_tell_apart():
+    """The first link of a Panda turns about the vertical: its mass moves no torque."""
+    robot, log = catalogue_robot("panda"), recorded("panda", noisy=True, duration=4.0)
+    told, true = pa.Unknown(tool=True, **TOLD), true_robot("panda")
+    base = true.model.inertias[0].mass
+    for mass in (true.mass + base, 1.2 * true.mass + base):
+        found = pa.identify(log, robot, unknown=told, total_mass=mass)
+        assert found.robot.mass + base == pytest.approx(mass, rel=1e-3)
+        assert found.torque_errors.gain > 10.0
+    with pytest.raises(pa.ParameterError, match="not more than"):
+        pa.identify(log, robot, unknown=told, total_mass=0.5 * base)
+    with pytest.raises(pa.InputError, match="total_mass"):
+        pa.identify(log, robot, unknown=told, total_mass=-1.0)
+
+
+def test_a_load_that_the_arm_cannot_carry_is_no_explanation():
+    robot, log = catalogue_robot("ur5"), recorded("ur5", duration=4.0, seen=False)
+    heavy = 0.6 * robot.mass
+    loaded = robot.changed(payload=pa.Payload(heavy, (0.0, 0.0, 0.1)))
+    _, q, v, a = motion("ur5", duration=4.0)
+    told, doubtful = pa.Unknown(tool=False, **TOLD), {"doubtful": True}
+    log = replace(log, tau=torques(loaded, q, v, a))
+    found = pa.identify(log, robot, unknown=told, intake=doubtful)
+    assert "no load explains" in found.report() and found.summary()["payload"] is None
+
+
 def test_the_log_of_another_robot_is_doubted():
     log = recorded("ur5", duration=4.0)
     other = catalogue_robot("ur5").changed(

@@ -64,7 +64,7 @@ def arguments(parser: ArgumentParser) -> None:
         "composite",
         "least-squares",
     )
-    of_log = {"adaptation": adaptations, "test": several, "empty": Path}
+    of_log = {"adaptation": adaptations, "test": several, "empty": Path, "total_mass": float}
     add_arguments_of(parser, identify_log, of_log)
     parser.add_argument(
         "--compare",
@@ -245,7 +245,7 @@ def identify(options: Namespace) -> int:
             robot,
             intake=intake,
             unknown=unknown.with_names(**named),
-            **given(options, ("adaptation", "test", "empty")),
+            **given(options, ("adaptation", "test", "empty", "total_mass")),
         )
     except TorqueMismatchError as error:
         print(error.check)

@@ -26,7 +26,7 @@ from ..information.measured_motion import Averages, MeasuredMotion, at_times
 from ..information.payload import PayloadEstimate, of_load
 from ..logs.log import Log
 from ..models.dynamics import Dynamics
-from ..models.physical_fit import PhysicalSet, physical_fit
+from ..models.physical_fit import PhysicalSet, physical_fit, square
 from ..models.regressor import LABELS, PER_BODY
 from ..models.task_kinematics import TaskKinematics
 from ..robot.robot import Robot
@@ -37,6 +37,8 @@ WEIGHT = 1.0
 # Weight of the description of a joint's friction, which may be many times that. Half and twice: the
 # same; a thousand times triples the held-out error of a UR10.
 _LIGHT = 1e-6
+# Share of a stated total mass that it may be off: half and twice give the same masses to 0.2 %.
+_WEIGHED = 1e-3
 _FREE = 1e-2  # weight of a load like the last body, relative to the description of a body
 
 
@@ -44,6 +46,7 @@ def torque_fit(
     names: Sequence[str],
     physical: PhysicalSet,
     windows: Windows,
+    stated: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Information:
     """Return the physical least-squares estimate of all dynamic parameters with its information.
 
@@ -55,17 +58,48 @@ def torque_fit(
         names: of the parameters.
         physical: the set of physical ones.
         windows: the rows.
+        stated: A (k, p) and b (k) of equations A a = b beside them, whitened; by default none.
     """
+    A, b = (np.zeros((0, len(names))), np.zeros(0)) if stated is None else stated
     noise, least = noise_levels(windows.tau)
     physical, a = replace(physical, weights=np.array([_LIGHT])), None
     for _ in range(3 if names else 0):
-        rows = (windows.W / noise[:, None]).reshape(windows.y.size, len(names))
-        a = physical_fit(rows, (windows.y / noise).ravel(), physical, gamma=WEIGHT, near=a)
+        rows = np.vstack([(windows.W / noise[:, None]).reshape(-1, len(names)), A])
+        y = np.append(windows.y / noise, b)
+        a = physical_fit(rows, y, physical, gamma=WEIGHT, near=a)
         noise = np.maximum(rms(windows.residual(a), 0), least)
     a = physical.center if a is None else a
     residual = windows.residual(a)
-    noise = np.maximum(rms(residual, 0) * np.sqrt(_repetition(residual)), least)
-    return Information.of_rows(names, a, windows.W, residual, noise)
+    noise = np.maximum(lasting_noise(residual), least)
+    found = Information.of_rows(names, a, windows.W, residual, noise)
+    R, c = square(np.vstack([found.R, A]), np.append(found.c, b - A @ a))
+    return replace(found, R=R, c=c)
+
+
+def mass_equation(
+    dynamics: Dynamics, robot: Robot, mass: float | None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return A (1, p) and b (1) of a stated mass of the whole robot [kg], for ``torque_fit``.
+
+    Bodies that are not among the parameters, and the base, weigh what the robot describes.
+
+    Raises:
+        ParameterError: the mass is not above theirs, or no body is among the parameters.
+    """
+    if mass is None:
+        return None
+    masses = np.array([name.endswith(f".{LABELS[0]}") for name in dynamics.names], dtype=float)
+    unknown = float(masses @ dynamics.initial)
+    known = sum(body.mass for body in robot.model.inertias) - unknown
+    if not (masses.any() and mass > known):
+        raise ParameterError(
+            f"{mass:g} kg are not more than the {known:.4g} kg of base and known bodies, or no "
+            "body is unknown.",
+            where="total_mass",
+            hint="State the mass of the whole robot, its base included, in kg.",
+        )
+    deviation = _WEIGHED * mass
+    return masses[None] / deviation, np.array([(mass - known) / deviation])
 
 
 def load_fit(
@@ -119,17 +153,18 @@ def noise_levels(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return 0.05 * level, 1e-4 * level  # a tenth and ten times the first: the same
 
 
-def _repetition(residual: np.ndarray) -> np.ndarray:
-    """Return how many rows (n) of a residual (N, n) are worth one independent row.
+def lasting_noise(residual: np.ndarray) -> np.ndarray:
+    """Return the noise (n) of rows whose residual is (N, n), each as if it were independent.
 
-    One plus twice the autocorrelation up to where it first is negative (Geyer's initial sequence).
+    The variance is multiplied by how many rows are worth one independent row: one plus twice the
+    autocorrelation up to where it first is negative (Geyer's initial sequence).
     """
     found = np.ones(residual.shape[1])
     for j, column in enumerate((residual - residual.mean(axis=0)).T):
         size, *later = np.correlate(column, column, "full")[len(column) - 1 :]
         for product in takewhile(lambda product: product > 0.0, later[: len(column) // 2 - 1]):
             found[j] += 2.0 * product / size
-    return found
+    return np.asarray(rms(residual, 0) * np.sqrt(found))
 
 
 class Frames(NamedTuple):

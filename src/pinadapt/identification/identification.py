@@ -35,6 +35,7 @@ from .fits import (
     Windows,
     frames_of,
     load_fit,
+    mass_equation,
     position_fit,
     position_windows,
     torque_fit,
@@ -59,6 +60,7 @@ def identify(
     unknown: Unknown | str | Sequence[str] | None = None,
     adaptation: str | Adaptation = "natural-memory",
     held_out: float = 0.25,
+    total_mass: float | None = None,
     intake: ImportOptions | Mapping[str, Any] | Path | str | None = None,
     progress: Progress | bool | None = None,
 ) -> Identification:
@@ -85,6 +87,8 @@ def identify(
             ``friction`` or ``effects``.
         adaptation: of the estimator: one that predicts the torque, by name or as an object.
         held_out: share of the log that is held out, at most a half.
+        total_mass: of the whole robot when it moved, base and load included [kg], where a scale
+            told it: bodies that the motion does not tell apart then share it.
         intake: how all logs are to be read, ``ImportOptions``, their fields or a TOML file; by
             default, each by the file beside it.
         progress: of the online estimates, as of ``simulate``: by default a bar on a terminal.
@@ -94,10 +98,13 @@ def identify(
         TorqueMismatchError: torques that cannot be those of the described robot; its ``check`` has
             the likely causes. ``intake={"doubtful": True}`` learns nevertheless.
         RobotError: a robot that cannot be loaded.
-        InputError: unknown words, or nothing is unknown.
+        InputError: unknown words, a mass that is not positive, or nothing is unknown.
+        ParameterError: a total mass that leaves nothing for the unknown bodies.
     """
     described = robot if isinstance(robot, Robot) else load(robot)
     share = positive(held_out, "held_out", most=0.5, error=InputError)
+    if total_mass is not None:
+        positive(total_mass, "total_mass", error=InputError)
     sources, tests = _several(log), _several(test)
     logs, intakes = list[Log](), list[ImportOptions]()
     for source in (*sources, *tests, *_several(() if empty is None else [empty])):
@@ -161,6 +168,7 @@ def identify(
     windows = Windows.of(motion, averages, model)
     first = windows.between(-np.inf, split)
     learned_from = first if tests else windows
+    weighed = mass_equation(dynamics, nominal, total_mass)
     load_estimate = None
     for one in without:
         still = motion_of_log(nominal, one)
@@ -177,9 +185,9 @@ def identify(
         windows=windows,
         rows=seen,
         split=split,
-        dynamic=torque_fit(names, physical, learned_from),
+        dynamic=torque_fit(names, physical, learned_from, weighed),
         kinematic=located,
-        before_split=torque_fit(names, physical, first).estimate,
+        before_split=torque_fit(names, physical, first, weighed).estimate,
         unknown=unknown,
         effects=effects,
         position_before_split=position_fit(kinematics, seen_first).estimate,

@@ -35,10 +35,10 @@ from ..logs.import_options import ImportOptions
 from ..logs.log import Log
 from ..robot.robot import Robot
 from ..tuning.unknowns import Unknown, nominal_dynamics
-from .fits import Windows
+from .fits import Windows, lasting_noise
 from .online_estimates import OnlineEstimates
 from .selection import ChosenEffects
-from .torque_check import TorqueCheck
+from .torque_check import TorqueCheck, beyond
 
 FILES = (
     "estimates.npz",
@@ -205,14 +205,19 @@ class Identification(Printed):
 
     @cached_property
     def late(self) -> tuple[float, float]:
-        """How much later the torques seem to be than the positions, and its deviation [s]."""
-        averages, a = Averages(self.motion.t, self.log.period), self.dynamic.estimate
-        left = self.windows.residual(a)
-        rate = averages.derivative(self.motion.tau)[averages.whole]
-        return lateness(a, self.windows.W, left, rate, rms(left, 0) + np.finfo(float).tiny)
+        """How much later the torques seem to be than the positions, and its deviation [s].
+
+        The torque's rate is that of the prediction: noise of a measured one would hide lateness.
+        """
+        from scipy.interpolate import CubicSpline  # here, because scipy is slow to import
+
+        windows, a = self.windows, self.dynamic.estimate
+        left = windows.residual(a)
+        rate = CubicSpline(windows.t, windows.tau - left)(windows.t, 1)
+        return lateness(a, windows.W, left, rate, lasting_noise(left) + np.finfo(float).tiny)
 
     def _notes(self) -> Iterator[str]:
-        """Yield what a user should look at: another clock, bodies that became others."""
+        """Yield what a user should look at: another clock, bodies or a load that cannot be."""
         if not self.dynamic.names:
             return
         late, known = self.late
@@ -227,6 +232,12 @@ class Identification(Printed):
         ):
             if name.endswith(".m") and not 0.5 * old <= now <= 2.0 * old:
                 yield f"the mass of {name[:-2]} changed from {old:.3g} to {now:.3g} kg."
+        load = self._loaded
+        if load is not None and not self._carried:
+            yield (
+                f"no load explains the change of the bodies: it would be {load.mass:.3g} +- "
+                f"{load.mass_known_to:.2g} kg, which this arm cannot carry or lack."
+            )
 
     @cached_property
     def position_errors(self) -> Errors | None:
@@ -284,12 +295,22 @@ class Identification(Printed):
         """Unit of the torques."""
         return "N m or N" if any(self.described.slides.values()) else "N m"
 
+    @cached_property
     def _loaded(self) -> PayloadEstimate | None:
-        """Return the load, None where the last body was not among the parameters."""
+        """The load, None where the last body was not among the parameters."""
         try:
             return self.payload()
         except ParameterError:
             return None
+
+    @property
+    def _carried(self) -> bool:
+        """Whether the load, less its deviation, is one that the arm can carry, or lack."""
+        load = self._loaded
+        if load is None:
+            return False
+        least = max(abs(load.mass) - load.mass_known_to, 0.0)
+        return beyond(self.described, float(np.copysign(least, load.mass))) <= 1.0
 
     def _rows(self, part: Information, described: np.ndarray) -> list[Parameter]:
         """Return a record of each parameter."""
@@ -327,7 +348,7 @@ class Identification(Printed):
             "dynamic": self._rows(self.dynamic, self.described_parameters),
             "kinematic": self._rows(self.kinematic, start),
             "effects": () if effects is None else effects.gains,
-            "payload": self._loaded(),
+            "payload": self._loaded if self._carried else None,
             "version": __version__,
         }
 

@@ -295,14 +295,24 @@ def _fit(
     noise = np.hypot(bare.left, _LEAST_RESIDUAL) * rms(motion.tau, 0)
     none = np.zeros(PER_BODY)
     x = Information.of_rows(LABELS, none, rows[..., :-1], rows[..., -1], noise, 1.0).correction
-    body, mass = float(model.inertias[model.njoints - 1].mass), float(x[0] * usual[0])
-    moment = float(np.linalg.norm(x[1:4])) * usual[1]
-    body = max(body, _EPS)
-    heavy, far = mass / (_HEAVIEST * robot.mass), moment / robot.reach / max(mass, body)
-    share = max(1.0, heavy, -mass / body, far)
+    mass, moment = float(x[0] * usual[0]), float(np.linalg.norm(x[1:4])) * usual[1]
+    share = max(1.0, beyond(robot, mass, moment))
     loaded = _compared(motion, tau - Y @ x / share, d, mass / share)
     fits = bare.fits if bare.fits.all() else loaded.fits & (share == 1.0)
     return min(bare, loaded, key=lambda one: one.score)._replace(fits=fits)
+
+
+def beyond(robot: Robot, mass: float, moment: float = 0.0) -> float:
+    """Return by what factor a load is beyond what an arm carries, lacks or reaches; to one: none.
+
+    Args:
+        robot: as described.
+        mass: in addition to the last body [kg].
+        moment: size of its first moment about the last joint [kg m].
+    """
+    body = max(float(robot.model.inertias[robot.model.njoints - 1].mass), _EPS)
+    heavy, far = mass / (_HEAVIEST * robot.mass), moment / robot.reach / max(mass, body)
+    return max(heavy, -mass / body, far)
 
 
 def _compared(motion: _Motion, tau: np.ndarray, d: np.ndarray, load: float = 0.0) -> _Fit:

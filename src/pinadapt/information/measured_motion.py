@@ -199,11 +199,6 @@ class Averages:
         found = self.phi @ values.reshape(len(values), -1)
         return np.asarray(found.reshape(-1, *values.shape[1:]))
 
-    def derivative(self, values: np.ndarray) -> np.ndarray:
-        """Return the averages (K, ...) of the time derivative of values (N, ...)."""
-        found = self.rate @ values.reshape(len(values), -1)
-        return np.asarray(-found.reshape(-1, *values.shape[1:]))
-
 
 def _window(s: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Return phi = 8 / (3 L) cos^4(pi s / L) of integral one, and phi', at times s from its middle.
