@@ -1,5 +1,6 @@
 """Joints that follow others and loops: torques of the motors, and V whatever the forces are."""
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,7 +11,30 @@ from pinadapt.description.catalogue import example_path, robots_folder
 from tests.support.loops import energy_along
 
 RIGID = pa.Unknown(friction=False, armature=False)
-LOOP = pa.Loop("left_tip", "right_tip", rows=(0, 1))
+DELTA = robots_folder() / "delta" / "delta.xml"
+MOVE = [0.3, -0.2, 0.1]  # of its motors [rad]
+# A four-bar linkage in an oblique plane that a column turns; a tendon drives the crank.
+FOUR_BAR = """<mujoco><compiler angle="radian"/>
+  <worldbody>
+    <body name="column"><joint name="yaw" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>
+      <body name="crank" euler="0.3 0.8 1.2"><joint name="crank" axis="0 0 1"/>
+        <inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>
+        <body name="coupler" pos="0.2 0 0" euler="0 0 -1"><joint name="pin" axis="0 0 1"/>
+          <inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></body>
+      <body name="rocker" pos="0.02 0.3 0.01" euler="0.3 0.8 0.1">
+        <joint name="rocker" axis="0 0 1" ref="0.2"/>
+        <inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></body>
+    <body name="handle" mocap="true"/>
+  </worldbody>
+  <equality>
+    <connect body1="coupler" body2="rocker" anchor="0.25 0 0"/>
+    <weld body1="crank" active="false"/>
+    <weld body1="handle" body2="coupler"/>
+  </equality>
+  <tendon><fixed name="belt"><joint joint="crank" coef="2"/></fixed></tendon>
+  <actuator><motor joint="yaw"/><motor tendon="belt"/></actuator>
+</mujoco>"""
 ELBOWS = ["left_elbow", "right_elbow"]
 
 
@@ -19,15 +43,19 @@ def gripper():
     return pa.load(example_path("panda"), task="joint")
 
 
-def five_bar():
+def five_bar(**loop):
     return pa.load(
         robots_folder() / "five_bar" / "five_bar.urdf",
         task="joint",
-        loops=[LOOP],
+        loops=[pa.Loop("left_tip", "right_tip", **loop)],
         passive=ELBOWS,
         q0=[2.0, -1.2, 1.1, 1.2],
         gravity=[0.0, -9.81, 0.0],
     )
+
+
+def delta():
+    return pa.load(DELTA, task="joint")
 
 
 def test_a_gripper_has_the_torques_of_pinocchios_mimic_model():
@@ -48,19 +76,68 @@ def test_a_gripper_has_the_torques_of_pinocchios_mimic_model():
         assert np.allclose(found[:8], expected, atol=1e-9) and found[8] == 0.0
 
 
-def test_a_loop_is_closed_at_home_and_its_rows_are_those_of_differences():
-    robot = five_bar()
+@pytest.mark.parametrize("make", [five_bar, delta])
+def test_a_loop_is_closed_at_home_and_its_rows_are_those_of_differences(make):
+    robot = make()
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.q0)
-    a, b = (data.oMf[robot.model.getFrameId(name)] for name in ("left_tip", "right_tip"))
-    assert np.allclose(a.translation, b.translation, atol=1e-9)
-    v, h = np.random.default_rng(1).standard_normal(4), 1e-6
+    for loop in robot.constraints:
+        assert np.abs(loop.error(robot.model, data, robot.q0)).max() < 1e-9
+    v, h = np.random.default_rng(1).standard_normal(robot.model.nv), 1e-6
     constraints = robot.constrained
     before, after = (constraints.at(robot.q0 + sign * h * v, v)[0] for sign in (-1.0, 1.0))
     assert np.allclose(constraints.at(robot.q0, v)[1], (after - before) / (2.0 * h), atol=1e-6)
 
 
-@pytest.mark.parametrize("make", [gripper, five_bar])
+def test_rows_that_follow_from_others_are_left_out():
+    assert [loop.rows for loop in five_bar().constraints] == [(0, 1)]
+    with pytest.raises(pa.RobotError, match="2 motors cannot move independently"):
+        five_bar(rows=(0, 1, 2, 3, 4, 5))
+
+
+def test_loops_of_mjcf_are_those_of_mujoco(tmp_path):
+    path = tmp_path / "four_bar.xml"
+    path.write_text(FOUR_BAR)
+    with pytest.warns(UserWarning, match="1 kinematic loops closed by <equality> are opened"):
+        pa.load(path, frame="crank", task="joint")
+    bar = pa.load(path, task="joint")
+    assert bar.task.labels == ("yaw", "crank")
+    assert pa.load(path, frame="coupler", task="xy").constraints == bar.constraints
+    assert delta().task.labels == ("motor_1", "motor_2", "motor_3")
+    for file, robot, move in ((path, bar, [1.5, 0.3]), (DELTA, delta(), MOVE)):
+        model = mujoco.MjModel.from_xml_path(str(file))
+        data, home = mujoco.MjData(model), robot.position(robot.q0)
+        data.eq_active[2:] = 0  # the weld to the handle
+        for share in (0.0, 1.0):
+            data.qpos[:] = robot.configuration(home + share * np.array(move))
+            mujoco.mj_forward(model, data)
+            rows = slice(data.ne)
+            assert np.abs(data.efc_pos[rows]).max() < 1e-9
+            theirs = data.efc_J.reshape(-1, model.nv)[rows]
+            A, _ = robot.constrained.at(data.qpos, np.zeros(model.nv))
+            assert np.linalg.matrix_rank(theirs, tol=1e-6) == len(A)
+            spanned = np.linalg.pinv(A) @ A
+            assert np.allclose(theirs @ spanned, theirs, atol=1e-9)
+
+
+def test_the_platform_of_a_delta_does_not_turn():
+    robot = delta()
+    q = robot.configuration(robot.position(robot.q0) + np.array(MOVE))
+    A, _ = robot.constrained.at(q, np.zeros(robot.model.nv))
+    free = np.linalg.svd(A)[2][len(A) :]
+    J = pin.computeFrameJacobian(
+        robot.model,
+        robot.model.createData(),
+        q,
+        robot.model.getFrameId("tool"),
+        pin.LOCAL_WORLD_ALIGNED,
+    )
+    moves = J @ free.T
+    assert moves.shape == (6, 3) and np.abs(moves[3:]).max() < 1e-9
+    assert np.linalg.svd(moves[:3])[1].min() > 0.03
+
+
+@pytest.mark.parametrize("make", [gripper, five_bar, delta])
 def test_lyapunov_equality_under_constraints(make):
     robot = make()
     options = {"unknown": RIGID, "gamma_d": 20.0, "limits": pa.Limits(guards=False)}
@@ -72,12 +149,21 @@ def test_lyapunov_equality_under_constraints(make):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [gripper, five_bar])
+def test_the_platform_of_a_delta_follows_with_wrong_inertias():
+    robot = pa.load(DELTA, frame="tool")
+    path = pa.trajectories.Circle(np.zeros(3), 0.05, 2.0).starting_at(robot.position(robot.q0))
+    controller = pa.make_controller(robot.changed(inertial_scale=0.7), unknown=RIGID)
+    rollout = pa.simulate(robot, controller, path, duration=4.0, progress=False)
+    assert rollout.distance[-500:].max() < 1e-4  # 2.2 mm without adaptation
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [gripper, five_bar, delta])
 def test_joints_under_constraints_follow_with_wrong_inertias(make):
     robot = make()
     model, x = robot.changed(inertial_scale=0.7), robot.position(robot.q0)
     size = np.array(
-        [0.2 if label.endswith(("motor", "7")) else 0.01 for label in robot.task.labels]
+        [0.2 if "motor" in label or label.endswith("7") else 0.01 for label in robot.task.labels]
     )
     path = pa.trajectories.Sinusoid(x, size, 2.0 + 0.1 * np.arange(x.size))
     ends = []

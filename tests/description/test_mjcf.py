@@ -69,6 +69,12 @@ def test_elements_that_pinocchio_would_ignore_are_refused(tmp_path, old, new, wo
     assert words in str(error.value) and str(path) in str(error.value)
 
 
+def test_bodies_beside_the_first_are_told(tmp_path):
+    path = mjcf(tmp_path, MJCF.replace("</worldbody>", '<body name="cube"/></worldbody>'))
+    with pytest.warns(UserWarning, match="the first body of <worldbody> alone, without 'cube'"):
+        pa.load(path, frame="tip")
+
+
 def test_the_model_is_that_of_pinocchio(tmp_path):
     path = mjcf(tmp_path)
     whole, robot = pin.buildModelFromMJCF(str(path)), pa.load(path, frame="tip")

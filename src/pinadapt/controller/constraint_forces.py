@@ -56,7 +56,8 @@ class ConstraintForces:
             raise RobotError(
                 "the constraints leave a motion that no motor moves.",
                 where="contacts" if self._contacts else "constraints",
-                hint="A free base is held by one sole or three point feet, not in a line.",
+                hint="A free base is held by one sole or three point feet, not in a line; joints "
+                "without a motor by loops, or lock them.",
             )
 
     def torque(

@@ -15,6 +15,8 @@ from ..exceptions import RobotError, did_you_mean
 
 Mimics: TypeAlias = Mapping[str, tuple[str, float, float]]
 """A joint -> the one that it follows, ratio and offset, q_j = ratio q_i + offset."""
+Closures: TypeAlias = Sequence[tuple[str, str, int]]
+"""Two frames that move alike, and in how many coordinates: 3 of position, or these and 3 angles."""
 ENDS = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)  # frames at which a chain may end
 _LINK_MARK = "(link) "  # of links that share their name with a joint
 

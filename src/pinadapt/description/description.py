@@ -22,7 +22,7 @@ from .catalogue import (
     whole_names,
     whole_robot,
 )
-from .chain import Mimics, check_numbers
+from .chain import Closures, Mimics, check_numbers
 from .missing_inertia import with_inertias
 from .mjcf import Mjcf, keyframe
 from .urdf import Urdf, is_path, read_xml
@@ -48,6 +48,8 @@ class Description:
         weld_root: whether a floating base is always fixed.
         from_file: whether it comes from a file; a floating base in a file is fixed by default.
         urdf: the URDF it was read from, or None.
+        closures: loops, see ``Closures``.
+        passive: joints without a motor.
     """
 
     name: str
@@ -61,6 +63,8 @@ class Description:
     weld_root: bool = False
     from_file: bool = False
     urdf: Urdf | None = None
+    closures: Closures = ()
+    passive: tuple[str, ...] = ()
 
 
 def describe(
@@ -138,6 +142,8 @@ def _from_file(
         file.mimics,
         from_file=True,
         urdf=file if isinstance(file, Urdf) else None,
+        closures=file.closures if isinstance(file, Mjcf) else (),
+        passive=file.passive(model) if isinstance(file, Mjcf) else (),
     )
 
 

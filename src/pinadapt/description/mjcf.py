@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from ..exceptions import RobotError
 from .chain import (
+    Closures,
     Mimics,
     check_physical,
     effort_limits,
@@ -35,7 +36,7 @@ _NO_INERTIA = ("mesh", "ellipsoid", "hfield", "sdf")
 _NUMBERS = (
     *("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "range", "ref", "fromto"),
     *("size", "mass", "density", "diaginertia", "fullinertia", "armature", "gravity", "qpos"),
-    *("damping", "frictionloss", "scale", "actuatorfrcrange"),
+    *("damping", "frictionloss", "scale", "actuatorfrcrange", "anchor", "relpose"),
 )
 
 
@@ -47,11 +48,16 @@ class Mjcf:
         path: the file.
         mimics: joints that an <equality> couples to others, see ``Mimics``.
         gravity: (3) [m/s^2] in world axes.
+        loops: the elements <connect> and <weld>, but for those of mocap bodies, which are no part
+            of a robot.
+        driven: joints that actuators move, by themselves, a fixed tendon or a joint that follows.
     """
 
     path: Path
     mimics: Mimics
     gravity: np.ndarray
+    loops: tuple[ElementTree.Element, ...]
+    driven: frozenset[str]
 
     @classmethod
     def read(cls, path: Path, root: ElementTree.Element) -> Mjcf:
@@ -65,24 +71,51 @@ class Mjcf:
             check_numbers(element, _NUMBERS, None, path)
         for flaw in _flaws(root):
             raise RobotError(f"{flaw}.", where=str(path), hint=_COMPILED)
-        if loops := [*root.iter("connect"), *root.iter("weld")]:
+        bodies = root.findall("worldbody/body")
+        unread = [body for body in bodies[1:] if body.get("mocap") != "true"]
+        if names := ", ".join(f"'{body.get('name')}'" for body in unread):
             warnings.warn(
-                f"{path}: {len(loops)} kinematic loops closed by <equality> are opened.",
+                f"{path}: Pinocchio reads the first body of <worldbody> alone, without {names}. "
+                "Put them into one body.",
                 stacklevel=3,
             )
-        coupled = {}
-        for joint in root.findall("equality/joint"):
-            offset, ratio, *_ = map(float, [*joint.get("polycoef", "0 1").split(), "0"])
-            coupled[joint.get("joint1", "")] = joint.get("joint2", ""), ratio, offset
+        coupled, loops = {}, []
+        mocap = {body.get("name") for body in root.iter("body") if body.get("mocap") == "true"}
+        for part in root.findall("equality/*"):
+            if part.get("active") == "false":
+                continue
+            if part.tag == "joint":
+                offset, ratio, *_ = map(float, [*part.get("polycoef", "0 1").split(), "0"])
+                coupled[part.get("joint1", "")] = part.get("joint2", ""), ratio, offset
+            elif part.tag in ("connect", "weld"):
+                ends = {part.get("body1"), part.get("body2")}
+                loops += [] if mocap & ends else [part]
         options = [option.get("gravity", "") for option in root.findall("option[@gravity]")]
         gravity = np.array([*options, "0 0 -9.81"][0].split(), dtype=float)
-        return cls(path, coupled, gravity)
+        return cls(path, coupled, gravity, tuple(loops), _driven(root, coupled))
+
+    @property
+    def closures(self) -> Closures:
+        """The frames of the loops: their sites, or frames that ``model`` adds."""
+        return tuple(
+            (
+                loop.get("site1", f"loop_{i}_a"),
+                loop.get("site2", f"loop_{i}_b"),
+                3 if loop.tag == "connect" else 6,
+            )
+            for i, loop in enumerate(self.loops)
+        )
+
+    def passive(self, model: pin.Model) -> tuple[str, ...]:
+        """Return the joints that no actuator moves; none if the file has no actuators of joints."""
+        names = [str(name) for name in model.names[1:]]
+        return tuple(name for name in names if self.driven and name not in self.driven)
 
     def model(self) -> pin.Model:
-        """Build the model.
+        """Build the model, with frames where loops are closed, which meet at the pose "qpos0".
 
         Raises:
-            RobotError: Pinocchio cannot read it.
+            RobotError: Pinocchio cannot read it, or a loop is of bodies that it does not have.
         """
         try:
             model = pin.buildModelFromMJCF(str(self.path))
@@ -93,6 +126,20 @@ class Mjcf:
                 hint=_COMPILED,
             ) from error
         model.gravity.linear = self.gravity
+        data, poses = model.createData(), model.referenceConfigurations
+        q = next((pose.data() for pose in poses if pose.key() == "qpos0"), pin.neutral(model))
+        pin.framesForwardKinematics(model, data, q)
+        for names, loop in zip(self.closures, self.loops, strict=True):
+            if loop.get("site1") is not None:
+                continue
+            bodies = [
+                frame_id(model, "universe" if body == "world" else body)
+                for body in (loop.get("body1", "world"), loop.get("body2", "world"))
+            ]
+            for name, body, at in zip(names, bodies, _meeting(loop, data, *bodies), strict=False):
+                carrier = model.frames[body]
+                place, kind = carrier.placement * at, pin.FrameType.SENSOR  # no end of a chain
+                model.addFrame(pin.Frame(name, carrier.parentJoint, body, place, kind), False)
         return model
 
     def geometry(self, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel | None:
@@ -122,6 +169,8 @@ def _flaws(root: ElementTree.Element) -> Iterator[str]:
             yield f"Pinocchio does not read <{element.tag}>"
         if float(element.get("mass", "0")) < 0.0:
             yield f"<{element.tag}> has a negative mass, {element.get('mass')} kg"
+    if root.find(".//default/equality[@active]") is not None:
+        yield "a default says whether an <equality> is active; it is not read"
     for body in root.iter("body"):
         if not body.get("name"):
             yield "a <body> has no name; Pinocchio ignores such bodies and all that they carry"
@@ -132,6 +181,30 @@ def _flaws(root: ElementTree.Element) -> Iterator[str]:
                 f"body '{body.get('name')}' has no <inertial>, and Pinocchio does not compute the "
                 "inertia of its shapes"
             )
+
+
+def _driven(root: ElementTree.Element, coupled: Mimics) -> frozenset[str]:
+    """Return the joints that actuators move, with those that a driven joint follows."""
+    actuators = root.findall("actuator/*")
+    found = {each.get(word) for each in actuators for word in ("joint", "jointinparent")}
+    tendons = {each.get("tendon") for each in actuators} - {None}
+    for tendon in root.findall("tendon/fixed"):
+        if tendon.get("name") in tendons:
+            found |= {joint.get("joint") for joint in tendon.findall("joint")}
+    found |= {leader for joint, (leader, *_) in coupled.items() if joint in found}
+    return frozenset(name for name in found if name)
+
+
+def _meeting(loop: ElementTree.Element, data: pin.Data, a: int, b: int) -> tuple[pin.SE3, pin.SE3]:
+    """Return where a loop is closed in its bodies' frames a and b, placed as at "qpos0"."""
+    between = data.oMf[a].actInv(data.oMf[b])
+    if loop.tag == "connect":
+        anchor = np.array(loop.get("anchor", "0 0 0").split(), dtype=float)
+        at = pin.SE3(np.eye(3), anchor)
+        return at, between.actInv(at)
+    pose = np.array(loop.get("relpose", "0 1 0 0 0 0 0").split(), dtype=float)
+    w, *xyz = pose[3:]
+    return pin.XYZQUATToSE3([*pose[:3], *xyz, w]) if pose[3:].any() else between, pin.SE3.Identity()
 
 
 def mjcf_text(robot: Any) -> str:

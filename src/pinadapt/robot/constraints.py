@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +18,9 @@ from .changes import joint_id
 
 _ITERATIONS = 30  # of Newton's method; half or twice: it converges in 10 or not at all
 _CLOSED = 1e-12  # [m, rad], rounding: half or twice change nothing
+# of the largest row, and [m, rad] by which loops may miss; half or twice: the same rows, as axes
+# and anchors written with five digits are off by 1e-5
+DEPENDENT = 1e-4
 
 Rows = tuple[np.ndarray, np.ndarray]
 """A (k, n) and its rate (k, n)."""
@@ -116,8 +119,8 @@ class Loop(Constraint):
     Attributes:
         frame_a, frame_b: the frames.
         rows: which of the relative velocities of the two bodies at frame a are zero, 0 to 2 linear
-            and 3 to 5 angular, in world axes. Rows that depend on others must be left out: a planar
-            loop has two.
+            and 3 to 5 angular, in the axes of frame a. The robot keeps those that are independent
+            at its home pose, see ``independent``; of a planar loop two linear ones.
         closed: whether the frames meet; if not they keep the places to each other that they have at
             the home pose, as two grippers on one object do.
         squeeze: force with which they are pushed towards each other [N], negative to pull; None:
@@ -165,13 +168,20 @@ class Loop(Constraint):
         r, rd = pin.skew(-self.way(data, *at)), pin.skew(v_a - v_b)
         rate_b[:3] -= r @ rate_b[3:] + rd @ A_b[3:]
         A_b[:3] -= r @ A_b[3:]
-        rows = list(self.rows)
-        return (A_b - A_a)[rows], (rate_b - rate_a)[rows]
+        w = pin.getFrameVelocity(model, data, at[0], pin.LOCAL_WORLD_ALIGNED).angular
+        axes, rows = np.kron(np.eye(2), self.axes(data, at[0])), list(self.rows)
+        turned = np.kron(np.eye(2), pin.skew(w)) @ (A_b - A_a)
+        return (axes @ (A_b - A_a))[rows], (axes @ (rate_b - rate_a - turned))[rows]
 
     @staticmethod
     def way(data: pin.Data, a: int, b: int) -> np.ndarray:
         """Return the way (3) from frame a to frame b, by their indices [m]."""
         return np.asarray(data.oMf[b].translation - data.oMf[a].translation)
+
+    @staticmethod
+    def axes(data: pin.Data, a: int) -> np.ndarray:
+        """Return the matrix (3, 3) from world axes to those of a frame, by its index."""
+        return np.asarray(data.oMf[a].rotation.T)
 
     def error(
         self, model: pin.Model, data: pin.Data, at: Sequence[int], q: np.ndarray
@@ -180,8 +190,8 @@ class Loop(Constraint):
         if not self.closed:
             return np.full(len(self.rows), np.nan)
         a, b = (data.oMf[frame] for frame in at)
-        turn = pin.log3(b.rotation @ a.rotation.T)
-        return np.concatenate([b.translation - a.translation, turn])[list(self.rows)]
+        off = a.actInv(b)
+        return np.concatenate([off.translation, pin.log3(off.rotation)])[list(self.rows)]
 
 
 @dataclass(frozen=True)
@@ -283,14 +293,48 @@ def consistent(model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]) -> 
         errors = [part.error(model, constraints.data, at, q) for part, at in placed]
         rows = np.concatenate([np.isfinite(error) for error in errors])
         off = np.concatenate(errors)[rows]
-        if np.abs(off).max(initial=0.0) < _CLOSED:
+        step = -np.linalg.pinv(A[rows], rcond=DEPENDENT) @ off
+        left = np.abs(A[rows] @ step).max(initial=0.0)  # of what the joints can change
+        if left < _CLOSED and np.abs(off).max(initial=0.0) < DEPENDENT:
             return q
-        q = pin.integrate(model, q, -np.linalg.pinv(A[rows]) @ off)
+        q = pin.integrate(model, q, step)
     if parts:
         raise RobotError(
             "the loops do not close near the home pose.", where="loops", hint="Give a q0 nearer."
         )
     return q
+
+
+def independent(
+    model: pin.Model, q: np.ndarray, parts: Sequence[Constraint]
+) -> tuple[Constraint, ...]:
+    """Return constraints without the rows of loops that follow from others at q (nq).
+
+    Rows of loops are taken one by one, beside all rows of other constraints: always the one that
+    differs most from what those taken imply, until what is left is below 1e-4 of the largest row.
+    At a singular q that leaves out too much.
+    """
+    if not any(isinstance(part, Loop) for part in parts):
+        return tuple(parts)
+    A, _ = Constraints(model, parts).at(q, np.zeros(model.nv))
+    loops = [isinstance(part, Loop) for part in parts]
+    others = A[~np.repeat(loops, [part.size for part in parts])]
+    rest, taken = A - A @ np.linalg.pinv(others, rcond=DEPENDENT) @ others, set[int]()
+    least = DEPENDENT * np.linalg.norm(A, axis=1).max(initial=0.0)
+    while (sizes := np.linalg.norm(rest, axis=1)).max(initial=0.0) > least:
+        taken.add(row := int(sizes.argmax()))
+        unit = rest[row] / sizes[row]
+        rest = rest - np.outer(rest @ unit, unit)
+    kept, first = list[Constraint](), 0
+    for part in parts:
+        size = part.size
+        if isinstance(part, Loop):
+            rows = tuple(row for i, row in enumerate(part.rows, first) if i in taken)
+            kept += [replace(part, rows=rows)] if rows else []
+        else:
+            kept.append(part)
+        first += size
+    return tuple(kept)
 
 
 class Constraints:
@@ -341,7 +385,7 @@ class Constraints:
         rows, numbers, first = [np.zeros((0, size))], [], 0
         for part, frames in zip(self.parts, self.places, strict=True):
             if isinstance(part, Loop) and part.squeeze is not None:
-                way = part.way(self.data, *frames)
+                way = part.axes(self.data, frames[0]) @ part.way(self.data, *frames)
                 at = [first + part.rows.index(i) for i in range(3)]
                 rows.append(np.zeros((1, size)))
                 rows[-1][0, at] = way / np.linalg.norm(way)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -36,7 +37,16 @@ from ..tasks.several_frames import FramesTask
 from ..tasks.task import JointTask, Task
 from . import changes
 from .changes import FRICTION_ATTRIBUTES, Friction
-from .constraints import Constraint, Contact, Coupling, Loop, consistent, parts_of
+from .constraints import (
+    DEPENDENT,
+    Constraint,
+    Contact,
+    Coupling,
+    Loop,
+    consistent,
+    independent,
+    parts_of,
+)
 from .home import MountingPlane, conditioning, find_home, home_inside_limits
 from .robot import Robot, Visual
 
@@ -110,13 +120,17 @@ def load(
             pitch and roll, which no motor moves. The task is then the pose of the root link, unless
             a frame is given.
         contacts: frames of point feet, or ``Contact``, on which a robot with a free base stands.
-        loops: frames that move alike, see ``Loop``; the whole tree is loaded then.
-        passive: joints without a motor, which a loop moves.
+        loops: frames that move alike, see ``Loop``; the whole tree is loaded then. Those of an MJCF
+            file, <connect> and <weld>, come on top wherever the whole tree is loaded, and also if
+            joints without an actuator move the frame; other chains open them, with a warning.
+        passive: joints of a tree without a motor, which a loop moves; on top of those for which an
+            MJCF file has no actuator, if it has any.
 
     Raises:
         RobotError: missing file, bad XML, unknown frame or joint, floating base, mimic or
             unsupported joints, a lower joint limit above the upper one, a singular mass matrix, too
-            few joints for the task or more than 100, wrong sizes or NaN.
+            few joints for the task or more than 100, wrong sizes or NaN; loops that do not close
+            near the home pose, or in which motors cannot move independently.
     """
     instance(frame, str | None, "frame", RobotError)
     instance(task, str | None, "task", RobotError)
@@ -142,6 +156,16 @@ def load(
         raise RobotError("only a free base stands on them.", where="contacts", hint='base="free".')
     weld = found.from_file if weld_root is None else flag(weld_root, "weld_root")
     ends, whole = end_links(found.model, found.mimics), free or bool(closed)
+    whole = whole or (known is None and task == JOINT) or _hangs_in_loops(found, known)
+    if whole:
+        closed += tuple(Loop(a, b, tuple(range(rows))) for a, b, rows in found.closures)
+        idle += found.passive
+    elif found.closures:
+        warnings.warn(
+            f"{found.name}: {len(found.closures)} kinematic loops closed by <equality> are opened; "
+            f'task="joint" keeps them.',
+            stacklevel=3,
+        )
     make = partial(
         _load_chain,
         found,
@@ -178,6 +202,14 @@ def _distinct(frame: str | None, frames: list[str]) -> list[str | None]:
     if twice := [name for name, count in Counter(frames).items() if count > 1]:
         raise RobotError(f"'{twice[0]}' is given twice.", where="frames")
     return [*frames] or [frame]
+
+
+def _hangs_in_loops(found: Description, frame: str | None) -> bool:
+    """Return whether a frame is moved by joints without a motor of a description with loops."""
+    if frame is None or not found.closures:
+        return False
+    moving = chain_joints(found.model, frame_id(found.model, frame))
+    return not {str(found.model.names[joint]) for joint in moving}.isdisjoint(found.passive)
 
 
 def _first_able(make: Callable[[str], Robot], ends: Sequence[str], name: str) -> Robot:
@@ -279,6 +311,7 @@ def _load_chain(
             chosen = FramesTask.of(chosen, several)
     if q0 is not None and constraints:  # near which they hold
         home = configuration_from_angles(model, vector(q0, model.nv, "q0", error=RobotError))
+    constraints = independent(model, consistent(model, home, constraints), constraints)
     home = consistent(model, home, constraints)
     model = _regular(model, home, found.name)
     robot = Robot(
@@ -299,6 +332,15 @@ def _load_chain(
     )
     if isinstance(chosen, JointTask):
         robot = replace(robot, task=JointTask.of_joints(model, robot.motors))
+        A, _ = robot.constrained.at(home, np.zeros(model.nv))
+        both = np.vstack([np.eye(model.nv)[robot.motors], A])
+        if np.linalg.matrix_rank(both, tol=DEPENDENT * np.linalg.norm(both)) < len(both):
+            raise RobotError(
+                f"{int(robot.motors.sum())} motors cannot move independently: constraints leave "
+                f"{model.nv - len(A)} motions.",
+                where="passive",
+                hint="Name joints without a motor: passive=[...].",
+            )
     return robot if q0 is None or constraints else robot.at(q0)
 
 
