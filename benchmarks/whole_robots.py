@@ -24,8 +24,6 @@ from pinadapt.robot.workspace import find_swing
 from pinadapt.scenario.template import FRICTION
 from pinadapt.zoo.experiment import INERTIA_ERROR
 
-from .timing import markdown
-
 DURATION = 4.0  # [s]: half of the slowest sine; twice: less than half of the error at the end
 
 
@@ -75,3 +73,20 @@ def _measured(name: str, adaptation: str) -> dict[str, Any]:
     t, error = rollout.t, rollout.distance
     last = float(error[t > t[-1] - 1.0].max())
     return {**found, "largest": float(error.max()), "last": last, "step": rollout.step_time}
+
+
+def report(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return the table: the errors of each robot, largest of the last second; the step."""
+    runs = {(row["robot"], row["adaptation"]): row for row in rows}
+    lines = ["|robot|joints|not adapted|adapted|step|", "|---|---|---|---|---|"]
+    for name in dict.fromkeys(robot for robot, _ in runs):
+        own, other = runs[name, "natural"], runs[name, "none"]
+        cells = ["refused", "", "", ""]
+        if not own["refused"]:
+            joints = f"{own['joints']:g}"
+            if own["motors"] != own["joints"]:
+                joints += f", {own['motors']:g} motors"
+            errors = [f"{1e3 * run['last']:.2g}" for run in (other, own)]
+            cells = [joints, *errors, f"{1e3 * own['step']:.2g} ms"]
+        lines.append(f"|{'|'.join([f'`{name}`', *cells])}|")
+    return "\n".join(lines)

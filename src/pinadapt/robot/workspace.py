@@ -40,8 +40,8 @@ _LEAST_SINGULAR = 0.5
 _PERIOD = 3.0
 # [rad/s], largest on a circle; of a slide half of it in m/s; half: longer periods of fast joints
 _SPEED = 1.5
-# of the way from the middle of the feet to their edge, for the centre of mass; half: smaller circles,
-# 1: a load tips the robot
+# of the way from the middle of the feet to their edge, for the centre of mass; half: smaller
+# circles, 1: a load tips the robot
 _BALANCE = 0.5
 _SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
 

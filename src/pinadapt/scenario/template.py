@@ -16,6 +16,7 @@ import numpy as np
 import tomlkit
 
 from .._output import meanings
+from ..controller.constraint_forces import ConstraintForces
 from ..controller.controller import Controller
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
@@ -142,6 +143,8 @@ class Template:
         ):  # then the chain without them
             ends = robot.frame
             robot = load(source, xacro=xacro, mass=mass, frames=ends, task=task)
+        if contacts:
+            ConstraintForces(robot, None)  # refuses those that cannot hold it
         path = find_circle(robot) if robot.task.positions else find_swing(robot)
         whole = not ends and isinstance(robot.task, JointTask)
         return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed, whole)
