@@ -7,7 +7,6 @@ from math import ceil, floor, log10, pi, sqrt
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import nnls
 
 from .._checks import arithmetic, instance
 from ..description.chain import (
@@ -279,6 +278,8 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
 
 def _balanced(robot: Robot, q: np.ndarray) -> bool:
     """Return whether the centre of mass is well above the feet at a configuration (nq)."""
+    from scipy.optimize import nnls  # here, because few robots stand
+
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
     points = np.vstack(
