@@ -43,6 +43,7 @@ from . import (
     strangers,
     tracker,
     unknowns,
+    whole_robots,
 )
 from .timing import HERE, table_rows
 
@@ -129,6 +130,7 @@ TABLES: dict[str, Callable[[], str]] = {
     ),
     "tracker": of("tracker", tracker.report),
     "unknowns": of("unknowns", unknowns.report),
+    "whole_robots": of("whole_robots", whole_robots.report),
     "zoo": lambda: zoo([row for row in table_rows("zoo") if not row["adaptation"]]),
     **{name: of("scenarios", make, table=name) for name, make in scenarios.TABLES.items()},
 }

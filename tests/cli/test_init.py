@@ -1,5 +1,6 @@
 """``pinadapt init``: its scenario runs without changes and reports the choices."""
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,31 @@ def test_refusals_are_status_2_and_write_nothing(arguments, words, tmp_path, mon
     error = capsys.readouterr().err
     assert words in error and "Traceback" not in error
     assert not list(tmp_path.glob("*.toml"))
+
+
+def test_a_description_of_several_legs_offers_the_whole_robot_first(tmp_path, capsys):
+    file = written(tmp_path, "solo12")
+    first, *commands, found, _, left = capsys.readouterr().out.splitlines()[:6]
+    assert first == "An arm or leg of 4. For the whole robot:" and "3 joints" in found
+    for command, n in zip(commands, (12, 18), strict=True):
+        assert main(shlex.split(command)[1:]) == 0
+        assert f"{file}: {n} joints, " in capsys.readouterr().out.splitlines()[0]
+    assert commands[1].split()[3:5] == ["--contacts", "FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT"]
+    assert left.startswith("Not controlled: FR_HAA")
+    written(tmp_path, ARM4, "--force")
+    assert "whole" not in capsys.readouterr().out
+
+
+def test_a_standing_robot_carries_an_unknown_load_on_a_circle(tmp_path, capsys):
+    file = written(tmp_path, "a1", "--contacts", "FL_foot,FR_foot", "--contacts", "RL_foot,RR_foot")
+    settings = ["simulation.duration=2.0", TWO_MS]
+    rollout = Scenario.read(file, settings).run()
+    fixed = Scenario.read(file, [*settings, "controller.adaptation='none'"]).run()
+    assert rollout.diverged is None
+    assert rollout.x[:, 0].max() - rollout.x[0, 0] > 0.05
+    assert rollout.distance[-250:].max() < 0.1 * fixed.distance[-250:].max()
+    assert main(["init", "a1", "--out", str(file), "--contacts", "FL_foot,RR_foot", "--force"]) == 2
+    assert "three point feet" in capsys.readouterr().err
 
 
 def test_a_set_point_law_gets_a_reachable_set_point(tmp_path):

@@ -402,6 +402,26 @@ def end_links(model: pin.Model, mimics: Collection[str] = ()) -> list[str]:
     return [name for *_, name in sorted(found)]
 
 
+def limbs(robot: Robot) -> list[str]:
+    """Return an end of each arm and leg of the description, best candidate first.
+
+    More than half of the joints before an end, two at least, belong to no limb before it, and as
+    many as a third of the longest limb has: fingers, heads and casters are none.
+    """
+    assert robot.drawn is not None
+    model, found, taken = robot.drawn.whole, dict[str, int](), set[int]()
+    for name in (robot.frame, *robot.ends):
+        own = {
+            j
+            for j in chain_joints(model, frame_id(model, name))
+            if not is_free_flyer(model.joints[j])
+        }
+        new = own - taken
+        if len(new) >= max(2, len(own) // 2 + 1) and not _SENSOR.search(name.lower()):
+            found[name], taken = len(new), taken | own
+    return [name for name, size in found.items() if 3 * size >= max(found.values())]
+
+
 def _rank(name: str, palm: bool, joints: int) -> tuple[int, bool, int]:
     """Return the sort key of an end with this number of joints before it; the best is least."""
     tool = any(word.startswith(_TOOLS) for word in re.split(r"[^a-z0-9]+", name))

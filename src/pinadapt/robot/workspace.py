@@ -13,6 +13,7 @@ from ..description.chain import (
     angles_from_configuration,
     configuration_from_angles,
     effort_limits,
+    frame_id,
     position_limits,
     velocity_limits,
 )
@@ -22,6 +23,7 @@ from ..tasks.several_frames import FramesTask
 from ..trajectories.periodic import Circle, Sinusoid
 from ..trajectories.pose import PoseCircle
 from ..trajectories.stacked import Stacked
+from .constraints import Contact
 from .home import MARGIN
 from .robot import Robot
 
@@ -37,6 +39,9 @@ _LEAST_SINGULAR = 0.5
 _PERIOD = 3.0
 # [rad/s], largest on a circle; of a slide half of it in m/s; half: longer periods of fast joints
 _SPEED = 1.5
+# of the way from the middle of the feet to their edge, for the centre of mass; half: smaller
+# circles, 1: a load tips the robot
+_BALANCE = 0.5
 _SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
 
 
@@ -111,6 +116,9 @@ def find_circle(robot: Robot) -> Circle:
     For a pose task the orientation is that at home. The rotational rows of its Jacobian are
     multiplied by the reach, so that all singular values have the unit m/rad.
 
+    Under constraints the rows of A are appended to the Jacobian. Of a robot that stands, the centre
+    of mass stays above the inner half of the area between its contacts.
+
     Args:
         robot: any robot with a task of its frame; read only.
 
@@ -147,9 +155,10 @@ def find_circle(robot: Robot) -> Circle:
                 return Circle(path.center, path.radius, period, path.plane, path.phase)
     raise RobotError(
         f"no circle through the home pose {np.round(robot.home_angles, 3).tolist()} stays inside "
-        "the joint limits and away from singularities.",
+        "the joint limits and away from singularities"
+        + (", with the centre of mass above the feet." if robot.contacts else "."),
         where=robot.name,
-        hint="Give a home pose q0 further from both"
+        hint="Give a home pose q0 further from them"
         + (', or take a plane as the task, such as "yz".' if len(planes) > 1 else "."),
     )
 
@@ -230,10 +239,12 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     margin = _margin(lower, upper)
     low = lower + np.clip((home - lower) / 2, 0.0, margin)
     high = upper - np.clip((upper - home) / 2, 0.0, margin)
+    constraints, still = tool.constrained, np.zeros(model.nv)
 
     def jacobian(of: Robot, q: np.ndarray) -> np.ndarray:
-        """Return the task Jacobian at a configuration (nq), all rows in [m/rad]."""
-        return arms[:, None] * task.linear_map(of.model, data, of.frame_id, q)[1]
+        """Return the task Jacobian at a configuration (nq), all rows in [m/rad], and A."""
+        J = arms[:, None] * task.linear_map(of.model, data, of.frame_id, q)[1]
+        return np.vstack([J, constraints.at(q, still)[0]]) if robot.constraints else J
 
     at_home = np.linalg.svd(jacobian(robot, q), compute_uv=False)[-1]
     at = [path.at(k / _STEPS).x_d for k in range(_STEPS + 2)]
@@ -245,10 +256,13 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
         least = min(least, float(singular[-1] / at_home))
         if least < _LEAST_SINGULAR or (angles < low).any() or (angles > high).any():
             return None
+        if robot.contacts and not _balanced(tool, q):
+            return None
         offset = np.zeros(task.size)
         offset[:m] = np.tile(position - at[0], count)
         x = task.at(model, data, tool.frame_id, q)
-        to_go = arms * task.error(task.moved(start, offset), x)
+        to_go = np.zeros(len(J))  # constraints hold
+        to_go[: task.size] = arms * task.error(task.moved(start, offset), x)
         psi = 10.0 / _STEPS * pin.difference(model, q, robot.q0)  # half, twice: the same radii
         step = psi + V.T @ (U.T @ (to_go - J @ psi) / singular)
         fastest = np.maximum(fastest, np.abs(step))
@@ -260,6 +274,28 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
     speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
     return least, fastest * _STEPS / speeds
+
+
+def _balanced(robot: Robot, q: np.ndarray) -> bool:
+    """Return whether the centre of mass is well above the feet at a configuration (nq)."""
+    from scipy.optimize import nnls  # here, because few robots stand
+
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    points = np.vstack(
+        [_edges(part, data.oMf[frame_id(model, part.frame)]) for part in robot.contacts]
+    )
+    middle = points.mean(axis=0)
+    at = middle + (pin.centerOfMass(model, data, q)[:2] - middle) / _BALANCE
+    _, off = nnls(np.vstack([points.T, np.ones(len(points))]), np.append(at, 1.0))
+    return bool(off < 1e-9)  # a convex combination, but for rounding
+
+
+def _edges(contact: Contact, place: pin.SE3) -> np.ndarray:
+    """Return the point, or the corners of the sole (4), of a contact in a place (., 2) [m]."""
+    length, width = contact.sole or (0.0, 0.0)
+    signs = product((-1.0, 1.0), repeat=2) if contact.sole else [(0.0, 0.0)]
+    return np.array([place.act(np.array([a * length, b * width, 0.0]))[:2] for a, b in signs])
 
 
 def _margin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

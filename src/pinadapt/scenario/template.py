@@ -16,6 +16,7 @@ import numpy as np
 import tomlkit
 
 from .._output import meanings
+from ..controller.constraint_forces import ConstraintForces
 from ..controller.controller import Controller
 from ..description.urdf import is_path
 from ..description.xacro import XacroArguments
@@ -23,7 +24,7 @@ from ..exceptions import InputError
 from ..laws import DEFAULT, LAWS
 from ..laws.law import NAMES, SYMBOLS
 from ..models.joint_effects import typical_coefficients
-from ..robot.loading import JOINT, load
+from ..robot.loading import FIXED, FREE, JOINT, limbs, load
 from ..robot.robot import Robot
 from ..robot.workspace import TOOL_ERROR, find_circle, find_swing
 from ..tasks.frame import IMAGE, pinhole_camera
@@ -86,6 +87,7 @@ class Template:
         source: str,
         *,
         frame: str | Sequence[str] | None = None,
+        contacts: Sequence[str] = (),
         task: str | None = None,
         xacro: XacroArguments | None = None,
         mass: float | None = None,
@@ -98,6 +100,8 @@ class Template:
             source: a path or a name of a robot.
             frame: task frame (default: the likeliest link at the robot's end); several, given
                 again or with commas between, are moved by one controller.
+            contacts: point feet, again or with commas between, on which a robot with a free base
+                stands; its trunk moves.
             task: xyz, xy, xz, yz, pose, image (of an uncalibrated camera) or joint (default: xyz,
                 or a plane if the chain is planar).
             xacro: arguments of a xacro file.
@@ -123,12 +127,24 @@ class Template:
         if LAWS[law].joint_space and task is None:
             task = JOINT
         ends: str | Sequence[str] = frame or ()
-        robot = load(source, xacro=xacro, mass=mass, frames=ends, task=None if filmed else task)
+        robot = load(
+            source,
+            xacro=xacro,
+            mass=mass,
+            frames=ends,
+            task=None if filmed else task,
+            base=FREE if contacts else FIXED,
+            contacts=contacts,
+        )
         if tracker or filmed:
             robot.check_single_frame()
-        if robot.constraints and not LAWS[law].constrained:  # then the chain without them
+        if robot.constraints and not (
+            contacts or LAWS[law].constrained
+        ):  # then the chain without them
             ends = robot.frame
             robot = load(source, xacro=xacro, mass=mass, frames=ends, task=task)
+        if contacts:
+            ConstraintForces(robot, None)  # refuses those that cannot hold it
         path = find_circle(robot) if robot.task.positions else find_swing(robot)
         whole = not ends and isinstance(robot.task, JointTask)
         return cls(source, robot, path, xacro or {}, mass, law, tracker, filmed, whole)
@@ -144,6 +160,16 @@ class Template:
     def task(self) -> str:
         """Name of the task."""
         return IMAGE if self.filmed else self.robot.task.name
+
+    @cached_property
+    def limbs(self) -> list[str]:
+        """An end of each arm and leg of the description."""
+        return limbs(self.robot)
+
+    @property
+    def takes_all(self) -> bool:
+        """Whether more than one arm or leg is controlled."""
+        return self.whole or len(self.robot.frames) > 1 or bool(self.robot.contacts)
 
     @cached_property
     def tools(self) -> dict[str, np.ndarray]:
@@ -191,6 +217,8 @@ class Template:
         """The table [unknown]."""
         if self.rests:
             return {"bodies": "all"}
+        if self.robot.contacts:
+            return {"bodies": "payload", "friction": False, "armature": False}
         tool = {"tool": True} if self.robot.task.positions else {}
         placed = {"tracker": True} if self.tracker else {}
         return {**placed, **tool, "bodies": "all", "friction": True, "armature": True}
@@ -216,6 +244,8 @@ class Template:
             "trajectory": self._motion(),
             "simulation": {"duration": float(ceil(max(20.0 if self.rests else 10.0, turns)))},
         }
+        if self.robot.contacts:
+            found["engine"] = {"plant": "mujoco"}
         if self.filmed:
             found["sensors"] = {"camera": {"rate": 30.0, "delay": 0.06}, "noise": {"x": 0.5}}
         return found
@@ -231,11 +261,13 @@ class Template:
             "mass": self.mass,
             "frame": None if self.whole or len(robot.frames) > 1 else robot.frame,
             "frames": list(robot.frames) if len(robot.frames) > 1 else None,
+            "base": FREE if robot.contacts else None,
+            "contacts": [contact.frame for contact in robot.contacts] or None,
             "task": self.task,
             "pixel": self.view.pixel if self.filmed else None,
             "weld_root": robot.welded or None,
             "locked": [],
-            "q0": significant(robot.home_angles, digits=12),
+            "q0": significant(robot.home_angles.round(12), digits=12),
         }
         return {key: value for key, value in given.items() if value is not None}
 
@@ -245,7 +277,7 @@ class Template:
         moment = _rounded(0.1 * mass * radius**2, 3)  # of a ball
         _, viscous, coulomb = FRICTION * typical_coefficients(robot)
         found: Tables = {}
-        if robot.task.positions:
+        if robot.task.positions and not robot.contacts:
             found["tool_translation"] = self._by_frame(significant)
         if self.tracker:  # the base as the tracker sees it
             place = significant(robot.reach * np.array([0.8, -0.5, 0.3]), 2)
@@ -256,7 +288,9 @@ class Template:
         found["payload"] = self._by_frame(
             lambda tool: {"mass": _rounded(mass, 3), "com": significant(tool), "inertia": inertia}
         )
-        if not self.rests:  # Coulomb friction would hold the arm beside its set point
+        if not (
+            self.rests or robot.contacts
+        ):  # Coulomb friction would hold the arm beside its set point
             found["friction"] = {
                 "viscous": significant(viscous, 2),
                 "coulomb": significant(coulomb, 2),
@@ -299,6 +333,8 @@ class Template:
             "robot.frame": f"Other ends of chains: {', '.join(robot.ends) or 'none'}.",
             "robot.locked": f"Always locked, off the chain: {', '.join(robot.locked) or 'none'}.",
             "robot.q0": f"Joints: {', '.join(robot.joint_names)}.",
+            "truth.tool_translation": "Here 5 % of the reach, away from the base.",
+            "truth.payload": "Here a ball of 5 % of the mass.",
         }
 
     def gains(self) -> Iterator[tuple[str, float | list[float]]]:
@@ -323,8 +359,7 @@ class Template:
 _ABOUT = {
     "robot": "What pinadapt.load takes.",
     "truth": "Differences between the simulated robot and its description, which the controller "
-    "does not know, as Robot.changed takes them: here a tool longer by 5 % of the reach, with a "
-    "ball of 5 % of the mass at its end. Replace them by what you expect of your robot.",
+    "does not know, as Robot.changed takes them. Replace them by what you expect of your robot.",
     "unknown": "What the controller adapts: pinadapt.Unknown.",
     "controller": "What pinadapt.make_controller takes.",
     "limits": "pinadapt.Limits",
@@ -332,6 +367,7 @@ _ABOUT = {
     "is, and keeps joint limits, even with a tool error of 5 % of the reach. as_given = true: at "
     "full speed from the first sample, not from rest.",
     "simulation": "What pinadapt.simulate takes.",
+    "engine": "pinadapt.Engine",
     "sensors": "pinadapt.Sensors; noise of a picture is in pixels.",
 }
 
