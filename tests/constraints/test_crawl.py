@@ -77,7 +77,7 @@ def test_what_cannot_crawl_is_refused():
     with pytest.raises(pa.exceptions.InputError, match="four point feet"):
         Crawl().on(standing("talos"))
     with pytest.raises(pa.exceptions.InputError, match="pose of the trunk"):
-        Crawl().on(standing("a1", task="joint"))
+        Crawl().on(standing("a1", task="xyz"))
     with pytest.raises(pa.exceptions.InputError, match="steps"):
         Crawl(steps=0)
 

@@ -81,8 +81,8 @@ def test_a_loop_is_closed_at_home_and_its_rows_are_those_of_differences(make):
     robot = make()
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.q0)
-    for loop in robot.constraints:
-        assert np.abs(loop.error(robot.model, data, robot.q0)).max() < 1e-9
+    for loop, at in zip(robot.constraints, robot.constrained.places, strict=True):
+        assert np.abs(loop.error(robot.model, data, at, robot.q0)).max() < 1e-9
     v, h = np.random.default_rng(1).standard_normal(robot.model.nv), 1e-6
     constraints = robot.constrained
     before, after = (constraints.at(robot.q0 + sign * h * v, v)[0] for sign in (-1.0, 1.0))
