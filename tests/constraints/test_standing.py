@@ -135,6 +135,19 @@ def test_forces_keep_the_base_and_stay_in_their_cones(name):
         start += contact.size
 
 
+def test_a_torque_that_is_infeasible_is_missed_and_no_cone():
+    robot = standing("a1")
+    forces = ConstraintForces(robot, None)
+    g = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.q0)
+    g[0] = 5.0 * g[2]  # five times the weight along the ground
+    torque = forces.torque(robot.q0, g)
+    A, _ = forces.constraints.at(robot.q0, np.zeros(g.size))
+    f = np.linalg.solve(A.T[6:], g[6:] - torque[6:]).reshape(4, 3)
+    assert (f[:, 2] > -1e-3 * g[0]).all()
+    assert (np.linalg.norm(f[:, :2], axis=1) <= 0.6 * f[:, 2] + 2e-3 * g[0]).all()
+    assert f[:, 0].sum() > 0.3 * f[:, 2].sum()  # as much as friction allows
+
+
 def test_contacts_that_leave_a_motion_of_the_base_are_refused():
     for feet in ([], FEET["a1"][:2]):
         robot = pa.load("a1", base="free", contacts=feet)

@@ -17,6 +17,9 @@ _FORCES = 1e-4
 # weight of a squared torque that is missed where there is no motor; half: twice is missed, 7e-6 of
 # dV/dt on a1 in place of 4e-6; double: half; with twenty times the solver takes seconds
 _SLACK = 1e5
+# of the solver, which needs 2 to 10; a torque that is infeasible never reaches the tolerance, and
+# forces are known to a thousandth of what is missed: half or twice change the time alone
+_ITERATIONS = 50
 _LEAST = 1e-9  # of the norm of the rows without motors, of a singular value that counts
 _NONE = 1e20  # what the solver takes for no limit
 
@@ -97,7 +100,7 @@ class ConstraintForces:
             low = np.concatenate([np.zeros(len(cones)), asked - self._limits])
             high = np.concatenate([np.full(len(cones), _NONE), asked + self._limits])
             solve = self._solver.dense.solve
-            f = solve(H, g, equal, right, C, low, high, eps_abs=1e-9).x[:k]
+            f = solve(H, g, equal, right, C, low, high, eps_abs=1e-9, max_iter=_ITERATIONS).x[:k]
         torque = np.zeros(wanted.size)
         torque[motors] = np.clip(asked - own @ f, -self._limits, self._limits)
         return torque
