@@ -184,23 +184,22 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
             if each["adaptation"] == "none" and all(each[key] == row[key] for key in same)
         )  # fmt: skip
         what = f"`{row['robot']}` + {row['load']:g} kg" + " crawls" * (row["motion"] == "crawl")
-        numbers = ["", "", ""]
+        numbers = ["", ""]
         if row["found"] is not None:
             numbers = [
                 f"{math.degrees(row['angle']):.2g}°",
                 f"{row['found']:.2f} / {row['true']:.2f}",
-                f"{1e3 * row['step']:.1f} ms",
             ]
         lines.append([what, _mm(other["last"]), _mm(row["largest"]), _mm(row["last"]), *numbers])
     head = ["robot, load", "not adapted", "largest", "last second", "angle then"]
-    return markdown([*head, "trunk found / true [kg]", "step"], lines)
+    return markdown([*head, "trunk found / true [kg]"], lines)
 
 
 def rough(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the table of sensors, pushes and random loads."""
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for row in rows:
-        if row["sensors"]:
+        if row["sensors"] and (row["adaptation"] != "none" or row["varied"]):
             key = row["robot"], row["load"], row["motion"], row["sensors"], row["push"]
             groups.setdefault((*key, row["varied"], row["adaptation"]), []).append(row)
     lines = []
