@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 import pinadapt as pa
 from pinadapt.plants import MujocoPlant
@@ -26,6 +27,7 @@ from pinadapt.trajectories.trajectory import minimum_jerk
 from .timing import markdown
 
 SOLE = (0.1, 0.05)
+WAY = 0.015, 0.015, 0.01  # [m] of the trunk
 ROBOTS: dict[str, list[Any]] = {
     **{name: ["FL_foot", "FR_foot", "RL_foot", "RR_foot"] for name in ("a1", "b1", "go1")},
     "solo12": ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"],
@@ -45,9 +47,10 @@ class Sway(Trajectory):
     ``way`` scales and turns the circle.
     """
 
-    def __init__(self, robot: pa.Robot, way: np.ndarray) -> None:
+    def __init__(self, robot: pa.Robot, way: ArrayLike = WAY) -> None:
         """Begin at the home pose of a robot; ``way`` are amplitudes (3) [m]."""
-        self.start, self.turn, self.way = robot.position(robot.q0), np.array([0.0, 0.1, 0.0]), way
+        self.start, self.turn = robot.position(robot.q0), np.array([0.0, 0.1, 0.0])
+        self.way = np.array(way)
 
     def at(self, t: float) -> Desired:
         """Return the pose of the trunk at time t [s]."""
@@ -113,7 +116,7 @@ def measure(
     of the footholds of a crawl.
     """
     described, rng = standing(robot), np.random.default_rng(case_seed)
-    height, way = described.q0[2], np.array([0.015, 0.015, 0.01])
+    height, way = described.q0[2], np.array(WAY)
     com = height * np.array([0.2, 0.08, 0.32])
     if varied:
         load *= rng.uniform()

@@ -24,6 +24,8 @@ from pinadapt.robot.workspace import find_swing
 from pinadapt.scenario.template import FRICTION
 from pinadapt.zoo.experiment import INERTIA_ERROR
 
+from .timing import markdown
+
 DURATION = 4.0  # [s]: half of the slowest sine; twice: less than half of the error at the end
 
 
@@ -78,7 +80,7 @@ def _measured(name: str, adaptation: str) -> dict[str, Any]:
 def report(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the table: the errors of each robot, largest of the last second; the step."""
     runs = {(row["robot"], row["adaptation"]): row for row in rows}
-    lines = ["|robot|joints|not adapted|adapted|step|", "|---|---|---|---|---|"]
+    lines = []
     for name in dict.fromkeys(robot for robot, _ in runs):
         own, other = runs[name, "natural"], runs[name, "none"]
         cells = ["refused", "", "", ""]
@@ -88,5 +90,5 @@ def report(rows: Iterable[Mapping[str, Any]]) -> str:
                 joints += f", {own['motors']:g} motors"
             errors = [f"{1e3 * run['last']:.2g}" for run in (other, own)]
             cells = [joints, *errors, f"{1e3 * own['step']:.2g} ms"]
-        lines.append(f"|{'|'.join([f'`{name}`', *cells])}|")
-    return "\n".join(lines)
+        lines.append([f"`{name}`", *cells])
+    return markdown(["robot", "joints", "not adapted", "adapted", "step"], lines)

@@ -73,6 +73,53 @@ def test_forces_of_feet_in_the_air_are_zero():
     assert min(missed) < 1e-4  # the centre of mass is above some of these triangles
 
 
+def test_lyapunov_equality_with_a_foot_in_the_air():
+    """d/dt of s^T M s / 2 by differences, along the acceleration of a robot on three feet."""
+    robot = standing("a1").changed(friction=pa.Friction(), armature=0.0)
+    controller = pa.make_controller(robot, unknown=TRUNK, limits=pa.Limits(guards=False))
+    crawl, model, data = Crawl().on(robot), robot.model, robot.model.createData()
+    t, rng, h = crawl.shift + 0.5 * crawl.swing, np.random.default_rng(4), 1e-5
+    stands = np.repeat(crawl.at(t).feet.stands, 3)
+    q, desired = robot.q0.copy(), crawl.at(t)
+    q[:3] = desired.x_d[:3]
+    for _ in range(20):  # the feet where they are desired
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        for leg, contact in enumerate(robot.contacts):
+            foot, dofs = model.getFrameId(contact.frame), slice(6 + 3 * leg, 9 + 3 * leg)
+            off = data.oMf[foot].translation - desired.feet.x_d[leg]
+            J = pin.getFrameJacobian(model, data, foot, pin.LOCAL_WORLD_ALIGNED)[:3, dofs]
+            q[dofs] -= np.linalg.solve(J, off)
+    v = 0.01 * rng.standard_normal(18)
+    A, rate = robot.constrained.at(q, v)
+    v -= np.linalg.pinv(A[stands]) @ (A[stands] @ v)
+    A, rate = (rows[stands] for rows in robot.constrained.at(q, v))
+
+    def seen(q, v, t):
+        measurement = pa.Measurement(t, q, v, robot.position(q))
+        state = controller.init(measurement)
+        return state, controller.observe(state, measurement, crawl.at(t))
+
+    def energy(q, v, t):
+        s = controller.law._reference_error(seen(q, v, t)[1])
+        return 0.5 * s @ pin.crba(model, data, q) @ s
+
+    state, signals = seen(q, v, t)
+    command = controller.law.command(signals, controller._model(state, signals, None))
+    tau = controller._forces.torque(q, command.torque, crawl.at(t).feet.stands)
+    M, rest = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+    saddle = np.block([[M, -A.T], [A, np.zeros((9, 9))]])
+    a = np.linalg.solve(saddle, np.append(tau - rest, -rate @ v))[:18]
+    found = (
+        energy(q + h * v + 0.5 * h * h * a, v + h * a, t + h)
+        - energy(q - h * v + 0.5 * h * h * a, v - h * a, t - h)
+    ) / (2.0 * h)
+    s = controller.law._reference_error(signals)
+    assert np.abs(A @ s).max() < 1e-9 and np.abs(s).max() > 0.01
+    expected = -s @ controller.law.K_D(q, state.a_d) @ s
+    assert found == pytest.approx(expected, rel=1e-4)
+
+
 def test_what_cannot_crawl_is_refused():
     with pytest.raises(pa.exceptions.InputError, match="four point feet"):
         Crawl().on(standing("talos"))

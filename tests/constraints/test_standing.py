@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinadapt as pa
+from benchmarks.standing import Sway
 from pinadapt.controller.constraint_forces import ConstraintForces
 from pinadapt.models.linear_kinematics import FrameKinematics
 from pinadapt.robot.constraints import Constraints
@@ -24,46 +25,6 @@ TRUNK = pa.Unknown(bodies="payload", friction=False, armature=False)
 
 def standing(name, **options):
     return pa.load(name, base="free", contacts=FEET[name], **options)
-
-
-def eased(t):
-    """Return a rise from 0 to 1 in 1 s, with two derivatives."""
-    s = min(max(t, 0.0), 1.0)
-    return (
-        s**3 * (10.0 - 15.0 * s + 6.0 * s * s),
-        30.0 * (s * (1.0 - s)) ** 2,
-        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
-    )
-
-
-class Swaying:
-    """The trunk on a circle of 15 mm in 2 s, begun at rest, and pitching by 0.1 rad."""
-
-    def __init__(self, robot):
-        self.start, self.turn = robot.position(robot.q0), np.array([0.0, 0.1, 0.0])
-
-    def at(self, t):
-        w, (s, sd, sdd) = np.pi, eased(t)
-        size, phase = np.array([0.015, 0.015, 0.01]), w * t + np.array([0.0, np.pi / 2, 0.0])
-        g, gd, gdd = np.sin(phase), w * np.cos(phase), -w * w * np.sin(phase)
-        h, hd, hdd = np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t)
-        home = pin.Quaternion(self.start[3:]).matrix()
-        turned = pin.Quaternion(pin.exp3(self.turn * s * h) @ home).coeffs()
-        return pa.Desired(
-            np.concatenate([self.start[:3] + size * s * g, turned]),
-            np.concatenate([size * (s * gd + sd * g), self.turn * (s * hd + sd * h)]),
-            np.concatenate(
-                [
-                    size * (s * gdd + 2.0 * sd * gd + sdd * g),
-                    self.turn * (s * hdd + 2.0 * sd * hd + sdd * h),
-                ]
-            ),
-        )
-
-
-def test_links_may_share_names_with_joints_under_a_free_base():
-    robot = pa.load("anymal_c", base="free")
-    assert robot.frame == "base" and robot.model.nv == 18
 
 
 def test_a_free_base_is_six_joints_without_motors():
@@ -181,7 +142,7 @@ def test_a_load_on_the_trunk_is_found_while_the_robot_stands(name, mass, worst, 
     robot = standing(name)
     high = robot.q0[2]
     load = pa.Payload(mass, [0.2 * high, 0.08 * high, 0.32 * high])
-    true, path = robot.changed(payload=load), Swaying(robot)
+    true, path = robot.changed(payload=load), Sway(robot)
     controller = pa.make_controller(robot, unknown=TRUNK)
     stream = pa.run(pa.plants.MujocoPlant(true), controller, path, dt=1e-3)
     samples = list(islice(stream, 4000))
@@ -212,11 +173,11 @@ def test_a_governed_reference_of_a_redundant_robot_obeys_the_constraints():
     plant = pa.plants.PinocchioPlant(robot)
     measurement = plant.measurement(q, np.zeros(robot.model.nv))
     state = controller.init(measurement)
-    signals = controller.observe(state, measurement, Swaying(robot).at(0.3))
+    signals = controller.observe(state, measurement, Sway(robot).at(0.3))
     A, _ = robot.constrained.at(q, np.zeros(robot.model.nv))
     qd_r = -controller.law._reference_error(signals)
     assert np.abs(qd_r).max() > 1e-3 and np.abs(A @ qd_r).max() < 1e-9
-    torque, _ = controller.step(state, measurement, Swaying(robot).at(0.3), 1e-3)
+    torque, _ = controller.step(state, measurement, Sway(robot).at(0.3), 1e-3)
     assert np.isfinite(torque).all() and not torque[:6].any()
 
 

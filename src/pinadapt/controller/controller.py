@@ -654,7 +654,7 @@ class Controller:
         feet = desired.feet
         s.stands = None if feet is None else feet.stands
         if feet is not None and kinematics.constraints is not None:
-            alpha = float(getattr(self.law, "alpha", 0.0))
+            alpha = self.law.alpha  # type: ignore[attr-defined]  # of laws that are constrained
             s.inverse.moving(*kinematics.constraints.references(feet, s.v, alpha))
         s.xd_hat, s.xd_d, s.xdd_d = kinematics.xd_hat, xd_d, xdd_d
         s.dx, s.xd, s.delta = kinematics.task.errors(s.x, x_d, sample.xd, s.xd_hat, xd_d)
