@@ -39,9 +39,9 @@ _LEAST_SINGULAR = 0.5
 _PERIOD = 3.0
 # [rad/s], largest on a circle; of a slide half of it in m/s; half: longer periods of fast joints
 _SPEED = 1.5
-# of the way from the middle of the feet to their edge, for the centre of mass; half and twice: an A1
-# circles with 39 and 96 mm in place of 61, and errs by 0.9 and 2.1 mm in place of 1.0 at first under
-# 5 kg that nobody announced
+# of the way from the middle of the feet to their edge, for the centre of mass; half and twice: an
+# A1 circles with 39 and 96 mm in place of 61, and errs by 0.9 and 2.1 mm in place of 1.0 at first
+# under 5 kg that nobody announced
 _BALANCE = 0.5
 _SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
 
