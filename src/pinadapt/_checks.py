@@ -24,6 +24,7 @@ from .exceptions import (
     did_you_mean,
 )
 
+ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size, or [m, rad], that is no more
 LARGEST, SMALLEST = 1e30, 1e-30  # of a user's number, and of one that is to be positive
 MOST_PARAMETERS = 10_000  # that are adapted; half or twice: where a mistyped number is refused
 

@@ -24,7 +24,7 @@ from ..models.dynamics import Dynamics
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
-from ..robot.robot import Robot
+from ..robot.robot import LOAD, Robot
 from .defaults import (
     frequency,
     gradient_shape,
@@ -60,9 +60,6 @@ RATES = (
 # least thickness of the last body, as a share of the reach; it is above that of two robots of 129:
 # finger_edu and tiago_arm learn it a quarter or four times as fast with half or twice
 _THICKNESS = 1e-2
-# load that the last body may have, as a share of the robot's mass; half, twice: light last bodies
-# are learned half, twice as fast
-_LOAD = 0.1
 
 # of the bandwidth: forgetting of least squares, and decay of the kinematic prediction error; half:
 # drifting parameters are followed half as fast; twice: what a motion shows is lost within a turn
@@ -177,7 +174,7 @@ def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: f
         unit = Natural(1.0, cone)
         if gamma_d is None:
             gamma_d = rate_for(mode, effects, unit, unit.init(dynamics.initial))
-        shares = _shares(robot, dynamics, unit, _LOAD if kind in MEMORIES else 0.0)
+        shares = _shares(robot, dynamics, unit, LOAD if kind in MEMORIES else 0.0)
         return Natural(positive(gamma_d, "gamma_d"), cone, shares=shares)
     if gamma_d is None:
         shape = gradient_shape(robot, dynamics, effects)
