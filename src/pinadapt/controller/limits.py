@@ -19,7 +19,9 @@ from ..robot.robot import Robot
 from .governor import Governor, PathGovernor
 from .sensing import GUARDS
 
-_ABSURD = 1e4
+# of the sizes of estimates, or a norm of joint velocities [rad/s or m/s]: a loop that has diverged;
+# half or twice: it ends a sample or two earlier or later
+ABSURD = 1e4
 _IDEAL = Actuators()
 
 
@@ -157,7 +159,7 @@ def limits_for(
     return ControllerLimits(
         torque,
         limits.damping * s_home,
-        _ABSURD * size if limits.stop_on_divergence else np.inf,
+        ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
         path,
         _IDEAL if limits.actuators is None else limits.actuators,

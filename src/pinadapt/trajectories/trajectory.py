@@ -19,7 +19,6 @@ _START, _LOOKS = 5.0, 250
 # Share of its largest speed and acceleration at which a motion starts at rest; half or twice of it
 # changes nothing for the motions of this package, which start at rest or at full speed.
 _RESTS = 1e-3
-_SHORTEST = 0.1  # [s], of a ramp; a motion faster than any arm's reaches it
 
 
 class Trajectory(ABC):
@@ -61,7 +60,7 @@ class Trajectory(ABC):
 
         Args:
             ramp: duration of the start [s]. None: 1.875 times the largest speed of the first five
-                seconds over their largest acceleration, but from 0.1 s to 5 s; then the rate, whose
+                seconds over their largest acceleration, but at most 5 s; then the rate, whose
                 slope is at most 1.875 / ramp, asks for no more acceleration than the motion.
             duration: of the run [s]; the motion is not looked at beyond. None: unknown.
 
@@ -79,7 +78,7 @@ class Trajectory(ABC):
         if speeds[0] <= _RESTS * v and rates[0] <= _RESTS * a:
             return self
         if ramp is None:
-            ramp = _START if 1.875 * v > _START * a else max(1.875 * v / a, _SHORTEST)
+            ramp = _START if 1.875 * v > _START * a else 1.875 * v / a
         return Retimed(self, SmoothStart(ramp))
 
     def as_given(self) -> Trajectory:
