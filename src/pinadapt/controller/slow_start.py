@@ -26,7 +26,7 @@ from ..models.task_kinematics import JointKinematics
 from ..models.tracker_kinematics import TrackerKinematics
 from ..records import Desired, Measurement
 from ..signals import Signals
-from ..trajectories.trajectory import Waypoints
+from ..trajectories.trajectory import LONGEST_RAMP, Waypoints
 from .controller import Controller, believed
 from .first_samples import remember
 from .governor import PathTime
@@ -36,9 +36,8 @@ from .state import ControllerState
 AXES = "unknown axes"  # the cause for which the path waits
 _BALL = 2.2e-3  # of the reach: farthest that the frame moves
 _KNOWN = 0.03  # standard deviation of a predicted velocity, relative to that of the frame
-_SETTLING, _SEGMENT, _REST = 0.5, 0.64, 0.3  # [s]
+_SEGMENT, _REST = 0.64, 0.3  # [s]
 _LEAST_NOISE = 1e-5  # of the reach
-_RISE = 5.0  # [s] in which the path takes up its full rate if the velocity is just known
 
 
 class Start(NamedTuple):
@@ -158,7 +157,7 @@ class SlowStart(Controller):
         start, joints, path = state.start, self._joints, state.path
         if start is None or joints is None or path is None:
             return super().step(state, measurement, desired, dt)
-        cycle, place = self._motion, path.lag - _SETTLING
+        cycle, place = self._motion, path.lag - _REST
         # time in the cycle; negative: before the first
         place = place if place < 0.0 else math.fmod(place, cycle.settles + self._rest)
         with self.reserved():
@@ -285,7 +284,7 @@ class SlowStart(Controller):
             kinematic=self.adaptation_k.init(a_k, information),
             filters=self._filters.init(sensed, self.kinematics),
             sensed=sensed,
-            path=PathTime(state.path.lag, 0.0, _KNOWN / (_RISE * uncertain), AXES),
+            path=PathTime(state.path.lag, 0.0, _KNOWN / (LONGEST_RAMP * uncertain), AXES),
             start=None,
         )
 

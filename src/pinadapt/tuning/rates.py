@@ -21,6 +21,7 @@ from ..adaptation.projections import BoxProjection, MassMatrixProjection
 from ..exceptions import InputError, ParameterError
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
+from ..models.linear_kinematics import OFF
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
@@ -77,9 +78,6 @@ _WIDTH = 3.0
 # in 1 / bandwidth: encoder noise then adds as much information as the prior; half, twice: noisy
 # encoders count for more, for less
 _HORIZON = 2000.0
-
-# error of the translations, as a share of the reach; half: noisy frames move the tool less
-_PRIOR = 0.1
 
 
 def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
@@ -374,7 +372,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     """
     law, motion, w, quality = tuning.law, tuning.motion, tuning.bandwidth, tuning.quality
     kinematics, size = motion.kinematics, motion.kinematics.size
-    unit = (_PRIOR * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
+    unit = (OFF * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
     seen, spread = motion.position_regressors, quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors
