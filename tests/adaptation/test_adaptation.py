@@ -127,22 +127,6 @@ def test_natural_adaptation_stays_in_the_cone(case, step):
         assert ratios.max() <= np.exp(0.02) + 1e-5 and ratios.min() >= np.exp(-0.021)
 
 
-@pytest.mark.parametrize("norm", [1e-4, 1.9e-2])
-def test_series_for_small_steps_equals_the_geodesic(norm):
-    """The short series for small steps agrees with S exp(-S^T X S) S^T, by eigenvalues."""
-    rng = np.random.default_rng(8)
-    cone = pa.adaptation.BodyInequality(["a", "b"])
-    a, g = bodies(rng, 2), rng.standard_normal(20)
-    P, L = cone.matrices(a), cone.covectors(g)
-    A = P @ L
-    h = norm / np.sqrt(np.einsum("bij,bji->", A, A))
-    S = np.linalg.cholesky(P)
-    w, U = np.linalg.eigh(h * S.transpose(0, 2, 1) @ L @ S)
-    exact = (S @ U * np.exp(-w)[:, None, :]) @ (S @ U).transpose(0, 2, 1)
-    moved = cone.matrices(stepped(pa.adaptation.Natural(1.0, cone), a, g, h))
-    assert np.abs(moved - exact).max() <= 1e-5 * np.abs(P).max()
-
-
 def test_natural_adaptation_is_coordinate_free():
     """Adaptation commutes with a change of frames and units, unlike gradient adaptation."""
     rng = np.random.default_rng(9)

@@ -144,28 +144,3 @@ def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
 
 
 # --- memory, rest, signals ---
-
-
-def all_of(signals):
-    """Return what signals hold, and what their inverse and filters hold."""
-    own = [name for name in signals.__slots__ if name not in ("inverse", "filtered")]
-    assert len(own) == 24
-    filtered, inverse = signals.filtered, signals.inverse
-    names = getattr(filtered, "_fields", None) or filtered.__slots__
-    parts = *(getattr(filtered, name) for name in names), inverse.J, inverse.gram_inverse
-    return (*(getattr(signals, name) for name in own), *parts)
-
-
-def test_signals_do_not_share_the_callers_buffers():
-    robot = catalogue_robot("ur5")
-    controller = pa.make_controller(robot, adaptation="natural")
-    (measurement, desired), *_ = record(robot, controller, motion_at_home(robot), 1)
-    measurement, desired = (
-        type(each)(*(np.array(part) if isinstance(part, np.ndarray) else part for part in each))
-        for each in (measurement, desired)
-    )
-    signals = controller.observe(controller.init(measurement), measurement, desired)
-    before = snapshot(all_of(signals))
-    for buffer in (*measurement[1:4], *desired):
-        buffer += 1.0
-    assert unchanged(all_of(signals), before)
