@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from ..adaptation.adaptation import Estimate, Frozen
 from ..adaptation.projections import BoxProjection
 from ..models.delay_compensation import SensedState
+from ..models.sums import sums_of
 from ..models.task_kinematics import JointKinematics
 from ..models.tracker_kinematics import TrackerKinematics
 from ..records import Desired, Measurement
@@ -167,8 +168,8 @@ class SlowStart(Controller):
             if taken > start.taken and sensed.epsilon.size:
                 rests = place - cycle.settles - (t - taken)
                 first = 0.0 <= rests < taken - start.taken  # frame of this rest
-                rows = np.column_stack([sensed.X_k, sensed.epsilon])
-                sums, seen = start.sums + rows.T.dot(rows), start.rows + len(rows)
+                sums = start.sums + sums_of(sensed.X_k, sensed.epsilon)
+                seen = start.rows + sensed.epsilon.size
                 start = start._replace(taken=taken, rows=seen, sums=sums)
                 if first and state.adapting:
                     begun = self._begun(state, start, measurement)
