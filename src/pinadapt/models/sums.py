@@ -13,7 +13,8 @@ import numpy as np
 def sums_of(W: np.ndarray, y: np.ndarray, R: np.ndarray | float = 1.0) -> np.ndarray:
     """Return the sums (p + 1, p + 1) of rows W (n, p) and y (n).
 
-    R is the weight, one number or (n, n). Data with the best value a and the information A have the rows W = 1, y = a with R = A.
+    R is the weight, one number or (n, n). Data with the best value a and the information A have the
+    rows W = 1, y = a with R = A.
     """
     rows = np.column_stack([W, y])
     return np.asarray(rows.T.dot(R).dot(rows))
