@@ -37,7 +37,7 @@ from .state import ControllerState
 AXES = "unknown axes"  # the cause for which the path waits
 _BALL = 2.2e-3  # of the reach: farthest that the frame moves
 _KNOWN = 0.03  # standard deviation of a predicted velocity, relative to that of the frame
-_SEGMENT, _REST = 0.64, 0.3  # [s]
+_SETTLING, _SEGMENT, _REST = 0.5, 0.64, 0.3  # [s]
 _LEAST_NOISE = 1e-5  # of the reach
 
 
@@ -158,7 +158,7 @@ class SlowStart(Controller):
         start, joints, path = state.start, self._joints, state.path
         if start is None or joints is None or path is None:
             return super().step(state, measurement, desired, dt)
-        cycle, place = self._motion, path.lag - _REST
+        cycle, place = self._motion, path.lag - _SETTLING
         # time in the cycle; negative: before the first
         place = place if place < 0.0 else math.fmod(place, cycle.settles + self._rest)
         with self.reserved():
