@@ -24,7 +24,7 @@ from .exceptions import (
     did_you_mean,
 )
 
-ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size, or [m, rad], that is no more
+ROUNDING = float(np.sqrt(np.finfo(float).eps))  # share of a size, or [m, rad, s], that is no more
 _SINGLE = np.finfo(np.float32)  # whose range is that of a user's numbers, computed with in double
 LARGEST, SMALLEST = float(_SINGLE.max), float(_SINGLE.tiny)  # the latter of positive ones
 MOST_PARAMETERS = 10_000  # that are adapted; half or twice: where a mistyped number is refused
