@@ -119,28 +119,4 @@ def test_a_box_bounds_any_adaptation(kind, guide):
     assert left > 0  # without the box it leaves
 
 
-def mass_matrix(dynamics, a, q):
-    """Return M_hat (n, n) at an estimate."""
-    dynamics.load(a)
-    return np.array(dynamics.mass_matrix(q))
-
-
-@pytest.mark.parametrize("kind", INNER)
-def test_the_mass_matrix_stays_positive_with_any_adaptation(kind, guide):
-    robot = catalogue_robot("ur5")
-    dynamics = pa.models.BodyDynamics(robot)
-    projected = pa.adaptation.MassMatrixProjection(inner_of(kind, dynamics, guide), dynamics, robot)
-    rng, estimate, moved = np.random.default_rng(2), projected.init(0.05 * dynamics.initial), 0
-    M_0 = mass_matrix(dynamics, dynamics.initial, robot.q0)
-    for _ in range(50):
-        kept = projected.project(estimate, robot.q0)
-        moved += kept is not estimate.value
-        M_hat = mass_matrix(dynamics, kept, robot.q0)
-        assert np.linalg.eigvals(np.linalg.solve(M_0, M_hat)).real.min() >= 0.1 - 1e-9
-        assert projected.contains(kept)
-        drive = along(rng.standard_normal(dynamics.size))
-        estimate = projected.step(estimate.with_value(kept), drive, 1e-3)
-    assert moved > 0
-
-
 # --- memory, rest, signals ---
