@@ -9,7 +9,7 @@ from hypothesis import assume, given
 
 import pinadapt as pa
 from pinadapt.description.chain import is_physical
-from pinadapt.models.bodies import nearest_physical, pseudo_inertia
+from pinadapt.models.bodies import nearest_physical
 from tests.support.chains import random_inertia, seeded, seeds
 from tests.support.differences import derivative
 from tests.support.drives import rate_of, stepped
@@ -39,15 +39,6 @@ CASES = {
     ),
     "bounds": lambda rng: (diagonal_bounds(), np.array([0.5, 1.0]), np.array([1.2, 0.7])),
 }
-
-
-@given(seeds)
-@seeded
-def test_pseudo_inertia_is_that_of_pinocchio(seed):
-    inertia = random_inertia(np.random.default_rng(seed))
-    P = pseudo_inertia(inertia.toDynamicParameters())
-    assert np.allclose(P, inertia.toPseudoInertia().toMatrix(), atol=1e-12)
-    assert is_physical(inertia.toDynamicParameters())
 
 
 def test_unphysical_inertias_are_recognised():
