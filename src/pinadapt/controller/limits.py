@@ -34,7 +34,7 @@ class Limits:
             tracking error rests; True for the efforts of the description, False for none.
         box: where the kinematic estimates stay: a margin [m] around the nominal values, or p of
             them; lower and upper bounds (2, p) [m]; False for no box. By default a length stays
-            within a fifth and five times its nominal value, other coordinates within half the
+            within a tenth and ten times its nominal value, other coordinates within half the
             robot's reach, those of the base within ten times.
         damping: the right inverse of J_hat is damped where its smallest singular value, estimated
             from below, falls under this fraction of its value at home; zero never damps.
@@ -175,7 +175,7 @@ def make_box(
         robot: the model.
         kinematics: its unknown translations.
         given: a margin [m] around the nominal values, or p of them; both bounds (2, p) [m]; False
-            for none. By default a length lies between a fifth and five times the nominal one,
+            for none. By default a length lies between a tenth and ten times the nominal one,
             other coordinates within half the robot's reach, those of the base within ten times.
 
     Raises:

@@ -95,7 +95,7 @@ class Columns:
 def columns_of_translations(robot: Robot, translations: Sequence[Translation]) -> Columns:
     """Return the columns of unknown translations, whose values are the translations themselves.
 
-    By default a length lies between a fifth and five times the nominal one, other coordinates
+    By default a length lies between a tenth and ten times the nominal one, other coordinates
     within half the reach, those of the base within ten times.
     """
     values = placed_values(robot.model, robot.frame_id, translations)
