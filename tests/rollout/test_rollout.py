@@ -9,22 +9,9 @@ import pytest
 import pinadapt as pa
 from pinadapt.rollout.recording import Evaluation, Slowdown
 from pinadapt.rollout.summary import COMPUTED, RECORDED
-from tests.support.loops import ARRAYS, run, with_tool_and_load
+from tests.support.loops import with_tool_and_load
 
 pytestmark = pytest.mark.slow
-
-
-def test_save_and_plot_write_files(tmp_path, blank_pictures):
-    rollout = run(duration=0.02)
-    rollout.save(tmp_path / "new" / "folder")
-    paths = rollout.plot(tmp_path / "new" / "folder")
-    assert [path.name for path in paths] == ["error.png", "parameters.png", "torque.png"]
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
-    saved = np.load(tmp_path / "new" / "folder" / "rollout.npz")
-    assert all(np.array_equal(saved[name], getattr(rollout, name)) for name in ARRAYS)
-    assert (
-        json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == rollout.summary()
-    )
 
 
 # --- quantities computed on demand ---

@@ -19,7 +19,9 @@ from ..robot.robot import Robot
 from .governor import Governor, PathGovernor
 from .sensing import GUARDS
 
-_ABSURD = 1e4
+# of the sizes of estimates, or a norm of joint velocities [rad/s or m/s]: a loop that has diverged;
+# half or twice: it ends a sample or two earlier or later
+ABSURD = 1e4
 _IDEAL = Actuators()
 
 
@@ -32,7 +34,7 @@ class Limits:
             tracking error rests; True for the efforts of the description, False for none.
         box: where the kinematic estimates stay: a margin [m] around the nominal values, or p of
             them; lower and upper bounds (2, p) [m]; False for no box. By default a length stays
-            within a fifth and five times its nominal value, other coordinates within half the
+            within a tenth and ten times its nominal value, other coordinates within half the
             robot's reach, those of the base within ten times.
         damping: the right inverse of J_hat is damped where its smallest singular value, estimated
             from below, falls under this fraction of its value at home; zero never damps.
@@ -157,7 +159,7 @@ def limits_for(
     return ControllerLimits(
         torque,
         limits.damping * s_home,
-        _ABSURD * size if limits.stop_on_divergence else np.inf,
+        ABSURD * size if limits.stop_on_divergence else np.inf,
         limits.stop_on_divergence,
         path,
         _IDEAL if limits.actuators is None else limits.actuators,
@@ -173,7 +175,7 @@ def make_box(
         robot: the model.
         kinematics: its unknown translations.
         given: a margin [m] around the nominal values, or p of them; both bounds (2, p) [m]; False
-            for none. By default a length lies between a fifth and five times the nominal one,
+            for none. By default a length lies between a tenth and ten times the nominal one,
             other coordinates within half the robot's reach, those of the base within ten times.
 
     Raises:

@@ -17,7 +17,7 @@ from ..robot.changes import Load
 from .governor import PathTime
 from .sensing import LASTS, row
 
-_NOTHING = SensedState(np.zeros(0), np.zeros(0))
+_NOTHING = SensedState(np.array([]), np.array([]))
 
 
 class Bridged(NamedTuple):

@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from ..robot.robot import Robot
 from .dynamics import Dynamics
+from .regressor import SAMPLES
 from .task_kinematics import TaskKinematics
 
-_SAMPLES = 30
 _SPREAD = 0.3  # of the configurations around home [rad or m]
 _SINGULAR = 1e-2  # singular values left out of inverses, relative to the largest
 
@@ -69,7 +69,7 @@ class TypicalMotion:
         size = np.repeat([robot.reach, 1.0], [p, m - p])
         scale = np.array([[1.0 / 6.0], [0.01 * bandwidth**2]]) * size
         found = []
-        for _ in range(_SAMPLES):
+        for _ in range(SAMPLES):
             q = pin.integrate(model, robot.q0, rng.uniform(-_SPREAD, _SPREAD, model.nv))
             kinematics.update(kinematics.initial, q, np.zeros(model.nv))
             J = kinematics.J

@@ -43,7 +43,7 @@ _SPEED = 1.5
 # A1 circles with 39 and 96 mm in place of 61, and errs by 0.9 and 2.1 mm in place of 1.0 at first
 # under 5 kg that nobody announced
 _BALANCE = 0.5
-_SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
+SHARE = 0.8  # of the velocity and effort limits in the description; half: slower, 1: at the limits
 
 
 def rounded_down(number: float) -> float:
@@ -192,7 +192,7 @@ def find_swing(robot: Robot) -> Sinusoid:
     period = np.round(period, 1)
     most = np.minimum(
         np.where(list(robot.slides.values()), 0.1, 0.3),  # [m], [rad]
-        _SHARE * velocity_limits(model) * period / (2.0 * pi),
+        SHARE * velocity_limits(model) * period / (2.0 * pi),
     )
     room = np.array([upper - home, home - lower]) - _margin(lower, upper)
     up, own = room[0] >= room[1], robot.motors  # of all others the constraints decide
@@ -215,7 +215,7 @@ def _strong_enough(robot: Robot, swing: Sinusoid) -> bool:
     ]
     held = np.abs(pin.computeGeneralizedGravity(model, data, robot.q0))
     # where gravity needs more at home
-    efforts = np.maximum(_SHARE * effort_limits(model), 1.05 * held)
+    efforts = np.maximum(SHARE * effort_limits(model), 1.05 * held)
     return bool((np.abs(torques) <= efforts).all())
 
 
@@ -273,7 +273,7 @@ def _follow(robot: Robot, tool: Robot, path: Circle) -> tuple[float, np.ndarray]
     if distances[0] >= 0.0 > distances.min():
         return None
     speeds = np.where(list(robot.slides.values()), _SPEED / 2.0, _SPEED)
-    speeds = np.minimum(speeds, _SHARE * velocity_limits(model))
+    speeds = np.minimum(speeds, SHARE * velocity_limits(model))
     return least, fastest * _STEPS / speeds
 
 

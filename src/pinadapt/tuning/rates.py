@@ -21,10 +21,11 @@ from ..adaptation.projections import BoxProjection, MassMatrixProjection
 from ..exceptions import InputError, ParameterError
 from ..laws.law import Law
 from ..models.dynamics import Dynamics
+from ..models.linear_kinematics import OFF
 from ..models.task_kinematics import TaskKinematics
 from ..models.translations import FIRST
 from ..models.typical_motion import TypicalMotion
-from ..robot.robot import Robot
+from ..robot.robot import LOAD, Robot
 from .defaults import (
     frequency,
     gradient_shape,
@@ -60,9 +61,6 @@ RATES = (
 # least thickness of the last body, as a share of the reach; it is above that of two robots of 129:
 # finger_edu and tiago_arm learn it a quarter or four times as fast with half or twice
 _THICKNESS = 1e-2
-# load that the last body may have, as a share of the robot's mass; half, twice: light last bodies
-# are learned half, twice as fast
-_LOAD = 0.1
 
 # of the bandwidth: forgetting of least squares, and decay of the kinematic prediction error; half:
 # drifting parameters are followed half as fast; twice: what a motion shows is lost within a turn
@@ -80,9 +78,6 @@ _WIDTH = 3.0
 # in 1 / bandwidth: encoder noise then adds as much information as the prior; half, twice: noisy
 # encoders count for more, for less
 _HORIZON = 2000.0
-
-# error of the translations, as a share of the reach; half: noisy frames move the tool less
-_PRIOR = 0.1
 
 
 def default_kinematic_adaptation(law: type[Law], kinematics: TaskKinematics) -> str:
@@ -177,7 +172,7 @@ def _inertial_adaptation(kind: str, tuning: Tuning, effects: np.ndarray, mode: f
         unit = Natural(1.0, cone)
         if gamma_d is None:
             gamma_d = rate_for(mode, effects, unit, unit.init(dynamics.initial))
-        shares = _shares(robot, dynamics, unit, _LOAD if kind in MEMORIES else 0.0)
+        shares = _shares(robot, dynamics, unit, LOAD if kind in MEMORIES else 0.0)
         return Natural(positive(gamma_d, "gamma_d"), cone, shares=shares)
     if gamma_d is None:
         shape = gradient_shape(robot, dynamics, effects)
@@ -377,7 +372,7 @@ def kinematic_least_squares(P_0: np.ndarray, tuning: Tuning) -> LeastSquares:
     """
     law, motion, w, quality = tuning.law, tuning.motion, tuning.bandwidth, tuning.quality
     kinematics, size = motion.kinematics, motion.kinematics.size
-    unit = (_PRIOR * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
+    unit = (OFF * motion.robot.reach) ** 2 / np.mean(np.diag(P_0) / kinematics.sizes**2)
     seen, spread = motion.position_regressors, quality.x
     if not law.uses_position_error:  # noise of the velocity behind its filter
         seen = motion.kinematic_regressors
