@@ -216,6 +216,20 @@ def test_sampled_it_tends_to_its_differential_equation():
     assert np.abs(ends[2][0] - start).max() > 0.1
 
 
+def test_bodies_stay_physical_with_any_memory():
+    """Contradictory data, of torques that no body causes, and long steps."""
+    controller = pa.make_controller(catalogue_robot("ur5"), adaptation="natural-memory")
+    adaptation, rng = controller.adaptation_d, np.random.default_rng(0)
+    start = controller.dynamics.initial
+    estimate, p = adaptation.init(start), start.size
+    for _ in range(300):
+        W, Y = rng.standard_normal((6, p)), rng.standard_normal((6, p))
+        drive = pa.adaptation.Drive(Y, 100.0 * rng.standard_normal(6))
+        drive = drive.with_prediction_error(W, 1e3 * rng.standard_normal(6))
+        estimate = adaptation.step(estimate, drive, 0.05)
+        assert np.isfinite(estimate.value).all() and adaptation.contains(estimate.value)
+
+
 LOAD = pa.Payload(1.5, [0.02, -0.01, 0.05], [0.01, 0.0, 0.012, 0.0, 0.0, 0.004])
 
 

@@ -258,6 +258,27 @@ def test_projection_is_the_nearest_point_in_the_metric_and_v_only_improves(diago
     )  # inside it is the inner one
 
 
+def test_estimates_stay_in_their_box():
+    """The tool is 8 cm off; a box of 3 cm holds the estimate at its wall, in both modes."""
+    robot = load("ur5")
+    true = robot.changed(tool_translation=[0.0, 0.0, 0.08])
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 1.0, "yz").starting_at(true.position(true.q0))
+    for engine in (pa.Engine(substeps=1), pa.Engine(continuous=True)):
+        runs = {}
+        for box in (0.03, False):
+            controller = pa.make_controller(
+                robot, adaptation="natural", limits=pa.Limits(box=box), gamma_k=0.5, dt=2e-3
+            )
+            runs[box] = pa.simulate(true, controller, path, duration=0.25, engine=engine)
+            assert runs[box].diverged is None
+        low, high = controller.kinematics.initial - 0.03, controller.kinematics.initial + 0.03
+        outside = (
+            2e-3 if engine.continuous else 1e-12
+        )  # an integrator's step passes the wall by a little
+        assert (runs[0.03].a_k >= low - outside).all() and (runs[0.03].a_k <= high + outside).all()
+        assert np.abs(runs[False].a_k - controller.kinematics.initial).max() > 0.05
+
+
 # --- the watch ---
 
 

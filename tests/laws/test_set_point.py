@@ -92,6 +92,43 @@ def near_gravity(true):
     return np.maximum(1.15 * np.max(asked, axis=0), 3.0)
 
 
+def test_bounds_near_gravity_are_kept_at_every_sample():
+    robot = catalogue_robot("panda")
+    true = unlike(robot)
+    bound = near_gravity(true)
+    controller = pa.make_controller(
+        robot.changed(inertial_scale=0.8),
+        law=BOUNDED,
+        bound=bound,
+        limits=pa.Limits(torque=False),
+        dt=4e-3,
+    )
+    law = controller.law
+    assert np.allclose(law.gravity + law.brake_limit + levers_times_force(law), bound)
+    goal = pa.trajectories.Hold(true.position(true.q0) + np.array([-0.1, 0.1, -0.1])).as_given()
+    rollout = pa.simulate(
+        true, controller, goal, duration=10.0, engine=pa.Engine(torque_limits=False)
+    )
+    assert rollout.diverged is None and (np.abs(rollout.tau) <= bound).all()
+    assert (np.abs(rollout.tau) / bound).max() > 0.8  # gravity comes near
+    assert rollout.distance[-250:].max() < 1e-3 < 0.1 < rollout.distance[0]
+    free = pa.make_controller(
+        robot.changed(inertial_scale=0.8), law=EXACT, limits=pa.Limits(torque=False)
+    )
+    unbounded = pa.simulate(true, free, goal, duration=0.3, engine=pa.Engine(torque_limits=False))
+    assert (np.abs(unbounded.tau) > bound).any()
+
+
+def levers_times_force(law):
+    """Return the most that the spring may ask of each joint of a Panda, from its geometry."""
+    model = law.kinematics.robot.model
+    steps = [model.jointPlacements[i].translation for i in range(1, 8)]
+    steps.append(model.frames[law.kinematics.robot.frame_id].placement.translation)
+    reach = [sum(np.linalg.norm(step) for step in steps[i + 2 :]) for i in range(7)]
+    first = [np.linalg.norm(np.cross([0.0, 0.0, 1.0], steps[i + 1])) for i in range(7)]
+    return np.linalg.norm(np.diag(law.K_P) * law.width) * (np.array(first) + reach)
+
+
 @pytest.mark.parametrize(
     ("name", "task", "adaptation"),
     [

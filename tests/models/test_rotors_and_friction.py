@@ -103,6 +103,35 @@ def test_lyapunov_equality_with_friction(law, name):
     assert (energy.rate <= 0.0).all() and np.abs(energy.rate).max() > 1e-4
 
 
+@pytest.mark.slow
+def test_friction_is_learned_and_stays_positive():
+    robot = catalogue_robot("panda")
+    true = robot.changed(viscous=2.0, coulomb=1.5)
+    path = pa.trajectories.Circle(np.zeros(3), 0.1, 2.0, "yz").starting_at(true.position(true.q0))
+    ends = {}
+    for friction in (False, True):
+        controller = pa.make_controller(
+            robot.changed(inertial_scale=0.8),
+            law="adaptive-jacobian",
+            unknown=pa.Unknown(friction=friction, armature=False),
+        )
+        rollout = pa.simulate(
+            true,
+            controller,
+            path,
+            duration=2.5,
+            engine=pa.Engine(dt=2e-3, substeps=2),
+            record_every=10,
+        )
+        ends[friction] = rollout.summary()["max_error_last"]
+    assert ends[True] < 0.5 * ends[False]
+    assert (rollout.a_d[:, 70:] > 0.0).all()
+    names = list(rollout.dynamic_names[70:])
+    assert names == [
+        f"{joint}.{kind}" for kind in ("viscous", "coulomb") for joint in robot.joint_names
+    ]
+
+
 def test_exponentiated_gradient_keeps_estimates_positive():
     adaptation, rng = (
         pa.adaptation.ExponentiatedGradient(10.0, [1.0, 2.0, 30.0]),

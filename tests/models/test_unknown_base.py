@@ -36,3 +36,24 @@ def test_unknown_base_affects_positions_and_not_velocities(name):
     X_k = kinematics.X_k
     assert X_k[:, :3] == pytest.approx(np.eye(3)[:m])
     assert X_k @ error == pytest.approx(true.position(q) - robot.position(q), abs=1e-12)
+
+
+@pytest.mark.parametrize(("name", "camera"), [("panda", pa.Camera(30.0, 0.06))])
+def test_base_and_tool_are_adapted_together(name, camera):
+    """Their errors compensate while the tool hardly rotates; the path is followed nevertheless."""
+    robot, true, circle = moved(name)
+    controller = pa.make_controller(
+        robot,
+        unknown=pa.Unknown(tool=True, base=True),
+        adaptation="natural",
+        sensors=pa.Sensors(camera=camera),
+        dt=4e-3,
+    )
+    rollout = pa.simulate(
+        true, controller, circle, duration=6.0, record_every=5, sensors=pa.Sensors(camera=camera)
+    )
+    assert rollout.diverged is None
+    last = rollout.distance[-40:].max()
+    assert last < (6e-3 if camera else 3e-3) and last < 0.6 * rollout.distance[:40].max()
+    seen = rollout.a_k[-1] - rollout.a_k_true
+    assert np.linalg.norm(seen) < 0.6 * np.linalg.norm(rollout.a_k[0] - rollout.a_k_true)

@@ -108,3 +108,8 @@ def test_mismatches_are_named(path, options, where):
     with pytest.raises(pa.InputError) as error:
         pa.plants.MujocoPlant(load("panda"), mjcf=mjcf)
     assert error.value.where == where
+
+
+def test_a_file_that_is_missing_is_named(tmp_path):
+    with pytest.raises(pa.InputError, match=r"none\.xml"):
+        pa.plants.MujocoPlant(load("panda"), mjcf=pa.plants.MujocoFile(tmp_path / "none.xml"))

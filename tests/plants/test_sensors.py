@@ -155,6 +155,12 @@ def test_continuous_mode_has_perfect_sensors(faults):
         )
 
 
+@pytest.mark.parametrize("task", ["joint", "xyz"])
+def test_only_pose_tasks_have_angle_noise(task):
+    with pytest.raises(pa.InputError, match="no orientation"):
+        pa.plants.SimulatedSensors(pa.load("ur5", task=task), DT, pa.Sensors(noise={"angle": 0.1}))
+
+
 def test_measured_torques_are_those_of_the_last_period():
     robot = load("ur5")
     noise = {"tau": 1e-9}

@@ -49,6 +49,30 @@ def test_panda_learns_its_tool_and_v_decreases(adapted):
     assert last < 0.8 * first
 
 
+UNLIMITED = [
+    "limits.stop_on_divergence=false",
+    "limits.guards=false",
+    "engine.torque_limits=false",
+    "limits.torque=false",
+]
+
+
+def test_panda_with_plain_gradient_loses_its_mass_matrix():
+    gradient = [
+        "controller.law=adaptive-inverse-dynamics",
+        "controller.adaptation=gradient",
+        "controller.gamma_d=12.0",
+        "simulation.duration=1.0",
+    ]
+    watched = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", gradient).run()
+    assert watched.diverged < 1.0 and "no longer positive definite" in watched.reason
+    assert watched.min_eig_M_hat.min() > 0.0  # the run ends before it is used
+    rollout = Scenario.read(ROBOTS / "panda" / "tool_and_load.toml", [*gradient, *UNLIMITED]).run()
+    assert watched.diverged < rollout.diverged < 1.0
+    assert rollout.min_eig_M_hat.min() < 0.0
+    assert 0.0 < rollout.t[-1] < rollout.diverged  # what happened until then is kept
+
+
 def test_panda_survives_a_start_far_from_its_path():
     """The path begins 23 cm from the tool; the estimates must not blow up between two samples."""
     place = ["trajectory.center=[0.5, 0.0, 0.5]", "trajectory.as_given=true"]
