@@ -435,7 +435,7 @@ class Controller:
             self._alone.release()
         return torque, ControllerState(
             s.t, dynamic, kinematic, s.a_0, filters, state.adapting, state.load, sensed,
-            torque_filter, path,
+            torque_filter, path, stands=s.stands,
         )  # fmt: skip
 
     def safe(
@@ -454,7 +454,7 @@ class Controller:
             tau = g(q; a_d) - diag(M(q)) (damping v + (damping / 2)^2 (q - q_0)),
 
         with M of the description, q_0 where it was called with ``hold`` first, and springs of at
-        most half of the torque limits.
+        most half of the torque limits. The contacts that stood at the last step bear it.
 
         For an arm whose ``step`` was refused: it needs no x, and of q and v only what can be
         believed, joint by joint: while both follow from the sample before, both; differences of q
@@ -499,7 +499,7 @@ class Controller:
             most = math.inf if limits is None else _SPRING * limits
             torque -= np.clip(0.25 * damping**2 * inertia * displaced, -most, most)
             if self._forces is not None:
-                torque = self._forces.torque(sensed.q, torque)
+                torque = self._forces.torque(sensed.q, torque, state.stands)
         if limits is not None:
             torque = np.clip(torque, -limits, limits)
         if self.compensation is not None:

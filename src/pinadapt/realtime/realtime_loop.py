@@ -323,11 +323,9 @@ class RealtimeLoop:
         self._event(begun={"stage": self.stage.value, "start": start, "period": self._period})
         first = m = self._first_frame()
         state = controller.init(m, **self._start)
-        self._path = Hold(controller.kinematics.task.measured(m.x, m.q))
+        self._path = self._rest(m)
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
             self._path = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
-            if self._path.at(0.0).feet is not None:
-                raise InputError("steps are not recorded, so not replayed.", where="motion")
             if self.stage is Stage.SLOW:
                 self._path = Retimed(self._path, SlowedTime(_SLOWNESS))
         self._warm_up(state, m)
@@ -350,14 +348,19 @@ class RealtimeLoop:
         self._enter(Phase.RUNNING, f"stage '{self.stage.value}'")
         return m
 
+    def _rest(self, m: Measurement) -> Hold:
+        """Return the motion that holds the arm where a measurement has it."""
+        task = self._controller.kinematics.task
+        return Hold(task.measured(m.x, m.q), task.size)
+
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
-        """Run the controller from a state, beside the path, and forget what came of it.
+        """Run the controller from a state, beside the arm's place, and forget what came of it.
 
         Raises:
             ArmError: the controller refuses the measurement.
         """
         controller, period = self._controller, self._period
-        aside = self._path.shifted(np.full(controller.kinematics.task.size, _ASIDE))
+        aside = self._rest(m).shifted(np.full(controller.kinematics.task.size, _ASIDE))
         for k in range(_WARM_UPS):
             m = m._replace(t=m.t + period)
             try:
@@ -511,7 +514,8 @@ class RealtimeLoop:
             return None
         self._last.append(torque)
         self._state = after
-        self._tick |= {"asked": torque, "adapting": adapting, **desired._asdict()}
+        feet = None if desired.feet is None else desired.feet.table
+        self._tick |= {"asked": torque, "adapting": adapting, "feet": feet, **desired._asdict()}
         sensed, task = after.sensed, controller.kinematics.task
         x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
         dx = np.zeros(task.size) if sensed.x is None else task.error(x, desired.x_d)
@@ -657,6 +661,9 @@ class RealtimeLoop:
         elif name == "go" and self._halted and isinstance(self._path, Retimed):
             self._go(self._path.motion, self._path.law.at(self._now)[0], "commanded")
         elif name == "reference" and self._halted:
+            stands = None if self._state is None else self._state.stands
+            if stands is not None and not stands.all():
+                raise InputError("a foot is in the air.", where=name, hint="`go` ends the step.")
             self._begin = self._t
             self._go(value, 0.0, f"new reference, {value!r}")
         else:

@@ -202,15 +202,19 @@ class Hold(Trajectory):
 
     extent = settles = 0.0
 
-    def __init__(self, point: ArrayLike | None = None) -> None:
-        """Take the point (m) [m or rad]; None: where the robot is at the start.
+    def __init__(self, point: ArrayLike | None = None, size: int | None = None) -> None:
+        """Take the point [m or rad]; None: where the robot is at the start.
+
+        Args:
+            point: all coordinates of the task.
+            size: of its velocities, six for a pose; None: one for each coordinate.
 
         Raises:
             InputError: coordinates that are not finite numbers.
         """
         self._own = point is not None
         self.point = vector(np.zeros(3) if point is None else point, None, "trajectory.point")
-        self._rest = np.zeros(self.point.size)
+        self._rest = np.zeros(self.point.size if size is None else size)
 
     def placed(self, start: np.ndarray) -> Hold:
         """Return the motion that holds ``start``, if it has no point of its own."""
