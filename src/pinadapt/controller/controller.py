@@ -555,6 +555,21 @@ class Controller:
             s = self._seen(state, measurement, desired)
             return s, self.law.command(s, self._model(state, s, None))
 
+    def contact_forces(
+        self, state: ControllerState, measurement: Measurement, desired: Desired
+    ) -> np.ndarray:
+        """Return forces [N] and torques [N m] (c, 6) that ``step`` chooses for c contacts.
+
+        They act on the contacts' frames, in world axes; zero in the air.
+
+        Raises:
+            MeasurementError, InputError: as ``step``.
+        """
+        s, command = self.command(state, measurement, desired)
+        if self._forces is None:
+            return np.zeros((0, 6))
+        return self._forces.of_contacts(s.q, command.torque, s.stands)
+
     def respond(
         self, state: ControllerState, s: Signals, dt: float | None = None
     ) -> tuple[np.ndarray, Drives]:
