@@ -304,7 +304,8 @@ class Printed:
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; background: #fff; margin: 2em auto;
   max-width: 1100px; padding: 0 1em; }
-h1 { font-size: 1.5em; margin-bottom: 0.2em; overflow-wrap: anywhere; } h2 { font-size: 1.15em; margin-top: 2em; }
+h1 { font-size: 1.5em; margin-bottom: 0.2em; overflow-wrap: anywhere; }
+h2 { font-size: 1.15em; margin-top: 2em; }
 table { border-collapse: collapse; margin: 0.8em 0; font-size: 13px; display: block;
   overflow-x: auto; font-variant-numeric: tabular-nums; }
 th, td { padding: 2px 10px; border-bottom: 1px solid #ddd; } th { border-bottom: 1px solid #777; }
