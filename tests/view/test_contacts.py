@@ -75,10 +75,12 @@ class Placed(dict):
 def test_spikes_begin_at_the_centre_of_pressure_and_end_at_the_force():
     robot = standing("talos")
     node = meshcat.Visualizer(window=Window())["contacts"]
-    places, poses = np.array([np.eye(4)]), Placed()
+    joints, poses = np.tile(np.eye(4), (1, robot.model.njoints, 1, 1)), Placed()
+    frame = robot.model.frames[robot.model.getFrameId("left_sole_link")]
+    joints[0, frame.parentJoint] = frame.placement.inverse().homogeneous  # the sole at the origin
     force = np.array([[10.0, 0.0, 400.0, 4.0, -8.0, 0.0], np.zeros(6)])
     drawn = DrawnContacts(node, robot, 1.0)
-    drawn.place(np.array([[*places, *places]]), force[None], poses)
+    drawn.place(joints, force[None], poses)
     middle, turn, (scale,) = poses["left_sole_link/force"]
     half = 0.5 * turn.apply([0.0, scale[1], 0.0])
     begin, end = middle - half, middle + half

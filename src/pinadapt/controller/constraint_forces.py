@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -101,10 +100,9 @@ class ConstraintForces:
         if not np.isfinite(wanted).all():
             raise DivergedError("the torque is no longer finite.")
         motors, every = self._motors, self.constraints.at(q, np.zeros(wanted.size))[0]
-        contacts, kept = self._contacts, np.ones(len(every), dtype=bool)
+        kept = np.ones(len(every), dtype=bool)
         if stands is not None:
             kept[len(kept) - 3 * len(stands) :] = np.repeat(stands, 3)
-            contacts = [part for part, bears in zip(contacts, stands, strict=True) if bears]
         A = every[kept]
         own, idle, asked = A[:, motors].T, A[:, ~motors].T, wanted[motors]
         k, m = len(A), len(idle)
@@ -117,7 +115,7 @@ class ConstraintForces:
         else:  # with what is missed as further unknowns
             H = np.block([[H, np.zeros((k, m))], [np.zeros((m, k)), _SLACK * np.eye(m)]])
             g, equal = np.concatenate([g, np.zeros(m)]), np.hstack([equal, np.eye(len(equal), m)])
-            cones = self._cones(contacts, k)
+            cones = self._cones(len(every))[:, kept]
             C = np.zeros((len(cones) + len(own), k + m))
             C[: len(cones), :k], C[len(cones) :, :k] = cones, own
             low = np.concatenate([np.zeros(len(cones)), asked - self._limits])
@@ -128,13 +126,13 @@ class ConstraintForces:
         forces[kept] = f
         return forces, every[:, motors].T
 
-    def _cones(self, contacts: Sequence[Contact], k: int) -> np.ndarray:
+    def _cones(self, k: int) -> np.ndarray:
         """Return the rows (., k) that are positive for possible forces of contacts.
 
         The contacts are the last of the constraints.
         """
-        rows, first = [], k - sum(contact.size for contact in contacts)
-        for contact in contacts:
+        rows, first = [], k - sum(contact.size for contact in self._contacts)
+        for contact in self._contacts:
             own, last = _pyramid(contact), first + contact.size
             if contact.sole is not None:  # stated in the axes of the sole
                 own = own @ np.kron(np.eye(2), self.constraints.axes(contact).T)

@@ -661,7 +661,7 @@ class RealtimeLoop:
         elif name == "go" and self._halted and isinstance(self._path, Retimed):
             self._go(self._path.motion, self._path.law.at(self._now)[0], "commanded")
         elif name == "reference" and self._halted:
-            stands = None if self._state is None else self._state.stands
+            stands = getattr(self._state, "stands", None)
             if stands is not None and not stands.all():
                 raise InputError("a foot is in the air.", where=name, hint="`go` ends the step.")
             self._begin = self._t

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ..controller.controller import Controller
 from ..controller.state import Sample
+from ..description.chain import frame_id
 from ..exceptions import ImplausibleError
 from ..robot.robot import Robot
 from .drawing import CONE, FORCE, Keyframes, Node, overlay, rod
@@ -20,7 +21,7 @@ HIDDEN = 1e-4  # scale of what is too small to be seen; half or twice: neither i
 
 
 def chosen_forces(
-    controller: Controller, samples: Sequence[Sample], frames: Sequence[int] | np.ndarray = (0,)
+    controller: Controller, samples: Sequence[Sample], frames: Iterable[int] = (0,)
 ) -> np.ndarray:
     """Return the forces and torques (N, c, 6) that a controller chose, see ``contact_forces``.
 
@@ -32,7 +33,7 @@ def chosen_forces(
         frames: those that are asked for; the others are zero.
     """
     found = np.zeros((max(len(samples), 1), len(controller.kinematics.robot.contacts), 6))
-    for k in frames if len(samples) and found.size else ():
+    for k in frames if samples and found.size else ():
         s = samples[k]
         if np.isfinite(s.torque).all():
             with suppress(ImplausibleError):
@@ -51,31 +52,33 @@ class DrawnContacts:
             robot: that stands on them.
             size: half of the picture [m].
         """
-        self._contacts, self._size = robot.contacts, size
+        self._size = size
         weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)
         self._length = size / weight if weight else 0.0
-        self._nodes = [node[contact.frame] for contact in robot.contacts]
-        for contact, own in zip(robot.contacts, self._nodes, strict=True):
+        self._drawn, model = list[Any](), robot.model
+        for contact in robot.contacts:
+            own, frame = node[contact.frame], model.frames[frame_id(model, contact.frame)]
             own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, CONE))
             own["force"].set_object(Cylinder(1.0, 0.0, 0.0, 1.0), overlay(1.0, FORCE))
             if contact.sole is not None:
                 sole = [2.0 * half for half in contact.sole]
                 own["sole"].set_object(Box([*sole, 0.01 * size]), overlay(0.5, CONE))
+            self._drawn.append((contact, own, frame.parentJoint, frame.placement.homogeneous))
 
-    def place(self, places: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
-        """Move everything to the contacts' placements (F, c, 4, 4) and forces (F, c, 6)."""
-        parts: Any = self._contacts, self._nodes, places.swapaxes(0, 1), forces.swapaxes(0, 1)
-        for contact, node, place, force in zip(*parts, strict=True):
-            at, f, m = place[:, :3, 3], force[:, :3], force[:, 3:]
+    def place(self, joints: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
+        """Move everything to placements of the joints (F, n + 1, 4, 4) and forces (F, c, 6)."""
+        drawn = zip(self._drawn, forces.swapaxes(0, 1), strict=True)
+        for (contact, node, joint, place), force in drawn:
+            moved = joints[:, joint] @ place
+            at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
             normal = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
             if contact.sole is not None:
-                normal = place[:, :3, 2]
-                poses.move(node["sole"], at, Rotation.from_matrix(place[:, :3, :3]))
+                normal = moved[:, :3, 2]
+                poses.move(node["sole"], at, Rotation.from_matrix(moved[:, :3, :3]))
             bears = (f * normal).sum(axis=1, keepdims=True)
-            stands = np.where(bears > 0.0, 1.0, HIDDEN)
-            pressed = at + np.cross(normal, m) / np.where(bears > 0.0, bears, 1.0)
-            height = 0.25 * self._size * stands
-            ends = pressed + height * normal
-            poses.move(node["cone"], *rod(pressed, ends, contact.friction * height))
-            thick = 0.03 * self._size * stands
-            poses.move(node["force"], *rod(pressed, pressed + self._length * f, thick))
+            size = self._size * np.where(bears > 0.0, 1.0, HIDDEN)
+            pressed = at + np.cross(normal, m) / np.maximum(bears, 1e-9)
+            height = 0.25 * size
+            cone = rod(pressed, pressed + height * normal, contact.friction * height)
+            poses.move(node["cone"], *cone)
+            poses.move(node["force"], *rod(pressed, pressed + self._length * f, 0.03 * size))

@@ -210,15 +210,12 @@ class Keyframes:
             rotation: (F); None for none.
             scale: (F, 3); None for no scaling.
         """
-        tracks, first = {"position": position}, np.eye(4)
-        first[:3, 3] = position[0]
-        if rotation is not None:
-            tracks["quaternion"], first[:3, :3] = rotation.as_quat(), rotation[0].as_matrix()
-        if scale is not None:
-            tracks["scale"] = scale
-            first[:3, :3] *= scale[0]
+        turns = Rotation.identity(len(position)) if rotation is None else rotation
+        sizes = np.ones_like(position) if scale is None else scale
+        tracks, first = {"position": position, "quaternion": turns.as_quat()}, np.eye(4)
+        first[:3, :3], first[:3, 3] = turns[0].as_matrix() * sizes[0], position[0]
         node.set_transform(first)
-        for name, values in tracks.items():
+        for name, values in (tracks | {"scale": sizes}).items():
             if np.ptp(values, axis=0).max() < 1e-9:
                 continue
             kind = "quaternion" if name == "quaternion" else "vector3"

@@ -42,18 +42,15 @@ class ChainMotion(NamedTuple):
     Attributes:
         joints: (F, n + 1, 4, 4) placements of the base and the joints [m], in the base's axes.
         tips: (F, k, 3) the task frames' origins [m].
-        contacts: (F, c, 4, 4) placements of the contacts' frames.
     """
 
     joints: np.ndarray
     tips: np.ndarray
-    contacts: np.ndarray
 
     @property
     def points(self) -> np.ndarray:
-        """All origins of joints and contacts, and tips (F (n + 1 + k + c), 3) [m]."""
-        placed = np.concatenate([self.joints, self.contacts], axis=1)[:, :, :3, 3]
-        return np.vstack([placed.reshape(-1, 3), self.tips.reshape(-1, 3)])
+        """All joint origins and tips (F (n + 1 + k), 3) [m]."""
+        return np.vstack([self.joints[:, :, :3, 3].reshape(-1, 3), self.tips.reshape(-1, 3)])
 
 
 def motion_of(
@@ -73,18 +70,15 @@ def motion_of(
         a_k: (F, p) their values at each moment [m]; None: those of the description.
     """
     robot = robot.in_base_axes
-    model, joints, tips, contacts = robot.model.copy(), [], [], []
+    model, joints, tips = robot.model.copy(), [], []
     data, ends = model.createData(), [frame_id(model, name) for name in robot.frames]
-    feet = [frame_id(model, contact.frame) for contact in robot.contacts]
     for k, configuration in enumerate(q):
         if a_k is not None and kinematics is not None:
             kinematics.write(model, a_k[k])
         pin.forwardKinematics(model, data, configuration)
         tips.append([pin.updateFramePlacement(model, data, k).translation.copy() for k in ends])
         joints.append([placement.homogeneous for placement in data.oMi])
-        contacts.append([pin.updateFramePlacement(model, data, k).homogeneous for k in feet])
-    placed = np.reshape(contacts, (len(q), len(feet), 4, 4))
-    return ChainMotion(np.array(joints), np.array(tips), placed)
+    return ChainMotion(np.array(joints), np.array(tips))
 
 
 def motion_in_time(robots: Succession, t: np.ndarray, q: np.ndarray) -> ChainMotion:
@@ -311,7 +305,7 @@ class Scene:
         kinematics, poses, robots = self.kinematics, self.poses, self.robots.robots
         motion = motion_in_time(self.robots, t, q)
         self._solid.place(motion, poses)
-        self._contacts.place(motion.contacts, forces, poses)
+        self._contacts.place(motion.joints, forces, poses)
         self._ghost.place(motion_of(kinematics.robot, q, kinematics, a_k), poses)
         desired = desired_tips(robots[0], x_d, motion.tips).swapaxes(0, 1)
         for node, points in zip(self._points, desired, strict=True):
