@@ -76,3 +76,22 @@ def test_safe_torques_hold_a_foot_in_the_air_and_the_trunk_on_the_others():
         torque, state = controller.safe(state, plant.measure())
         plant.step(torque, PERIOD)
     assert np.abs(plant.measure().q - q).max() < 0.005
+
+
+def test_a_torque_beside_gravity_reaches_the_ground_by_the_feet():
+    """That of a load nobody knows of: without it the trunk sinks by 17 mm."""
+    robot, controller = crawler()
+    true = robot.changed(payload=TRUE)
+    q, sunk = robot.q0, []
+    known, found = (
+        pin.computeGeneralizedGravity(one.model, one.model.createData(), q) for one in (robot, true)
+    )
+    for beside in (0.0, found - known):
+        plant = pa.plants.MujocoPlant(true)
+        state = controller.init(plant.measure())
+        for _ in range(150):
+            torque, state = controller.safe(state, plant.measure(), beside=beside)
+            assert not torque[:6].any()
+            plant.step(torque, PERIOD)
+        sunk.append(abs(plant.measure().q[2] - q[2]))
+    assert sunk[1] < 2e-4 < 2e-3 < sunk[0]

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from .._checks import flag, positive, shown
+from .._checks import flag, positive, shown, vector
 from .._kernels import samples as kernels
 from ..adaptation.adaptation import Adaptation, Drives, Estimate, Frozen
 from ..exceptions import DivergedError, InputError
@@ -445,6 +445,7 @@ class Controller:
         *,
         damping: float = 30.0,
         hold: bool = True,
+        beside: ArrayLike = 0.0,
     ) -> tuple[np.ndarray, ControllerState]:
         """Return the torque (n) that brings the arm to rest [N m or N], and the next state.
 
@@ -473,6 +474,7 @@ class Controller:
             damping: rate at which a joint alone loses its speed [1/s]; less where the period of the
                 controller is long.
             hold: whether there are springs; not for an arm that is moved by hand.
+            beside: torque (n) that is added to gravity [N m or N], of a load that is not learned.
 
         Raises:
             InputError: the state is that of another controller, another thread is using this one,
@@ -490,7 +492,7 @@ class Controller:
             sensed = self.senses.believed(state.sensed, measurement, dt, damping)
             zero = np.zeros(model.nv)
             dynamics.load(state.a_d)
-            torque = np.array(dynamics.torque(sensed.q, zero, zero))
+            torque = dynamics.torque(sensed.q, zero, zero) + vector(beside, model.nv, "beside")
             inertia, limits = np.diag(pin.crba(model, self._data, sensed.q)), self.limits.torque
             torque -= damping * inertia * sensed.v
             displaced = row(sensed.trail, kernels.DISPLACED)

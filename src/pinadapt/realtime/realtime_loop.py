@@ -480,8 +480,7 @@ class RealtimeLoop:
         elif self._phase in (Phase.RUNNING, Phase.HOLDING):
             torque = self._controlled(m, dt)
         if self._phase is Phase.DAMPING:
-            torque = self._safe(m, self.safety.damping)
-            torque = torque + self._checks.unexplained  # of a load that is not learned
+            torque = self._safe(m, self.safety.damping, beside=self._checks.unexplained)
         self._advance()
         if torque is None or self._phase is Phase.STOPPED or self.stage is Stage.LOG:
             return None
@@ -514,7 +513,7 @@ class RealtimeLoop:
             return None
         self._last.append(torque)
         self._state = after
-        feet = None if desired.feet is None else desired.feet.table
+        feet = getattr(desired.feet, "table", None)
         self._tick |= {"asked": torque, "adapting": adapting, "feet": feet, **desired._asdict()}
         sensed, task = after.sensed, controller.kinematics.task
         x = np.full(task.coordinates, np.nan) if sensed.x is None else sensed.x
@@ -538,10 +537,10 @@ class RealtimeLoop:
         added = self._controller.compensation
         return torque if added is None else torque + added(m.q)
 
-    def _safe(self, m: Measurement, damping: float, hold: bool = True) -> np.ndarray:
+    def _safe(self, m: Measurement, damping: float, **options: Any) -> np.ndarray:
         """Return the torque (n) that compensates gravity and damps [1/s], even if sensors fail."""
         assert self._state is not None
-        torque, self._state = self._controller.safe(self._state, m, damping=damping, hold=hold)
+        torque, self._state = self._controller.safe(self._state, m, damping=damping, **options)
         unseen = self._state.unseen | (self._blind > max(LASTS - self._period, 0.0))
         if unseen.any():
             names = ", ".join(np.array(self._facts.joints)[unseen])

@@ -135,7 +135,7 @@ def viewpoint(points: np.ndarray, path: np.ndarray) -> dict[str, list[float]]:
     axes = towards[:, [1, 2, 0]]  # right, upwards, towards the eye
     low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
     half = 0.5 * (high - low)
-    box = half + 0.2 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
+    box = half + 0.3 * max(float(half.max()), 1e-3)  # bodies extend beyond the joints' origins
     found = {"target": axes @ (0.5 * (low + high)), "direction": axes[:, 2], "box": box}
     return {name: part.tolist() for name, part in found.items()}
 
