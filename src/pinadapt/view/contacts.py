@@ -61,14 +61,15 @@ class DrawnContacts:
             own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, CONE))
             own["force"].set_object(Cylinder(1.0, 0.0, 0.0, 1.0), overlay(1.0, FORCE))
             if contact.sole is not None:
-                sole = [2.0 * half for half in contact.sole]
-                own["sole"].set_object(Box([*sole, 0.01 * size]), overlay(0.5, CONE))
+                length, width = contact.sole
+                own["sole"].set_object(Box([2 * length, 2 * width, 0.01]), overlay(0.5, CONE))
             self._drawn.append((contact, own, frame.parentJoint, frame.placement.homogeneous))
 
     def place(self, joints: np.ndarray, forces: np.ndarray, poses: Keyframes) -> None:
         """Move everything to placements of the joints (F, n + 1, 4, 4) and forces (F, c, 6)."""
-        drawn = zip(self._drawn, forces.swapaxes(0, 1), strict=True)
-        for (contact, node, joint, place), force in drawn:
+        for (contact, node, joint, place), force in zip(
+            self._drawn, forces.swapaxes(0, 1), strict=True
+        ):
             moved = joints[:, joint] @ place
             at, f, m = moved[:, :3, 3], force[:, :3], force[:, 3:]
             normal = np.broadcast_to([0.0, 0.0, 1.0], at.shape)
@@ -78,7 +79,7 @@ class DrawnContacts:
             bears = (f * normal).sum(axis=1, keepdims=True)
             size = self._size * np.where(bears > 0.0, 1.0, HIDDEN)
             pressed = at + np.cross(normal, m) / np.maximum(bears, 1e-9)
-            height = 0.25 * size
-            cone = rod(pressed, pressed + height * normal, contact.friction * height)
+            high = 0.25 * size
+            cone = rod(pressed, pressed + high * normal, contact.friction * high)
             poses.move(node["cone"], *cone)
             poses.move(node["force"], *rod(pressed, pressed + self._length * f, 0.03 * size))

@@ -212,10 +212,11 @@ class Keyframes:
         """
         turns = Rotation.identity(len(position)) if rotation is None else rotation
         sizes = np.ones_like(position) if scale is None else scale
-        tracks, first = {"position": position, "quaternion": turns.as_quat()}, np.eye(4)
+        first = np.eye(4)
         first[:3, :3], first[:3, 3] = turns[0].as_matrix() * sizes[0], position[0]
         node.set_transform(first)
-        for name, values in (tracks | {"scale": sizes}).items():
+        tracks = {"position": position, "quaternion": turns.as_quat(), "scale": sizes}
+        for name, values in tracks.items():
             if np.ptp(values, axis=0).max() < 1e-9:
                 continue
             kind = "quaternion" if name == "quaternion" else "vector3"
