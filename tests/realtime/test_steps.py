@@ -8,7 +8,7 @@ import pytest
 
 import pinadapt as pa
 from pinadapt.realtime import CycleLog, PlantArm, Recorder
-from pinadapt.trajectories import Crawl
+from pinadapt.trajectories import Crawl, Hold
 from tests.constraints.test_standing import FEET, TRUNK, standing
 from tests.support.arms import Loop, forking
 
@@ -58,9 +58,9 @@ def test_a_new_motion_waits_until_all_feet_stand():
     loop, m = Loop(arm, motion=Crawl().on(robot), of=controller).loop, arm.read()
     loop._halted, loop._state = True, controller.init(m)._replace(stands=np.arange(4) > 0)
     with pytest.raises(pa.InputError, match="a foot is in the air"):
-        loop._command("reference", loop._rest(m))
+        loop._command("reference", Hold.of(robot.task, m))
     loop._state = loop._state._replace(stands=None)
-    loop._command("reference", loop._rest(m))
+    loop._command("reference", Hold.of(robot.task, m))
     assert not loop._halted
 
 

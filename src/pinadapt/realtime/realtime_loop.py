@@ -323,7 +323,7 @@ class RealtimeLoop:
         self._event(begun={"stage": self.stage.value, "start": start, "period": self._period})
         first = m = self._first_frame()
         state = controller.init(m, **self._start)
-        self._path = self._rest(m)
+        self._path = Hold.of(controller.kinematics.task, m)
         if self._motion is not None and self.stage in (Stage.LOG, Stage.SLOW, Stage.ADAPT):
             self._path = starting_from(self._motion, controller.kinematics.seen(state.a_k), m)
             if self.stage is Stage.SLOW:
@@ -348,11 +348,6 @@ class RealtimeLoop:
         self._enter(Phase.RUNNING, f"stage '{self.stage.value}'")
         return m
 
-    def _rest(self, m: Measurement) -> Hold:
-        """Return the motion that holds the arm where a measurement has it."""
-        task = self._controller.kinematics.task
-        return Hold(task.measured(m.x, m.q), task.size)
-
     def _warm_up(self, state: ControllerState, m: Measurement) -> None:
         """Run the controller from a state, beside the arm's place, and forget what came of it.
 
@@ -360,7 +355,8 @@ class RealtimeLoop:
             ArmError: the controller refuses the measurement.
         """
         controller, period = self._controller, self._period
-        aside = self._rest(m).shifted(np.full(controller.kinematics.task.size, _ASIDE))
+        task = controller.kinematics.task
+        aside = Hold.of(task, m).shifted(np.full(task.size, _ASIDE))
         for k in range(_WARM_UPS):
             m = m._replace(t=m.t + period)
             try:

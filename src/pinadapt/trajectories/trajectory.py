@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, instance, numbers, positive, vector
 from ..exceptions import InputError
-from ..records import Desired
+from ..records import Desired, Measurement
 from ..tasks.frame import rotation_between, turned
+from ..tasks.task import Task
 
 # Of a motion whose start is looked at: for how long [s], and at how many instants.
 _START, _LOOKS = 5.0, 250
@@ -202,19 +203,22 @@ class Hold(Trajectory):
 
     extent = settles = 0.0
 
-    def __init__(self, point: ArrayLike | None = None, size: int | None = None) -> None:
-        """Take the point [m or rad]; None: where the robot is at the start.
-
-        Args:
-            point: all coordinates of the task.
-            size: of its velocities, six for a pose; None: one for each coordinate.
+    def __init__(self, point: ArrayLike | None = None) -> None:
+        """Take the point (m) [m or rad]; None: where the robot is at the start.
 
         Raises:
             InputError: coordinates that are not finite numbers.
         """
         self._own = point is not None
         self.point = vector(np.zeros(3) if point is None else point, None, "trajectory.point")
-        self._rest = np.zeros(self.point.size if size is None else size)
+        self._rest = np.zeros(self.point.size)
+
+    @classmethod
+    def of(cls, task: Task, measurement: Measurement) -> Hold:
+        """Return the rest where a measurement has the robot, a pose with its six velocities."""
+        made = cls(task.measured(measurement.x, measurement.q))
+        made._rest = np.zeros(task.size)
+        return made
 
     def placed(self, start: np.ndarray) -> Hold:
         """Return the motion that holds ``start``, if it has no point of its own."""
