@@ -54,10 +54,11 @@ class DrawnContacts:
         """
         self._size = size
         weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)
-        self._length = size / weight if weight else 0.0
-        self._drawn, model = list[Any](), robot.model
+        self._length = size / max(weight, 1e-9)
+        self._drawn = list[Any]()
         for contact in robot.contacts:
-            own, frame = node[contact.frame], model.frames[frame_id(model, contact.frame)]
+            own = node[contact.frame]
+            frame = robot.model.frames[frame_id(robot.model, contact.frame)]
             own["cone"].set_object(Cylinder(1.0, 0.0, 1.0, 0.0), overlay(0.3, CONE))
             own["force"].set_object(Cylinder(1.0, 0.0, 0.0, 1.0), overlay(1.0, FORCE))
             if contact.sole is not None:
@@ -80,6 +81,6 @@ class DrawnContacts:
             size = self._size * np.where(bears > 0.0, 1.0, HIDDEN)
             pressed = at + np.cross(normal, m) / np.maximum(bears, 1e-9)
             high = 0.25 * size
-            cone = rod(pressed, pressed + high * normal, contact.friction * high)
-            poses.move(node["cone"], *cone)
+            top = pressed + high * normal
+            poses.move(node["cone"], *rod(pressed, top, contact.friction * high))
             poses.move(node["force"], *rod(pressed, pressed + self._length * f, 0.03 * size))
